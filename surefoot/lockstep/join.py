@@ -17,6 +17,13 @@ M = TypeVar("M", bound=Message)
 
 DRIVER = "driver"
 _TICK = HW_TICK.key
+NOT_YET = ("epoch_ahead", "stale_epoch", "too_far_ahead", "stamp")
+"""Refusals of inputs by their place in time, which a log names with key and process."""
+
+MISLED_PRIMES = 3
+"""Primes of a run that has not begun, without a tick between them, after which a service that has done ticks of that
+run was misled. More than one, because the network may deliver a prime twice, and late."""
+
 MAX_AHEAD = 64
 """Inputs further ahead of the newest tick are refused; the driver never runs more than a few ticks ahead."""
 
@@ -97,7 +104,10 @@ class Join:
         self._announced = -1
         self._ticks: dict[int, Tick] = {}
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
-        self._latched: dict[str, tuple[int, Any]] = {}
+        self._latched: dict[tuple[str, int], Any] = {}
+        """Latched message by key and epoch."""
+        self._unbegun = 0
+        """Primes of a run that has not begun, of which ticks were done."""
         self._previous_roster: tuple[str, ...] = ()
         self._lockstep = False
         self._cycle = math.lcm(*(max(1, topic.period_ticks) for topic in self.same_tick))
@@ -120,17 +130,18 @@ class Join:
         if not here:
             if epoch < self.epoch:
                 return "stale_epoch"
-            if self.epoch >= 0 and epoch > self.epoch + 1 and epoch != self._announced:
+            known = max(self.epoch, self._announced)
+            early = key in self._latched_keys and epoch <= known + 1  # it may overtake the prime of its run
+            if known >= 0 and epoch != self._announced and not early:
                 return "epoch_ahead"
         if key == _TICK:
             return self._offer_tick(cast(Tick, message))
         if here and not self._first_ns <= message.stamp_ns <= self._last_ns + tick * TICK_NS:
             return "stamp"
         if key in self._latched_keys:
-            held = self._latched.get(key)
-            if held is not None and held[0] > epoch:
-                return "stale_epoch"
-            self._latched[key] = (epoch, value)
+            self._latched[key, epoch] = value
+            if len(self._latched) > MAX_AHEAD:  # before the first tick: any epoch may be the run's
+                del self._latched[next(iter(self._latched))]
             self._lacking = None
             return None
         if here:
@@ -146,28 +157,47 @@ class Join:
         if slot is None:
             self._slots[(epoch, tick)] = {key: value}
             if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
-                del self._slots[min(self._slots)]
+                del self._slots[(max if self.on_roster else min)(self._slots)]
         elif key in slot:
             return "duplicate"
         else:
             slot[key] = value
         return None
 
-    def announce(self, epoch: int) -> None:
-        """Note the epoch of a prime of the driver: ticks of it are accepted, whatever epoch went before."""
+    def place(self, key: str, message: Header, sender: str) -> str:
+        """Describe a refused input: key, place in time, process, and where this service is."""
+        where = f"{key} of epoch {message.epoch}, tick {message.tick}, by process {sender!r}"
+        return f"{where}; this is epoch {self.epoch}, tick {self.last}"
+
+    def announce(self, prime: Tick) -> bool:
+        """Note the epoch of a prime of the driver: ticks of it are accepted, whatever epoch went before.
+
+        Returns:
+            Whether the service may report ready. A service that has done ticks of a run that the driver has yet to
+            begin was misled: it forgets them, and is ready after `MISLED_PRIMES` such primes.
+        """
+        epoch = prime.epoch
         if epoch < self.epoch:
             self._begin(epoch)
         self._announced = epoch
+        if epoch == self.epoch and prime.roster_version == 0 and self.last >= 0:
+            self._unbegun += 1
+            if self._unbegun < MISLED_PRIMES:
+                return False
+            self._begin(epoch)
+        return True
 
     def _begin(self, epoch: int) -> None:
         self.epoch = epoch
         self._first_ns, self._last_ns = -math.inf, math.inf  # until the first tick
         self.last = self._newest = -1
         self.on_roster = False
+        self._unbegun = 0
+        self._lacking = None
         self._ticks.clear()
         allowed = (epoch, epoch + 1)
         self._slots = {key: slot for key, slot in self._slots.items() if key[0] in allowed}
-        self._latched = {key: held for key, held in self._latched.items() if held[0] in allowed}
+        self._latched = {key: value for key, value in self._latched.items() if key[1] in allowed}
 
     def _offer_tick(self, tick: Tick) -> str | None:
         self._lacking = None
@@ -184,6 +214,7 @@ class Join:
             self._previous_roster = ()  # what was published while it was away is not awaited
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
+        self._unbegun = 0
         self._newest = max(self._newest, tick.tick)
         if self._last_ns == math.inf:
             zero = tick.stamp_ns - tick.tick * TICK_NS
@@ -229,8 +260,7 @@ class Join:
             if topic.owner in self._previous_roster and topic.owner in tick.roster:
                 lacking.append(topic.key)
         for topic in self.latched:
-            held = self._latched.get(topic.key)
-            if topic.key not in self.absent and (held is None or held[0] != tick.epoch):
+            if topic.key not in self.absent and (topic.key, tick.epoch) not in self._latched:
                 lacking.append(topic.key)
         return lacking
 
@@ -286,8 +316,8 @@ class Join:
             if topic.key in before:
                 messages[topic.key] = before[topic.key]
         for topic in self.latched:
-            if topic.key in self._latched:
-                messages[topic.key] = self._latched[topic.key][1]
+            if (topic.key, tick.epoch) in self._latched:
+                messages[topic.key] = self._latched[topic.key, tick.epoch]
         skipped = tick.tick - self.last > 1
         self.last = tick.tick
         self._previous_roster = tick.roster

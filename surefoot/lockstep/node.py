@@ -22,7 +22,7 @@ from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.answers import Answers, LateAnswer
 from surefoot.lockstep.binding import Bindings, is_prime
 from surefoot.lockstep.health import health_of, join_request
-from surefoot.lockstep.join import DRIVER, Delayed, Join, TickInputs
+from surefoot.lockstep.join import DRIVER, NOT_YET, Delayed, Join, TickInputs
 from surefoot.lockstep.leader import KEEP_TICKS
 from surefoot.lockstep.links import Links
 from surefoot.lockstep.service import Service
@@ -47,8 +47,7 @@ class Node:
     """Runs one service on one bus."""
 
     def __init__(self, service: Service[Any], bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
-        self.service, self.clock = service, clock
-        self.bus = bus
+        self.service, self.bus, self.clock = service, bus, clock
         self.name = service.name
         self.instance = uuid.uuid4().hex[:12]
         self.inbox = Inbox()
@@ -58,8 +57,7 @@ class Node:
         self.ages = Ages(() if service.raw else service.inputs)
         self.refused: Counter[str] = Counter()
         self.tick_us: deque[float] = deque(maxlen=2000)
-        self.state = "starting"
-        self.stopping = False
+        self.state, self.stopping = "starting", False
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
         self._raw = service.raw
@@ -225,6 +223,7 @@ class Node:
         owner, by = frame.owner, frame.instance
         if deliveries and (self._bound.get(owner) == by or self._speaks(owner, by, deliveries[-1])):
             for delivery in deliveries:
+                delivery.sender = by
                 if delivery.prime:
                     self.links.note(delivery.topic.key)
                 else:
@@ -265,7 +264,7 @@ class Node:
         if reason == "replay":
             self._replay(message.epoch, message.tick)
         elif reason != "duplicate":
-            self.refuse(reason)
+            self.refuse(reason, self.join.place(key, message, delivery.sender) if reason in NOT_YET else "")
 
     def refuse(self, reason: str, detail: str = "") -> None:
         """Count a refusal; the first of each kind is logged."""
@@ -274,13 +273,12 @@ class Node:
             self.log("warning", f"refused ({reason}): {detail}")
 
     def _on_prime(self, prime: Tick) -> None:
-        """The driver proves its links before tick 0: answer in kind, and report when all of ours are proved.
-
-        Only the links from services of the roster are awaited, and of the driver's only those it has; a prime of
-        another topic is an empty payload.
-        """
+        """The driver proves its links before tick 0: answer in kind; report when those from the roster are proved."""
         self._primed_at = self.clock()
-        self.join.announce(prime.epoch)
+        if not self.join.announce(prime):
+            self.refuse("misled", f"tick {self.join.last} of epoch {prime.epoch}, which the driver has yet to begin")
+            return
+        self.epoch = self.epoch if self.join.last >= 0 else -1  # -1: `on_reset` comes with the first tick
         self.bus.cork()
         for output in self.service.outputs:
             self._publishers[output.key].prime()

@@ -7,9 +7,9 @@ from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Delivery, Life, Stamp
 from surefoot.lockstep.commands import STALE_TICKS
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.join import DRIVER
+from surefoot.lockstep.join import DRIVER, MISLED_PRIMES
 from surefoot.schemas.hw import Imu, JointCommand
-from surefoot.schemas.system import Done, JoinRequest
+from surefoot.schemas.system import Done, JoinRequest, LogRecord
 from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, SIM_JOIN, STATE_VELOCITY, TICK_DONE, TICK_NS
 from tests.surefoot.lockstep.driver_bench import Bench as DriverBench
 from tests.surefoot.lockstep.driver_bench import reference
@@ -39,18 +39,66 @@ def test_a_manifest_of_a_far_epoch_by_a_stranger_is_refused(bench: Bench) -> Non
     assert bench.node.refused["unbound"] == 1
 
 
-def test_a_far_epoch_of_the_driver_itself_is_refused_and_the_next_one_obeyed(bench: Bench) -> None:
+@pytest.mark.parametrize("epoch", [2, 10**9])
+def test_an_epoch_that_the_driver_has_not_primed_is_refused_and_the_primed_one_obeyed(bench: Bench, epoch: int) -> None:
+    """As from somebody who copies the name of the driver's process."""
     walk(bench, range(3))
-    bench.signed_tick("real", 3, epoch=10**9)
-    assert bench.node.refused["epoch_ahead"] == 1
+    bench.signed_tick("real", 500, epoch=epoch)
+    assert bench.node.refused == {"epoch_ahead": 1}
+    logged = [record.text for record in bench.sent(LogRecord)]
+    assert any("hw/tick of epoch" in text and "by process 'real'" in text for text in logged)
+    walk(bench, range(3, 6))
+    assert (bench.subject.ticks, bench.subject.resets) == (list(range(6)), 1)
+    bench.signed_tick("real", -1, epoch=2)
     walk(bench, range(2), epoch=2)
     assert bench.subject.resets == 2
+
+
+def test_a_flood_of_the_next_epoch_displaces_nothing_of_this_one(bench: Bench) -> None:
+    bench.imu(0)
+    for ahead in range(300):
+        bench.imu(ahead, epoch=2)
+    walk(bench, range(4))
+    assert bench.subject.ticks == list(range(4))
+    bench.signed_tick("real", -1, epoch=2)
+    bench.imu(4)
+    for ahead in range(300):
+        bench.imu(ahead, epoch=2)
+    walk(bench, range(4, 6))
+    assert bench.subject.ticks == list(range(6))
+
+
+def test_a_reset_heals_a_service_that_followed_forged_primes_and_ticks_of_the_next_run(bench: Bench) -> None:
+    """Whoever copies the name of the driver's process can lead a service away, but not for longer than this run."""
+    walk(bench, range(3))
+    bench.signed_tick("real", -1, epoch=2)
+    bench.imu(500, epoch=2)
+    bench.signed_tick("real", 500, epoch=2)
+    assert bench.subject.ticks[-1] == 500
+    for _ in range(MISLED_PRIMES):
+        assert bench.node.join.last == 500
+        bench.signed_tick("real", -1, epoch=2, version=0)
+    assert bench.node.join.last == -1
+    walk(bench, range(3), epoch=2)
+    assert bench.subject.ticks[-3:] == [0, 1, 2]
+    assert bench.subject.resets == 3
+    assert bench.node.refused["misled"] == MISLED_PRIMES - 1
+
+
+def test_a_late_copy_of_a_prime_does_not_reset_a_run(bench: Bench) -> None:
+    walk(bench, range(3))
+    bench.signed_tick("real", -1, epoch=1, version=0)
+    walk(bench, range(3, 5))
+    bench.signed_tick("real", -1, epoch=1, version=0)
+    walk(bench, range(5, 7))
+    assert (bench.subject.ticks, bench.subject.resets) == (list(range(7)), 1)
 
 
 @pytest.mark.parametrize("epoch", [1, 7])
 def test_a_prime_heals_whatever_epoch_went_before(bench: Bench, epoch: int) -> None:
     """A service that missed some epochs, or was in a far one, follows the driver that primes."""
     walk(bench, range(2), epoch=1)
+    bench.signed_tick("real", -1, epoch=2)
     walk(bench, range(2), epoch=2)
     bench.signed_tick("real", -1, epoch=epoch)
     walk(bench, range(2), epoch=epoch)

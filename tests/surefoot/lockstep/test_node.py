@@ -93,6 +93,7 @@ def test_stale_epoch_is_refused_and_a_new_one_drops_the_state(bench: Bench) -> N
     bench.tick(1, epoch=1)
     assert bench.node.refused == {"stale_epoch": 2}
     assert bench.subject.resets == 1
+    bench.tick(-1, epoch=3)
     bench.both(0, epoch=3)
     assert bench.subject.resets == 2
     assert bench.subject.ticks == [0, 0]

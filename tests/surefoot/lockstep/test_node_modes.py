@@ -115,6 +115,7 @@ def test_who_knows_only_the_map_answers_for_any_tick_of_its_epoch() -> None:
     assert isinstance(now.answer, SelectReply)
     assert later.answer is None
     bench.bus.publisher(TERRAIN_MAP).put(height_map(2))
+    bench.tick(-1, epoch=2)
     bench.tick(0, epoch=2)
     assert isinstance(later.answer, SelectReply)
 
