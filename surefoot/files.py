@@ -5,6 +5,7 @@ import stat
 import sys
 from pathlib import Path
 
+from surefoot.disk import regular_size
 from surefoot.nearest import did_you_mean
 from surefoot.tables import TableError
 
@@ -29,7 +30,7 @@ class FileError(TableError):
 def read_text(path: Path, error: type[FileError]) -> str:
     """Return the text of a file; `error` with code `not_found`, `value` or `syntax` when that is impossible."""
     try:
-        size = path.stat().st_size
+        size = regular_size(path)
         if size <= MAX_FILE_BYTES:
             return path.read_text(encoding="utf-8")
         problem = "value", f"has {size} bytes, allowed are {MAX_FILE_BYTES}"

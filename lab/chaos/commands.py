@@ -94,14 +94,14 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     from ..cli.before import check_ground
     from ..cli.warming import warm_if_cold
 
-    to_listen(options.listen)
+    endpoint = to_listen(options.listen)
     if options.out is not None:
         for number in seeds:
             refuse_existing(_folder(options.out, number), force=force)
     compose = system_of(scenario, os.environ)
     if "simulator" in compose.service_names:
         check_ground(scenario.world, scenario.seed)
-    warm_if_cold(compose, tell)
+    warm_if_cold(compose, endpoint, tell)
     return seeds
 
 

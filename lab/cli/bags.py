@@ -15,7 +15,7 @@ from surefoot.client import Client, topic_named
 from surefoot.errors import BusError, Refusal, SurefootError
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
 from surefoot.schemas.topics import HW_TICK, TICK_DONE, TOPICS, Kind
-from surefoot.services.supervisor.processes.ports import owner_of, port_of
+from surefoot.services.supervisor.processes.ports import refuse_taken
 from surefoot.version import VERSION
 
 
@@ -120,7 +120,5 @@ def _open(listen: str | None, connect: str | None, namespace: str) -> ZenohBus:
     try:
         return ZenohBus(ZenohOptions(mode="router", connect=(), listen=(listen,), namespace=namespace))
     except BusError:
-        port = port_of(listen)
-        owner = (owner_of(port) if port else "") or "another process"
-        message = f"{listen} is taken by {owner}; play into that system with --connect, or choose --listen"
-        raise BusError("busy", message) from None
+        refuse_taken(listen, "play into that system with --connect, or choose another endpoint with --listen")
+        raise

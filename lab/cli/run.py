@@ -50,13 +50,13 @@ def run(
     use_json(json)
     line = _ProgressLine(Path(scenario).stem, quiet=json)
     loaded = load_scenario(scenario)
-    to_listen(listen)  # what is wrong is reported before kernels are compiled
+    endpoint = to_listen(listen)  # what is wrong is reported before kernels are compiled
     if out is not None:
         refuse_existing(out, force=force)
     compose = system_of(loaded, os.environ)
     if "simulator" in compose.service_names:
         check_ground(loaded.world, loaded.seed if seed is None else seed)
-    warm_if_cold(compose, tell)
+    warm_if_cold(compose, endpoint, tell)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
     with line:

@@ -95,16 +95,16 @@ def call(
 
 def _save(reply: Any, out: Path) -> None:
     """Write a reply: a height map in our own format, other raw numbers as they came, everything else as JSON."""
+    from surefoot.disk import whole
     from surefoot.geometry.heightmap import HeightMap
     from surefoot.geometry.heightmap_files import save
     from surefoot.schemas.terrain import HeightMapMessage
 
     if isinstance(reply, HeightMapMessage):
         save(HeightMap.from_wire(reply.model_dump(), reply.data), out)
-    elif getattr(reply, "data", b""):
-        out.write_bytes(reply.data)
-    else:
-        out.write_text(reply.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        return
+    with whole(out) as part:
+        part.write_bytes(getattr(reply, "data", b"") or f"{reply.model_dump_json(indent=1)}\n".encode())
 
 
 def _fields(text: str) -> dict[str, Any]:

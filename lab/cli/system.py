@@ -56,14 +56,14 @@ def up(
 
     use_json(json)
     state.log = log
-    to_listen(listen)  # a wrong endpoint is reported before anything starts
+    endpoint = to_listen(listen)  # a wrong endpoint is reported before anything starts
     if record is not None:
         refuse_existing(record, force=force)
     compose = startable(system, environ=os.environ)
     order = StartOrder(World(terrain=terrain), seed, rtf, record)
     if "simulator" in compose.service_names:
         check_ground(order.world, seed)
-    warm_if_cold(compose, tell)
+    warm_if_cold(compose, endpoint, tell)
 
     def show(report: dict[str, Any]) -> None:
         if log:

@@ -25,6 +25,7 @@ import surefoot
 from surefoot.errors import SurefootError
 from surefoot.files import find, names
 from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
+from surefoot.services.supervisor.processes.ports import refuse_taken
 
 HOME = Path(surefoot.__file__).parent
 """The package; in a checkout its services are a link to the folder beside it."""
@@ -111,10 +112,15 @@ def is_cold(jobs: Iterable[Job]) -> bool:
     return any(not job.stamp.exists() for job in jobs)
 
 
-def warm_if_cold(system: Compose, tell: Callable[[str], None]) -> None:
-    """Compile the kernels of a system unless that was done before."""
+def warm_if_cold(system: Compose, listen: str, tell: Callable[[str], None]) -> None:
+    """Compile the kernels of a system unless that was done before.
+
+    Raises:
+        BusError: the endpoint to listen on is taken, which a start would report only after that work.
+    """
     jobs = jobs_of([system])
     if is_cold(jobs):
+        refuse_taken(listen)
         warm(jobs, tell)
 
 

@@ -15,6 +15,8 @@ from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from surefoot.disk import whole
+
 from .log import Log
 from .scores import Score, base_pose, base_rot, score
 from .smooth import smooth
@@ -158,12 +160,11 @@ def _rate(stamps: NDArray[np.int64]) -> float | None:
 
 def pack(folder: Path, out: Path) -> Path:
     """Put the single files of a result into one NPZ, and remove them."""
-    part = out.with_name(out.name + ".part")
-    with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1, allowZip64=True) as archive:
+    with whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, True, compresslevel=1) as archive:
         for path in sorted(folder.glob("*.npy")):
             archive.write(path, path.name)
             path.unlink()
-    return part.replace(out)
+    return out
 
 
 def write_csv(result: Result, out: Path) -> Path:

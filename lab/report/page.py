@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from surefoot.disk import whole
+
 from .judge import METRICS, RunVerdict
 from .plots import Moment, Timing, draw, moments
 from .traces import Traces
@@ -36,7 +38,9 @@ class About:
 def write_report(path: Path, about: About, traces: Traces, verdict: RunVerdict) -> Path:
     """Write the report and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(render(about, traces, verdict), encoding="utf-8")
+    text = render(about, traces, verdict)
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
     return path
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.services.navigator.policy.arrays import Arrays, arrays
 from surefoot.services.navigator.policy.choose import NUMBERS, SARSA
@@ -133,9 +134,8 @@ class Training:
             mean_table=self.mean_table,
             seconds=self.seconds,
         )
-        part = path.with_name(path.name + ".part")
-        part.write_bytes(buffer.getvalue())
-        part.replace(path)
+        with whole(path) as part:
+            part.write_bytes(buffer.getvalue())
 
     def take_up(self, path: Path) -> None:
         """Go on from a checkpoint (SurefootError: it is of another training, or damaged)."""

@@ -4,11 +4,13 @@ The file belongs to one run (its folder); contents of another epoch, or of a lat
 """
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
 
+from surefoot.bus.codec import MAX_JSON_BYTES
+from surefoot.disk import whole
+from surefoot.files import read_regular
 from surefoot.schemas.navigation import GoalState
 
 from .goals import End, NavigationGoal
@@ -53,12 +55,11 @@ class GoalMemory:
         """Replace the contents; a disk that fails costs the memory, not the goal."""
         if self.path is None:
             return
-        fresh = self.path.with_suffix(".new")
         try:
             goal, planned = kept.goal and kept.goal.kept(), [(at, each.kept()) for at, each in kept.planned]
             fields = {**vars(kept), "goal": goal, "planned": planned}
-            fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **fields}), encoding="utf-8")
-            os.replace(fresh, self.path)
+            with whole(self.path) as fresh:
+                fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **fields}), encoding="utf-8")
         except OSError as error:
             self.problem = f"the goal cannot be kept for a restart: {error.strerror}"
             self.path = None
@@ -76,7 +77,7 @@ class GoalMemory:
         if self.path is None or not self.path.exists():
             return None
         try:
-            found = json.loads(self.path.read_text(encoding="utf-8"))
+            found = json.loads(read_regular(self.path, MAX_JSON_BYTES))
             if found["epoch"] != epoch or found["tick"] > tick:
                 return None
             odom, goal = found["odom"], found["goal"]
@@ -86,7 +87,7 @@ class GoalMemory:
                 _state(found["state"]), _end(*found["end"]), float(found["ended"]),
                 tuple((int(tick), NavigationGoal.restored(fields)) for tick, fields in found["planned"]),
             )  # fmt: skip
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ArithmeticError, RecursionError, LookupError, TypeError, ValueError) as error:
             self.problem = f"the kept goal cannot be read: {error}"
             return None
 

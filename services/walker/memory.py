@@ -4,7 +4,6 @@ The file belongs to one run (its folder); a command of another epoch, or of a la
 """
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from surefoot.disk import whole
 from surefoot.files import read_regular
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.tables import TableError
@@ -88,10 +88,9 @@ class MemoryFile:
         if self.path is None or kept == self._last:
             return
         self._last = kept
-        fresh = self.path.with_suffix(".new")
         try:
-            fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **asdict(kept)}), encoding="utf-8")
-            os.replace(fresh, self.path)
+            with whole(self.path) as fresh:
+                fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **asdict(kept)}), encoding="utf-8")
         except OSError as error:
             self.problem = f"the command cannot be kept for a restart: {error.strerror}"
             self.path = None

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
-from surefoot.geometry.heightmap_files import load, load_png
+from surefoot.geometry.heightmap_files import check_size, load, load_png
 
 KEY = "surefoot.heightmap"
 """Name of the text in a PNG that holds cell, origin, version and the heights of black and white."""
@@ -46,6 +46,7 @@ def load_own_png(path: str | Path) -> HeightMap:
     from PIL import Image, UnidentifiedImageError
 
     source = Path(path)
+    check_size(source)
     try:
         with Image.open(source) as image:
             text = getattr(image, "text", {}).get(KEY)
@@ -79,6 +80,7 @@ def load_any(path: str | Path) -> HeightMap:
     sidecar = source.with_suffix(".json")
     if not sidecar.exists():
         return load_own_png(source)
+    check_size(sidecar)
     scale = _scale(sidecar.read_text(encoding="utf-8", errors="replace"), sidecar.name)
     return load_png(source, scale.cell, scale.z_low, scale.z_high, scale.origin, scale.version)
 

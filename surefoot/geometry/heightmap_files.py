@@ -10,6 +10,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import whole
 from surefoot.geometry.heightmap import FRAME, HeightMap, HeightMapError
 
 SCHEMA = "surefoot.geometry.heightmap/1"
@@ -37,17 +38,18 @@ def save(heightmap: HeightMap, path: str | Path, **extra: str | int | float) -> 
         "version": np.asarray(heightmap.version),
         "frame": np.asarray(FRAME),
     }
-    with target.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **arrays)
-    sidecar = {
-        "schema": SCHEMA,
-        "file": target.name,
-        "sha256": hashlib.sha256(target.read_bytes()).hexdigest(),
-        "content_sha256": heightmap.sha256,
-        "header": heightmap.header(),
-        "extra": extra,
-    }
-    target.with_suffix(".json").write_text(json.dumps(sidecar, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    with whole(target) as part, whole(target.with_suffix(".json")) as beside:
+        with part.open("wb") as stream:
+            np.savez_compressed(stream, allow_pickle=False, **arrays)
+        sidecar = {
+            "schema": SCHEMA,
+            "file": target.name,
+            "sha256": hashlib.sha256(part.read_bytes()).hexdigest(),
+            "content_sha256": heightmap.sha256,
+            "header": heightmap.header(),
+            "extra": extra,
+        }
+        beside.write_text(json.dumps(sidecar, indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return target
 
 
@@ -61,7 +63,7 @@ def load(path: str | Path) -> HeightMap:
     source = Path(path)
     if source.suffix.lower() == ".asc":
         return load_asc(source)
-    _check_size(source)
+    check_size(source)
     sidecar = source.with_suffix(".json")
     if sidecar.exists():
         _check_sidecar(source, sidecar)
@@ -95,7 +97,7 @@ def load_asc(path: str | Path, version: int = 0) -> HeightMap:
         HeightMapError: a header key is absent or the number of heights is wrong.
     """
     source = Path(path)
-    _check_size(source)
+    check_size(source)
     head: dict[str, float] = {}
     lines = source.read_text(encoding="ascii", errors="replace").splitlines()
     body = 0
@@ -140,7 +142,7 @@ def load_png(
     from PIL import Image, UnidentifiedImageError
 
     source = Path(path)
-    _check_size(source)
+    check_size(source)
     try:
         with Image.open(source) as image:
             pixels: NDArray[Any] = np.asarray(image)
@@ -153,13 +155,17 @@ def load_png(
     return HeightMap(z=z.astype(np.float32), cell=cell, origin=origin, version=version)
 
 
-def _check_size(source: Path) -> None:
+def check_size(source: Path) -> None:
+    """Raise HeightMapError for a file that is too large, or for a pipe or device, which would hold its reader."""
+    if source.exists() and not source.is_file():
+        raise HeightMapError("file", f"{source.name} is no regular file")
     size = source.stat().st_size
     if size > MAX_FILE_BYTES:
         raise HeightMapError("file", f"{source.name} has {size} bytes, more than {MAX_FILE_BYTES}")
 
 
 def _check_sidecar(source: Path, sidecar: Path) -> None:
+    check_size(sidecar)
     try:
         entries: Any = json.loads(sidecar.read_text(encoding="utf-8"))
         schema, digest = str(entries["schema"]), str(entries["sha256"])

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from surefoot.bus.codec import refusal_of
+from surefoot.disk import regular_size
 from surefoot.errors import ConfigError
 from surefoot.schemas.base import Strict
 
@@ -69,6 +70,7 @@ def load_config(
 
 def _from_file(model: type[BaseModel], service: str, file: Path) -> dict[str, Any]:
     try:
+        regular_size(file)
         tables = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError("unreadable", f"{file}: {error.strerror}") from None

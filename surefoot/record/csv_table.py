@@ -16,6 +16,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
 from surefoot.record.columns import METADATA, SHAPES, Columns
 
@@ -38,6 +39,7 @@ SEPARATORS = (",", ";", "\t")
 def read_csv(path: Path) -> Columns:
     """Return the columns of a CSV, unchecked; see `surefoot.record.tables`."""
     try:
+        regular_size(path)
         with path.open(encoding="utf-8-sig", newline="") as file:
             stated, header = _metadata(file)
             names, values = _cells(header, file, str(path))

@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 
 from surefoot.bus.codec import decode, encoding_of, json_schema
 from surefoot.bus.interface import Raw
+from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
 from surefoot.record.check import BROKEN, Findings, check
 from surefoot.record.chunks import MAGIC, ChunkWriter
@@ -99,6 +100,7 @@ def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[
         SurefootError: the file cannot be read, is empty, no MCAP file, or cut off or damaged.
     """
     try:
+        regular_size(path)
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
             count = 0
@@ -142,6 +144,7 @@ def _broken(path: Path, why: str) -> SurefootError:
 def recording_info(path: Path) -> dict[str, Any]:
     """Counts, times and metadata of a recording (raises as ``read_recording``)."""
     try:
+        regular_size(path)
         with path.open("rb") as file:
             reader = make_reader(file)
             summary = reader.get_summary()
@@ -170,6 +173,7 @@ def verify_recording(path: Path) -> Findings:
         SurefootError: the file cannot be read, is empty, or no MCAP file.
     """
     try:
+        regular_size(path)
         found = check(path)
     except OSError as error:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
 from surefoot.record.columns import METADATA, SHAPES, Columns
 from surefoot.record.csv_table import read_csv
@@ -191,6 +192,7 @@ def _check_range(feet: NDArray[np.float64], imu: NDArray[np.float64], key: str, 
 
 def _from_npz(path: Path) -> Columns:
     try:
+        regular_size(path)
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             columns: Columns = {}
             for key in file.files:

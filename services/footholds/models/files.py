@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from surefoot.disk import regular_size, whole
 from surefoot.errors import SurefootError
 
 from .bases import DECAY, Basis, Elementary, Gaussians
@@ -177,7 +178,7 @@ def load(path: str | Path) -> LearnedModel:
     """
     source = Path(path)
     try:
-        size = source.stat().st_size
+        size = regular_size(source)
         if size > MAX_BYTES:
             raise ModelError("too_large", f"{source.name} has {size} bytes, at most {MAX_BYTES} are allowed")
         data = source.read_bytes()
@@ -193,12 +194,10 @@ def save(model: LearnedModel, path: str | Path) -> Path:
         ModelError: the folder cannot be written, or the disk is full.
     """
     target = Path(path)
-    part = target.with_name(target.name + ".part")
     try:
-        part.write_bytes(encode(model))
-        part.replace(target)
+        with whole(target) as part:
+            part.write_bytes(encode(model))
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise ModelError("unwritable", f"{str(target)!r} cannot be written: {error.strerror}") from None
     return target
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import regular_size
+
 from .landmarks import (
     LONGEST_DESCRIPTOR,
     MOST_LANDMARKS,
@@ -42,7 +44,7 @@ def load(path: str | Path) -> FloorLandmarks:
     """
     source = Path(path)
     try:
-        size = source.stat().st_size
+        size = regular_size(source)
         if size > MAX_ARCHIVE_BYTES:
             raise _malformed(source, f"has {size} bytes, allowed are {MAX_ARCHIVE_BYTES}")
         if not zipfile.is_zipfile(source):

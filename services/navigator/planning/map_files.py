@@ -22,6 +22,7 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
+from surefoot.disk import regular_size, whole
 from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import MAX_CELLS
 
@@ -169,22 +170,23 @@ def save(grid: FloorGrid, path: str | Path, mode: Mode = "trinary", image: Liter
         levels = np.select([cells < 0, cells <= free, cells >= occupied], [205, 254, 0], 205)
     drawn = levels.astype(np.uint8)
     picture = target.with_suffix(f".{image}")
-    if image == "png":
-        Image.fromarray(drawn).save(picture, format="PNG")
-    else:
-        picture.write_bytes(b"P5\n%d %d\n255\n" % (drawn.shape[1], drawn.shape[0]) + drawn.tobytes())
-    target.write_text(
-        f"image: {picture.name}\nmode: {mode}\nresolution: {grid.cell!r}\n"
-        f"origin: [{grid.origin[0]!r}, {grid.origin[1]!r}, 0.0]\n"
-        f"negate: 0\noccupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n",
-        encoding="utf-8",
-    )
+    with whole(target) as text, whole(picture) as pixels:
+        if image == "png":
+            Image.fromarray(drawn).save(pixels, format="PNG")
+        else:
+            pixels.write_bytes(b"P5\n%d %d\n255\n" % (drawn.shape[1], drawn.shape[0]) + drawn.tobytes())
+        text.write_text(
+            f"image: {picture.name}\nmode: {mode}\nresolution: {grid.cell!r}\n"
+            f"origin: [{grid.origin[0]!r}, {grid.origin[1]!r}, 0.0]\n"
+            f"negate: 0\noccupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n",
+            encoding="utf-8",
+        )
     return target
 
 
 def _text(path: Path) -> str:
     try:
-        size = path.stat().st_size
+        size = regular_size(path)
         if size > MAX_YAML_BYTES:
             raise MapFileError(
                 "malformed", f"{path.name} has {size} bytes, a map's YAML at most {MAX_YAML_BYTES}", "yaml"
@@ -250,7 +252,7 @@ def _image(table: dict[str, Any], path: Path) -> Path:
 def _pixels(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Return grey or colours, and opacity where there is one; the header is checked before decoding."""
     try:
-        size = path.stat().st_size
+        size = regular_size(path)
         if size > MAX_IMAGE_BYTES:
             raise MapFileError("malformed", f"{path.name} has {size} bytes, allowed are {MAX_IMAGE_BYTES}", "image")
         with path.open("rb") as file:

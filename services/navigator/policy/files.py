@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import whole
 from surefoot.errors import Refusal
 from surefoot.files import FileError, read_regular
 
@@ -45,9 +46,8 @@ def content_of(policy: Policy) -> bytes:
 def save(policy: Policy, path: Path) -> str:
     """Write a policy file, complete or not at all, and return its sha256."""
     content = content_of(policy)
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(content)
-    part.replace(path)
+    with whole(path) as part:
+        part.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
 
 

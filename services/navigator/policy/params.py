@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, model_validator
 
 from surefoot.errors import ConfigError
+from surefoot.files import MAX_FILE_BYTES, FileError, read_regular
 from surefoot.nearest import did_you_mean
 
 from .settings import Conduct, ModelPart, NotNegative, OdometryNoise, Positive
@@ -289,11 +290,10 @@ def _tables(source: str, seen: tuple[str, ...]) -> dict[str, Any]:
     if source.endswith(".toml"):
         path = Path(source)
         try:
-            if path.stat().st_size > 256 * 1024:
-                raise ConfigError("invalid", f"{source}: has {path.stat().st_size} bytes, allowed are {256 * 1024}")
-            text = path.read_text(encoding="utf-8")
-        except OSError as error:
-            raise ConfigError("not_found", f"{source}: {error.strerror}", "params") from None
+            text = read_regular(path, MAX_FILE_BYTES).decode("utf-8")
+        except FileError as error:
+            code = "invalid" if error.code == "value" else error.code
+            raise ConfigError(code, f"{source}: {error.message}", "params") from None
         except UnicodeDecodeError:
             raise ConfigError("malformed", f"{source}: is not UTF-8 text", "params") from None
     elif source in shipped():

@@ -5,6 +5,8 @@ import os
 import re
 from pathlib import Path
 
+from surefoot.errors import BusError
+
 _LISTEN = "0A"  # state of a listening socket in /proc/net/tcp
 
 
@@ -23,6 +25,14 @@ def owner_of(port: int) -> str:
         if inodes & _sockets(process):
             return f"process {process.name} ({_command(process)})"
     return "a process of another user"
+
+
+def refuse_taken(endpoint: str, advice: str = "stop it, or choose another endpoint with --listen") -> None:
+    """Raise BusError `busy` with the owner's name when a process listens on the port of an endpoint."""
+    port = port_of(endpoint)
+    owner = owner_of(port) if port else ""
+    if owner:
+        raise BusError("busy", f"{endpoint} is taken by {owner}; {advice}")
 
 
 def ports_of(pid: int) -> tuple[int, ...]:

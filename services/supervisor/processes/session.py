@@ -28,7 +28,7 @@ from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, SIM_RESET, SIM_STATUS
 from ..scenarios.director import Director
 from ..service import Supervisor
 from .compose import Compose
-from .ports import owner_of, port_of
+from .ports import refuse_taken
 from .reconcile import ProcessAction
 from .rundir import ROW, Endpoint, RunFolder
 from .status import health_row, time_row
@@ -141,12 +141,8 @@ class Session:
         try:
             return ZenohBus(BusEndpoint(mode="router", connect=(), listen=(self.listen,), namespace=self.namespace))
         except BusError:
-            port = port_of(self.listen)
-            owner = owner_of(port) if port is not None else ""
-            if not owner:
-                raise
-            message = f"{self.listen} is taken by {owner}; stop it, or choose another endpoint with --listen"
-            raise BusError("busy", message) from None
+            refuse_taken(self.listen)
+            raise
 
     def _run_node(self) -> None:
         assert self._node is not None

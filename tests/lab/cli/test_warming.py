@@ -1,12 +1,14 @@
 """Compiling announces that it takes long, but only once, and counts by service; what fails is named."""
 
 import json
+import os
+import socket
 from pathlib import Path
 
 import pytest
 
 import surefoot
-from surefoot.errors import SurefootError
+from surefoot.errors import BusError, SurefootError
 from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import state
 from surefoot.lab.cli.warming import Job
@@ -35,13 +37,13 @@ def test_says_first_that_it_takes_long_and_then_how_far_it_is(monkeypatch):
     monkeypatch.setattr(warming, "jobs_of", lambda systems: jobs)
     told = []
     assert warming.is_cold(jobs)
-    warming.warm_if_cold(ragno, told.append)
+    warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
     assert told[0] == "compiling numeric kernels: 2 services, takes half a minute or more, only this once"
     assert [line.split(" after ")[0] for line in told[1:]] == [f"  {n} of 2" for n in (1, 2)]
     assert not warming.is_cold(jobs)
     assert warming.is_cold((Job("simulator", "nao"),))
     assert warming.is_cold((Job("simulator", "ragno", rare=True),))
-    warming.warm_if_cold(ragno, told.append)
+    warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
     assert len(told) == 3
 
 
@@ -59,3 +61,14 @@ def test_the_command_shows_the_kernels_of_each_service(monkeypatch, in_process):
     assert (row["service"], row["robot"]) == ("footholds", "ragno")
     assert row["kernels"] >= 8
     assert "warm" in in_process("warm")[1]
+
+
+def test_a_taken_port_is_reported_before_anything_is_compiled(monkeypatch):
+    (ragno,) = warming.systems_of(["ragno"])
+    monkeypatch.setattr(warming, "jobs_of", lambda systems: (Job("simulator", "ragno"),))
+    monkeypatch.setattr(warming, "warm", lambda jobs, tell: pytest.fail("compiles for a system that cannot start"))
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with expect_error(BusError, "busy", text=str(os.getpid())):
+            warming.warm_if_cold(ragno, f"tcp/127.0.0.1:{taken.getsockname()[1]}", print)

@@ -59,7 +59,7 @@ def test_command(monkeypatch, answer, words, live):
 
     monkeypatch.setattr(state, "json", False)
     monkeypatch.setattr(navigation, "reproduce", reproduce)
-    monkeypatch.setattr(warming, "warm_if_cold", lambda system, tell: pytest.fail("compiles what is not needed"))
+    monkeypatch.setattr(warming, "warm_if_cold", lambda *_: pytest.fail("compiles what is not needed"))
     out = answer("reproduce", "osswald", "--no-figures", "--json", *words)
     assert json.loads(out)["findings"][0]["ours"] == "9.4"
     assert asked == [(None, live)]

@@ -1,0 +1,37 @@
+"""Reading and writing of files where a pipe, a device or a full disk may be in the way."""
+
+import stat
+from collections.abc import Generator
+from contextlib import contextmanager
+from errno import ESPIPE
+from pathlib import Path
+
+
+def regular_size(path: Path) -> int:
+    """Return the bytes of a file.
+
+    Raises:
+        OSError: there is no such file, or it is a pipe or a device, which would hold its reader.
+    """
+    status = path.stat()
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):  # to open a folder fails by itself
+        raise OSError(ESPIPE, "is no regular file", str(path))
+    return status.st_size
+
+
+@contextmanager
+def whole(path: Path) -> Generator[Path]:
+    """Yield the path to write to; `path` is whole at the end, or as it was before when writing failed.
+
+    Raises:
+        OSError: what failed, with the name of the file where the system gives none (a full disk).
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        yield part
+        part.replace(path)
+    except BaseException as error:
+        part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(part)):
+            error.filename = str(path)
+        raise

@@ -1,0 +1,90 @@
+"""Files on full disks, and files that are none: nothing half written is left, nothing is waited for."""
+
+import os
+import resource
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from surefoot.disk import whole
+from surefoot.errors import SurefootError
+from surefoot.files import FileError, read_text
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.geometry.heightmap_exchange import load_any
+from surefoot.geometry.heightmap_files import load, load_asc, save
+from surefoot.lockstep.config import ServiceConfig, load_config
+from surefoot.record.recording import read_recording, recording_info, verify_recording
+from surefoot.record.tables import read_table
+from surefoot.services.footholds.models.files import load as load_model
+from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
+from surefoot.services.navigator.memory import GoalMemory
+from surefoot.services.navigator.planning.map_files import load as load_floor
+from surefoot.services.navigator.policy.params import load as load_navigation
+
+MAP = HeightMap(z=np.zeros((40, 40), np.float32), cell=0.02, origin=(0.0, 0.0), version=1)
+
+
+@pytest.fixture
+def full_disk() -> Any:
+    """No file of this process grows beyond 64 bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (64, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_file_is_whole_or_as_it_was_and_the_error_names_it(tmp_path: Path, full_disk: None) -> None:
+    target = tmp_path / "report.html"
+    with whole(target) as part:
+        part.write_text("before")
+    with pytest.raises(OSError) as raised, whole(target) as part:  # noqa: PT011 - whichever error the system gives
+        part.write_text("x" * 1000)
+    assert raised.value.filename == str(target)
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    assert target.read_text() == "before"
+
+
+def test_a_map_on_a_full_disk_leaves_neither_of_its_files(tmp_path: Path, full_disk: None) -> None:
+    with pytest.raises(OSError):  # noqa: PT011
+        save(MAP, tmp_path / "map.npz")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "read", "error"),
+    [
+        ("system.yaml", lambda path: read_text(path, FileError), FileError),
+        ("service.toml", lambda path: load_config(ServiceConfig, "walker", path, {}, []), SurefootError),
+        ("run.mcap", lambda path: list(read_recording(path)), SurefootError),
+        ("run.mcap", recording_info, SurefootError),
+        ("run.mcap", verify_recording, SurefootError),
+        ("log.csv", read_table, SurefootError),
+        ("log.npz", read_table, SurefootError),
+        ("map.npz", load, HeightMapError),
+        ("map.asc", load_asc, HeightMapError),
+        ("map.png", load_any, HeightMapError),
+        ("model.json", load_model, SurefootError),
+        ("landmarks.npz", load_landmarks, Exception),
+        ("floor.yaml", load_floor, SurefootError),
+        ("params.toml", lambda path: load_navigation(str(path)), SurefootError),
+    ],
+)
+def test_a_pipe_is_refused_and_not_waited_for(
+    tmp_path: Path, name: str, read: Callable[[Path], Any], error: type[Exception]
+) -> None:
+    pipe = tmp_path / name
+    os.mkfifo(pipe)
+    with pytest.raises(error, match="regular file"):
+        read(pipe)
+
+
+@pytest.mark.parametrize("content", [b"[" * 100_000, b'{"epoch": 1, "tick": 1e400}', b'{"epoch": 1, "tick": 1}', None])
+def test_a_damaged_memory_of_a_goal_is_given_up_in_words(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "navigator.json"
+    os.mkfifo(path) if content is None else path.write_bytes(content)
+    memory = GoalMemory(str(path))
+    assert memory.recall(1, 10) is None
+    assert memory.problem or content == b'{"epoch": 1, "tick": 1e400}'
