@@ -24,6 +24,9 @@ Namespace = Annotated[
 Listen = Annotated[
     str | None, typer.Option("--listen", help="Endpoint of the router, e.g. tcp/127.0.0.1:7448 [SUREFOOT_LISTEN].")
 ]
+RobotChoice = Annotated[
+    str | None, typer.Option("--robot", help="Name of a robot or its folder [that of the compose file].")
+]
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +13,7 @@ from .output import (
     EXIT_INTERRUPT,
     Json,
     Listen,
+    RobotChoice,
     near,
     refuse_existing,
     tell,
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
 def run(
     scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.")],
+    robot: RobotChoice = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random [the scenario's].")] = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="Write an MCAP recording.")] = True,
     rtf: Annotated[
@@ -50,6 +53,8 @@ def run(
     use_json(json)
     line = _ProgressLine(Path(scenario).stem, quiet=json)
     loaded = load_scenario(scenario)
+    if robot is not None:
+        loaded = replace(loaded, robot=robot)
     endpoint = to_listen(listen)  # what is wrong is reported before kernels are compiled
     if out is not None:
         refuse_existing(out, force=force)

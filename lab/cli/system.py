@@ -18,6 +18,7 @@ from .output import (
     Json,
     Listen,
     Namespace,
+    RobotChoice,
     refuse_existing,
     state,
     tell,
@@ -35,6 +36,7 @@ System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefo
 
 def up(
     system: System = "ragno",
+    robot: RobotChoice = None,
     detach: Annotated[bool, typer.Option("--detach", "-d", help="Return when everything is ready.")] = False,
     terrain: Annotated[str, typer.Option(help="Kind of terrain or path of a terrain file (simulation).")] = "flat",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the world (simulation).")] = 0,
@@ -59,8 +61,8 @@ def up(
     endpoint = to_listen(listen)  # a wrong endpoint is reported before anything starts
     if record is not None:
         refuse_existing(record, force=force)
-    compose = startable(system, environ=os.environ)
-    order = StartOrder(World(terrain=terrain), seed, rtf, record)
+    compose = startable(system, environ=os.environ, robot=robot)
+    order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot)
     if "simulator" in compose.service_names:
         check_ground(order.world, seed)
     warm_if_cold(compose, endpoint, tell)

@@ -17,7 +17,8 @@ from surefoot.robot.reader import load_robot
 
 from .anatomy import pose
 from .source import check_name, compiled, read_source
-from .write import Imported, imported, plain_name, toml_text
+from .stance import can_stand, gait_numbers
+from .write import Imported, imported, plain_name, stand_on, toml_text
 
 POSTURES = 20
 """Number of seeded postures at which a robot is compared."""
@@ -47,16 +48,26 @@ def import_robot(file: Path, out: Path) -> Imported:
     trial = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
     try:
         header = f"Imported from {file.name}; what is assumed stands in import.json."
-        (trial / "robot.toml").write_text(toml_text(made.tables, header), encoding="utf-8")
+        _write(trial, made, header)
+        stand_on(made, load_robot(trial))
+        _write(trial, made, header)
+        robot = load_robot(trial)
+        if can_stand(robot):
+            made.tables["gait"] |= gait_numbers(robot)
+            made.assumed.append("gait: from the lengths of the legs; better: [gait] after walks in the simulator")
+            _write(trial, made, header)
         (trial / "source.xml").write_text(text, encoding="utf-8")
         record = {k: getattr(made, k) for k in ("trunk", "joints", "feet", "found", "assumed", "missing")}
         (trial / "import.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
-        load_robot(trial)
         trial.chmod(0o755)
         trial.rename(out)
     finally:
         shutil.rmtree(trial, ignore_errors=True)
     return made
+
+
+def _write(folder: Path, made: Imported, header: str) -> None:
+    (folder / "robot.toml").write_text(toml_text(made.tables, header), encoding="utf-8")
 
 
 def differences(folder: Path) -> dict[str, float]:

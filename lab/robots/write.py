@@ -12,12 +12,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.robot.description import RobotError
+from surefoot.robot.description import Robot, RobotError
 
 from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk_body
+from .stance import MOST_TORQUE, can_stand, standing, torque_limit
 
 Array = NDArray[np.float64]
 
+STIFFNESS, DAMPING = 5.0, 0.1
+"""Gains of a servo whose file has none, 1/rad and s/rad: times its torque."""
 KINDS = {6: "hexapod", 4: "quadruped", 2: "biped"}
 HALF_TURN = math.pi  # rad, assumed limit of a joint without limits
 SMALLEST_BOX = 1e-6  # m, of a flat body's inertia box: its inertia changes by less than 1e-12 m2 times the mass
@@ -31,6 +34,8 @@ class Imported:
     joints: dict[str, str]  # the file's joint name by ours
     feet: dict[str, dict[str, Any]]  # body and position in it, by limb
     trunk: str
+    home: bool = False
+    """The neutral posture is one that the file names."""
     found: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
@@ -72,6 +77,34 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
     return made
 
 
+def stand_on(made: Imported, robot: Robot) -> None:
+    """Put a standing posture, torques for which the file has none, and the numbers of a gait into the tables.
+
+    Args:
+        made: changed in place.
+        robot: the description with these tables; its neutral posture is the one to begin with.
+    """
+    if not can_stand(robot):
+        made.missing.append("gait: walks need six joints a leg of two legs, or three a leg of more")
+        return
+    q = standing(robot, made.home)
+    links = {f"{limb}_{link['name']}": link for limb, chain in made.tables["chains"].items() for link in chain["links"]}
+    moved = np.flatnonzero(np.abs(q - robot.neutral) > 0.0)
+    for j in moved:
+        links[robot.joints[j].name]["neutral_deg"] = math.degrees(q[j])
+    if moved.size:
+        text = "neutral posture: bent legs, feet under the hips; better: a keyframe 'home', or neutral_deg"
+        made.assumed = [t for t in made.assumed if not t.startswith("neutral posture")] + [text]
+    most = torque_limit(robot)
+    for name, servo in made.tables["servos"].items():
+        if servo["max_torque"] > MOST_TORQUE * most:
+            text = (
+                f"torque of {name}: {most:.3g} Nm in place of {servo['max_torque']:g}, which no leg of this robot needs"
+            )
+            made.assumed.append(f"{text}; better: the motor's in [servos]")
+            servo |= {"kp": STIFFNESS * most, "kv": DAMPING * most, "max_torque": most}
+
+
 def toml_text(tables: dict[str, Any], comment: str) -> str:
     """Return TOML of nested tables whose lists of tables are written inline."""
     lines = [f"# {comment}"]
@@ -105,6 +138,7 @@ def _neutral(model: mujoco.MjModel, made: Imported) -> Array:
     """Angles (njnt,) of the keyframe `home`, else the middle of the limits."""
     keys = [model.key(i).name for i in range(model.nkey)]
     if "home" in keys:
+        made.home = True
         made.found.append("neutral posture: keyframe 'home'")
         return model.key_qpos[keys.index("home")][model.jnt_qposadr].copy()
     made.assumed.append("neutral posture: middle of the limits; better: a keyframe 'home', or neutral_deg")
@@ -217,7 +251,7 @@ def _servo(model: mujoco.MjModel, joint: int, made: Imported) -> dict[str, Any]:
             f"torque of {name}: {torque:.3g} Nm, 1 Nm per kg of the robot; better: an actuator or effort"
         )
     if kp <= 0:
-        kp, kv = 5.0 * torque, 0.1 * torque
+        kp, kv = STIFFNESS * torque, DAMPING * torque
         made.assumed.append(f"kp of {name}: full torque at 0.2 rad; better: kp and kv in [servos]")
     return {
         "source": "file", "kp": kp, "kv": max(kv, 0.0), "max_torque": torque,
@@ -252,7 +286,7 @@ def _sensors(model: mujoco.MjModel, segs: list[Segment], made: Imported) -> dict
         position, quat = _floats(axes.T @ (imu[1] - at)), _quat(axes.T @ imu[2].reshape(3, 3))
         made.found.append(f"inertial unit: {imu[0]!r}")
     weight = 9.81 * sum(s.mass for s in segs)
-    made.missing += ["noise of the inertial unit (that of adis16365 is taken)", "contact thresholds", "gait"]
+    made.missing += ["noise of the inertial unit (that of adis16365 is taken)", "contact thresholds"]
     return {
         "imu": {"source": "assumed", "profile": "adis16365", "position": position, "quat_wxyz": quat},
         "contacts": {

@@ -52,6 +52,7 @@ class KinematicModel(NamedTuple):
     rolled: RolledLegs  # roll-pitch-pitch legs
     lower: Array  # (nj,)
     upper: Array  # (nj,)
+    neutral: Array  # (nj,) angles of the neutral stance
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Kinematics of a link tree: positions, Jacobians, centre of mass, gravity torques, closed-form leg solutions.
+"""Kinematics of a link tree: positions, Jacobians, centre of mass, gravity torques, leg solutions.
 
 All functions are numba kernels on a `KinematicModel` and joint angles `q` (nj,) in rad; results in `base_link`.
 """
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import axis_angle_into
 from surefoot.kernels.jit import kernel
+from surefoot.robot.damped_legs import damped_ik
 from surefoot.robot.description import KinematicModel
 from surefoot.robot.rolled_legs import REACH_SLACK, rolled_ik
 
@@ -212,7 +213,7 @@ def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Arra
 
 @kernel
 def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
-    """Joint angles that bring the foot centre to `p_base`, for yaw-pitch-pitch and roll-pitch-pitch legs.
+    """Joint angles that bring the foot centre to `p_base`; closed form of yaw-pitch-pitch and roll-pitch-pitch legs.
 
     Args:
         model: the robot.
@@ -220,11 +221,13 @@ def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]
         p_base: foot centre in base_link, (3,) m.
 
     Returns:
-        The angles (3,), the nearest ones if the point is out of reach (D clipped, then joint limits), and whether the
-        point is reached with every joint inside its limits. NaN lengths (no closed form) give False.
+        The angles (n,), the nearest ones if the point is out of reach (in closed form D clipped, then joint limits),
+        and whether the point is reached with every joint inside its limits.
     """
     joints = model.leg_joints[leg]
     if math.isnan(model.segment[leg, 0]):
+        if math.isnan(model.rolled.segment[leg, 0]):
+            return damped_ik(model, leg, p_base)
         middle = np.empty(3)
         for i in range(3):
             middle[i] = 0.5 * (model.lower[joints[i]] + model.upper[joints[i]])
@@ -268,7 +271,7 @@ def _yawed_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bo
 
 @kernel
 def legs_ik(model: KinematicModel, feet: Array) -> tuple[Array, Flags]:
-    """Closed-form solution of all legs.
+    """Solution of all legs, see `leg_ik`.
 
     Args:
         model: the robot.
@@ -281,6 +284,6 @@ def legs_ik(model: KinematicModel, feet: Array) -> tuple[Array, Flags]:
     q, reachable = np.zeros(model.lower.size), np.zeros(n, dtype=np.bool_)
     for i in range(n):
         angles, reachable[i] = leg_ik(model, i, feet[i])
-        for c in range(3):
+        for c in range(angles.size):
             q[model.leg_joints[i, c]] = angles[c]
     return q, reachable

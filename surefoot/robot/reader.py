@@ -49,6 +49,18 @@ def load_robot(name: str | PathLike[str]) -> r.Robot:
     return _robot(file, data)
 
 
+def robot_place(name: str) -> str:
+    """Return the name of a robot of the package, or the whole path of a folder; each process reads the same robot.
+
+    Raises:
+        RobotError: there is no such robot, or its description is wrong.
+    """
+    folder = "/" in name or (name not in robot_names() and Path(name, "robot.toml").is_file())
+    place = str(Path(name).resolve()) if folder else name
+    load_robot(place)
+    return place
+
+
 def robot_names() -> tuple[str, ...]:
     """Names of the robots that come with the package."""
     return tuple(sorted(path.parent.name for path in ROBOTS.glob("*/robot.toml")))
@@ -289,4 +301,5 @@ def _model(links: list[r.Link], joints: list[r.Joint], legs: list[r.Leg]) -> r.K
         rolled=closed.rolled,
         lower=np.array([j.lower for j in joints]),
         upper=np.array([j.upper for j in joints]),
+        neutral=np.array([j.neutral for j in joints]),
     )

@@ -11,7 +11,7 @@ import os
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -207,6 +207,11 @@ class Compose:
         """The robot the file is for, a name or a folder: SUREFOOT_ROBOT of its services, else of the caller."""
         given = (s.environment["SUREFOOT_ROBOT"] for s in self.services if "SUREFOOT_ROBOT" in s.environment)
         return next(given, os.environ.get("SUREFOOT_ROBOT", "ragno"))
+
+    def of_robot(self, robot: str) -> "Compose":
+        """Return the system with a robot, a name or a folder, in all its services; it is called as the robot."""
+        services = tuple(replace(s, environment={**s.environment, "SUREFOOT_ROBOT": robot}) for s in self.services)
+        return replace(self, name=Path(robot).name, services=services)
 
     def service(self, name: str) -> ComposeService:
         """Return the service of that name; KeyError when the file has none."""

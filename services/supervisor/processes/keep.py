@@ -33,16 +33,19 @@ class StartOrder:
         seed: of everything random.
         rtf: pace, 0 = as fast as it goes.
         record: MCAP file, None = none.
+        robot: name or folder, None = that of the compose file.
     """
 
     world: World
     seed: int = 0
     rtf: float = 1.0
     record: Path | None = None
+    robot: str | None = None
 
     def arguments(self) -> list[str]:
         """Return the order as options of `surefoot up`."""
         words = ["--terrain", self.world.terrain, "--seed", str(self.seed), "--rtf", str(self.rtf)]
+        words += ["--robot", self.robot] if self.robot is not None else []
         return [*words, "--record", str(self.record.resolve()), "--force"] if self.record is not None else words
 
 

@@ -11,6 +11,7 @@ from surefoot.errors import ConfigError
 from surefoot.lockstep.config import PREFIX, load_config
 from surefoot.lockstep.discover import service_class, service_names
 from surefoot.nearest import did_you_mean
+from surefoot.robot.reader import robot_place
 
 from ..scenarios.scenario import Scenario, ScenarioError
 from .compose import Compose, ComposeError, ComposeService, load_compose
@@ -19,21 +20,30 @@ from .system import SELF
 PYTHONS = ("python", "python3")
 
 
-def startable(system: str, scenario: Scenario | None = None, environ: Mapping[str, str] | None = None) -> Compose:
+def startable(
+    system: str,
+    scenario: Scenario | None = None,
+    environ: Mapping[str, str] | None = None,
+    robot: str | None = None,
+) -> Compose:
     """Return the system of that name or path.
 
     Args:
         system: name or path of the compose file.
         scenario: what is to happen in it, None = nothing.
         environ: environment of the caller, which its services inherit; None = none.
+        robot: name or folder of the robot; None = that of the compose file.
 
     Raises:
         ComposeError: there is none, its file cannot be used, or a command names what is not there.
         ScenarioError: the scenario kills or configures a service that the system does not have, or gives one a
             field or a value that it does not take.
         ConfigError: a service would refuse a variable of the environment.
+        RobotError: there is no such robot.
     """
     compose = load_compose(system)
+    if robot is not None:
+        compose = compose.of_robot(robot_place(robot))
     if scenario is not None:
         _check_names(scenario, compose)
     for service in compose.services:
@@ -44,7 +54,7 @@ def startable(system: str, scenario: Scenario | None = None, environ: Mapping[st
 
 def system_of(scenario: Scenario, environ: Mapping[str, str] | None = None) -> Compose:
     """Return the system of a scenario; see `startable`."""
-    return startable(scenario.compose, scenario, environ)
+    return startable(scenario.compose, scenario, environ, scenario.robot)
 
 
 def _check_names(scenario: Scenario, compose: Compose) -> None:

@@ -173,6 +173,8 @@ class Scenario:
     """One sentence."""
     compose: Text = "ragno"
     """Name or path of the compose file."""
+    robot: Text | None = None
+    """Name or folder of the robot [that of the compose file]."""
     seed: Annotated[Whole, Field(ge=0, lt=2**31)] = 0
     """Seed of everything random, unless the caller gives another."""
     world: WireWorld = field(default_factory=World)

@@ -7,9 +7,14 @@ import pytest
 
 from surefoot.lab.robots.folder import MOST_DIFFERENCE, differences, import_robot
 from surefoot.lab.robots.source import compiled, read_source
+from surefoot.lab.robots.stance import EXTENSION, MOST_TORQUE, leg_length, torque_limit
 from surefoot.robot.description import RobotError
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
+from surefoot.services.walker.interface import MotionCommand
+from surefoot.services.walker.legged.gait import LeggedWalker
+from surefoot.services.walker.legged.params import WalkerParams
+from tests.services.walker.legged.plant import Plant
 
 LEG = """<body name="{n}_hip" pos="{x} {y} 0"><joint name="{n}_j0" axis="1 0 0" range="-40 40"/>
 <inertial pos="0 .01 0" mass=".5" diaginertia=".001 .002 .0025" quat=".9 .1 .3 .2"/>
@@ -72,6 +77,41 @@ def test_feet_torque_imu_and_inertia_are_those_of_the_file(bring_in, tmp_path):
         np.linalg.eigvalsh([[0.05, 0.002, -0.003], [0.002, 0.1, 0.004], [-0.003, 0.004, 0.12]]), abs=1e-12
     )
     assert any("torque" in text for text in made.assumed)
+
+
+def test_an_imported_quadruped_stands_on_bent_legs_and_crawls(bring_in, tmp_path):
+    bring_in(MJCF.replace('range="-150 -30"', 'range="-150 150"').replace('range="-60 120"', 'range="-90 90"'))
+    robot = load_robot(tmp_path / "out")
+    feet = foot_positions(robot.model, robot.neutral)
+    assert feet[:, :2] == pytest.approx(np.array([[x, y + 0.05] for x, y in PLACES.values()]), abs=1e-6)
+    assert feet[:, 2] == pytest.approx(0.01 - EXTENSION * leg_length(robot), abs=1e-6)
+    assert len(set(np.round(robot.neutral.reshape(4, 3)[:, 2], 6))) == 1
+    p = Plant(LeggedWalker(robot))
+    p.run(1.0)
+    outs = p.obey(MotionCommand("walk", distance=0.3))
+    assert p.walker.state.body[0] == pytest.approx(0.3, abs=0.01)
+    assert max(out.unreachable for out in outs) == 0
+
+
+def test_a_neutral_posture_of_the_file_is_kept(bring_in, tmp_path):
+    key = " ".join(["0 0 .4 1 0 0 0", *["0 .7 -1.3"] * 4])
+    made = bring_in(MJCF.replace("</mujoco>", f'<keyframe><key name="home" qpos="{key}"/></keyframe></mujoco>'))
+    assert load_robot(tmp_path / "out").neutral == pytest.approx([0, 0.7, -1.3] * 4)
+    assert not any("posture" in text for text in made.assumed)
+
+
+def test_legs_of_two_joints_have_no_gait(bring_in, tmp_path):
+    made = bring_in(URDF, ".urdf")
+    assert any("gait" in text for text in made.missing)
+    with pytest.raises(RobotError, match="gait"):
+        WalkerParams.for_robot(load_robot(tmp_path / "out"))
+
+
+def test_a_torque_put_in_place_of_an_unknown_one_is_replaced(bring_in, tmp_path):
+    made = bring_in(MJCF.replace('axis="0 1 0" range', 'axis="0 1 0" actuatorfrcrange="-9000 9000" range'))
+    robot = load_robot(tmp_path / "out")
+    assert max(joint.servo.max_torque for joint in robot.joints) < MOST_TORQUE * torque_limit(robot)
+    assert any("in place of 9000" in text for text in made.assumed)
 
 
 def test_a_changed_number_shows_in_the_comparison(bring_in, tmp_path):

@@ -121,12 +121,32 @@ def doubled(data):
     data["chains"]["leg"]["links"][2]["position"] = [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("edit", [skewed, doubled])
-def test_other_legs_have_no_closed_form(edit):
-    robot = changed(edit)
+def four(data):
+    links = data["chains"]["leg"]["links"]
+    links.append(links[-1] | {"name": "toe", "lower_deg": -60.0, "upper_deg": 60.0, "neutral_deg": 0.0})
+    data["chains"]["leg"]["foot"]["link"] = "toe"
+
+
+@pytest.mark.parametrize("edit", [skewed, four])
+def test_other_legs_are_solved_numerically_within_their_limits(edit):
+    robot, rng = changed(edit), np.random.default_rng(3)
     assert np.isnan(robot.model.rolled.segment).all()
-    feet = kin.foot_positions(robot.model, robot.neutral)
-    assert not kin.legs_ik(robot.model, feet)[1].any()
+    for _ in range(50):
+        q = robot.neutral + rng.uniform(-0.3, 0.3, robot.nj)
+        feet = kin.foot_positions(robot.model, q)
+        found, reachable = kin.legs_ik(robot.model, feet)
+        assert reachable.all()
+        assert np.abs(kin.foot_positions(robot.model, found) - feet).max() < 1e-9
+        assert np.all((found >= robot.joint_lower) & (found <= robot.joint_upper))
+
+
+@pytest.mark.parametrize("edit", [skewed, four, doubled])
+def test_a_numeric_solution_reaches_no_point_beyond_the_leg(edit):
+    robot = changed(edit)
+    for far in (np.array([0.0, 0.0, -2.0]), np.array([np.nan, 0.0, 0.0])):
+        angles, reachable = kin.leg_ik(robot.model, 1, far)
+        assert not reachable
+        assert np.isfinite(angles).all()
 
 
 def test_a_straight_neutral_knee_bends_into_its_range():

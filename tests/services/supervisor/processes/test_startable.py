@@ -1,5 +1,6 @@
 """Unknown names in a compose file or a scenario are refused by name, before any process is started."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,8 @@ import pytest
 from surefoot.files import names
 from surefoot.lab.cli.output import near
 from surefoot.lab.runs.local import run_local
+from surefoot.robot.description import RobotError
+from surefoot.robot.profiles import ROBOTS
 from surefoot.services.supervisor.processes.reconcile import Observed, plan, wanted_from
 from surefoot.services.supervisor.processes.startable import startable, system_of
 from surefoot.services.supervisor.processes.system import SELF
@@ -69,6 +72,21 @@ def test_what_is_there_is_found_without_being_imported(tmp_path: Path, monkeypat
 def test_everything_that_comes_with_the_project_can_be_started() -> None:
     assert {startable(name).name for name in names("compose", ".yaml")}
     assert {system_of(load_scenario(find_scenario(name))).name for name in names("scenarios", ".toml")}
+
+
+def test_a_system_takes_another_robot_a_name_or_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "robot.toml").write_text((ROBOTS / "lupo" / "robot.toml").read_text())
+    monkeypatch.chdir(tmp_path)
+    for given, place in (("lupo", "lupo"), ("./mine", str(folder)), ("mine", str(folder))):
+        compose = startable("ragno", robot=given)
+        assert {service.environment["SUREFOOT_ROBOT"] for service in compose.services} == {place}
+        assert compose.robot == place
+        assert compose.name == Path(place).name
+        assert system_of(replace(load_scenario("stand"), robot=given)) == compose
+    with pytest.raises(RobotError, match="known are"):
+        startable("ragno", robot="other")
 
 
 def test_a_scenario_kills_only_what_its_system_has() -> None:

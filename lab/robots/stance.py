@@ -1,0 +1,132 @@
+"""Neutral posture and numbers of the gait of an imported robot, from the lengths of its legs, masses and limits."""
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.robot.damped_legs import damped_ik
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions, forward
+
+Array = NDArray[np.float64]
+
+LEG_JOINTS = 3
+"""Least number of joints of a leg that can set its foot anywhere in its reach."""
+EXTENSION = 0.72
+"""Distance of a foot from the leg's second joint in a posture made here, share of the leg's length."""
+BENT = (0.45, 0.93)
+"""Range of that share in which a posture of the file is taken: legs that can become longer and shorter."""
+CHOSEN, UPRIGHT = 0.3, 0.97
+"""Least share of that distance which is vertical, in a posture of the file and in the middle of the limits."""
+TRIES = 64
+"""Random postures from which a leg's posture is searched."""
+MOST_TORQUE = 4.0
+"""Torque that the weight has at the length of a leg, times this: more is a number put in place of an unknown one."""
+SIZE_M, PERIOD_S, LEAN_S = 0.42, 1.0, 0.4
+"""Leg length of Lupo with the durations of its steps: times grow with the square root of the length."""
+STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
+"""Way of the trunk in a cycle, its limit and the step height, shares of the leg's length."""
+SPRAWLED_STRIDE = 0.22
+"""Way of the trunk in a cycle of a robot with six legs, share of the leg's length."""
+LEAN_SHARE = 0.55
+"""Margin before a foot lifts, share of the largest circle in the hull of the three other feet."""
+SWAY = 0.36
+"""Way of the point of zero moment by the trunk's acceleration, share of that margin."""
+
+
+def can_stand(robot: Robot) -> bool:
+    """Return whether the robot has four or more legs, each of which can set its foot anywhere in its reach."""
+    return robot.nlegs > 2 and all(len(leg.joints) >= LEG_JOINTS for leg in robot.legs)
+
+
+def leg_length(robot: Robot) -> float:
+    """Return the longest distance of a foot from its leg's second joint, m, mean of the legs."""
+    _, pos = forward(robot.model, robot.neutral)
+    feet, total = foot_positions(robot.model, robot.neutral), 0.0
+    for leg, foot in zip(robot.legs, feet, strict=True):
+        way = [*(pos[robot.joints[j].link] for j in leg.joints[1:]), foot]
+        total += sum(float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(way))
+    return total / robot.nlegs
+
+
+def standing(robot: Robot, chosen: bool) -> Array:
+    """Return angles (nj,) rad in which a robot stands on bent legs: its neutral posture if all legs are bent there.
+
+    Else each leg gets its foot under the second joint. Of the postures found, the one with the third joint behind the
+    second is taken, then the one with the smallest angles.
+
+    Args:
+        robot: with legs for which `can_stand`.
+        chosen: the neutral posture is one that the file's author has chosen.
+    """
+    length, least = leg_length(robot), CHOSEN if chosen else UPRIGHT
+    arms = [_arm(robot, robot.neutral, i) for i in range(robot.nlegs)]
+    sizes = [float(np.linalg.norm(arm)) for arm in arms]
+    if all(BENT[0] <= s / length <= BENT[1] and -a[2] > least * s for a, s in zip(arms, sizes, strict=True)):
+        return robot.neutral
+    angles = robot.neutral.copy()
+    for i, leg in enumerate(robot.legs):
+        found = _under(robot, i, EXTENSION * length)
+        if found is not None:
+            angles[list(leg.joints)] = found
+    return angles
+
+
+def _arm(robot: Robot, q: Array, leg: int) -> Array:
+    """Return the foot from the leg's second joint, (3,) m, base_link."""
+    second = robot.joints[robot.legs[leg].joints[1]].link
+    return foot_positions(robot.model, q)[leg] - forward(robot.model, q)[1][second]
+
+
+def _under(robot: Robot, leg: int, below: float) -> Array | None:
+    """Return angles of a leg with its foot `below` (m) its second joint, abreast as at first angle zero, or None."""
+    joints, q = list(robot.legs[leg].joints), robot.neutral.copy()
+    q[joints[0]] = min(max(0.0, robot.joint_lower[joints[0]]), robot.joint_upper[joints[0]])
+    second, third = (robot.joints[j].link for j in joints[1:3])
+    target = forward(robot.model, q)[1][second] + np.array([0.0, _arm(robot, q, leg)[1], -below])
+    lower, upper = robot.joint_lower[joints], robot.joint_upper[joints]
+    random, found = np.random.default_rng(leg), list[tuple[bool, float, Array]]()
+    for _ in range(TRIES):
+        q[joints] = random.uniform(np.maximum(lower, -math.pi), np.minimum(upper, math.pi))
+        angles, reached = damped_ik(robot.model._replace(neutral=q), leg, target)
+        turned = angles - 2.0 * math.pi * np.round(angles / (2.0 * math.pi))
+        angles = np.where((turned >= lower) & (turned <= upper), turned, angles)
+        if reached:
+            q[joints] = angles
+            _, pos = forward(robot.model, q)
+            found.append((bool(pos[third][0] > pos[second][0]), round(float(np.abs(angles).sum()), 6), angles))
+    return min(found, key=lambda each: each[:2])[2] if found else None
+
+
+def gait_numbers(robot: Robot) -> dict[str, float]:
+    """Return the numbers of `[gait]` of a robot in its standing posture, by name."""
+    length, feet = leg_length(robot), foot_positions(robot.model, robot.neutral)
+    height = float(-feet[:, 2].mean()) + robot.foot_radius
+    slower = math.sqrt(length / SIZE_M)
+    numbers = {
+        "period_s": PERIOD_S * slower, "hip_height_m": height, "clearance_m": CLEARANCE * length, "overlap": 0.1,
+        "level_gain": 0.025, "level_limit_rad": 0.25, "stride_m": SPRAWLED_STRIDE * length,
+        "max_stride_m": 1.4 * SPRAWLED_STRIDE * length,
+    }  # fmt: skip
+    if robot.kind == "quadruped":
+        margin = LEAN_SHARE * min(_inner_circle(np.delete(feet[:, :2], i, axis=0)) for i in range(robot.nlegs))
+        numbers |= {
+            "stride_m": STRIDE * length, "max_stride_m": MOST_STRIDE * length, "lean_margin_m": margin,
+            "lean_s": LEAN_S * slower, "lean_acceleration": SWAY * margin * GRAVITY / height,
+        }  # fmt: skip
+    return {name: round(value, 4) for name, value in numbers.items()}
+
+
+def _inner_circle(corners: Array) -> float:
+    """Return the radius of the largest circle in a triangle (3, 2) m: twice its area over its circumference."""
+    a, b = corners[1] - corners[0], corners[2] - corners[0]
+    around = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
+    return abs(float(a[0] * b[1] - a[1] * b[0])) / around
+
+
+def torque_limit(robot: Robot) -> float:
+    """Return the torque of the robot's weight at the length of its legs, Nm."""
+    return robot.mass * GRAVITY * leg_length(robot)
