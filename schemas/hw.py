@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from .base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
+from .base import MAX_FEET, Message, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3, Wire
 
 Matrix3 = Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
 
@@ -100,6 +100,21 @@ class LandmarkDetections(Message):
 
     landmarks: Annotated[tuple[Landmark, ...], Field(max_length=256)] = Field(description="in no meaningful order")
     goal: Sighting | None = Field(default=None, description="the marker of the goal; null = not seen")
+
+
+class CameraImage(Message):
+    """Image of a camera; ``stamp_ns`` is the middle of the exposure of the middle row."""
+
+    width: int = Field(ge=8, le=8192, description="px")
+    height: int = Field(ge=8, le=8192, description="px")
+    format: Literal["gray8", "jpeg"] = Field(description="gray8: a byte a pixel, row by row from the top; jpeg: a file")
+    pixels: str = Field(description="base64 of that")
+    focal: float = Field(gt=0, description="px, of both axes; a pixel at (u, v) looks along (u - cx, v - cy, focal)")
+    center: Vec2 = Field(description="px, cx and cy: where the optical axis meets the image; (0, 0) is its corner")
+    exposure: float = Field(ge=0, description="s, of each row")
+    readout: float = Field(default=0.0, ge=0, description="s, between the exposures of the first and the last row")
+    position: Vec3 = Field(description="m, camera in base_link, by kinematics")
+    quat_wxyz: QuatWxyz = Field(description="turns camera axes (x right, y down, z ahead) to base_link, by kinematics")
 
 
 class Range(Message):

@@ -9,11 +9,12 @@ from .base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request
 FaultKind = Literal[
     "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
     "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
-    "packet_reorder", "landmarks_false", "landmarks_drop", "camera_dark", "camera_freeze", "range_drop", "range_stuck",
+    "packet_reorder", "landmarks_false", "landmarks_drop", "camera_dark", "camera_freeze", "camera_bright",
+    "camera_repeat", "camera_flip", "camera_cover", "camera_late", "camera_zoom", "range_drop", "range_stuck",
 ]  # fmt: skip
 SIZED_FAULTS = (
     "imu_bias", "imu_saturate", "servo_weak", "packet_delay", "packet_loss", "packet_reorder", "landmarks_false",
-    "landmarks_drop",
+    "landmarks_drop", "camera_late", "camera_zoom",
 )  # fmt: skip
 FAULT_FIELDS = {kind: ("value",) if kind in SIZED_FAULTS else () for kind in get_args(FaultKind)}
 
@@ -104,12 +105,22 @@ class World(Request):
     camera: str | None = Field(default=None, max_length=64, description="camera profile; null = the robot's own")
     copied_landmarks: float = Field(default=0.0, ge=0, le=1, description="share of landmarks whose look is another's")
     copies: int = Field(default=10, ge=2, le=1000, description="landmarks that share one such look")
+    texture: str | None = Field(
+        default=None,
+        max_length=256,
+        description="what the camera's images show of the floor: random, carpet, tiles, parquet, laminate (boards that "
+        "repeat) or the path of a picture; null = the camera gives landmarks, no images",
+    )
+    texture_width: float = Field(default=2.0, ge=0.05, le=100, description="m, width of such a picture on the floor")
+    texture_seed: int | None = Field(default=None, ge=0, description="seed of the texture; null = the scenario's seed")
+    light: float = Field(default=1.0, ge=0, le=10, description="brightness of the floor in images, 1 = as usual")
+    image_format: Literal["gray8", "jpeg"] = Field(default="gray8", description="format of the images")
 
 
 class ResetRequest(Request):
     """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
 
-    schema_version: ClassVar[str] = "1.4"
+    schema_version: ClassVar[str] = "1.5"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")
@@ -207,12 +218,13 @@ class SetRequest(Request):
 class FaultRequest(Request):
     """Breaks something for a while."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     kind: FaultKind = Field(description="which fault")
     target: str = Field(default="", max_length=64, description="joint or leg name where the fault has one")
     value: float = Field(
         default=0.0,
-        description="size: bias (SI), weakness factor, delay (ticks), loss probability, share of the landmarks",
+        description="size: bias (SI), weakness factor, delay (ticks), loss probability, share of the landmarks, "
+        "part by which the focal length is stated too long",
     )
     duration: float = Field(default=1.0, gt=0, le=3600, description="s")
     at_tick: int | None = Field(default=None, ge=0, description="tick it begins in; null = the next one")

@@ -41,6 +41,15 @@ HW_CONTACTS = Topic("hw/contacts", hw.FootContacts, Kind.SAMPLE, "driver", KINEM
 HW_LANDMARKS = Topic(
     "hw/landmarks", hw.LandmarkDetections, Kind.SAMPLE, "driver", 10.0, own_rate="`period_ms` of the camera's file"
 )
+HW_IMAGE = Topic(
+    "hw/image",
+    hw.CameraImage,
+    Kind.SAMPLE,
+    "driver",
+    10.0,
+    own_rate="`period_ms` of the camera's file",
+    deterministic=False,
+)
 HW_RANGE = Topic("hw/range", hw.Range, Kind.SAMPLE, "driver", 10.0, own_rate="`period_ms` of the ranger's file")
 HW_EXTERNAL = Topic("hw/external", hw.ExternalMotion, Kind.SAMPLE, "driver", 10.0, own_rate="the driver of the source")
 TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", EVENT)

@@ -1,18 +1,39 @@
 """Between the world's arrays and the messages on the bus."""
 
+from base64 import b64encode
 from typing import Any
 
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.lockstep.driver import DueSample
-from surefoot.schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
+from surefoot.schemas.hw import (
+    CameraImage,
+    FootContacts,
+    Imu,
+    JointState,
+    Landmark,
+    LandmarkDetections,
+    Range,
+    Sighting,
+)
 from surefoot.schemas.sim import Truth as TruthMessage
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
-from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE, TERRAIN_LANDMARKS, Topic
+from surefoot.schemas.topics import (
+    HW_CONTACTS,
+    HW_IMAGE,
+    HW_IMU,
+    HW_JOINTS,
+    HW_LANDMARKS,
+    HW_RANGE,
+    TERRAIN_LANDMARKS,
+    Topic,
+)
 
 from .ground.terrain import Terrain
 from .physics.samples import ExactState, Samples
+from .sensors.images import TakenImage, jpeg
 from .sensors.landmarks import Landmarks
 from .sensors.sight import Senses
 
@@ -54,6 +75,9 @@ def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
             goal=None if goal is None else Sighting(range=goal.range, bearing=goal.bearing),
         )
         out.append(DueSample(HW_LANDMARKS, message, stamp_ns, frame.seq))
+    if sight.image is not None:
+        taken = sight.image
+        out.append(DueSample(HW_IMAGE, image_message(taken), taken.stamp_ns, taken.seq))
     if sight.reach is not None and sight.ranger is not None:
         r = sight.ranger
         near = Range(
@@ -64,9 +88,21 @@ def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
     return out
 
 
+def image_message(taken: TakenImage) -> CameraImage:
+    """Return the message of an image."""
+    height, width = taken.pixels.shape
+    data = taken.pixels.tobytes() if taken.format == "gray8" else jpeg(taken.pixels)
+    return CameraImage(
+        width=width, height=height, format=taken.format, pixels=b64encode(data).decode(), focal=taken.focal,
+        center=(0.5 * width, 0.5 * height), exposure=taken.exposure, readout=taken.readout,
+        position=tuple(taken.position.tolist()), quat_wxyz=tuple(quat_from_matrix(taken.look).tolist()),
+    )  # fmt: skip
+
+
 def lacking(sight: Senses | None) -> tuple[Topic[Any], ...]:
     """Return the topics that a robot with these sensors never publishes; None = neither camera nor ranger."""
     blind = () if sight is not None and sight.landmarks is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
+    blind = blind if sight is not None and sight.eye is not None else (*blind, HW_IMAGE)
     return blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)
 
 

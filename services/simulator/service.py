@@ -14,6 +14,7 @@ from surefoot.schemas.topics import (
     CMD_ESTOP,
     HW_CONTACTS,
     HW_DESCRIPTION,
+    HW_IMAGE,
     HW_IMU,
     HW_JOINTS,
     HW_LANDMARKS,
@@ -66,7 +67,8 @@ class Simulator(Driver[SimulatorConfig]):
     name = "simulator"
     Config = SimulatorConfig
     outputs = (
-        HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_RANGE, SIM_TRUTH, TERRAIN_MAP, TERRAIN_LANDMARKS, SIM_STATUS,
+        HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_IMAGE, HW_RANGE, SIM_TRUTH, TERRAIN_MAP, TERRAIN_LANDMARKS,
+        SIM_STATUS,
     )  # fmt: skip
     observes = (CMD_ESTOP,)
     serves = (

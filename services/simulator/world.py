@@ -42,6 +42,7 @@ from .physics.samples import (
 )
 from .physics.servo_line import ServoLine
 from .physics.unequal import UnequalLegs
+from .sensors import images
 from .sensors import noise as sensors
 from .sensors.sight import Floor, Senses, sight_of
 from .sensors.suite import SensorSuite
@@ -274,7 +275,7 @@ class PhysicsWorld:
         displace(self.data, way)
         self.tracker.displaced(way)
         if self.sight is not None:
-            self.sight.before = None  # or the camera's motion would blur the next image
+            self.sight.moved()
 
     def set(self, quantity: str, value: float) -> None:
         """Change the world while it runs.
@@ -393,4 +394,5 @@ mujoco.set_mju_user_warning(lambda text: None)  # it writes into the working fol
 def rehearse() -> None:
     """Call every kernel once with made-up arguments, so that it is loaded."""
     sensors.rehearse()
+    images.rehearse()
     truth.rehearse()

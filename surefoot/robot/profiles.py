@@ -93,6 +93,12 @@ class CameraFile(Profile):
     range_noise: NotNegative = Field(0.0, description="m, standard deviation of the range beside `range_sigma`")
     still: Share = Field(1.0, description="part of the noise of a sharp image; blur brings the rest")
     tilt_blind: bool = Field(False, description="places on the floor are computed for a level trunk")
+    readout_ms: NotNegative = Field(10.0, description="ms between the exposures of an image's first and last row")
+    delay_ms: NotNegative = Field(40.0, description="ms from the end of an image's exposure to its arrival")
+    jitter_ms: NotNegative = Field(8.0, description="ms, standard deviation of that")
+    image_noise: NotNegative = Field(0.008, description="standard deviation of a dark pixel, part of white")
+    shot_noise: NotNegative = Field(0.012, description="standard deviation of a white pixel beside that, part of white")
+    vignetting: Share = Field(0.3, description="part of the light that the corners of an image lack")
 
 
 class RangerFile(Profile):

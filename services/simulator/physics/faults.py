@@ -290,6 +290,8 @@ def _limits(kind: str) -> tuple[float, float]:
         return -1000.0, 1000.0
     if kind == "imu_saturate":
         return 0.0, 1000.0
+    if kind == "camera_zoom":
+        return -0.5, 1.0
     if kind in ("servo_weak", "packet_loss", "landmarks_false", "landmarks_drop"):
         return 0.0, 1.0
     return 0.0, float(MAX_DELAY_TICKS)

@@ -96,9 +96,13 @@ def read_camera(name: str) -> Camera:
     Raises:
         RobotError: unknown name, or a number is out of range; `field` names it.
     """
-    file, _ = read_profile(CameraFile, name, "camera")
+    return camera_of(read_profile(CameraFile, name, "camera")[0])
+
+
+def camera_of(file: CameraFile) -> Camera:
+    """Return the camera of a file."""
     return Camera(
-        name=name,
+        name=file.name,
         link=file.link,
         position=np.array(file.position),
         pitch=math.radians(file.pitch_deg),

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
+from surefoot.robot.profiles import CameraFile, read_profile
 from surefoot.schemas.topics import TICK_NS, TICK_S
 
 from ..ground.grid import random_stream
@@ -17,14 +18,16 @@ from ..ground.terrain import Terrain
 from ..physics.addresses import Addresses
 from ..physics.faults import FaultBank
 from ..physics.samples import CameraFrame, ExactState, Reach
+from .floors import paint
+from .images import ImageSensor, Optics, TakenImage
 from .landmarks import (
     CameraPose,
     Landmarks,
     LandmarkSensor,
+    camera_of,
     camera_pose,
     laid,
     link_of,
-    read_camera,
     scatter,
 )
 from .walls import bumped, echo, read_ranger
@@ -47,6 +50,16 @@ class Floor:
     """Share of the landmarks whose look is that of others, 0..1."""
     copies: int = 10
     """Landmarks that share one such look."""
+    texture: str | None = None
+    """Texture of `floors.paint` for a camera that takes images; None = it recognises landmarks."""
+    texture_width: float = 2.0
+    """Width of a picture on the floor, m."""
+    texture_seed: int | None = None
+    """Seed of the texture; None = that of the run."""
+    light: float = 1.0
+    """Brightness of the floor in images."""
+    image_format: Literal["gray8", "jpeg"] = "gray8"
+    """Format of the images."""
 
 
 def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None) -> "Senses | None":
@@ -82,12 +95,21 @@ class Senses:
 
     def __init__(self, robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None) -> None:
         self.robot = robot
-        self.camera = None if camera is None else read_camera(camera)
+        file = None if camera is None else read_profile(CameraFile, camera, "camera")[0]
+        self.camera = None if file is None else camera_of(file)
         self.ranger = None if robot.ranger is None else read_ranger(robot.ranger)
         self.landmarks: Landmarks | None = None
-        """Landmarks that the camera may recognise; None without a camera."""
+        """Landmarks that the camera may recognise; None without a camera, or if it takes images."""
+        self.eye: ImageSensor | None = None
+        """Camera that takes images; None = it recognises landmarks, or there is none."""
+        self.image: TakenImage | None = None
         if self.camera is not None:
             link_of(robot, self.camera)
+        if file is not None and floor.texture is not None:
+            sown = seed if floor.texture_seed is None else floor.texture_seed
+            texture = paint(terrain, floor.texture, floor.texture_width, floor.light, sown)
+            self.eye = ImageSensor(Optics.of(file), texture, seed, floor.image_format)
+        elif self.camera is not None:
             x0, y0, x1, y1 = terrain.map.bounds
             (a0, b0), (a1, b1) = FIELD
             field = scatter(seed, (min(a0, x0), min(b0, y0)), (max(a1, x1), max(b1, y1)), floor.landmarks)
@@ -109,8 +131,12 @@ class Senses:
             data: its state.
             address: of the model.
         """
-        self.frame = self.reach = None
-        if self.camera is not None:
+        self.frame = self.reach = self.image = None
+        if self.eye is not None and self.camera is not None:
+            exact = truth()
+            now = camera_pose(self.robot, self.camera, exact.position, exact.quat_wxyz, exact.joints)
+            self.image = self.eye.look(ticks, now)
+        elif self.camera is not None:
             every = self.camera.period_ms // TICK_MS
             if (ticks + 1) % every == 0 or ticks % every == 0:
                 exact = truth()
@@ -135,12 +161,20 @@ class Senses:
             faults: of the run.
             tick: of the world.
         """
+        if self.eye is not None:
+            self.image = self.eye.spoil(faults, tick, self.image)
         if self.frame is not None:
             marks, goal = faults.seen(tick, self.frame.landmarks, self.frame.goal, self.sensor.field.descriptor)
             self.frame = self.frame._replace(landmarks=marks, goal=goal)
         if self.reach is not None and self.ranger is not None:
             heard = faults.echo(tick, self.reach.distance, self.ranger.shortest)
             self.reach = None if heard is None else self.reach._replace(distance=heard[0])
+
+    def moved(self) -> None:
+        """Forget the camera's motion: the robot was put elsewhere, which would blur the next image."""
+        self.before = None
+        if self.eye is not None:
+            self.eye.path.clear()
 
     def _distance(self, model: Any, data: Any, trunk: int) -> float | None:
         r = self.ranger
@@ -156,7 +190,8 @@ class Senses:
     def state(self) -> dict[str, Any]:
         """Return random streams and the state between two samples; plain JSON values."""
         before = None if self.before is None else [part.tolist() for part in self.before]
-        eye = {"camera": self.sensor.state()} if self.camera is not None else {}
+        camera = self.eye or (self.sensor if self.camera is not None else None)
+        eye = {} if camera is None else {"camera": camera.state()}
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -164,6 +199,7 @@ class Senses:
         self.rng.bit_generator.state = state["rng"]
         self.bump[:] = state["bump"]
         self.before = None if state["before"] is None else CameraPose(*(np.array(part) for part in state["before"]))
-        if self.camera is not None:
-            self.sensor.restore(state["camera"])
-        self.frame = self.reach = None
+        camera = self.eye or (self.sensor if self.camera is not None else None)
+        if camera is not None:
+            camera.restore(state["camera"])
+        self.frame = self.reach = self.image = None
