@@ -1,6 +1,6 @@
 """Failures with a code: each names the received value, the allowed ones and the field."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from surefoot.schemas.base import ErrorReply
@@ -20,6 +20,35 @@ class SurefootError(Exception):
         from surefoot.schemas.base import ErrorReply  # here: whoever only raises needs no models
 
         return ErrorReply(code=self.code, message=self.message[:2000], field=self.field)
+
+
+class FieldError(SurefootError, ValueError):
+    """An argument or a field that cannot be used; ``str()`` begins with the field.
+
+    Attributes:
+        code: kind of the fault, as in `shape`, `not_finite`, `range`.
+        field: dotted path of the field.
+        message: the received value and the allowed ones, without the field.
+    """
+
+    field: str
+
+    def __init__(self, code: str, field: str, message: str) -> None:
+        super().__init__(code, f"{field}: {message}", field)
+        self.message = message
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.code, self.field, self.message)
+
+
+class InvalidField(FieldError):
+    """A `FieldError` of code `invalid`."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__("invalid", field, message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.field, self.message)
 
 
 class Refusal(SurefootError):

@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar, cast
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from surefoot.errors import FieldError
 from surefoot.nearest import did_you_mean
 
 UNIT_SLACK = 1e-6
@@ -38,20 +39,8 @@ shown = _SHORT.repr
 M = TypeVar("M")
 
 
-class TableError(ValueError):
-    """A field that cannot be used.
-
-    Attributes:
-        code: one of `CODES`, `syntax` or `not_found`.
-        field: dotted path of the field, as in `chains.leg.links[1].mass`.
-        message: one sentence with the received value and the allowed ones.
-    """
-
-    def __init__(self, code: str, field: str, message: str) -> None:
-        super().__init__(f"{field}: {message}")
-        self.code = code
-        self.field = field
-        self.message = message
+class TableError(FieldError):
+    """A field that cannot be used, as in `chains.leg.links[1].mass`; codes: one of `CODES`, `syntax` or `not_found`."""
 
 
 class FileModel(BaseModel):

@@ -16,6 +16,7 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from surefoot.errors import InvalidField
 from surefoot.geometry import heightmap_cells as cells
 
 FRAME = "map"
@@ -23,12 +24,8 @@ MAX_CELLS = 16_000_000
 """Largest number of cells, 4000 x 4000 or 64 MB: a larger map is taken for a mistake."""
 
 
-class HeightMapError(ValueError):
+class HeightMapError(InvalidField):
     """Content that makes no height map; `field` names the wrong part."""
-
-    def __init__(self, field: str, message: str) -> None:
-        super().__init__(f"{field}: {message}")
-        self.field = field
 
 
 @dataclass(frozen=True, eq=False)

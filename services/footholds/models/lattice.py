@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.errors import InvalidField
+
 Array = NDArray[np.float64]
 Key = tuple[int, int, int]
 
@@ -22,12 +24,8 @@ ROUGHEST = 4.0
 """Largest K2 / (8 cell) of a sample; that of a cliff has no upper end and is cut."""
 
 
-class LatticeError(ValueError):
+class LatticeError(InvalidField):
     """Lattice that cannot be; `field` names the wrong part."""
-
-    def __init__(self, field: str, message: str) -> None:
-        super().__init__(f"{field}: {message}")
-        self.field = field
 
 
 @dataclass(frozen=True)

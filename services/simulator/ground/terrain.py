@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.errors import InvalidField
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
 from surefoot.tables import UNIT_SLACK
@@ -45,12 +46,8 @@ MAP_HOLE_RADIUS = (0.01, 0.025)  # m
 MAP_SHIFT = (0.010, 0.010, 0.005)  # m, standard deviations of the offset of the `shifted` map
 
 
-class TerrainError(ValueError):
+class TerrainError(InvalidField):
     """Refusal of a terrain that cannot be made; `field` names the wrong argument."""
-
-    def __init__(self, field_name: str, message: str) -> None:
-        super().__init__(f"{field_name}: {message}")
-        self.field = field_name
 
 
 @dataclass(frozen=True, eq=False)

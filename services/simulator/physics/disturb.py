@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.errors import InvalidField
 from surefoot.robot.description import Robot
 from surefoot.schemas.topics import TICK_S
 
@@ -32,12 +33,8 @@ QUANTITIES = ("friction", "mass", "servo")
 MAX_VALUE = 100.0
 
 
-class WorldError(ValueError):
+class WorldError(InvalidField):
     """Refusal of a request that the world cannot fulfil; `field` names the wrong argument."""
-
-    def __init__(self, field_name: str, message: str) -> None:
-        super().__init__(f"{field_name}: {message}")
-        self.field = field_name
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.errors import InvalidField
 from surefoot.schemas.sim import FaultKind
 from surefoot.schemas.topics import TICK_S
 
@@ -19,12 +20,8 @@ CHANNELS = ("imu", "joints", "contacts", "command")
 MAX_DELAY_TICKS = 100
 
 
-class FaultError(ValueError):
+class FaultError(InvalidField):
     """Refusal of an impossible fault; `field` names the wrong argument."""
-
-    def __init__(self, field: str, message: str) -> None:
-        super().__init__(f"{field}: {message}")
-        self.field = field
 
 
 @dataclass(frozen=True)

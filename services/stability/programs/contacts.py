@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from surefoot.errors import FieldError
 from surefoot.kernels.jit import row_kernel
 from surefoot.schemas.stability import MAX_CONTACTS
 
@@ -17,7 +18,7 @@ MAX_COORDINATE = 1e6  # m; beyond it lengths lose the digits the answers promise
 MAX_MU = 1e4  # of a steeper cone regions reach kilometres, and lose the digits; what does not slip at all has inf
 
 
-class StabilityError(ValueError):
+class StabilityError(FieldError):
     """An input that cannot be used.
 
     Attributes:
@@ -26,12 +27,6 @@ class StabilityError(ValueError):
             `no_convergence`.
         field: path of the field, as in `contacts.2.normal`.
     """
-
-    def __init__(self, code: str, field: str, message: str) -> None:
-        super().__init__(f"{field}: {message}")
-        self.code = code
-        self.field = field
-        self.message = message
 
 
 def refuse(given: bool, field: str, other: str) -> None:
