@@ -2,13 +2,12 @@
 
 import sys
 
-from surefoot.client import connect
-from surefoot.errors import SurefootError
+import surefoot
 from surefoot.schemas.topics import NAVIGATOR_FEEDBACK, NAVIGATOR_GOTO, STATE_POSE
 
 try:
-    client = connect("nao", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN
-except SurefootError as error:
+    client = surefoot.connect("nao", sys.argv[1] if len(sys.argv) > 1 else None)
+except surefoot.SurefootError as error:
     sys.exit(str(error))
 with client as robot:
     next(pose for pose in robot.messages(STATE_POSE) if pose.initialised)

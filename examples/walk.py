@@ -2,13 +2,12 @@
 
 import sys
 
-from surefoot.client import connect
-from surefoot.errors import SurefootError
+import surefoot
 from surefoot.schemas.topics import CMD_WALK, STATE_GAIT
 
 try:
-    client = connect("ragno", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN
-except SurefootError as error:
+    client = surefoot.connect("ragno", sys.argv[1] if len(sys.argv) > 1 else None)
+except surefoot.SurefootError as error:
     sys.exit(str(error))
 with client as robot:
     for gait in robot.messages(STATE_GAIT):  # the walker refuses to walk before the estimator has found its bearings

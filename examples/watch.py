@@ -2,13 +2,12 @@
 
 import sys
 
-from surefoot.client import connect
-from surefoot.errors import SurefootError
+import surefoot
 from surefoot.schemas.topics import STATE_STABILITY, STATE_VELOCITY
 
 try:
-    client = connect("ragno", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN
-except SurefootError as error:
+    client = surefoot.connect("ragno", sys.argv[1] if len(sys.argv) > 1 else None)
+except surefoot.SurefootError as error:
     sys.exit(str(error))
 with client as robot:
     margin = robot.latest(STATE_STABILITY).margin_planned

@@ -5,12 +5,11 @@ Made by `python -m surefoot.lab.configuration_page > docs/configuration.md`.
 
 import json
 import sys
-from pathlib import Path
 from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-import surefoot
+from surefoot.files import PACKAGE
 from surefoot.lockstep.config import PREFIX
 from surefoot.lockstep.discover import own_service_names, service_class
 from surefoot.services.supervisor.processes.compose import load_compose
@@ -18,7 +17,7 @@ from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
 from .topics_page import table
 
-ROOT = Path(surefoot.__file__).parents[1]
+ROOT = PACKAGE.parent
 
 _HEAD = """# Configuration
 Generated from the `Config` of each service; do not edit. After a change of one:

@@ -1,23 +1,25 @@
 """The public client: ten lines that watch and ask a running system.
 
-from surefoot.client import connect
+import surefoot
 
-with connect() as robot:
+with surefoot.connect() as robot:
     print(robot.latest("state/velocity").velocity)
     corners = ((0.1, 0.1), (0.1, -0.1), (-0.1, 0.0))
     feet = [{"position": [x, y, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5} for x, y in corners]
     print(robot.call("stability/region", contacts=feet).inner)
 """
 
-from collections.abc import Callable, Iterator
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator
 from queue import Empty, SimpleQueue
-from typing import Any, Self, TypeVar
+from typing import Any, Self, TypeVar, cast
 
 from surefoot.bus.codec import refusal_of
 from surefoot.bus.endpoint import checked, to_connect
 from surefoot.bus.interface import Delivery
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
-from surefoot.errors import CallError, SurefootError
+from surefoot.errors import CallError, Refusal, SurefootError
 from surefoot.nearest import did_you_mean
 from surefoot.schemas.base import Message, Wire
 from surefoot.schemas.sim import StatusRequest
@@ -53,6 +55,8 @@ class Client:
 
     def __init__(self, bus: ZenohBus) -> None:
         self.bus = bus
+        self.refused: Counter[str] = Counter()
+        """Messages that were none of their topic, by key; they are left out."""
 
     def __enter__(self) -> Self:
         return self
@@ -74,24 +78,32 @@ class Client:
         row = query_named(query) if isinstance(query, str) else query
         return self.bus.call(row, make_request(row, fields), timeout_s)
 
-    def subscribe(self, topic: Topic[Any] | str, sink: Callable[[Delivery], None]) -> None:
-        """Delivers every message from now on, on another thread."""
-        self.bus.subscribe(topic_named(topic) if isinstance(topic, str) else topic, sink)
+    def subscribe(self, topic: Topic[M] | str, sink: Callable[[M], None]) -> None:
+        """Hand over every message of a topic from now on, on another thread (raises SurefootError: no such topic)."""
+        row = topic_named(topic) if isinstance(topic, str) else topic
+
+        def take(delivery: Delivery) -> None:
+            if delivery.prime:
+                return
+            try:
+                message = delivery.message()
+            except Refusal:
+                self.refused[row.key] += 1
+                return
+            sink(cast("M", message))
+
+        self.bus.subscribe(row, take)
 
     def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> Iterator[M]:
         """Messages as they come, of a topic's row or key; ends when none comes for ``timeout_s``."""
         topic = topic_named(topic) if isinstance(topic, str) else topic
-        queue: SimpleQueue[Delivery] = SimpleQueue()
+        queue: SimpleQueue[M] = SimpleQueue()
         self.subscribe(topic, queue.put)
         while True:
             try:
-                delivery = queue.get(timeout=timeout_s)
+                yield queue.get(timeout=timeout_s)
             except Empty:
                 return
-            if not delivery.prime:
-                message = delivery.message()
-                assert isinstance(message, topic.model)
-                yield message
 
     def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
         """The next message of a topic (raises CallError when none comes; its message names paused simulated time)."""
@@ -107,6 +119,42 @@ class Client:
             return standing_still(self.bus.call(SIM_STATUS_GET, StatusRequest(), 1.0))
         except CallError:
             return ""
+
+
+class AsyncClient:
+    """A `Client` for programs that run on `asyncio`: waiting never blocks the loop."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await asyncio.to_thread(self.client.close)
+
+    async def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
+        """Ask a query, see `Client.call`."""
+        return await asyncio.to_thread(self.client.call, query, timeout_s, **fields)
+
+    async def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> AsyncIterator[M]:
+        """Yield messages as they come; end when none comes for ``timeout_s``."""
+        loop, queue = asyncio.get_running_loop(), asyncio.Queue[M]()
+
+        def take(message: M) -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(queue.put_nowait, message)
+
+        self.client.subscribe(topic, take)
+        while True:
+            try:
+                yield await asyncio.wait_for(queue.get(), timeout_s)
+            except TimeoutError:
+                return
+
+    async def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
+        """Return the next message of a topic, see `Client.latest`."""
+        return await asyncio.to_thread(self.client.latest, topic, timeout_s)
 
 
 def make_request(query: Query[Any, Any], fields: dict[str, Any]) -> Wire:
@@ -133,3 +181,8 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
     """
     where = checked("endpoint", endpoint) if endpoint else to_connect()
     return Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=f"{fleet}/{robot}")))
+
+
+async def connect_async(robot: str = "ragno", endpoint: str | None = None, fleet: str = "surefoot") -> AsyncClient:
+    """Join the network from a program on `asyncio`; see `connect`."""
+    return AsyncClient(await asyncio.to_thread(connect, robot, endpoint, fleet))

@@ -9,6 +9,8 @@ from surefoot.disk import regular_size
 from surefoot.nearest import did_you_mean
 from surefoot.tables import TableError
 
+PACKAGE = Path(__file__).resolve().parent
+"""Folder of the package; in a checkout its floors are links to the folders beside it."""
 MAX_FILE_BYTES = 256 * 1024  # written by hand; more is a mistake
 
 
@@ -62,7 +64,7 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
 
 def folders(kind: str) -> tuple[Path, ...]:
     """Return the folders that may hold `kind` ("compose" or "scenarios"): working folder, checkout, installation."""
-    places = (Path.cwd(), Path(__file__).resolve().parents[1], Path(sys.prefix) / "share" / "surefoot")
+    places = (Path.cwd(), PACKAGE.parent, Path(sys.prefix) / "share" / "surefoot")
     return tuple(dict.fromkeys(place / kind for place in places))
 
 

@@ -21,6 +21,8 @@ from .output import (
 
 app = typer.Typer(help="Recordings (MCAP): record, play, show.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="MCAP file.")]
+SHOWN = 100
+"""Characters of an entry of the metadata that people are shown."""
 Keys = Annotated[list[str] | None, typer.Option("--key", "-k", help="Only this topic; may be given several times.")]
 
 
@@ -46,9 +48,13 @@ def info(
     duration = (content["end_ns"] - content["start_ns"]) * 1e-9
     write(f"{file}: {content['messages']} messages, {duration:.2f} s of simulated time")
     for name, entries in content["metadata"].items():
-        write(f"{name}: " + ", ".join(f"{key}={value}" for key, value in entries.items()))
+        write(f"{name}: " + ", ".join(f"{key}={_short(value)}" for key, value in entries.items()))
     for key, count in content["topics"].items():
         write(f"{count:>9}  {key}")
+
+
+def _short(value: str) -> str:
+    return value if len(value) <= SHOWN else f"{value[:SHOWN]}... ({len(value)} characters; --json shows all)"
 
 
 def _verify(file: Path, *, json: bool) -> None:

@@ -29,7 +29,7 @@ def record_bag(robot: Client, file: Path, keys: Sequence[str], duration_s: float
     queue: SimpleQueue[Delivery] = SimpleQueue()
     refused: Counter[str] = Counter()
     for topic in topics:
-        robot.subscribe(topic, queue.put)
+        robot.bus.subscribe(topic, queue.put)
     writer = RecordingWriter(file, {"namespace": robot.bus.endpoint.namespace, "version": VERSION, "by": "onlooker"})
     end = time.monotonic() + duration_s if duration_s > 0 else float("inf")
     try:

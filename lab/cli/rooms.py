@@ -6,20 +6,18 @@ from pathlib import Path
 
 import typer
 
-import surefoot
+from surefoot.files import PACKAGE
 
-HOME = Path(surefoot.__file__).parent
-"""The package; in a checkout its floors are links to the folders beside it."""
 INSTALL_PAPERS = "pip install ./papers"
 """Command, in a checkout, that adds the papers to an installation without them."""
 
 
-def room_commands(home: Path = HOME) -> Iterator[typer.Typer]:
+def room_commands(home: Path = PACKAGE) -> Iterator[typer.Typer]:
     """Yield the `app` of each `commands.py` below `lab`, and that of the papers or what stands for it."""
     for path in sorted(home.glob("lab/*/commands.py")):
-        yield import_module(f"{surefoot.__name__}.lab.{path.parent.name}.commands").app
+        yield import_module(f"surefoot.lab.{path.parent.name}.commands").app
     if (home / "papers" / "commands.py").is_file():
-        yield import_module(f"{surefoot.__name__}.papers.commands").app
+        yield import_module("surefoot.papers.commands").app
     else:
         yield without_papers
 

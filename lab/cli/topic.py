@@ -136,7 +136,7 @@ def hz(
 def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any":
     """Yield messages, ending when none comes for `timeout_s` (0 = never)."""
     queue: SimpleQueue[Delivery] = SimpleQueue()
-    robot.subscribe(topic, queue.put)
+    robot.bus.subscribe(topic, queue.put)
     last = time.monotonic()
     silent = False
     held = _latched(robot, topic)

@@ -21,14 +21,11 @@ from subprocess import PIPE
 from tempfile import TemporaryFile
 from typing import Any
 
-import surefoot
 from surefoot.errors import SurefootError
-from surefoot.files import find, names
+from surefoot.files import PACKAGE, find, names
 from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
 from surefoot.services.supervisor.processes.ports import refuse_taken
 
-HOME = Path(surefoot.__file__).parent
-"""The package; in a checkout its services are a link to the folder beside it."""
 DEFAULT_SYSTEM = "ragno"
 ORDER = ("stability", "walker", "estimator", "footholds", "simulator")
 """The longest first. What the first two have in common the walker compiles at its begin, stability at its end."""
@@ -98,8 +95,8 @@ def signature() -> str:
     """Return a hash of everything compiled code depends on: sources, Python, numba, processor."""
     from importlib.metadata import version
 
-    digest = hashlib.sha256(f"{sys.version}|{version('numba')}|{os.uname().machine}|{HOME}".encode())
-    sources = {path for folder in (HOME, HOME / "services") for path in folder.rglob("*.py")}
+    digest = hashlib.sha256(f"{sys.version}|{version('numba')}|{os.uname().machine}|{PACKAGE}".encode())
+    sources = {path for folder in (PACKAGE, PACKAGE / "services") for path in folder.rglob("*.py")}
     for path in sorted(sources):
         content = path.read_bytes()
         if b"kernel" in content:
@@ -248,7 +245,7 @@ def _main() -> None:
 
 
 def _stamps() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME", "")
+    base = os.environ.get("XDG_CACHE_PACKAGE", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "warm"
 
 

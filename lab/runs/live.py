@@ -17,6 +17,7 @@ from surefoot.services.supervisor.processes.compose import Compose
 from surefoot.services.supervisor.processes.session import Session
 from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
+from surefoot.services.supervisor.scenarios.recorded import about_run
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.version import VERSION
 
@@ -130,6 +131,7 @@ def conduct(
     director = Director(scenario)
     environment = {
         "SUREFOOT_RECORDER_PATH": str(recording) if recording else "",
+        "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, compose.service_names, request, scenario),
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
         **scenario.environment,
     }

@@ -20,6 +20,7 @@ from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET, TICK_S
 from surefoot.services.supervisor.processes.compose import Compose
 from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
+from surefoot.services.supervisor.scenarios.recorded import about_run
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import Supervisor
 
@@ -49,8 +50,18 @@ def build_services(
     director: Director,
     recording: Path | None,
     more: Mapping[str, str] | None = None,
+    about: str = "",
 ) -> list[Service[Any]]:
-    """The services of a compose file as objects; the supervisor conducts ``director``."""
+    """Return the services of a compose file as objects; the supervisor conducts ``director``.
+
+    Args:
+        names: of the services, in their order.
+        compose: the system.
+        director: of the scenario.
+        recording: MCAP file; None = only the hash.
+        more: variables that configure services.
+        about: facts on the run for the recording.
+    """
     built: list[Service[Any]] = []
     robot = compose.robot
     for name in names:
@@ -64,7 +75,7 @@ def build_services(
         environment = {**compose.service(name).environment, **director.scenario.environment, **(more or {})}
         config = load_config(kind.Config, name, None, environment, overrides)
         if name == "recorder":
-            config = config.model_copy(update={"path": None if recording is None else str(recording)})
+            config = config.model_copy(update={"path": None if recording is None else str(recording), "about": about})
         built.append(kind(config))
     return built
 
@@ -94,15 +105,16 @@ def run_local(
     compose = system_of(scenario)
     director = Director(scenario)
     names = [name for name in compose.service_names if name not in set(without)]
-    services = build_services(names, compose, director, recording)
+    request = ResetRequest(
+        seed=seed, world=scenario.world, expect=tuple(names),
+        actuation_delay_ticks=0 if strict else scenario.actuation_delay_ticks,
+        policy=scenario.policy, max_ticks=scenario.max_ticks,
+    )  # fmt: skip
+    about = about_run(compose.robot, compose.name, names, request, scenario)
+    services = build_services(names, compose, director, recording, about=about)
     system = LocalSystem(services)
     supervisor = next(service for service in services if isinstance(service, Supervisor))
     try:
-        request = ResetRequest(
-            seed=seed, world=scenario.world, expect=tuple(names),
-            actuation_delay_ticks=0 if strict else scenario.actuation_delay_ticks,
-            policy=scenario.policy, max_ticks=scenario.max_ticks,
-        )  # fmt: skip
         system.bus.call(SIM_RESET, request)
         leader = next(node.leader for node in system.nodes if isinstance(node, DriverNode))
         system.run_until(lambda: leader.tick >= 0)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter, ValidationError
 
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.interface import Raw
@@ -27,6 +27,16 @@ class RecorderConfig(ServiceConfig):
     """Where to write."""
 
     path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
+    about: str = Field(default="", description="JSON object of tables of texts that become metadata of the file")
+
+    @property
+    def tables(self) -> dict[str, dict[str, str]]:
+        """Tables of `about` by name; none of a text that is no such object."""
+        try:
+            found = TypeAdapter(dict[str, dict[str, str]]).validate_json(self.about) if self.about else {}
+        except ValidationError:
+            found = {"about": {"unreadable": self.about[:200]}}
+        return found
 
 
 class Recorder(Service[RecorderConfig]):
@@ -95,9 +105,10 @@ class Recorder(Service[RecorderConfig]):
         self._files += 1
         if self._files > 1 or begun:
             path = _free(path, self._files)
-        about = {"robot": self.config.robot, "epoch": str(epoch), "seed": str(seed), "version": VERSION}
+        about, more = self.config.tables, {"epoch": str(epoch), "seed": str(seed), "version": VERSION}
+        run = {"robot": self.config.robot, **about.pop("run", {}), **more}
         try:
-            self._writer = RecordingWriter(path, about)
+            self._writer = RecordingWriter(path, run, about)
         except OSError as error:
             self._give_up(path, error)
             return
@@ -130,7 +141,8 @@ class Recorder(Service[RecorderConfig]):
         writer, self._writer = self._writer, None
         if writer is not None:
             try:
-                writer.close({"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)})
+                summary = {"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)}
+                writer.close(summary, self._hash.keys())
             except OSError as error:
                 self._give_up(self._path, error)
 

@@ -2,7 +2,7 @@
 
 import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from errno import EINVAL
 from pathlib import Path
@@ -22,19 +22,23 @@ from surefoot.version import VERSION
 
 BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
-SUMMARY = "surefoot"
+SUMMARY, HASHES = "surefoot", "hashes"
+"""Names of the metadata at the end of a file: the run hash, and the digest of each key."""
 
 
 class RecordingWriter:
     """Appends messages to an MCAP file; what is in a full chunk survives a crash."""
 
-    def __init__(self, path: Path, metadata: dict[str, str]) -> None:
+    def __init__(
+        self, path: Path, metadata: dict[str, str], tables: Mapping[str, Mapping[str, str]] | None = None
+    ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
         self.messages = 0
         self._file = path.open("wb")
         self._writer = ChunkWriter(self._file, f"surefoot {VERSION}")
-        self._writer.add_metadata("run", metadata)
+        for name, values in {"run": metadata, **(tables or {})}.items():
+            self._writer.add_metadata(name, values)
         self._channels: dict[str, tuple[int, bool]] = {}
 
     def write(self, topic: Topic[Any], header: Header, raw: Raw) -> None:
@@ -55,9 +59,11 @@ class RecordingWriter:
         self._channels[key] = number, bulk
         return number, bulk
 
-    def close(self, summary: dict[str, str]) -> None:
-        """Writes the summary and the index."""
+    def close(self, summary: dict[str, str], hashes: Mapping[str, str] | None = None) -> None:
+        """Write the summary, the digest of each key where there is one, and the index."""
         self._writer.add_metadata(SUMMARY, summary)
+        if hashes is not None:
+            self._writer.add_metadata(HASHES, hashes)
         self._writer.finish()
         self._file.close()
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -17,6 +18,16 @@ pytestmark = pytest.mark.e2e
 
 
 BUILD = "from setuptools.build_meta import build_wheel; import sys; build_wheel(sys.argv[1])"
+GALLERY = """
+import contextlib, glob, io, json, runpy, services, schemas
+shown = {}
+for path in sorted(glob.glob("library/*.py")):
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        runpy.run_path(path, run_name="__main__")
+    shown[path] = out.getvalue()
+print(json.dumps({"shown": shown, "theirs": [services.__file__, schemas.__file__]}))
+"""
+"""Runs every example of `library/` in one process, which saves the start of a dozen."""
 UNPACK = "import sys, zipfile; zipfile.ZipFile(sys.argv[1]).extractall(sys.argv[2])"
 
 
@@ -46,7 +57,19 @@ def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for data in site.glob("surefoot-*.data/data/*"):
         data.rename(environment / data.name)
     (site / "dependencies.pth").write_text(here + "\n")
+    take_kernels(site / "surefoot")
     return environment
+
+
+def take_kernels(package: Path) -> None:
+    """Give the wheel's modules that are those of the checkout their time and compiled kernels: none is compiled twice."""
+    for path in package.rglob("*.py"):
+        ours = ROOT / "surefoot" / path.relative_to(package)
+        if ours.is_file() and ours.read_bytes() == path.read_bytes():
+            shutil.copystat(ours, path)
+            for compiled in (ours.parent / "__pycache__").glob(f"{path.stem}.*.nb[ic]"):
+                (path.parent / "__pycache__").mkdir(exist_ok=True)
+                shutil.copy2(compiled, path.parent / "__pycache__")
 
 
 def run(environment: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -88,3 +111,17 @@ def test_papers_are_a_distribution_of_their_own(
     done = run(installed, tmp_path, *words)
     assert done.returncode == 2
     assert "walas-stability" in done.stderr
+
+
+def test_examples_run_beside_packages_of_our_names(installed: Path, tmp_path: Path) -> None:
+    for name in ("services", "schemas"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").touch()
+    shutil.copytree(ROOT / "examples" / "library", tmp_path / "library")
+    done = run(installed, tmp_path, "-c", GALLERY)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert all(str(tmp_path) in path for path in found["theirs"])
+    assert len(found["shown"]) == len(list((tmp_path / "library").glob("*.py")))
+    assert all(found["shown"].values()), found
+    assert "falls" in found["shown"]["library/will_it_fall.py"]

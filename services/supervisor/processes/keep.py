@@ -13,6 +13,7 @@ from surefoot.logline import said
 from surefoot.schemas.sim import ResetRequest, World
 from surefoot.schemas.topics import SIM_RESET
 
+from ..scenarios.recorded import about_run
 from .compose import Compose
 from .process import Child, busy_s
 from .rundir import RunFolder, RunFolderError
@@ -42,6 +43,11 @@ class StartOrder:
     record: Path | None = None
     robot: str | None = None
 
+    @property
+    def request(self) -> ResetRequest:
+        """Request that begins the run, but for the services to wait for."""
+        return ResetRequest(seed=self.seed, world=self.world, mode="paced", rtf=self.rtf)
+
     def arguments(self) -> list[str]:
         """Return the order as options of `surefoot up`."""
         words = ["--terrain", self.world.terrain, "--seed", str(self.seed), "--rtf", str(self.rtf)]
@@ -68,6 +74,7 @@ def keep(
     """
     environment = {
         "SUREFOOT_RECORDER_PATH": str(order.record.resolve()) if order.record is not None else "",
+        "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, compose.service_names, order.request),
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # time begins when everybody is there
     }
     with Session(compose, listen=listen, environment=environment, spawn=spawn, tell=tell) as session:
@@ -101,9 +108,8 @@ def keep(
 
 def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> None:
     """Let simulated time run; needed again after a restart of the simulator."""
-    request = ResetRequest(seed=order.seed, world=order.world, expect=session.expected, mode="paced", rtf=order.rtf)
     try:
-        session.call(SIM_RESET, request)
+        session.call(SIM_RESET, order.request.model_copy(update={"expect": session.expected}))
     except CallError as error:
         problem = f"the simulation could not be started: {error.message}"
         if error.code not in ("absent", "timeout"):  # the request is wrong, and stays so

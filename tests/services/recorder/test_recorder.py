@@ -1,5 +1,6 @@
 """The recorder: every tick whole, the hash of the run, and a disk that fails does not end the run."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from surefoot.schemas.topics import (
     Topic,
 )
 from surefoot.services.recorder.service import JOINED, Recorder, RecorderConfig
+from surefoot.version import VERSION
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
 
 EXPECT = ("estimator", "walker", "recorder")
@@ -96,6 +98,27 @@ def test_every_message_of_every_tick_is_on_disk_once(tmp_path: Path) -> None:
     assert reply.run_hash == info["metadata"]["surefoot"]["run_hash"]
     assert (reply.tick, reply.epoch, reply.path) == (29, 1, str(path))
     assert [m.message().tick for m in read_recording(path, ("hw/imu",))] == list(range(30))
+
+
+def test_a_file_carries_the_facts_given_and_the_digest_of_each_key(tmp_path: Path) -> None:
+    facts = {"run": {"scenario": "walk", "robot": "lupo"}, "scenario": {"json": "{}"}}
+    files = []
+    for about, seed in ((json.dumps(facts), 0), ("no JSON", 0), ("", 1)):
+        files.append(tmp_path / f"run{len(files)}.mcap")
+        driver = MappedDriver(seed)
+        recorder = ToyRecorder(RecorderConfig(path=str(files[-1]), about=about))
+        system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
+        begin(driver, 5, seed)
+        finish(system, driver)
+    found = [recording_info(file)["metadata"] for file in files]
+    assert found[0]["run"] == {**facts["run"], "epoch": "1", "seed": "0", "version": VERSION}
+    assert found[0]["scenario"] == facts["scenario"]
+    assert found[1]["about"] == {"unreadable": "no JSON"}
+    assert found[1]["run"]["robot"] == "ragno"
+    assert set(found[0]["hashes"]) == {"hw/imu", "state/velocity", "state/gait", "cmd/joints", "terrain/map"}
+    assert found[0]["hashes"] == found[1]["hashes"]
+    assert found[2]["hashes"]["hw/imu"] == found[0]["hashes"]["hw/imu"]
+    assert found[2]["hashes"]["state/velocity"] != found[0]["hashes"]["state/velocity"]
 
 
 def test_same_seed_same_hash_whatever_the_order_and_the_file(tmp_path: Path) -> None:

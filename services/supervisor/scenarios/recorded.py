@@ -1,0 +1,99 @@
+"""Facts on a run that its recording carries: the scenario as run, the system, versions of what computed it.
+
+They travel to the recorder as one JSON text (`RecorderConfig.about`); each table becomes metadata of the file.
+"""
+
+import json
+import platform
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from surefoot.errors import SurefootError
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.sim import ResetRequest
+from surefoot.schemas.topics import CMD_WALK
+from surefoot.tables import validated
+
+from .limits import LIMITS
+from .scenario import COMMANDS, Scenario, ScenarioError
+
+RUN, SCENARIO, VERSIONS = "run", "scenario", "versions"
+"""Names of the metadata tables."""
+LARGEST = 96 * 1024
+"""Bytes of a scenario that is recorded; an environment variable holds no more than 128 kB."""
+_COMPUTING = ("numpy", "numba", "mujoco", "clarabel", "pydantic")
+
+
+def about_run(
+    robot: str, system: str, services: Iterable[str], request: ResetRequest, scenario: Scenario | None = None
+) -> str:
+    """Return the facts on a run as the text that the recorder gets.
+
+    Args:
+        robot, system, services: of the run.
+        request: that begins it.
+        scenario: None for a system without one.
+    """
+    run = {
+        "system": system, "services": " ".join(services), "robot_hash": load_robot(robot).hash, "mode": request.mode,
+        "actuation_delay_ticks": str(request.actuation_delay_ticks),
+        "world": request.world.model_dump_json(exclude_none=True),
+    }  # fmt: skip
+    tables: dict[str, dict[str, str]] = {RUN: run, VERSIONS: _versions()}
+    if scenario is not None:
+        run["scenario"] = scenario.name
+        text = json.dumps(scenario_table(scenario))
+        if len(text) <= LARGEST:
+            tables[SCENARIO] = {"json": text}
+    return json.dumps(tables)
+
+
+def scenario_table(scenario: Scenario) -> dict[str, Any]:
+    """Return a scenario as the content of a file that reads back to an equal one."""
+    plain = ("name", "description", "compose", "seed", "actuation_delay_ticks", "policy", "max_duration_s", "settle_s")
+    steps: list[dict[str, Any]] = []
+    for step in scenario.steps:
+        table: dict[str, Any] = {"do": step.do}
+        table |= {"at_tick": step.at_tick} if step.when is None else {"when": step.when, "after_s": step.after_s}
+        if step.request is None:
+            table["service"] = step.service
+        else:
+            own = {"at_tick"} | ({"action"} if COMMANDS[step.do][0] is CMD_WALK else set())
+            table |= step.request.model_dump(mode="json", exclude_unset=True, exclude=own)
+        steps.append(table)
+    return {
+        **{name: getattr(scenario, name) for name in plain},
+        "world": scenario.world.model_dump(mode="json", exclude_none=True),
+        "config": {service: dict(fields) for service, fields in scenario.config.items()},
+        "step": steps,
+        "limits": {name: True if LIMITS[name].yes_no else value for name, value in scenario.limits.items()},
+    }
+
+
+def recorded_scenario(metadata: dict[str, dict[str, str]], path: Path) -> Scenario:
+    """Return the scenario that a recording carries.
+
+    Raises:
+        SurefootError: it carries none.
+        ScenarioError: it is none of this version.
+    """
+    text = metadata.get(SCENARIO, {}).get("json")
+    if text is None:
+        why = "it was not made by `surefoot run`" if "scenario" not in metadata.get(RUN, {}) else "it was too long"
+        raise SurefootError("invalid", f"{path} carries no scenario: {why}", "recording")
+    try:
+        return validated(Scenario, json.loads(text), ScenarioError)
+    except json.JSONDecodeError as error:
+        raise ScenarioError("syntax", "scenario", f"is not JSON: {error}", str(path)) from None
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in _COMPUTING:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,93 @@
+"""Checks of arguments at the border of the library; inside it nothing is checked again."""
+
+import math
+import reprlib
+from collections.abc import Iterable, Sequence
+from typing import Any, SupportsIndex
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import FieldError
+from surefoot.nearest import did_you_mean
+
+Array = NDArray[np.float64]
+
+
+def array(
+    value: Any, field: str, shape: Sequence[int | str], unit: str = "", *,
+    low: float = -math.inf, high: float = math.inf, nan: bool = False, inf: bool = False,
+) -> Array:  # fmt: skip
+    """Return a checked copy of an array argument, float64 in C order.
+
+    Args:
+        value: anything that numpy makes an array of numbers of; nothing is reshaped.
+        field: name of the argument.
+        shape: expected length of each dimension; a letter stands for any length, the same letter for the same one.
+        unit: of the values.
+        low, high: allowed values, both included.
+        nan: NaN is allowed, and stands for unknown.
+        inf: +inf is allowed, and stands for unlimited.
+
+    Raises:
+        FieldError: `type`, `shape`, `not_finite` or `range`, with what was received and what is allowed.
+    """
+    of, lengths = f" in {unit}" if unit else "", dict[str, int]()
+    try:
+        found = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError):
+        raise FieldError("type", field, f"got {reprlib.repr(value)}, expected numbers{of}") from None
+    fits = found.ndim == len(shape) and all(
+        size == (wanted if isinstance(wanted, int) else lengths.setdefault(wanted, size))
+        for size, wanted in zip(found.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = f"shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})" if shape else "one number"
+        raise FieldError("shape", field, f"got shape {found.shape}, expected {wanted}{of}")
+    bad = ~np.isfinite(found) & ~(np.isnan(found) & nan) & ~(np.isposinf(found) & inf)
+    if bad.any():
+        raise FieldError("not_finite", field, f"got {_first(found, bad)}, expected finite numbers{of}")
+    outside = (found < low) | ((found > high) & ~np.isposinf(found))
+    if outside.any():
+        allowed = f"{low:g} to {high:g}{f' {unit}'.rstrip()}{', or inf' if inf else ''}"
+        raise FieldError("range", field, f"got {_first(found, outside)}, allowed is {allowed}")
+    return found
+
+
+def number(
+    value: Any, field: str, unit: str = "", *, low: float = -math.inf, high: float = math.inf, inf: bool = False
+) -> float:
+    """Return a checked number; arguments and errors as of `array`."""
+    return float(array(value, field, (), unit, low=low, high=high, inf=inf))
+
+
+def whole(value: Any, field: str, unit: str = "", *, low: int = -(2**63), high: int = 2**63 - 1) -> int:
+    """Return a checked whole number (raises FieldError: `type`, `range`)."""
+    if isinstance(value, bool) or not isinstance(value, SupportsIndex):
+        raise FieldError("type", field, f"got {reprlib.repr(value)}, expected a whole number{f' {unit}'.rstrip()}")
+    found = value.__index__()
+    if not low <= found <= high:
+        raise FieldError("range", field, f"got {found}, allowed is {low} to {high}{f' {unit}'.rstrip()}")
+    return found
+
+
+def choice(value: Any, field: str, allowed: Iterable[str]) -> str:
+    """Return a name that is one of those allowed (raises FieldError: `unknown_name`)."""
+    known = tuple(allowed)
+    if value not in known:
+        near = did_you_mean(value, known) if isinstance(value, str) else ""
+        raise FieldError("unknown_name", field, f"got {value!r}{near}, known are {', '.join(known)}")
+    return str(value)
+
+
+def instance(value: Any, field: str, kind: type[Any], what: str) -> None:
+    """Check the type of an argument (raises FieldError: `type`, with what is expected in words)."""
+    if not isinstance(value, kind):
+        raise FieldError("type", field, f"got {reprlib.repr(value)}, expected {what}")
+
+
+def _first(found: Array, wrong: NDArray[np.bool_]) -> str:
+    """Return the first wrong value and its place."""
+    at = tuple(int(i) for i in np.argwhere(wrong)[0])
+    where = f" at [{', '.join(map(str, at))}]" if at else ""
+    return f"{float(found[at])!r}{where}"

@@ -1,0 +1,51 @@
+"""Recordings (MCAP): messages, and samples as arrays.
+
+for message in bags.messages("run.mcap", "state/velocity"): ...
+bags.arrays("run.mcap")["gyro"]
+"""
+
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from surefoot.client import topic_named
+from surefoot.errors import SurefootError
+from surefoot.record.check import Findings
+from surefoot.record.columns import Columns, recorded_columns
+from surefoot.record.recording import read_recording, recording_info, verify_recording
+from surefoot.schemas.base import Message
+
+__all__ = ["Findings", "Message", "arrays", "check", "info", "messages"]
+
+
+def messages(path: str | PathLike[str], *keys: str) -> Iterator[Message]:
+    """Yield the decoded messages of some topics, of all without keys, in the order of their stamps.
+
+    Raises:
+        SurefootError: an unknown key, a file that cannot be read, a message that is none of its topic.
+    """
+    for key in keys:
+        topic_named(key)
+    return (item.message() for item in read_recording(Path(path), keys or None) if item.model is not None)
+
+
+def arrays(path: str | PathLike[str]) -> Columns:
+    """Return samples, truth and estimates of a run as named arrays with a row per sample, see docs/estimate.md.
+
+    Raises:
+        SurefootError: the file cannot be read, or has no inertial samples.
+    """
+    return recorded_columns(Path(path))[0]
+
+
+def info(path: str | PathLike[str]) -> dict[str, Any]:
+    """Return counts, times (ns) and metadata of a recording (raises SurefootError: it cannot be read)."""
+    return recording_info(Path(path))
+
+
+def check(path: str | PathLike[str]) -> Findings:
+    """Return what can be read of a recording that may be damaged (raises SurefootError: it is none)."""
+    if not Path(path).is_file():
+        raise SurefootError("unreadable", f"{path}: no such file", "path")
+    return verify_recording(Path(path))

@@ -1,0 +1,164 @@
+"""Where a robot is on a map, and how it gets to a place.
+
+    belief = navigation.PoseFilter((0.0, 0.0, 0.0))
+    belief.predict(forward=0.1, turn=0.02, sd=(0.01, 0.01, 0.02))
+    belief.landmark(place=(1.0, 0.5), distance=1.02, bearing=0.45)
+    route = navigation.plan(navigation.grid(heights), start=(0.0, 0.0), goal=(3.0, 1.0))
+
+Poses are x, y in m and heading in rad, frame map.
+"""
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from surefoot.arguments import Array, array, instance, number
+from surefoot.errors import FieldError
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.services.navigator.belief import ukf
+from surefoot.services.navigator.planning.costs import Clearance, prepare
+from surefoot.services.navigator.planning.grid import FloorGrid, grid_of
+from surefoot.services.navigator.planning.map_files import load
+from surefoot.services.navigator.planning.route import PlannedRoute, RouteLimits
+from surefoot.services.navigator.planning.route import plan as plan_route
+
+__all__ = ["Clearance", "FloorGrid", "PlannedRoute", "PoseFilter", "grid", "plan"]
+
+FAR = 1e5
+"""Largest coordinate and way, m."""
+LONGEST_MOTION = 100.0
+"""Longest motion of one prediction, m; more is taken for millimetres."""
+WIDEST_TURN = 6.3
+"""Largest angle, rad; more is taken for degrees."""
+
+
+class PoseFilter:
+    """Unscented filter of a pose by motions and by landmarks seen in range and bearing.
+
+    Args:
+        pose: believed pose, (3,).
+        covariance: its covariance, (3, 3) in m and rad; None = 5 cm and 5 degrees.
+
+    Raises:
+        FieldError: shape, NaN, range, a covariance that is not symmetric and positive.
+    """
+
+    def __init__(self, pose: ArrayLike = (0.0, 0.0, 0.0), covariance: ArrayLike | None = None) -> None:
+        self._mean, self._cov = _pose(pose), np.diag([0.05**2, 0.05**2, np.radians(5.0) ** 2])
+        if covariance is not None:
+            self._cov = _covariance(covariance)
+        self._work, self._gain = ukf.work_space(3), np.zeros((2, 0))
+
+    @property
+    def pose(self) -> Array:
+        """Believed pose, (3,)."""
+        return self._mean.copy()
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the pose, (3, 3) in m and rad."""
+        return self._cov.copy()
+
+    @property
+    def entropy(self) -> float:
+        """Differential entropy of the pose, nats."""
+        return float(ukf.entropy(self._cov))
+
+    def predict(
+        self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0, sd: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Carry the belief over a motion.
+
+        Args:
+            forward, left: way along and across the heading half-way through the turn, m.
+            turn: rad, left positive.
+            sd: standard deviations of forward and left, m, and turn, rad, (3,).
+
+        Raises:
+            FieldError: NaN or out of range; the belief stays.
+        """
+        ahead = number(forward, "forward", "m", low=-LONGEST_MOTION, high=LONGEST_MOTION)
+        side = number(left, "left", "m", low=-LONGEST_MOTION, high=LONGEST_MOTION)
+        angle = number(turn, "turn", "rad", low=-WIDEST_TURN, high=WIDEST_TURN)
+        noise = array(sd, "sd", (3,), "m, m, rad", low=0.0, high=LONGEST_MOTION)
+        ukf.predict(self._mean, self._cov, ahead, side, angle, 0.0, np.append(noise * noise, 0.0), self._work)
+
+    def landmark(self, place: ArrayLike, distance: float, bearing: float, sd: ArrayLike = (0.05, 0.026)) -> float:
+        """Correct the belief by a landmark, and return the normalised innovation squared (2 degrees of freedom).
+
+        Args:
+            place: of the landmark, (2,) m, frame map.
+            distance: seen, m.
+            bearing: seen, rad, left of the heading positive.
+            sd: standard deviations of distance, m, and bearing, rad, (2,), above 0.
+
+        Raises:
+            FieldError: NaN or out of range; the belief stays.
+        """
+        x, y = array(place, "place", (2,), "m", low=-FAR, high=FAR).tolist()
+        seen = number(distance, "distance", "m", low=0.0, high=FAR)
+        angle = number(bearing, "bearing", "rad", low=-WIDEST_TURN, high=WIDEST_TURN)
+        r, a = array(sd, "sd", (2,), "m, rad", low=1e-9, high=LONGEST_MOTION).tolist()
+        sighting = ukf.LandmarkSighting(x, y, seen, angle, r * r, a * a)
+        return float(ukf.update(self._mean, self._cov, sighting, self._gain, self._work))
+
+
+def grid(
+    source: HeightMap | ArrayLike | str | PathLike[str], cell: float = 0.05, origin: Sequence[float] = (0.0, 0.0)
+) -> FloorGrid:
+    """Return a floor for `plan`.
+
+    Args:
+        source: a height map (ground over or under the floor is occupied), occupancy (ny, nx) of -1 = unknown and 0 to
+            100, or the YAML file of a map of `map_server`.
+        cell: edge of a cell of an array, m.
+        origin: lower left corner of an array, (2,) m, frame map.
+
+    Raises:
+        SurefootError: it is none of these.
+    """
+    if isinstance(source, HeightMap):
+        return grid_of(source)
+    if isinstance(source, str | PathLike):
+        return load(Path(source))
+    cells = array(source, "source", ("ny", "nx"), low=-1.0, high=100.0)
+    x, y = array(origin, "origin", (2,), "m", low=-FAR, high=FAR).tolist()
+    return FloorGrid(cells.astype(np.int8), number(cell, "cell", "m", low=1e-4, high=10.0), (x, y))
+
+
+def plan(
+    floor: FloorGrid, start: Sequence[float], goal: Sequence[float], *, radius: float = 0.15, leg: float = 1.0
+) -> PlannedRoute:
+    """Return the cheapest route: `waypoints` (n, 2) m, `length`, `clearance`.
+
+    Args:
+        floor: of `grid`.
+        start, goal: (2,) m, frame map.
+        radius: of the robot, m.
+        leg: largest distance of two waypoints, m.
+
+    Raises:
+        SurefootError: a point is blocked or outside, or no way leads there; names the nearest free place.
+    """
+    instance(floor, "floor", FloorGrid, "the result of `navigation.grid`")
+    (x0, y0), (x1, y1) = array(start, "start", (2,), "m").tolist(), array(goal, "goal", (2,), "m").tolist()
+    keep = number(radius, "radius", "m", low=0.0, high=10.0)
+    costs = prepare(floor, Clearance(radius=keep, comfort=keep + 0.2), lasting=False)
+    return plan_route(costs, (x0, y0), (x1, y1), RouteLimits(leg=number(leg, "leg", "m", low=1e-3, high=1e3)))
+
+
+def _pose(pose: ArrayLike) -> Array:
+    found = array(pose, "pose", (3,), "m, m, rad", low=-FAR, high=FAR)
+    number(found[2], "pose", "rad of heading", low=-WIDEST_TURN, high=WIDEST_TURN)
+    found[2] = ukf.wrap(found[2])
+    return found
+
+
+def _covariance(covariance: ArrayLike) -> Array:
+    found = array(covariance, "covariance", (3, 3), "m and rad, squared")
+    if not np.allclose(found, found.T, rtol=1e-9, atol=1e-12) or np.linalg.eigvalsh(found)[0] < -1e-12:
+        raise FieldError("covariance", "covariance", f"got {found.tolist()}, expected symmetric and not negative")
+    return found

@@ -1,0 +1,61 @@
+"""Robots by name or file, and their kinematics. Each robot is a folder beside this file, see docs/robots.md.
+
+    ragno = robots.load("ragno")
+    robots.feet(ragno, robots.stance(ragno))
+
+Angles in rad, positions in m, frame base_link, joints and legs in the order of the description.
+"""
+
+from numpy.typing import ArrayLike
+
+from surefoot.arguments import Array, array
+from surefoot.errors import FieldError
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.reader import load_robot as load
+from surefoot.robot.reader import robot_names as names
+
+__all__ = ["Robot", "RobotError", "com", "feet", "joints", "load", "names", "stance"]
+
+WIDEST_ANGLE = 12.6
+"""Largest joint angle, rad; more is taken for degrees."""
+FARTHEST = 10.0
+"""Largest distance of a foot from the trunk, m; more is taken for millimetres."""
+
+
+def stance(robot: Robot) -> Array:
+    """Return the neutral joint angles, (nj,) rad."""
+    return robot.neutral.copy()
+
+
+def feet(robot: Robot, q: ArrayLike) -> Array:
+    """Return the foot centres, (L, 3) m, of joint angles q (nj,) rad (raises FieldError)."""
+    return kinematics.foot_positions(robot.model, _angles(robot, q))
+
+
+def com(robot: Robot, q: ArrayLike) -> Array:
+    """Return the centre of mass, (3,) m, of joint angles q (nj,) rad (raises FieldError)."""
+    return kinematics.com(robot.model, _angles(robot, q))
+
+
+def joints(robot: Robot, feet: ArrayLike) -> Array:
+    """Return joint angles that put the feet there, (nj,) rad.
+
+    Args:
+        robot: with legs that are solved in closed form.
+        feet: foot centres, (L, 3) m.
+
+    Raises:
+        FieldError: a shape, NaN or range, or a place that a leg cannot reach.
+    """
+    wanted = array(feet, "feet", (len(robot.legs), 3), "m", low=-FARTHEST, high=FARTHEST)
+    q, reached = kinematics.legs_ik(robot.model, wanted)
+    if not reached.all():
+        leg = int((~reached).argmax())
+        text = f"got {wanted[leg].tolist()} m, out of reach of leg {robot.leg_names[leg]} within its joint limits"
+        raise FieldError("range", f"feet.{leg}", text)
+    return q
+
+
+def _angles(robot: Robot, q: ArrayLike) -> Array:
+    return array(q, "q", (robot.nj,), "rad", low=-WIDEST_ANGLE, high=WIDEST_ANGLE)

@@ -1,0 +1,127 @@
+"""Static stability of a robot on its contacts: where its centre of mass may be, and how far it is from falling.
+
+    feet = stability.contacts([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.05]], friction=0.5)
+    stability.margin(feet, com=[0.02, 0.0])
+
+Lengths in m, in a gravity-aligned frame (z up). The region is that of Bretl and Lall (2008), as an inner and an outer
+polygon with certificates.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from surefoot.arguments import Array, array, instance, number
+from surefoot.errors import FieldError
+from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, contact_set
+from surefoot.services.stability.regions import margin as margins
+from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
+from surefoot.services.stability.regions.many import what_if
+from surefoot.services.stability.regions.model import Region
+from surefoot.services.stability.regions.region import region as region_of
+
+__all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "region"]
+
+WIDEST = 10.0
+"""Largest distance of two contacts, m; more is taken for millimetres."""
+
+
+def contacts(points: ArrayLike, normals: ArrayLike | None = None, friction: ArrayLike = 0.5) -> ContactSet:
+    """Return the contacts of a robot with the ground.
+
+    Args:
+        points: places of contact, (n, 3) m, gravity-aligned frame.
+        normals: of the ground, towards the robot, (n, 3), any length but zero; None = level ground.
+        friction: static coefficients, (n,) or one for all, 0 to 1e4; inf = unlimited.
+
+    Raises:
+        FieldError: shape, NaN, range, a zero normal, or points so far apart that they cannot be metres.
+    """
+    p = array(points, "points", ("n", 3), "m")
+    n = len(p)
+    if n and np.ptp(p, axis=0).max() > WIDEST:
+        text = f"got points {np.ptp(p, axis=0).max():g} apart, allowed are {WIDEST:g} m; are these millimetres?"
+        raise FieldError("range", "points", text)
+    up = np.tile([0.0, 0.0, 1.0], (n, 1)) if normals is None else array(normals, "normals", (n, 3))
+    one = np.ndim(friction) == 0
+    mu = array(friction, "friction", () if one else (n,), low=0.0, high=MAX_MU, inf=True)
+    return contact_set(p, up, mu)
+
+
+def region(
+    contacts: ContactSet, *, directions: ArrayLike | None = None, tolerance: float = 1e-4, limit: int = 128
+) -> Region:
+    """Return the places where the centre of mass may be: `status`, `inner` and `outer` polygons (m, 2) m, `gap` m.
+
+    Args:
+        contacts: of `contacts`.
+        directions: in which the region is bounded, (k, 2); None = as many as the tolerance needs.
+        tolerance: largest distance of the outer from the inner polygon, m.
+        limit: largest number of directions.
+
+    Raises:
+        FieldError: an argument that cannot be used.
+    """
+    wanted = None if directions is None else array(directions, "directions", ("k", 2))
+    if wanted is not None:
+        length = np.hypot(wanted[:, 0], wanted[:, 1])
+        if not len(wanted) or (length == 0.0).any():
+            raise FieldError("zero_direction", "directions", "got none or a zero vector, expected directions")
+        wanted /= length[:, None]
+    return region_of(
+        _checked(contacts), wanted, tolerance=number(tolerance, "tolerance", "m", low=1e-9, high=1.0), limit=limit
+    )
+
+
+def margin(where: ContactSet | Region, com: ArrayLike) -> float:
+    """Return the distance of the centre of mass from the edge of the region, m: negative outside of it.
+
+    -inf: no place holds (the contacts carry nothing); inf: every place does.
+
+    Args:
+        where: contacts, or their region, which saves its computation.
+        com: place of the centre of mass, (2,) m; (3,) is taken without its height.
+
+    Raises:
+        FieldError: an argument that cannot be used.
+    """
+    found = where if isinstance(where, Region) else region_of(_checked(where))
+    value = margins.margin(found, _place(com)).value
+    return (math.inf if found.status == "unbounded" else -math.inf) if value is None else value
+
+
+def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
+    """Return the margin after each contact alone is lifted, (n,) m; NaN: there is no region or no edge then.
+
+    Raises:
+        FieldError: an argument that cannot be used.
+    """
+    return np.asarray(what_if(_checked(contacts), _place(com)).margin[1:], dtype=np.float64)
+
+
+def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array | None:
+    """Return the smallest forces at the contacts that hold the robot, (n, 3) in the unit of the weight; None: it falls.
+
+    Args:
+        contacts: of `contacts`.
+        com: place of the centre of mass, (2,) m.
+        weight: of the robot, N; 1 = forces as shares of the weight.
+
+    Raises:
+        FieldError: an argument that cannot be used.
+    """
+    load = number(weight, "weight", "N", low=1e-9, high=1e9)
+    place, held = _place(com), equilibrium(_checked(contacts), _place(com))
+    least = least_forces(contacts, place) if held.held else None
+    return None if least is None else load * least
+
+
+def _place(com: ArrayLike) -> Array:
+    flat = np.shape(com)[-1:] == (2,)
+    return array(com, "com", (2,) if flat else (3,), "m", low=-1e6, high=1e6)[:2].copy()
+
+
+def _checked(given: ContactSet) -> ContactSet:
+    instance(given, "contacts", ContactSet, "the result of `stability.contacts`")
+    return given

@@ -1,0 +1,108 @@
+"""Ground: height maps, and where on them a foot should be put.
+
+    ground = terrain.generate("rough", seed=3)
+    terrain.foothold(ground.patch(0.3, 0.1, 41), ground.cell, stroke=(-0.05, 0.0, 0.0)).foothold
+
+Heights in m, row along y, column along x, NaN = unknown.
+"""
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from surefoot.arguments import array, number, whole
+from surefoot.errors import FieldError
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap_files import load as load_npz
+from surefoot.geometry.heightmap_files import load_asc, save
+from surefoot.services.footholds.models.files import load as load_model
+from surefoot.services.footholds.models.files import shipped
+from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.patch import MAX_SIDE, PatchFoothold, choose_on_patch
+
+__all__ = ["HeightMap", "LearnedModel", "PatchFoothold", "foothold", "generate", "load", "save", "slip_model"]
+
+HIGHEST = 100.0
+"""Largest height on a patch, m; more is taken for millimetres."""
+LARGEST_FOOT, LARGEST_CELL, LONGEST_STROKE = 0.5, 0.5, 2.0
+"""Largest radius of a foot, cell and stroke, m; more is taken for millimetres."""
+
+
+def slip_model(source: str | PathLike[str] = "ragno") -> LearnedModel:
+    """Return a learned model of how far feet slip, by the name of its robot or the path of its file.
+
+    Raises:
+        SurefootError: there is none.
+    """
+    path = shipped(source) if isinstance(source, str) else None
+    return load_model(path or Path(source))
+
+
+def foothold(
+    heights: ArrayLike, cell: float, *, stroke: Sequence[float], foot_radius: float | None = None,
+    nominal: Sequence[float] = (0.0, 0.0), model: LearnedModel | None = None,
+    allowed: NDArray[np.bool_] | None = None,
+) -> PatchFoothold:  # fmt: skip
+    """Return the best place for a foot on a patch of ground whose middle is the origin.
+
+    Args:
+        heights: (ny, nx) m, NaN = unknown, 3 to 301 cells a side.
+        cell: edge of a cell, m.
+        stroke: movement of the foot relative to the body in the coming stance, (3,) m.
+        foot_radius: m; None = that of the model.
+        nominal: where the foot would land without a choice, (2,) m; on the patch.
+        model: of the slip; None = that of Ragno. It is scaled to the cells of the patch.
+        allowed: cells that the leg can reach, (ny, nx); None = all.
+
+    Raises:
+        FieldError: an argument that cannot be used; a nominal place outside of the patch.
+        SurefootError: the model does not fit the foot.
+    """
+    z = array(heights, "heights", ("ny", "nx"), "m", low=-HIGHEST, high=HIGHEST, nan=True)
+    if not all(3 <= n <= MAX_SIDE for n in z.shape):
+        raise FieldError("shape", "heights", f"got shape {z.shape}, expected 3 to {MAX_SIDE} cells a side")
+    size = number(cell, "cell", "m", low=1e-4, high=LARGEST_CELL)
+    x, y = array(nominal, "nominal", (2,), "m").tolist()
+    half_x, half_y = 0.5 * z.shape[1] * size, 0.5 * z.shape[0] * size
+    if abs(x) > half_x or abs(y) > half_y:
+        text = f"got ({x:g}, {y:g}) m, outside of the patch: allowed are +-{half_x:g} and +-{half_y:g} m"
+        raise FieldError("range", "nominal", text)
+    if allowed is not None and np.shape(allowed) != z.shape:
+        raise FieldError("shape", "allowed", f"got shape {np.shape(allowed)}, expected {z.shape} as of the heights")
+    known = slip_model() if model is None else model
+    scaled = known.scaled(size / known.conditions.cell) if size != known.conditions.cell else known
+    radius = scaled.conditions.foot_radius if foot_radius is None else foot_radius
+    push = array(stroke, "stroke", (3,), "m", low=-LONGEST_STROKE, high=LONGEST_STROKE)
+    return choose_on_patch(
+        z, size, (x, y), scaled, push.tolist(), number(radius, "foot_radius", "m", low=1e-3, high=LARGEST_FOOT),
+        allowed=None if allowed is None else np.asarray(allowed, dtype=np.bool_),
+    )  # fmt: skip
+
+
+def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None) -> HeightMap:
+    """Return the surface of one of the simulator's grounds, exact at the cell centres; equal arguments, equal bits.
+
+    Args:
+        kind: name of a ground, e.g. flat, rough, hills, steps, demo.
+        seed: of the random kinds.
+        amplitude: height the kind scales with, m; None = the kind's own.
+
+    Raises:
+        FieldError: an unknown kind or a value out of range.
+    """
+    from surefoot.services.simulator.ground.terrain import make_terrain
+
+    height = None if amplitude is None else number(amplitude, "amplitude", "m", low=0.0, high=1.0)
+    return make_terrain(kind, whole(seed, "seed", low=0), height).map
+
+
+def load(path: str | PathLike[str]) -> HeightMap:
+    """Read a height map, `.npz` of `save` or an `.asc` grid (raises SurefootError: it cannot be read)."""
+    source = Path(path)
+    try:
+        return load_asc(source) if source.suffix.lower() == ".asc" else load_npz(source)
+    except OSError as error:
+        raise FieldError("not_found", "path", f"{source} cannot be read: {error.strerror}") from None

@@ -1,0 +1,176 @@
+"""The library under one name: light to import, checked at its border, the same numbers as inside."""
+
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import surefoot
+from surefoot.errors import FieldError, SurefootError
+from surefoot.services.estimator.inputs.results import InputResult
+from surefoot.services.navigator.belief import ukf
+from surefoot.services.stability.programs.contacts import contact_set
+from surefoot.services.stability.regions.margin import margin
+from surefoot.services.stability.regions.region import region
+
+FEET = [[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.05]]
+NAN = float("nan")
+LIGHT = "import sys, surefoot; dir(surefoot); print(surefoot.__version__, 'numpy' in sys.modules, len(sys.modules))"
+
+
+def test_importing_it_loads_nothing_heavy() -> None:
+    done = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True)
+    version, numpy, modules = done.stdout.split()
+    bare = subprocess.run([sys.executable, "-c", "import sys, typing; print(len(sys.modules))"], capture_output=True)
+    assert (version, numpy) == (surefoot.__version__, "False")
+    assert int(modules) < int(bare.stdout) + 10
+
+
+def test_every_name_is_there_and_explained() -> None:
+    for name in surefoot.__all__:
+        part = getattr(surefoot, name)
+        assert name == "__version__" or part.__doc__
+        for inner in getattr(part, "__all__", ()):
+            assert getattr(part, inner).__doc__, f"{name}.{inner}"
+    with pytest.raises(AttributeError, match="has no 'stabilty'"):
+        _ = surefoot.stabilty
+
+
+def contacts(points: object = FEET, normals: object = None, friction: object = 0.5) -> object:
+    return surefoot.stability.contacts(points, normals, friction)  # type: ignore[arg-type]
+
+
+def stands() -> surefoot.stability.ContactSet:
+    return surefoot.stability.contacts(FEET)
+
+
+def robot() -> surefoot.robots.Robot:
+    return surefoot.robots.load("ragno")
+
+
+def belief() -> surefoot.navigation.PoseFilter:
+    return surefoot.navigation.PoseFilter()
+
+
+GROUND = np.zeros((21, 21))
+PATCH = surefoot.terrain.foothold
+FLOOR = np.zeros((20, 20))
+ROOM = surefoot.navigation.grid(FLOOR)
+BAD: list[tuple[Callable[[], object], str, str, str]] = [
+    (lambda: contacts(np.zeros((4, 2))), "shape", "points", "(4, 2)"),
+    (lambda: contacts(np.zeros(12)), "shape", "points", "(n, 3)"),
+    (lambda: contacts(friction=[0.5] * 4), "shape", "friction", "(3,)"),
+    (lambda: contacts(normals=np.zeros((3, 2))), "shape", "normals", "(3, 2)"),
+    (lambda: contacts([[0.1, NAN, 0.0]]), "not_finite", "points", "nan at [0, 1]"),
+    (lambda: contacts(100.0 * np.array(FEET)), "range", "points", "millimetres"),
+    (lambda: contacts(friction=-0.1), "range", "friction", "-0.1"),
+    (lambda: contacts("here"), "type", "points", "'here'"),
+    (lambda: contacts([[0.0, 0.0, 0.0], [0.0, 0.0]]), "type", "points", "numbers"),
+    (lambda: surefoot.stability.margin(stands(), [NAN, 0.0]), "not_finite", "com", "nan"),
+    (lambda: surefoot.stability.margin(FEET, [0.0, 0.0]), "type", "contacts", "stability.contacts"),  # type: ignore[arg-type]
+    (lambda: surefoot.stability.region(stands(), tolerance=0.0), "range", "tolerance", "1e-09"),
+    (lambda: surefoot.stability.region(stands(), directions=[[0.0, 0.0]]), "zero_direction", "directions", "zero"),
+    (lambda: surefoot.stability.forces(stands(), [0.0, 0.0], weight=NAN), "not_finite", "weight", "nan"),
+    (lambda: surefoot.robots.feet(robot(), np.zeros(17)), "shape", "q", "(18,)"),
+    (lambda: surefoot.robots.feet(robot(), np.full(18, 90.0)), "range", "q", "90.0"),
+    (lambda: surefoot.robots.joints(robot(), np.full((6, 3), 1.0)), "range", "feet.0", "out of reach"),
+    (lambda: surefoot.robots.load("ragnoo"), "not_found", "name", "ragno"),
+    (lambda: PATCH(GROUND, 0.005, stroke=(0, 0, 0), nominal=(0.5, 0.0)), "range", "nominal", "0.0525"),
+    (lambda: PATCH(GROUND, 5.0, stroke=(0, 0, 0)), "range", "cell", "5.0"),
+    (lambda: PATCH(GROUND, 0.005, stroke=(0, 0)), "shape", "stroke", "(2,)"),
+    (lambda: PATCH(1e3 + GROUND, 0.005, stroke=(0, 0, 0)), "range", "heights", "1000.0"),
+    (lambda: PATCH(GROUND[:2], 0.005, stroke=(0, 0, 0)), "shape", "heights", "3 to 301"),
+    (lambda: surefoot.terrain.generate("ruff"), "invalid", "kind", "rough"),
+    (lambda: belief().predict(forward=NAN), "not_finite", "forward", "nan"),
+    (lambda: belief().predict(turn=90.0), "range", "turn", "90.0"),
+    (lambda: belief().predict(sd=(0.1, 0.1)), "shape", "sd", "(2,)"),
+    (lambda: belief().landmark((1.0, NAN), 1.0, 0.0), "not_finite", "place", "nan"),
+    (lambda: belief().landmark((1.0, 0.0), 1.0, 0.0, sd=(0.0, 0.1)), "range", "sd", "0.0"),
+    (lambda: surefoot.navigation.PoseFilter(covariance=-np.eye(3)), "covariance", "covariance", "symmetric"),
+    (lambda: surefoot.navigation.grid(FLOOR + 200.0), "range", "source", "200.0"),
+    (lambda: surefoot.navigation.plan(ROOM, (0.5, 0.5), (9.0, 0.5)), "outside", "goal", "9.0"),
+    (lambda: surefoot.estimation.estimator(), "missing", "robot, feet", "None"),
+    (lambda: surefoot.estimation.estimator("ragno", names=["bets"]), "unknown_name", "names", "best"),
+    (lambda: surefoot.estimation.estimator("ragno").imu(0, (0, 0, NAN), (0, 0, 9.8)), "nonfinite", "imu", "nan"),
+    (lambda: surefoot.estimation.estimator("ragno").imu(0.5, (0, 0, 0), (0, 0, 9.8)), "type", "stamp_ns", "0.5"),  # type: ignore[arg-type]
+    (lambda: surefoot.estimation.estimator("ragno").joints(0, (0, 0)), "shape", "joints", "(nj,)"),
+    (lambda: surefoot.estimation.estimator(feet=4).joints(0, (0, 0)), "unsupported", "joints", "robot"),
+    (lambda: surefoot.simulation.world(friction=0.0), "range", "friction", "1e-06"),
+    (lambda: surefoot.simulation.run("stnd"), "not_found", "", "stand"),
+    (lambda: surefoot.bags.check("no.mcap"), "unreadable", "path", "no.mcap"),
+    (lambda: surefoot.bags.messages("no.mcap", "state/velocit"), "unknown_topic", "", "state/velocity"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "code", "field", "text"), BAD, ids=lambda p: p if isinstance(p, str) else "")
+def test_a_wrong_argument_is_named_with_its_value(call: Callable[[], object], code: str, field: str, text: str) -> None:
+    with pytest.raises(SurefootError) as refused:
+        call()
+    assert (refused.value.code, refused.value.field or "") == (code, field)
+    assert text in str(refused.value)
+
+
+def test_a_refused_motion_leaves_the_belief() -> None:
+    one = belief()
+    with pytest.raises(FieldError):
+        one.predict(forward=0.1, turn=NAN)
+    assert (one.pose == belief().pose).all()
+    assert (one.covariance == belief().covariance).all()
+
+
+def test_numbers_are_those_of_the_services() -> None:
+    inner = contact_set(FEET, [[0, 0, 1]] * 3, 0.5)
+    assert surefoot.stability.margin(stands(), (0.02, 0.0)) == margin(region(inner), np.array([0.02, 0.0])).value
+    assert surefoot.stability.margin(stands(), (0.02, 0.0, 9.0)) == surefoot.stability.margin(stands(), (0.02, 0.0))
+    lifts = surefoot.stability.lifts(stands(), (0.02, 0.0))
+    assert lifts == pytest.approx([surefoot.stability.margin(stands().without(i), (0.02, 0.0)) for i in range(3)])
+    held = surefoot.stability.forces(stands(), (0.02, 0.0), weight=20.0)
+    assert held is not None
+    assert held.sum(axis=0) == pytest.approx([0.0, 0.0, 20.0], abs=1e-6)
+    assert surefoot.stability.forces(stands(), (0.5, 0.0)) is None
+    assert surefoot.stability.margin(surefoot.stability.contacts(np.empty((0, 3))), (0.0, 0.0)) == -math.inf
+
+
+def test_the_pose_filter_is_the_navigators() -> None:
+    one, mean, cov, work = belief(), belief().pose, belief().covariance, ukf.work_space(3)
+    one.predict(forward=0.1, left=0.01, turn=0.2, sd=(0.01, 0.02, 0.03))
+    ukf.predict(mean, cov, 0.1, 0.01, 0.2, 0.0, np.array([1e-4, 4e-4, 9e-4, 0.0]), work)
+    nis = one.landmark((1.0, 0.5), 1.1, 0.4, sd=(0.05, 0.02))
+    seen = ukf.LandmarkSighting(1.0, 0.5, 1.1, 0.4, 0.0025, 0.0004)
+    assert nis == pytest.approx(ukf.update(mean, cov, seen, np.zeros((2, 0)), work))
+    assert one.pose == pytest.approx(mean)
+    assert one.covariance == pytest.approx(cov)
+
+
+def test_feet_and_joints_are_inverse() -> None:
+    q = surefoot.robots.stance(robot())
+    assert surefoot.robots.joints(robot(), surefoot.robots.feet(robot(), q)) == pytest.approx(q, abs=1e-9)
+
+
+def test_refused_samples_raise_or_are_counted() -> None:
+    lenient = surefoot.estimation.estimator(feet=4, refused="count")
+    assert lenient.imu(0, (0, 0, NAN), (0, 0, 9.8)) is InputResult.NONFINITE
+    strict = surefoot.estimation.estimator(feet=4)
+    assert strict.imu(0, (0, 0, 0), (0, 0, 9.8)).accepted
+    with pytest.raises(FieldError, match="each stamp once"):
+        strict.imu(0, (0, 0, 0), (0, 0, 9.8))
+    assert strict.imu(10_000_000, (0, 0, 0), (0, 0, 9.8)).accepted
+
+
+def test_a_foothold_is_scaled_to_the_cells_of_the_patch() -> None:
+    fine = surefoot.terrain.foothold(GROUND, 0.005, stroke=(-0.05, 0.0, 0.0))
+    coarse = surefoot.terrain.foothold(GROUND, 0.0125, stroke=(-0.05, 0.0, 0.0))
+    assert fine.foothold is not None
+    assert coarse.foothold is not None
+    assert fine.slip == pytest.approx(coarse.slip)
+
+
+def test_examples_are_listed() -> None:
+    folder = Path(__file__).parents[2] / "examples"
+    page = (folder / "README.md").read_text()
+    for path in folder.rglob("*.py"):
+        assert f"({path.relative_to(folder)})" in page, path
