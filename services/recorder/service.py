@@ -3,11 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, TypeAdapter, ValidationError
-
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.interface import Raw
-from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.logline import sendable
@@ -19,24 +16,10 @@ from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
 from surefoot.schemas.topics import HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TOPICS, Kind, Topic
 from surefoot.version import VERSION
 
+from .config import RecorderConfig
+
 JOINED = tuple(t for t in TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))
 LATCHED = tuple(t for t in TOPICS if t.deterministic and t.kind is Kind.LATCHED)
-
-
-class RecorderConfig(ServiceConfig):
-    """Where to write."""
-
-    path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
-    about: str = Field(default="", description="JSON object of tables of texts that become metadata of the file")
-
-    @property
-    def tables(self) -> dict[str, dict[str, str]]:
-        """Tables of `about` by name; none of a text that is no such object."""
-        try:
-            found = TypeAdapter(dict[str, dict[str, str]]).validate_json(self.about) if self.about else {}
-        except ValidationError:
-            found = {"about": {"unreadable": self.about[:200]}}
-        return found
 
 
 class Recorder(Service[RecorderConfig]):

@@ -62,7 +62,7 @@ def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def take_kernels(package: Path) -> None:
-    """Give the wheel's modules that are those of the checkout their time and compiled kernels: none is compiled twice."""
+    """Give modules that are those of the checkout their time and compiled kernels: nothing is compiled twice."""
     for path in package.rglob("*.py"):
         ours = ROOT / "surefoot" / path.relative_to(package)
         if ours.is_file() and ours.read_bytes() == path.read_bytes():

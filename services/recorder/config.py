@@ -1,0 +1,21 @@
+"""Configuration of the recorder."""
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from surefoot.lockstep.config import ServiceConfig
+
+
+class RecorderConfig(ServiceConfig):
+    """Where to write."""
+
+    path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
+    about: str = Field(default="", description="JSON object of tables of texts that become metadata of the file")
+
+    @property
+    def tables(self) -> dict[str, dict[str, str]]:
+        """Tables of `about` by name; none of a text that is no such object."""
+        try:
+            found = TypeAdapter(dict[str, dict[str, str]]).validate_json(self.about) if self.about else {}
+        except ValidationError:
+            found = {"about": {"unreadable": self.about[:200]}}
+        return found
