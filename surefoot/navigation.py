@@ -159,6 +159,9 @@ def _pose(pose: ArrayLike) -> Array:
 
 def _covariance(covariance: ArrayLike) -> Array:
     found = array(covariance, "covariance", (3, 3), "m and rad, squared")
-    if not np.allclose(found, found.T, rtol=1e-9, atol=1e-12) or np.linalg.eigvalsh(found)[0] < -1e-12:
+    (a, b, c), (_, d, e), (_, _, f) = found.tolist()
+    whole = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    least = min(a, d, f, a * d - b * b, a * f - c * c, d * f - e * e, whole)  # of the principal minors
+    if not np.allclose(found, found.T, rtol=1e-9, atol=1e-12) or least < -1e-12:
         raise FieldError("covariance", "covariance", f"got {found.tolist()}, expected symmetric and not negative")
     return found
