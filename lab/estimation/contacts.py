@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from surefoot.lockstep.intake import LOW_M
+
 from .log import Log
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-LOW_M = 0.005
-"""Height over the lowest foot up to which a foot stands, where contacts and forces are unknown, m."""
 UP_S = 0.5
 """Time over which the mean accelerometer shows the direction of gravity, s."""
 

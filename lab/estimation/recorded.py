@@ -1,5 +1,6 @@
 """Recordings of this project as logs: feet by the robot description, truth of the IMU from that of base_link."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,8 @@ def log_of_recording(path: Path, robot: str | None = None) -> Log:
     columns, named = recorded_columns(path)
     if not (robot or named):
         raise SurefootError("invalid", f"{path} names no robot", "robot")
-    return log_of_columns(path.stem, columns, load_robot(robot or named))
+    chosen = robot or named
+    return replace(log_of_columns(path.stem, columns, load_robot(chosen)), robot=chosen)  # a folder loads by its path
 
 
 def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Log:

@@ -166,6 +166,8 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
         }
         if wall_s is not None and wall_s > 0.0:
             values["real_time_factor"] = duration / wall_s
+    elif len(seen := traces.series("state/velocity")):
+        values["duration_s"] = float(seen[-1, 0] - seen[0, 0])
     if traces.last_tick >= 0:
         values["ticks"] = float(traces.last_tick + 1)
     if traces.stances:

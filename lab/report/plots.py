@@ -72,17 +72,24 @@ def draw(
     truth = traces.series("sim/truth")
     plots: dict[str, Callable[[], Figure] | None] = {
         "Way over the ground": (lambda: _top_view(traces)) if len(truth) else None,
+        "Way by the odometry": (
+            (lambda: _own_way(traces)) if not len(truth) and _has(traces, "state/odometry") else None
+        ),
         "Where it was and thought it was": (
             (lambda: navigation_plots.top_view(traces)) if _has(traces, "state/pose") else None
         ),
         "What it decided": (lambda: navigation_plots.decisions(traces)) if traces.choices else None,
         "Height along the way": (lambda: _profile(traces)) if len(truth) else None,
         "Tilt of the trunk": (lambda: _tilt(truth, marks.get("tilt"), limits)) if len(truth) else None,
-        "Velocity, estimated and true": (lambda: _velocity(traces)) if _has(traces, "state/velocity") else None,
-        "Velocity error of the estimators": (
-            (lambda: _variants(traces, marks.get("velocity error"))) if _has(traces, "state/velocity") else None
+        f"Velocity, estimated{' and true' if len(truth) else ''}": (
+            (lambda: _velocity(traces)) if _has(traces, "state/velocity") else None
         ),
-        "Odometry error": (lambda: _odometry(traces)) if _has(traces, "state/odometry") else None,
+        "Velocity error of the estimators": (
+            (lambda: _variants(traces, marks.get("velocity error")))
+            if len(truth) and _has(traces, "state/velocity")
+            else None
+        ),
+        "Odometry error": (lambda: _odometry(traces)) if len(truth) and _has(traces, "state/odometry") else None,
         "Static stability margin": (
             (lambda: _margin(traces, marks.get("margin"), limits)) if _has(traces, "state/stability") else None
         ),
@@ -182,6 +189,20 @@ def _top_view(traces: Traces) -> Figure:
     return figure
 
 
+def _own_way(traces: Traces) -> Figure:
+    """Top view of the odometry and of the stances by the robot's own measurements, where no truth is known."""
+    figure, (axes,) = _figure(3.4)
+    odometry = traces.series("state/odometry")
+    way = _thin(odometry[odometry[:, 7] > 0.5])
+    places = np.array([stance.place for stance in traces.stances]).reshape(-1, 2)
+    axes.plot(places[:, 0], places[:, 1], "o", color=INK, markersize=2.2, alpha=0.7, label="footfalls")
+    axes.plot(way[:, 1], way[:, 2], color=ORANGE, label="odometry")
+    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
+    axes.set_adjustable("datalim")
+    _legend(axes)
+    return figure
+
+
 def _placed(traces: Traces) -> Array:
     """Return the odometry's way in the world, (n, 2): start and first heading as in truth."""
     odometry, truth = traces.series("state/odometry"), traces.series("sim/truth")
@@ -228,14 +249,16 @@ def _tilt(truth: Array, mark: Moment | None, limits: Mapping[str, float]) -> Fig
 def _velocity(traces: Traces) -> Figure:
     figure, axes = _figure(4.2, rows=3)
     truth, estimate = _thin(traces.series("sim/truth")), _thin(traces.series("state/velocity"))
+    known = truth[:, 4:7] if len(truth) else estimate[estimate[:, 4] > 0.5, 1:4]
     for i, name in enumerate("xyz"):
-        axes[i].plot(truth[:, 0], truth[:, 4 + i], color=GREY, label="true")
+        if len(truth):
+            axes[i].plot(truth[:, 0], truth[:, 4 + i], color=GREY, label="true")
         axes[i].plot(estimate[:, 0], estimate[:, 1 + i], color=BLUE, label="estimated", linewidth=1.0)
         band = _thin(estimate, BAND_POINTS)
         sure = np.where(band[:, 5 + i] < 1.0, 2.0 * band[:, 5 + i], np.nan)
         low, high = band[:, 1 + i] - sure, band[:, 1 + i] + sure
         axes[i].fill_between(band[:, 0], low, high, color=BLUE, alpha=0.15, linewidth=0, label="2 sigma")
-        bound = 1.5 * max(0.02, float(np.abs(truth[:, 4 + i]).max()))
+        bound = 1.5 * max(0.02, float(np.abs(known[:, i]).max(initial=0.0)))
         axes[i].set(ylabel=f"v{name}, m/s", ylim=(-bound, bound))
     axes[2].set_xlabel("time, s")
     _legend(axes[0])

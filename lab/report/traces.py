@@ -156,7 +156,9 @@ class Traces:
     def _odometry(self, key: str, m: Any) -> None:
         """Columns: time, position 3 (odom), yaw, standard deviations of x and y, initialised."""
         variance = np.maximum(np.array(m.covariance).reshape(4, 4).diagonal(), 0.0)
-        self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
+        time = self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
+        if "sim/truth" not in self.rows:  # what the robot measured itself is all there is
+            self.stances += [StanceTrace(time, s.foot, s.slip, tuple(s.begin[:2])) for s in m.stances]
 
     def _gait_state(self, key: str, m: Any) -> None:
         """Columns: time, remaining, margin of the last step check (NaN = none), steps, feet in stance, waiting."""

@@ -17,6 +17,7 @@ from surefoot.schemas.topics import (
     STATE_VELOCITY_IMU,
     STATE_VELOCITY_KINEMATICS,
     STATE_VELOCITY_KINEMATICS_GYRO,
+    TICK_S,
 )
 
 from .config import EstimatorConfig
@@ -96,7 +97,7 @@ class EstimatorService(Service[EstimatorConfig]):
         result = e.joints(joints.stamp_ns, q, touch)
         self._log("kinematics", result)
         behind_s = 1e-9 * (e.stamp_ns - joints.stamp_ns)
-        if result is InputResult.OK and e.initialised and 0.0 <= behind_s < LATE_JOINTS_S:
+        if result is InputResult.OK and e.initialised and -TICK_S < behind_s < LATE_JOINTS_S:
             feet = feet_in_odom(self._mount, q, e.pose(), behind_s)
             self._stances += self._slip.update(np.asarray(touch.any(axis=1)), *feet)
 

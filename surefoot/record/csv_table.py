@@ -32,6 +32,8 @@ GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
 )  # fmt: skip
 """CSV columns that make one: its name, their template, patterns of those that are counted, labels of the last axis."""
 NUMBER_WITH_COMMA = re.compile(r"^[+-]?\d+,\d+([eE][+-]?\d+)?$")
+WHOLE = re.compile(r"\s*-?([0-8]?\d{1,18})\s*")
+"""Stamps in ns that fit into 64 bits."""
 SEPARATORS = (",", ";", "\t")
 """Separators of CSV cells; the most frequent one of the first row counts."""
 
@@ -42,12 +44,12 @@ def read_csv(path: Path) -> Columns:
         regular_size(path)
         with path.open(encoding="utf-8-sig", newline="") as file:
             stated, header = _metadata(file)
-            names, values = _cells(header, file, str(path))
+            names, values, stamps = _cells(header, file, str(path))
     except OSError as error:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise SurefootError("malformed", f"{path} is not UTF-8 text", "log") from None
-    return _grouped(names, values, str(path)) | stated
+    return _grouped(names, values, stamps, str(path)) | stated
 
 
 def _metadata(file: TextIO) -> tuple[Columns, str]:
@@ -60,8 +62,8 @@ def _metadata(file: TextIO) -> tuple[Columns, str]:
     return stated, line
 
 
-def _cells(header: str, file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64]]:
-    """Return header and numbers (n, columns) of a CSV."""
+def _cells(header: str, file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64], NDArray[np.int64] | None]:
+    """Return header, numbers (n, columns) and whole `stamp_ns` (n,) of a CSV; ns since 1970 are no exact floats."""
     if not header.strip():
         raise SurefootError("malformed", f"{name} is empty", "log")
     separator = max(SEPARATORS, key=header.count)
@@ -73,7 +75,8 @@ def _cells(header: str, file: TextIO, name: str) -> tuple[list[str], NDArray[np.
         raise SurefootError(
             "invalid", f"{name}: column {', '.join(map(repr, twice))} is there more than once", twice[0]
         )
-    numbers = array("d")
+    numbers, whole = array("d"), array("q")
+    stamped = names.index("stamp_ns") if "stamp_ns" in names else -1
     for row, cells in enumerate(csv.reader(file, delimiter=separator), 1):
         if not cells:
             continue
@@ -83,7 +86,10 @@ def _cells(header: str, file: TextIO, name: str) -> tuple[list[str], NDArray[np.
             numbers.extend([float(cell) if cell else math.nan for cell in cells])
         except ValueError:
             raise _no_number(cells, names, row, name) from None
-    return names, np.array(numbers, dtype=np.float64).reshape(-1, len(names))
+        if stamped >= 0 and WHOLE.fullmatch(cells[stamped]):
+            whole.append(int(cells[stamped]))
+    values = np.array(numbers, dtype=np.float64).reshape(-1, len(names))
+    return names, values, np.array(whole, dtype=np.int64) if len(whole) == len(values) and len(whole) else None
 
 
 def _number(cell: str) -> float | None:
@@ -110,10 +116,12 @@ def _no_number(cells: Sequence[str], names: Sequence[str], row: int, name: str) 
     )
 
 
-def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Columns:
+def _grouped(names: Sequence[str], values: NDArray[np.float64], stamps: NDArray[np.int64] | None, name: str) -> Columns:
     """Return columns from single ones; rows without any kinematic number carry no foot sample."""
     at = {column: i for i, column in enumerate(names)}
     out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated", "external_yaw") if key in at}
+    if stamps is not None:
+        out["stamp_ns"] = stamps
     if "time" in at:
         out.setdefault("t", values[:, at["time"]])
     for key, template, counted, labels in GROUPS:

@@ -1,0 +1,98 @@
+"""`surefoot bag import|export`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..cli.bag import app as bag
+from ..cli.output import Json, use_json, write, write_json, write_table
+
+app = typer.Typer()
+
+
+@bag.command("import")
+def import_log(
+    log: Annotated[Path, typer.Argument(help="ROS 1 or 2 bag, MCAP, CSV or NPZ; docs/logs.md.")],
+    robot: Annotated[str, typer.Option(help="Robot description: a name, or a folder.")],
+    imu: Annotated[str, typer.Option(help="Topic of a sensor_msgs/Imu.")] = "/imu/data",
+    joints: Annotated[str, typer.Option(help="Topic of a sensor_msgs/JointState.")] = "/joint_states",
+    contacts: Annotated[str | None, typer.Option(help="TOPIC[.FIELD[a:b]] of foot forces or flags.")] = None,
+    feet: Annotated[str | None, typer.Option(help="Legs in the order of the contacts: FR,FL,RR,RL.")] = None,
+    joint_names: Annotated[str | None, typer.Option(help="Names of the positions, in their order.")] = None,
+    imu_frame: Annotated[str, typer.Option(help="imu or base_link, where the log does not say.")] = "",
+    contact_on: Annotated[float | None, typer.Option(help="Force from which a foot stands, N.")] = None,
+    contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
+    clock: Annotated[str, typer.Option(help="header or record: which stamps count.")] = "header",
+    sort: Annotated[bool, typer.Option("--sort", help="Put rows into the order of their stamps.")] = False,
+    calibration: Annotated[Path | None, typer.Option(help="TOML file to write for drivers: zero, scale.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Recording to write [the log's name].")] = None,
+    json: Json = False,
+) -> None:
+    """Make a recording of a log of others, with estimates and margins as if the services had run on the robot."""
+    from surefoot.errors import SurefootError
+    from surefoot.robot.reader import load_robot
+
+    from .fields import FieldPath
+    from .fit import fitted, save_calibration
+    from .importing import record
+    from .raw import TABLES, log_of_table
+    from .ros import BagTopics, log_of_bag
+
+    use_json(json)
+    if clock not in ("header", "record"):
+        raise SurefootError("invalid", f"got {clock!r}, allowed are header and record", "clock")
+    if not log.exists():
+        raise SurefootError("unreadable", f"{log}: no such file", "log")
+    description = load_robot(robot)
+    stated = None if contact_on is None else (contact_on, 0.6 * contact_on if contact_off is None else contact_off)
+    wanted = BagTopics(
+        imu, joints, None if contacts is None else FieldPath.of(contacts), _words(joint_names), _words(feet),
+        clock == "record", sort,
+    )  # fmt: skip
+    raw = log_of_table(log, sort) if log.suffix.lower() in TABLES else log_of_bag(log, wanted)
+    raw.joint_names, raw.feet_names = wanted.joint_names or raw.joint_names, wanted.feet or raw.feet_names
+    made = fitted(raw, description, stated, imu_frame)
+    path = out or Path(f"{log.resolve().stem}.mcap")
+    player = record(made, robot, path)
+    refused = dict(player.intake.refused)
+    files = [str(path)]
+    if calibration is not None and made.contact is not None:
+        files.append(str(save_calibration(calibration, made.contact)))
+    seconds = 1e-9 * float(made.imu.stamp_ns[-1] - made.imu.stamp_ns[0])
+    facts = {"seconds": seconds, "inertial_rows": len(made.imu.stamp_ns), "joint_rows": len(made.joints.stamp_ns)}
+    if json:
+        write_json({**facts, "refused": refused, "notes": made.notes, "files": files})
+        return
+    rows = [(key.replace("_", " "), f"{value:.6g}") for key, value in facts.items()]
+    write_table(("quantity", "value"), [*rows, *((f"refused: {key}", str(n)) for key, n in refused.items())])
+    for note in made.notes:
+        write(f"note  {note}")
+    for each in files:
+        write(f"file  {each}")
+    write(f"next: surefoot report {path}, surefoot estimate {path}")
+
+
+def _words(text: str | None) -> tuple[str, ...]:
+    return () if text is None else tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+@bag.command("export")
+def export_recording(
+    file: Annotated[Path, typer.Argument(help="Recording (MCAP).")],
+    to: Annotated[str, typer.Option(help="rosbag2, csv, parquet or tum.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File or folder to write [the recording's name].")
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="Robot description [that of the recording].")] = None,
+    json: Json = False,
+) -> None:
+    """Write a recording in a format of others."""
+    from .exporting import SUFFIXES, export
+
+    use_json(json)
+    path = export(file, to, out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}"), robot)
+    if json:
+        write_json({"file": str(path)})
+    else:
+        write(f"file  {path}")

@@ -1,0 +1,170 @@
+"""A recording in the formats of others: rosbag2, CSV, Parquet, and trajectories of TUM."""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.bus.ros2 import types
+from surefoot.bus.ros_messages import (
+    KINDS,
+    contacts_message,
+    imu_message,
+    joints_message,
+    odometry_message,
+    transform_message,
+)
+from surefoot.errors import SurefootError
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.nearest import did_you_mean
+from surefoot.record.columns import Columns, recorded_columns
+from surefoot.record.recording import read_recording, recording_info
+from surefoot.robot.description import Robot
+from surefoot.robot.reader import load_robot
+
+TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
+"""Topics of a rosbag2; those of the import unless it is asked for others."""
+VERSION = 9
+"""Version of the metadata of a rosbag2."""
+FRAMES = ("odom", "base_link")
+
+
+def export(recording: Path, kind: str, out: Path, robot: str | None = None) -> Path:
+    """Write a recording in another format; all of it or nothing.
+
+    Args:
+        recording: MCAP file of this project.
+        kind: key of `FORMATS`.
+        out: file or folder to write, which must not exist.
+        robot: description; None = that of the recording.
+
+    Raises:
+        SurefootError: the format is unknown, `out` exists, or the recording cannot be read.
+    """
+    if kind not in FORMATS:
+        hint = did_you_mean(kind, FORMATS)
+        raise SurefootError("invalid", f"got {kind!r}{hint}, allowed are {', '.join(FORMATS)}", "to")
+    if out.exists():
+        raise SurefootError("invalid", f"{out} exists; allowed is a new path (--out)", "out")
+    named = robot or recording_info(recording)["metadata"].get("run", {}).get("robot", "")
+    if not named:
+        raise SurefootError("invalid", f"{recording} names no robot (--robot)", "robot")
+    description = load_robot(named)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
+        part = Path(folder) / out.name
+        FORMATS[kind](recording, part, description)
+        shutil.move(part, out)
+    return out
+
+
+def table_of(columns: Columns, robot: Robot) -> dict[str, NDArray[Any]]:
+    """Return named columns with a row per stamp: sensors under the names of `surefoot estimate`, and the estimate.
+
+    NaN = the row has no such sample. Truth, where the recording has it, is that of base_link: `base_x` ...
+    """
+    joints, stance = columns["joints_stamp_ns"], columns["contacts_stamp_ns"]
+    stamps = np.unique(np.concatenate([columns["stamp_ns"], joints]))
+    out: dict[str, NDArray[Any]] = {"stamp_ns": stamps}
+
+    def put(names: list[str], at: NDArray[Any], values: NDArray[Any]) -> None:
+        rows = np.searchsorted(stamps, at)
+        keep = (rows < len(stamps)) & (stamps[np.minimum(rows, len(stamps) - 1)] == at)
+        for i, name in enumerate(names):
+            out[name] = np.full(len(stamps), np.nan)
+            out[name][rows[keep]] = values[keep, i]
+
+    for key in ("gyro", "acc"):
+        put([f"{key}_{axis}" for axis in "xyz"], columns["stamp_ns"], columns[key])
+    put([f"joint_{name}" for name in robot.joint_names], joints, columns["joints"])
+    pair = np.searchsorted(stance, joints, side="right") - 1
+    seen = np.flatnonzero(pair >= 0)
+    touch = columns["touch"].reshape(len(stance), robot.nlegs, -1)
+    for f in range(robot.nlegs):
+        switches = touch.shape[2]
+        names = [f"contact{f}"] if switches == 1 else [f"contact{f}_{s}" for s in range(switches)]
+        put(names, joints[seen], touch[pair[seen], f])
+        if np.isfinite(columns["force"]).any():
+            put([f"force{f}"], joints[seen], columns["force"][pair[seen], f : f + 1])
+    for key, names in (
+        ("published_velocity_odom", ["estimate_vx", "estimate_vy", "estimate_vz"]),
+        ("published_position", ["estimate_x", "estimate_y", "estimate_z"]),
+        ("published_yaw", ["estimate_yaw"]),
+    ):
+        if key in columns:
+            put(names, columns["odometry_stamp_ns"], columns[key])
+    if "base_position" in columns:
+        put(["base_x", "base_y", "base_z"], columns["base_stamp_ns"], columns["base_position"])
+    return out
+
+
+def _table(recording: Path, robot: Robot) -> dict[str, NDArray[Any]]:
+    columns = recorded_columns(recording)[0]
+    for need in ("joints", "touch"):
+        if need not in columns:
+            raise SurefootError("invalid", f"{recording} has no {need}", need)
+    return table_of(columns, robot)
+
+
+def _csv(recording: Path, out: Path, robot: Robot) -> None:
+    table = _table(recording, robot)
+    with out.open("w", encoding="utf-8") as file:
+        file.write(",".join(table) + "\n")
+        for row in zip(*(values.tolist() for values in table.values()), strict=True):
+            file.write(",".join("" if x != x else repr(x) for x in row) + "\n")
+
+
+def _parquet(recording: Path, out: Path, robot: Robot) -> None:
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise SurefootError("not_installed", "Parquet needs: pip install 'surefoot[parquet]'", "to") from None
+    parquet.write_table(pyarrow.table(_table(recording, robot)), out)
+
+
+def _tum(recording: Path, out: Path, robot: Robot) -> None:
+    with out.open("w", encoding="utf-8") as file:
+        for item in read_recording(recording, ("state/odometry",)):
+            m: Any = item.message()
+            w, x, y, z = m.quat_wxyz
+            numbers = " ".join(f"{value:.9f}" for value in (*m.position, x, y, z, w))
+            file.write(f"{m.stamp_ns * 1e-9:.9f} {numbers}\n")
+
+
+def _rosbag2(recording: Path, out: Path, robot: Robot) -> None:
+    types()
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    rot = matrix_from_quat(robot.imu.quat_wxyz)
+    velocity: Any = None
+    with Writer(out, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+        links = {name: writer.add_connection(topic, KINDS[name], typestore=types()) for name, topic in TOPICS.items()}
+        for item in read_recording(
+            recording, ("hw/imu", "hw/joints", "hw/contacts", "state/velocity", "state/odometry")
+        ):
+            m: Any = item.message()
+            made: dict[str, Any] = {}
+            if item.key == "hw/imu":
+                made["imu"] = imu_message(m, "imu")
+            elif item.key == "hw/joints":
+                made["joints"] = joints_message(m, robot.joint_names)
+            elif item.key == "hw/contacts":
+                made["contacts"] = contacts_message(m)
+            elif item.key == "state/velocity":
+                velocity = m
+            elif velocity is not None:
+                made = {"odometry": odometry_message(m, velocity, rot, FRAMES), "tf": transform_message(m, FRAMES)}
+            for name, message in made.items():
+                writer.write(links[name], m.stamp_ns, types().serialize_cdr(message, KINDS[name]))
+
+
+FORMATS: dict[str, Callable[[Path, Path, Robot], None]] = {
+    "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum,
+}  # fmt: skip
+"""Writers by name."""
+SUFFIXES = {"rosbag2": "", "csv": ".csv", "parquet": ".parquet", "tum": ".tum"}

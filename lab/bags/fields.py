@@ -1,0 +1,56 @@
+"""Places of numbers in messages: `/topic.field.part[a:b]`."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+
+PATTERN = re.compile(r"(?P<topic>[^.\[\]]+)(?P<fields>(\.\w+)*)(\[(?P<first>\d+):(?P<end>\d+)\])?")
+USUAL = ("data", "contacts", "foot_force", "effort")
+"""Fields with one number a foot that are looked for where none is named, in this order."""
+
+
+@dataclass(frozen=True)
+class FieldPath:
+    """A topic, a field of its messages, and a part of that array."""
+
+    topic: str
+    fields: tuple[str, ...] = ()  # empty = the first of `USUAL`
+    part: tuple[int, int] | None = None
+
+    @classmethod
+    def of(cls, text: str) -> "FieldPath":
+        """Return the place that a text names (raises SurefootError)."""
+        found = PATTERN.fullmatch(text)
+        if found is None:
+            raise SurefootError("invalid", f"got {text!r}; wanted is TOPIC, TOPIC.FIELD or TOPIC.FIELD[a:b]", text)
+        fields = tuple(found["fields"].split(".")[1:])
+        part = None if found["first"] is None else (int(found["first"]), int(found["end"]))
+        return cls(found["topic"], fields, part)
+
+    @property
+    def named(self) -> bool:
+        """True if names in the message belong to the numbers: there is no part."""
+        return self.part is None
+
+    def values(self, message: Any) -> NDArray[Any]:
+        """Return the numbers (k,) (raises SurefootError: the message has no such field)."""
+        fields = self.fields or tuple(name for name in USUAL if len(getattr(message, name, ())))[:1]
+        at = message
+        for name in fields:
+            if not hasattr(at, name):
+                known = [word for word in vars(at) if not word.startswith("_")]
+                text = f"{self.topic} has no field {name!r}; there are {', '.join(known)}"
+                raise SurefootError("invalid", text, self.topic)
+            at = getattr(at, name)
+        if not fields:
+            text = f"{self.topic} has none of the fields {', '.join(USUAL)}; name one: {self.topic}.FIELD"
+            raise SurefootError("invalid", text, self.topic)
+        values = np.atleast_1d(np.asarray(at))
+        if values.ndim != 1 or values.dtype.kind not in "biuf":
+            raise SurefootError("invalid", f"{self.topic}.{'.'.join(fields)} holds no numbers", self.topic)
+        return values if self.part is None else values[slice(*self.part)]

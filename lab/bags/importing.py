@@ -1,0 +1,109 @@
+"""A fitted log as a recording: the samples pass through the services as they would live."""
+
+import tempfile
+from pathlib import Path
+
+from surefoot.errors import SurefootError
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.driver import Driver, DueSample
+from surefoot.lockstep.intake import Intake
+from surefoot.lockstep.local import LocalSystem
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, TICK_NS
+from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.service import EstimatorService
+from surefoot.services.recorder.service import Recorder, RecorderConfig
+from surefoot.services.stability.config import StabilityConfig
+from surefoot.services.stability.service import Stability
+
+from .fit import RobotLog
+
+FEWEST_ROWS = 50
+"""Fewest inertial rows of a log that is imported."""
+
+
+class Player(Driver[ServiceConfig]):
+    """Releases a fitted log tick by tick; commands reach nothing."""
+
+    name = "player"
+    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
+    serves = (SIM_JOIN,)
+
+    def __init__(self, config: ServiceConfig, log: RobotLog) -> None:
+        super().__init__(config)
+        self.log_rows, self.at = _merged(log), 0
+        self.intake = Intake(load_robot(config.robot), log.contact)
+        first, last = log.imu.stamp_ns[0], log.imu.stamp_ns[-1]
+        self.last_tick = int(-(-(last - first) // TICK_NS))
+        self.first_ns = int(first)
+        self.fitted = log
+
+    def release(self, tick: int) -> list[DueSample]:
+        """Return the samples of a tick."""
+        rows, log, intake = self.log_rows, self.fitted, self.intake
+        while self.at < len(rows) and rows[self.at][0] - self.first_ns <= tick * TICK_NS:
+            stamp, kind, row = rows[self.at]
+            self.at += 1
+            if kind == 0:
+                values = log.imu.values[row].tolist()
+                intake.imu(stamp, values[:3], values[3:])
+            elif kind == 1:
+                assert log.feet is not None
+                intake.feet(stamp, log.feet.values[row].tolist())
+            else:
+                more = (None if part is None else part[row].tolist() for part in (log.velocity, log.torque))
+                intake.joints(stamp, log.joints.values[row].tolist(), *more)
+        return intake.release(tick)
+
+    def actuate(self, tick: int, command: JointCommand | None) -> None:
+        """Obey nothing."""
+
+
+def _merged(log: RobotLog) -> list[tuple[int, int, int]]:
+    """Return stamp, kind (0 inertial, 1 feet, 2 joints) and number of all rows in their order."""
+    streams = (log.imu, log.feet, log.joints)
+    return sorted(
+        (stamp, kind, row)
+        for kind, stream in enumerate(streams)
+        if stream is not None
+        for row, stamp in enumerate(stream.stamp_ns.tolist())
+    )
+
+
+def record(log: RobotLog, robot: str, out: Path) -> Player:
+    """Write the recording of a log with the estimates and margins of the services; all of it or nothing.
+
+    Args:
+        log: fitted to the robot.
+        robot: name of a description, or path of its folder.
+        out: MCAP file, which must not exist.
+
+    Returns:
+        The driver that has played the log, with the counts of what it refused.
+
+    Raises:
+        SurefootError: the file exists, or the log is too short.
+    """
+    if out.exists():
+        raise SurefootError("invalid", f"{out} exists; allowed is a new file (--out)", "out")
+    if len(log.imu.stamp_ns) < FEWEST_ROWS:
+        text = f"got {len(log.imu.stamp_ns)} inertial rows, wanted are {FEWEST_ROWS} or more"
+        raise SurefootError("invalid", text, "imu")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
+        part = Path(folder) / out.name
+        player = Player(ServiceConfig(robot=robot), log)
+        estimator = EstimatorService(EstimatorConfig(robot=robot))
+        stability = Stability(StabilityConfig(robot=robot))
+        recorder = Recorder(RecorderConfig(robot=robot, path=str(part)))
+        system = LocalSystem([player, estimator, stability, recorder])
+        try:
+            player.node.begin((estimator.name, stability.name, recorder.name), "lockstep", 0.0, 1, "fail", 0)
+            leader = player.node.leader
+            leader.end_tick = player.last_tick
+            system.run_until(lambda: leader.state == "ended" and leader.all_done())
+        finally:
+            system.close()
+        part.replace(out)
+    return player

@@ -1,0 +1,161 @@
+"""ROS 2 over Zenoh without ROS: topics as rmw_zenoh publishes them.
+
+Data: key `<domain>/<topic>/<DDS type>/<type hash>`, payload CDR, attachment sequence number, time and identity.
+Graph: a liveliness token below `@ros2_lv` for the node and each publisher and subscriber, so that `ros2 topic list`
+shows them. Types, CDR and type hashes (RIHS01, REP-2016) are those of `rosbags`. Format: the design page of rmw_zenoh.
+"""
+# pyright: reportUnknownMemberType=false
+# (the stubs of zenoh leave return types out)
+
+import hashlib
+import json
+import re
+import struct
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import zenoh
+
+from surefoot.bus.endpoint import checked, without_source
+from surefoot.errors import BusError, SurefootError
+
+INSTALL = "pip install 'surefoot[ros2]'"
+"""Command that adds the types of ROS 2."""
+QOS = "::,10:,:,:,,"
+"""Quality of service of every token: reliable, volatile, the newest 10."""
+GRID_MAP = {
+    "grid_map_msgs/msg/GridMapInfo": (
+        "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose\n"
+    ),
+    "grid_map_msgs/msg/GridMap": (
+        "std_msgs/Header header\nGridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
+        "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index\n"
+    ),
+}
+"""Types that the store of `rosbags` lacks."""
+_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+
+
+@cache
+def types() -> Any:
+    """Return the store of message types (raises SurefootError: the extra is not installed)."""
+    try:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError:
+        raise SurefootError("not_installed", f"ROS 2 messages need their types: {INSTALL}", "ros2") from None
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in GRID_MAP.items():
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+def type_hash(kind: str) -> str:
+    """Return the RIHS01 hash of a type, e.g. of `nav_msgs/msg/Odometry` (raises SurefootError)."""
+    store = types()
+    if kind not in store.fielddefs:
+        raise SurefootError("invalid", f"got type {kind!r}, wanted is package/msg/Name of ROS 2's own", "type")
+    return store.hash_rihs01(kind)
+
+
+def data_key(domain: int, topic: str, kind: str) -> str:
+    """Return the key under which a topic is published (raises SurefootError: no topic name or type)."""
+    if not _TOPIC.fullmatch(topic):
+        raise SurefootError("invalid", f"got topic {topic!r}, wanted are words of letters, digits, _ and /", "topic")
+    return f"{domain}/{topic.strip('/')}/{_dds(kind)}/{type_hash(kind)}"
+
+
+def _dds(kind: str) -> str:
+    package, group, name = kind.split("/")
+    return f"{package}::{group}::dds_::{name}_"
+
+
+class Ros2Publisher:
+    """One topic that is published.
+
+    Args:
+        session: of the node.
+        key: of the data.
+        token: of the graph; also the identity of the publisher.
+        kind: type of the messages.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, token: str, kind: str) -> None:
+        self._kind, self._sequence = kind, 0
+        self._identity = hashlib.blake2b(token.encode(), digest_size=16).digest()
+        self._token = session.liveliness().declare_token(token)
+        self._publisher = session.declare_publisher(key, encoding=zenoh.Encoding.APPLICATION_CDR)
+
+    def put(self, message: Any) -> None:
+        """Publish a message of the type."""
+        self._sequence += 1
+        attachment = struct.pack("<qqB", self._sequence, time.time_ns(), len(self._identity)) + self._identity
+        self._publisher.put(bytes(types().serialize_cdr(message, self._kind)), attachment=attachment)
+
+
+class Ros2Node:
+    """A node without ROS.
+
+    Args:
+        name: of the node.
+        router: endpoint of rmw_zenohd, or of a router of surefoot.
+        domain: ROS_DOMAIN_ID.
+
+    Raises:
+        BusError: no router answers.
+        ConfigError: the router is no endpoint.
+        SurefootError: the types are not installed.
+    """
+
+    def __init__(self, name: str, router: str, domain: int = 0) -> None:
+        types()
+        config = zenoh.Config()
+        settings = {"mode": "client", "connect/endpoints": [checked("router", router)]}
+        for key, value in {**settings, "scouting/multicast/enabled": False}.items():
+            config.insert_json5(key, json.dumps(value))
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            text = without_source(str(error))[:160]
+            raise BusError(
+                "unreachable", f"no router answers at {router} for ROS 2 topics ({text})", "router"
+            ) from None
+        self.name, self.domain, self._entities = name, domain, 0
+        self._held: list[Any] = [self._session.liveliness().declare_token(self._token("NN"))]
+
+    def _token(self, entity: str, topic: str = "", kind: str = "") -> str:
+        number, self._entities = self._entities, self._entities + 1
+        head = f"@ros2_lv/{self.domain}/{self._session.zid()}/0/{number}/{entity}/%/%/{self.name}"
+        if not topic:
+            return head
+        return f"{head}/%{topic.strip('/').replace('/', '%')}/{_dds(kind)}/{type_hash(kind)}/{QOS}"
+
+    def publisher(self, topic: str, kind: str) -> Ros2Publisher:
+        """Return a publisher of a topic (raises SurefootError: no topic name or type)."""
+        key = data_key(self.domain, topic, kind)
+        made = Ros2Publisher(self._session, key, self._token("MP", topic, kind), kind)
+        self._held.append(made)
+        return made
+
+    def subscribe(self, topic: str, kind: str, sink: Callable[[Any], None], failed: Callable[[str], None]) -> None:
+        """Pass the messages of a topic to `sink`, on another thread; `failed` gets what is wrong with others."""
+        key = data_key(self.domain, topic, kind)
+        store = types()
+
+        def take(sample: zenoh.Sample) -> None:
+            try:
+                message = store.deserialize_cdr(sample.payload.to_bytes(), kind)
+            except Exception as error:  # whatever a stranger published
+                failed(f"{topic}: {sample.payload.__len__()} bytes are no {kind} ({type(error).__name__})")
+                return
+            sink(message)
+
+        self._held += [
+            self._session.liveliness().declare_token(self._token("MS", topic, kind)),
+            self._session.declare_subscriber(key, take),
+        ]
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._session.close()  # pyright: ignore[reportUnusedCoroutine, reportUnusedCallResult]

@@ -1,0 +1,140 @@
+"""Messages of this project as those of ROS 2 (REP-103, REP-105), for the bridge and for bags.
+
+Each function returns a message of the store of `surefoot.bus.ros2.types`; frames: `odom`, `base_link`, `map`.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.bus.ros2 import types
+from surefoot.geometry.linear import product
+from surefoot.schemas.hw import FootContacts, Imu, JointState
+from surefoot.schemas.state import Odometry, VelocityEstimate
+from surefoot.schemas.terrain import HeightMapMessage
+
+Array = NDArray[np.float64]
+
+KINDS = {
+    "imu": "sensor_msgs/msg/Imu", "joints": "sensor_msgs/msg/JointState", "contacts": "std_msgs/msg/UInt8MultiArray",
+    "odometry": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage", "map": "grid_map_msgs/msg/GridMap",
+    "cmd_vel": "geometry_msgs/msg/Twist",
+}  # fmt: skip
+"""Types by what they carry."""
+UNKNOWN = -1.0
+"""First element of a covariance that is not known (sensor_msgs)."""
+
+
+def _make(kind: str, **fields: Any) -> Any:
+    return types().types[kind](**fields)
+
+
+def header(stamp_ns: int, frame: str) -> Any:
+    """Return a header with a time of the robot's clock, ns."""
+    time = _make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+    return _make("std_msgs/msg/Header", stamp=time, frame_id=frame)
+
+
+def _vector(x: Sequence[float], kind: str = "Vector3") -> Any:
+    return _make(f"geometry_msgs/msg/{kind}", x=x[0], y=x[1], z=x[2])
+
+
+def _quaternion(wxyz: Sequence[float]) -> Any:
+    return _make("geometry_msgs/msg/Quaternion", x=wxyz[1], y=wxyz[2], z=wxyz[3], w=wxyz[0])
+
+
+def imu_message(m: Imu, frame: str) -> Any:
+    """Return an inertial sample, specific force and rates; orientation and covariances unknown."""
+    unknown = np.zeros(9)
+    unknown[0] = UNKNOWN
+    return _make(
+        KINDS["imu"], header=header(m.stamp_ns, frame), orientation=_quaternion((1.0, 0.0, 0.0, 0.0)),
+        orientation_covariance=unknown, angular_velocity=_vector(m.gyro), angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=_vector(m.acc), linear_acceleration_covariance=np.zeros(9),
+    )  # fmt: skip
+
+
+def joints_message(m: JointState, names: Sequence[str]) -> Any:
+    """Return joint angles, rates and torques by name."""
+    velocity, effort = (np.array(part if part is not None else (), dtype=np.float64) for part in (m.velocity, m.torque))
+    position = np.array(m.position, dtype=np.float64)
+    return _make(
+        KINDS["joints"], header=header(m.stamp_ns, ""), name=list(names), position=position, velocity=velocity,
+        effort=effort,
+    )  # fmt: skip
+
+
+def _layout(sizes: Sequence[tuple[str, int]]) -> Any:
+    dim: list[Any] = []
+    for i, (label, size) in enumerate(sizes):
+        stride = int(np.prod([n for _, n in sizes[i:]]))
+        dim.append(_make("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=stride))
+    return _make("std_msgs/msg/MultiArrayLayout", dim=dim, data_offset=0)
+
+
+def contacts_message(m: FootContacts) -> Any:
+    """Return one flag a foot in the leg order of the description, 1 = stands."""
+    flags = np.array([any(foot) for foot in m.touch], dtype=np.uint8)
+    return _make(KINDS["contacts"], layout=_layout([("foot", len(flags))]), data=flags)
+
+
+def _pose_covariance(m: Odometry) -> Array:
+    """Return the covariance (36,) of x, y, z, m, and the rotation about the axes of odom, rad."""
+    if m.pose_covariance is not None:
+        return np.array(m.pose_covariance, dtype=np.float64)
+    out, known = np.zeros((6, 6)), np.array(m.covariance, dtype=np.float64).reshape(4, 4)
+    place = (0, 1, 2, 5)
+    for i, row in enumerate(place):
+        for k, column in enumerate(place):
+            out[row, column] = known[i, k]
+    return out.ravel()
+
+
+def odometry_message(pose: Odometry, v: VelocityEstimate, rot_base_from_imu: Array, frames: tuple[str, str]) -> Any:
+    """Return pose in the first frame and twist in the second, base_link, each with its covariance.
+
+    Args:
+        pose: of base_link.
+        v: of the same time; its covariance is of gravity and velocity in IMU axes.
+        rot_base_from_imu: (3, 3).
+        frames: names of odom and base_link.
+    """
+    own = np.array(v.covariance, dtype=np.float64).reshape(6, 6)[3:, 3:]
+    twist = np.zeros((6, 6))
+    twist[:3, :3] = product(product(rot_base_from_imu, own), rot_base_from_imu.T)
+    place = _make("geometry_msgs/msg/Pose", position=_vector(pose.position, "Point"),
+                  orientation=_quaternion(pose.quat_wxyz))  # fmt: skip
+    speed = _make("geometry_msgs/msg/Twist", linear=_vector(v.velocity), angular=_vector(v.angular_velocity))
+    return _make(
+        KINDS["odometry"], header=header(pose.stamp_ns, frames[0]), child_frame_id=frames[1],
+        pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=place, covariance=_pose_covariance(pose)),
+        twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=speed, covariance=twist.ravel()),
+    )  # fmt: skip
+
+
+def transform_message(pose: Odometry, frames: tuple[str, str]) -> Any:
+    """Return the transform from the second frame, base_link, to the first, odom."""
+    turn = _make("geometry_msgs/msg/Transform", translation=_vector(pose.position),
+                 rotation=_quaternion(pose.quat_wxyz))  # fmt: skip
+    one = _make("geometry_msgs/msg/TransformStamped", header=header(pose.stamp_ns, frames[0]),
+                child_frame_id=frames[1], transform=turn)  # fmt: skip
+    return _make(KINDS["tf"], transforms=[one])
+
+
+def map_message(m: HeightMapMessage) -> Any:
+    """Return the heights as layer `elevation`; grid_map counts rows from x-max and columns from y-max on."""
+    heights = np.frombuffer(m.data, dtype="<f4").reshape(m.rows, m.cols)  # row = y, column = x
+    cells = np.ascontiguousarray(heights[::-1, ::-1])  # column-major (x, y) from the far corner = row-major (y, x)
+    size = (m.cols * m.cell, m.rows * m.cell)
+    centre = (m.origin[0] + 0.5 * (m.cols - 1) * m.cell, m.origin[1] + 0.5 * (m.rows - 1) * m.cell, 0.0)
+    pose = _make("geometry_msgs/msg/Pose", position=_vector(centre, "Point"),
+                 orientation=_quaternion((1.0, 0.0, 0.0, 0.0)))  # fmt: skip
+    info = _make("grid_map_msgs/msg/GridMapInfo", resolution=m.cell, length_x=size[0], length_y=size[1], pose=pose)
+    layout = _layout([("column_index", m.rows), ("row_index", m.cols)])
+    data = _make("std_msgs/msg/Float32MultiArray", layout=layout, data=cells.ravel())
+    return _make(
+        KINDS["map"], header=header(m.stamp_ns, m.frame), info=info, layers=["elevation"], basic_layers=["elevation"],
+        data=[data], outer_start_index=0, inner_start_index=0,
+    )  # fmt: skip

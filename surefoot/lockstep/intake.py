@@ -1,0 +1,188 @@
+"""Samples of a robot with a clock and rates of its own, as hardware samples of ticks.
+
+A tick takes what has a stamp within its 10 ms: inertial rows as their mean, of the joints and feet the newest sample.
+The same rows give the same samples, live and from a file: a driver and the import of logs share this module.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.lockstep.sample import DueSample
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.base import Vec3
+from surefoot.schemas.hw import FootContacts, Imu, JointState
+from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, TICK_NS
+
+LOW_M = 0.005
+"""Height over the lowest foot up to which a foot stands, where contacts and forces are unknown, m."""
+UP_TICKS = 50
+"""Ticks over which the mean accelerometer shows the direction of gravity."""
+BACK_NS, AHEAD_NS = 1_000_000_000, 10_000_000_000
+"""Steps of a stamp, back and ahead, ns, from which the clock has jumped; a smaller step back is a late sample."""
+
+Numbers = Sequence[float]
+
+
+class ForceContact(NamedTuple):
+    """Contacts by foot forces: N = scale (raw - zero); a foot stands from `on` on, until below `off`, N."""
+
+    zero: tuple[float, ...]  # (F,) raw
+    scale: tuple[float, ...]  # (F,) N per raw unit
+    on: float
+    off: float
+
+    def force(self, raw: Numbers) -> tuple[float, ...]:
+        """Return forces (F,) N."""
+        return tuple(scale * (float(x) - zero) for x, zero, scale in zip(raw, self.zero, self.scale, strict=True))
+
+    def touch(self, force: Numbers, before: Sequence[bool]) -> tuple[bool, ...]:
+        """Return contacts (F,) from forces (F,) N and the contacts before."""
+        return tuple(n > self.on or (was and n >= self.off) for n, was in zip(force, before, strict=True))
+
+
+class _Joints(NamedTuple):
+    stamp_ns: int
+    position: tuple[float, ...]
+    velocity: tuple[float, ...] | None
+    torque: tuple[float, ...] | None
+
+
+class Intake:
+    """Buffers samples and releases them tick by tick; time 0 is the first inertial row.
+
+    Args:
+        robot: description; joints and feet in its order, inertial rows in the axes of its inertial unit.
+        contact: of raw forces; None = feet come as flags, or not at all: then the heights of the feet decide.
+        report: called with each refusal of a kind that is new: code and sentence.
+    """
+
+    def __init__(
+        self, robot: Robot, contact: ForceContact | None = None, report: Callable[[str, str], None] | None = None
+    ) -> None:
+        self.robot, self.contact = robot, contact
+        self.refused: Counter[str] = Counter()
+        """Samples refused so far, by code."""
+        self._report = report
+        self._origin: int | None = None
+        self._newest: Counter[str] = Counter()
+        self._imu: deque[tuple[int, tuple[float, ...]]] = deque()
+        self._joints: deque[_Joints] = deque()
+        self._feet: deque[tuple[int, tuple[float, ...]]] = deque()
+        self._end = -TICK_NS
+        self._up: deque[Vec3] = deque(maxlen=UP_TICKS)
+        self._touch: tuple[bool, ...] = (False,) * robot.nlegs
+        self._force: tuple[float | None, ...] = (None,) * robot.nlegs
+        self._seen_feet = False
+        self._rot: list[list[float]] = matrix_from_quat(robot.imu.quat_wxyz).tolist()  # rot_base_from_imu
+
+    @property
+    def newest_ns(self) -> int:
+        """Time of the newest inertial row, ns; -1 = there was none."""
+        return self._newest["imu"] if self._origin is not None else -1
+
+    def reached(self, tick: int) -> bool:
+        """Return whether inertial rows and joints have come to the end of a tick."""
+        end = tick * TICK_NS
+        joints = self._newest["joints"] >= end or "joints" not in self._newest
+        return self._origin is not None and self._newest["imu"] >= end and joints
+
+    def refuse(self, code: str, text: str) -> None:
+        """Count a refused sample."""
+        self.refused[code] += 1
+        if self.refused[code] == 1 and self._report is not None:
+            self._report(code, text)
+
+    def imu(self, stamp_ns: int, gyro: Numbers, acc: Numbers) -> None:
+        """Take an inertial row: gyro rad/s, specific force m/s^2, axes of the inertial unit."""
+        row = (*map(float, gyro), *map(float, acc))
+        if self._origin is None:
+            self._origin = stamp_ns
+        if (at := self._place("imu", stamp_ns, row, 6)) is not None:
+            self._imu.append((at, row))
+
+    def joints(
+        self, stamp_ns: int, position: Numbers, velocity: Numbers | None = None, torque: Numbers | None = None
+    ) -> None:
+        """Take joint angles (nj,) rad, rates rad/s and torques Nm, in the order of the description."""
+        parts = [None if part is None else tuple(map(float, part)) for part in (position, velocity, torque)]
+        row = tuple(x for part in parts if part is not None for x in part)
+        size = self.robot.nj * sum(part is not None for part in parts)
+        if self._origin is not None and (at := self._place("joints", stamp_ns, row, size)) is not None:
+            self._joints.append(_Joints(at, parts[0] or (), parts[1], parts[2]))
+
+    def feet(self, stamp_ns: int, values: Numbers) -> None:
+        """Take raw forces (F,) where there is a `contact`, else flags (F,), 1 = stands."""
+        row = tuple(map(float, values))
+        if self._origin is not None and (at := self._place("feet", stamp_ns, row, self.robot.nlegs)) is not None:
+            self._feet.append((at, row))
+
+    def release(self, tick: int) -> list[DueSample]:
+        """Return the samples of a tick; ticks come in their order."""
+        end, out = tick * TICK_NS, list[DueSample]()
+        rows: list[tuple[int, tuple[float, ...]]] = []
+        while self._imu and self._imu[0][0] <= end:
+            rows.append(self._imu.popleft())
+        if rows:
+            mean = [sum(row[i] for _, row in rows) / len(rows) for i in range(6)]
+            gyro, acc = (mean[0], mean[1], mean[2]), (mean[3], mean[4], mean[5])
+            self._up.append(acc)
+            out.append(DueSample(HW_IMU, Imu(acc=acc, gyro=gyro), rows[-1][0], tick))
+        joints = None
+        while self._joints and self._joints[0].stamp_ns <= end:
+            joints = self._joints.popleft()
+        if joints is not None:
+            message = JointState(position=joints.position, velocity=joints.velocity, torque=joints.torque)
+            out.append(DueSample(HW_JOINTS, message, joints.stamp_ns, tick))
+            self._stand(joints)
+            feet = FootContacts(touch=tuple((one,) for one in self._touch), normal_force_n=self._force)
+            out.append(DueSample(HW_CONTACTS, feet, joints.stamp_ns, tick))
+        self._end = end
+        return out
+
+    def _stand(self, joints: _Joints) -> None:
+        """Bring the contacts to the time of a sample of the joints."""
+        while self._feet and self._feet[0][0] <= joints.stamp_ns:
+            _, row = self._feet.popleft()
+            self._seen_feet = True
+            if self.contact is None:
+                self._touch = tuple(x > 0.5 for x in row)
+            else:
+                self._force = force = self.contact.force(row)
+                self._touch = self.contact.touch(force, self._touch)
+        if self._seen_feet or not self._up:
+            return
+        acc = [sum(row[i] for row in self._up) for i in range(3)]
+        up = [sum(row[i] * acc[i] for i in range(3)) for row in self._rot]
+        length = math.sqrt(sum(x * x for x in up)) or 1.0
+        feet = foot_positions(self.robot.model, np.array(joints.position)).tolist()
+        height = [sum(x * u for x, u in zip(foot, up, strict=True)) / length for foot in feet]
+        self._touch = tuple(h < min(height) + LOW_M for h in height)
+
+    def _place(self, kind: str, stamp_ns: int, row: tuple[float, ...], size: int) -> int | None:
+        """Return the time of a sample, ns; None = it is refused."""
+        if len(row) != size:
+            self.refuse(f"{kind}_shape", f"{kind}: got {len(row)} numbers, wanted are {size}")
+            return None
+        if not all(map(math.isfinite, row)):
+            self.refuse(f"{kind}_nonfinite", f"{kind}: got a number that is not finite")
+            return None
+        assert self._origin is not None
+        at, newest = stamp_ns - self._origin, max(self._newest.values(), default=0)
+        if not newest - BACK_NS < at < newest + AHEAD_NS:
+            self.refuse("clock", f"{kind}: the clock jumps by {1e-9 * (at - newest):+.3f} s; time goes on without it")
+            self._origin, at = stamp_ns - newest - TICK_NS, newest + TICK_NS
+        if kind in self._newest and at <= self._newest[kind]:
+            code = "duplicate" if at == self._newest[kind] else "late"
+            self.refuse(f"{kind}_{code}", f"{kind}: a stamp {1e-9 * (self._newest[kind] - at):.6g} s before the last")
+            return None
+        self._newest[kind] = at
+        if kind == "imu" and at <= self._end:
+            self.refuse("imu_late", f"imu: {1e-9 * (self._end - at):.3f} s behind the tick; its tick has passed")
+            return None
+        return at

@@ -1,0 +1,136 @@
+"""Base of drivers of robots whose own controller walks: time is that of their sensors, nothing is sent unasked."""
+
+import time
+from collections.abc import Callable
+
+from pydantic import Field
+
+from surefoot.errors import Refusal
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.driver import Driver, DueSample
+from surefoot.lockstep.intake import ForceContact, Intake
+from surefoot.lockstep.pace import Pace
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import EmergencyStop, JointCommand
+from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_S, Topic
+
+PATIENCE_S = 0.05
+"""Time without a sample after which ticks go on by the wall clock, s."""
+POLL_S = 0.001
+"""Time between two looks at the sensors, s."""
+MISSED_S = 5.0
+"""Time without the first sample after which a warning is logged, s."""
+
+
+class SensedConfig(ServiceConfig):
+    """Services that are waited for, feet, and whether commands reach the robot."""
+
+    expect: tuple[str, ...] = Field(default=("estimator",), description="services that must be ready before tick 0")
+    foot_zero: tuple[float, ...] = Field(default=(), description="raw force of each foot in the air, robot's leg order")
+    foot_scale: tuple[float, ...] = Field(default=(), description="N per raw unit of each foot; empty = uncalibrated")
+    contact_on: float = Field(default=30.0, gt=0, description="N, force from which a foot stands")
+    contact_off: float = Field(default=18.0, gt=0, description="N, force below which it stands no more")
+    command: bool = Field(default=False, description="send joint commands to the robot; false = it is only watched")
+
+    def contact(self, feet: int) -> ForceContact | None:
+        """Return the rule of contacts by force; None = not calibrated (raises Refusal)."""
+        if not self.foot_scale:
+            return None
+        for name in ("foot_zero", "foot_scale"):
+            if len(getattr(self, name)) != feet:
+                raise Refusal("invalid", f"got {len(getattr(self, name))} numbers, wanted is one of {feet} feet", name)
+        return ForceContact(self.foot_zero, self.foot_scale, self.contact_on, self.contact_off)
+
+
+class SensorPace(Pace):
+    """Ticks by the clock of the sensors; by the wall clock while those are silent.
+
+    Args:
+        intake: of the sensors.
+        poll: moves into the intake what has come.
+        clock: returns monotonic wall time, s.
+    """
+
+    def __init__(self, intake: Intake, poll: Callable[[], None], clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(clock)
+        self._intake, self._poll = intake, poll
+        self._last = clock()
+
+    def until_due(self, tick: int) -> float:
+        """Return the wall seconds after which to ask again, 0 when the tick is due."""
+        self._poll()
+        now = self._clock()
+        if self._intake.newest_ns < 0 or self._intake.reached(tick):
+            self._last = now
+            return POLL_S if self._intake.newest_ns < 0 else 0.0
+        if now - self._last < PATIENCE_S:
+            return POLL_S
+        self._last = max(self._last + TICK_S, now - 2 * PATIENCE_S)
+        return 0.0
+
+
+class SensedDriver(Driver[SensedConfig]):
+    """Base: a subclass overrides `open` and `poll`, and `send` where commands may reach the robot."""
+
+    Config = SensedConfig
+    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_STATUS)
+    observes, serves = (CMD_ESTOP,), (SIM_JOIN,)
+
+    def open(self) -> None:
+        """Open the connection to the robot."""
+        raise NotImplementedError
+
+    def poll(self) -> None:
+        """Move what has come since the last call into `self.intake`."""
+        raise NotImplementedError
+
+    def send(self, command: JointCommand) -> None:
+        """Send a command to the robot; called only if the configuration asks for commands."""
+        raise Refusal("shadow", f"{self.name} sends no commands", "command")
+
+    def on_start(self) -> None:
+        """Load the robot, open its sensors."""
+        self.robot = load_robot(self.config.robot)
+        self.intake = Intake(self.robot, self.config.contact(self.robot.nlegs), self._refused)
+        self.stopped, self._asked, self._warned = "", time.monotonic(), False
+        self.open()
+
+    def on_begin(self) -> None:
+        """Begin paced time at the pace of the sensors."""
+        self.node.begin(self.config.expect, "paced", 1.0, 1, "degrade", 0)
+        self.node.pace = SensorPace(self.intake, self.poll)
+        self.node.pace.factor = 1.0
+
+    def release(self, tick: int) -> list[DueSample]:
+        """Return the samples of a tick."""
+        return self.intake.release(tick)
+
+    def actuate(self, tick: int, command: JointCommand | None) -> None:
+        """Pass a command on, if commands are asked for and nothing has stopped them."""
+        if command is not None and self.config.command and not self.stopped:
+            self.send(command)
+
+    def check(self, command: JointCommand) -> None:
+        """Refuse every command of a robot that is only watched."""
+        if not self.config.command:
+            raise Refusal("shadow", f"{self.name} only watches; `command = true` lets commands pass", "command")
+
+    def on_message(self, topic: Topic[Message], message: Message) -> None:
+        """Obey an emergency stop: no further command is sent."""
+        if isinstance(message, EmergencyStop):
+            self.stopped = message.reason or "no reason given"
+            self.on_status()
+
+    def on_status(self) -> None:
+        """Publish how time runs; warn once if the robot is silent."""
+        run = self.node.leader
+        if self.intake.newest_ns < 0 and not self._warned and time.monotonic() - self._asked > MISSED_S:
+            self._warned = True
+            self.log("warning", f"no inertial sample for {MISSED_S:g} s: time begins with the first")
+        now = {"state": run.state, "ticks": run.tick + 1, "tick": run.tick, "epoch": run.epoch, "rtf": 1.0}
+        self.publish(SIM_STATUS, SimStatus.model_validate({**now, "comparable": False, "stopped": self.stopped}))
+
+    def _refused(self, code: str, text: str) -> None:
+        self.log("warning", f"refused ({code}): {text}")
