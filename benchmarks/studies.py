@@ -7,11 +7,13 @@ Results belong to one state of the code: begin a new file after a change.
 import tempfile
 import time
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 
 from benchmarks.report import Bench, table
+from surefoot.lab.chaos.marks import MARKS, Marks
 from surefoot.lab.chaos.run import run_chaos
 from surefoot.lab.runs.local import run_local
 from surefoot.lab.statistics import wilson
@@ -19,8 +21,7 @@ from surefoot.lab.studies import Line, metrics, passed, run_scenario, seeds_of, 
 from surefoot.record.recording import read_recording
 from surefoot.schemas.topics import HW_LANDMARKS, HW_RANGE, STATE_GAIT
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario, parse_scenario
-from tests.surefoot.lockstep.test_chaos import MESSAGES, TICKS, Found, reference
-from tests.surefoot.lockstep.test_chaos import run as run_toys
+from tests.surefoot.lockstep import toy_chaos as toys
 
 BENCH = Bench("studies")
 
@@ -80,6 +81,8 @@ def scenarios(
 CHAOS = {"toys": "0:1700", "ragno": "0:100", "bioloid": "0:100", "nao": "0:100"}
 """Seeds of each system of the faults."""
 EVENTS = 5
+MARKED = 1000
+"""Seeds in which new recoveries are counted."""
 WAYS = {"ragno": (0.1, 300), "bioloid": (0.1, 600), "nao": (0.1, 400)}
 """Way, m, and ticks over which the events are spread, by robot."""
 SHORT_WALK = """
@@ -106,21 +109,19 @@ def spoilt(what: str, seed: int) -> Line:
     else:
         distance, ticks = WAYS[what]
         scenario = parse_scenario(SHORT_WALK.format(robot=what, distance=distance), Path(f"{what}.toml"))
-        run = run_chaos(scenario, seed, EVENTS, ticks=ticks, paced=seed % 2 == 1)
+        with Marks() as marks:
+            run = run_chaos(scenario, seed, EVENTS, ticks=ticks, paced=seed % 2 == 1)
         slowest = max((o.recovered - o.began for o in run.outcomes if o.recovered is not None), default=0.0)
         line = {"bad": list(run.violations), "events": len(run.outcomes), "ticks": run.ticks, "recovered_s": slowest,
-                "unbound": run.unbound}  # fmt: skip
+                "unbound": run.unbound, "marks": sorted(marks.taken)}  # fmt: skip
     return line | {"cpu_s": round(time.process_time() - began, 3)}
 
 
 def _toys(seed: int) -> Line:
-    kinds: dict[str, Any] = {} if seed % 2 else {"kinds": MESSAGES}
-    try:
-        history, system = run_toys(seed, **kinds)
-    except Found as found:
-        return {"bad": [str(found)], "events": 0, "ticks": 0}
-    bad = [] if seed % 2 or history == reference() else ["another run than that without faults"]
-    return {"bad": bad, "events": len(system.outcomes), "ticks": TICKS}
+    events = toys.drawn(seed)
+    with Marks() as marks:
+        bad = toys.failure(events, seed, toys.reference())
+    return {"bad": [bad] if bad else [], "events": len(events), "ticks": toys.TICKS, "marks": sorted(marks.taken)}
 
 
 def _bad(line: Line) -> None:
@@ -140,10 +141,12 @@ def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
         what: pairs of toys, ragno, bioloid or nao, and first:end; default: 1700 seeds of toys and 100 of each robot.
     """
     rows: list[tuple[object, ...]] = []
+    taken: list[tuple[object, ...]] = []
     for name, seeds in zip(what[::2], what[1::2], strict=True) if what else CHAOS.items():
         jobs = [{"what": name, "seed": seed} for seed in seeds_of(seeds)]
         lines = study(spoilt, jobs, results, processes=processes, show=_bad)
         bad = [line["seed"] for line in lines if line["bad"]]
+        taken.append(_marked(name, lines))
         rows.append(
             (
                 name, len(lines), sum(line["events"] for line in lines), len(bad),
@@ -154,6 +157,44 @@ def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
         )  # fmt: skip
     header = ("system", "seeds", "events", "bad", "below (95 %)", "processor s a seed", "slowest recovery s", "which")
     table("faults", header, rows)
+    marks = ("system", "seeds", "recoveries taken", f"new in each {MARKED}", "never")
+    table(f"recoveries taken, of {len(MARKS)}", marks, taken)
+
+
+def _marked(name: str, lines: list[Line]) -> tuple[object, ...]:
+    """Return a row: recoveries that the seeds took, and how many were new in each thousand."""
+    seen, new = set[str](), list[int]()
+    for first in range(0, len(lines), MARKED):
+        before = len(seen)
+        seen.update(*(line["marks"] for line in lines[first : first + MARKED]))
+        new.append(len(seen) - before)
+    never = ", ".join(mark for mark in MARKS if mark not in seen)
+    return name, len(lines), len(seen), " ".join(map(str, new)), never
+
+
+@BENCH.part("--seeds 0:2")
+def planted(*, seeds: str = "0:200") -> None:
+    """Faults planted into the protocol: the first seed of the toys that finds each, and the events it needs.
+
+    Goals: all 20 found; median of at most five events; the shrunk failure replayed to the bit.
+    """
+    expected, lengths = toys.reference(), list[int]()
+    rows: list[tuple[object, ...]] = []
+    for name, (owner, attribute, value) in toys.PLANTED.items():
+        original = getattr(owner, attribute)
+        setattr(owner, attribute, value)
+        try:
+            found = toys.shrunk(expected, seeds_of(seeds))
+            again = found and toys.failure(found[1].events, found[0], expected) == found[1].failure
+        finally:
+            setattr(owner, attribute, original)
+        if found is None:
+            rows.append((name, "-", "-", "-", "-", "not found"))
+            continue
+        lengths.append(len(found[1].events))
+        rows.append((name, found[0], toys.EVENTS, lengths[-1], again, found[1].failure[:70]))
+    header = ("planted", "seed", "events", "shrunk", "replayed", "failure")
+    table(f"{len(lengths)} of {len(rows)} found, median of {median(lengths or [0]):g} events", header, rows)
 
 
 LANDMARKS = """

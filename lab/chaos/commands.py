@@ -1,7 +1,7 @@
 """`surefoot chaos`: a scenario under faults from a seed."""
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from surefoot.services.supervisor.scenarios.scenario import Scenario
 
     from ..runs.live import Options
-    from .events import ChaosOutcome, ChaosRun
+    from .events import ChaosOutcome, ChaosRun, Kind
     from .live import LiveRun
     from .run import MemoryRun
 
@@ -42,9 +42,13 @@ def chaos(
     ] = None,
     zenoh: Annotated[bool, typer.Option("--zenoh", help="Real processes: killed, ended, frozen, slowed.")] = False,
     paced: Annotated[bool, typer.Option("--paced", help="Time goes on, whoever is missing, it does not wait.")] = False,
+    kinds: Annotated[
+        str, typer.Option(help="Kinds of faults, separated by commas [each seed switches about half of them off].")
+    ] = "",
     listen: Listen = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of recordings and reports with --zenoh [new ones under runs/].")
+        Path | None,
+        typer.Option(help="Folder of recordings and reports with --zenoh [new ones under runs/], else of tests [.]."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is in that folder.")] = False,
     json: Json = False,
@@ -52,23 +56,25 @@ def chaos(
     """Run a scenario while faults that a seed draws happen to it. Exit code 1: something was unsafe or not back.
 
     In one process (the default) messages are dropped, doubled, reordered, delayed, corrupted and forged and services
-    killed and frozen, in virtual time: a seed replays a failure to the bit. With --zenoh the processes of a live system
-    are killed, ended, frozen and slowed, and a stranger forges commands.
+    killed and frozen, in virtual time: a seed replays a failure to the bit. The events of a failure are left out as
+    long as it stays the same, and what is left is written as a test. With --zenoh the processes of a live system are
+    killed, ended, frozen and slowed, and a stranger forges commands.
     """
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
     use_json(json)
-    loaded = load_scenario(find_scenario(scenario))
+    path = find_scenario(scenario)
+    loaded = load_scenario(path)
+    draw = _Draw(events, _chosen(kinds, zenoh=zenoh), ticks)
     found: list[ChaosRun] = []
     if zenoh:
         from ..runs.live import Options
 
         options = Options(rtf=1.0 if paced else None, listen=listen, out=out)
         for number in _prepared(loaded, range(seed, seed + runs), options, force=force):
-            found.append(_live(loaded, number, events, ticks, options))
+            found.append(_live(loaded, number, draw, options))
     else:
-        for number in range(seed, seed + runs):
-            found.append(_in_memory(loaded, number, events, ticks, paced=paced))
+        found += _in_memory(path, loaded, range(seed, seed + runs), draw, out, paced=paced)
     if json:
         write_json(found)
     else:
@@ -77,13 +83,73 @@ def chaos(
         raise typer.Exit(EXIT_CHECK)
 
 
-def _in_memory(scenario: "Scenario", seed: int, events: int, ticks: int | None, *, paced: bool) -> "MemoryRun":
+def _chosen(text: str, *, zenoh: bool) -> "tuple[Kind, ...]":
+    """Return the kinds of faults of a list; empty = each seed has its own."""
+    from .events import LIVE, MEMORY
+
+    known = (LIVE if zenoh else MEMORY).kinds
+    wanted = [name.strip() for name in text.split(",") if name.strip()]
+    for name in wanted:
+        if name not in known:
+            raise typer.BadParameter(f"got {name!r}, known are {', '.join(known)}", param_hint="--kinds")
+    return tuple(kind for kind in known if kind in wanted)
+
+
+@dataclass(frozen=True)
+class _Draw:
+    """Source of the events of a seed."""
+
+    events: int
+    kinds: "tuple[Kind, ...]"
+    ticks: int | None
+
+
+def _in_memory(
+    path: Path, scenario: "Scenario", seeds: range, draw: _Draw, out: Path | None, *, paced: bool
+) -> "list[MemoryRun]":
+    """Run each seed, shrink those that fail, report the recoveries that were taken."""
+    from .marks import MARKS, Marks
     from .run import run_chaos
 
-    run = run_chaos(scenario, seed, events, ticks=ticks, paced=paced)
-    state = "; ".join(run.violations) or "ok"
-    tell(f"seed {seed}: {len(run.outcomes)} events, {run.ticks} ticks, {run.unbound} forged refused: {state}")
-    return run
+    found: list[MemoryRun] = []
+    half = set[str]()
+    with Marks() as marks:
+        for seed in seeds:
+            run = run_chaos(scenario, seed, draw.events, draw.kinds, draw.ticks, paced=paced)
+            found.append(run)
+            what = f"{len(run.outcomes)} events, {run.ticks} ticks, {run.unbound} forged refused"
+            tell(f"{_named(run)}: {what}: {'; '.join(run.violations) or 'ok'}")
+            if seed < seeds.start + len(seeds) // 2:
+                half = set(marks.taken)
+    taken, late = len(marks.taken), len(marks.taken - half)
+    never = ", ".join(name for name in MARKS if name not in marks.taken) or "none"
+    tell(f"{taken} of {len(MARKS)} recoveries taken, {late} of them first in the second half of the seeds")
+    tell(f"never taken: {never}")
+    for run in found:
+        if run.violations:
+            _shrink(path, scenario, run, draw, out, paced=paced)
+    return found
+
+
+def _named(run: "ChaosRun") -> str:
+    return f"seed {run.seed} ({', '.join(run.kinds)})"
+
+
+def _shrink(path: Path, scenario: "Scenario", run: "MemoryRun", draw: _Draw, out: Path | None, *, paced: bool) -> None:
+    """Write the test of a failure, with the fewest events that it needs."""
+    from .run import drawn
+    from .shrink import as_test, shrink_run
+
+    events = drawn(scenario, run.seed, draw.events, run.kinds, draw.ticks)
+    found = shrink_run(scenario, events, run.seed, paced=paced)
+    target = (out or Path()) / f"test_{scenario.name}_seed{run.seed}.py".replace("-", "_")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(
+        as_test(path.read_text(encoding="utf-8"), scenario.name, len(events), found, run.seed, paced=paced)
+    )
+    tell(
+        f"seed {run.seed}: {len(found.events)} of {len(events)} events make it fail ({found.runs} runs); {near(target)}"
+    )
 
 
 def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: bool) -> range:
@@ -109,16 +175,16 @@ def _folder(out: Path, seed: int) -> Path:
     return out / f"seed{seed}"
 
 
-def _live(scenario: "Scenario", seed: int, events: int, ticks: int | None, options: "Options") -> "LiveRun":
+def _live(scenario: "Scenario", seed: int, draw: _Draw, options: "Options") -> "LiveRun":
     from .live import run_live
 
     if options.out is not None:
         options = replace(options, out=_folder(options.out, seed))
-    run = run_live(scenario, seed, events, options, ticks=ticks, tell=tell)
+    run = run_live(scenario, seed, draw.events, options, kinds=draw.kinds, ticks=draw.ticks, tell=tell)
     state = "; ".join(run.violations) or "ok"
     bags = ", ".join(f"{name} {count} messages" for name, count in run.bags.items())
     where = "" if run.report is None else f"; {near(run.report)}"
-    tell(f"seed {seed}: {len(run.outcomes)} events, {run.ticks} ticks, {bags}: {state}{where}")
+    tell(f"{_named(run)}: {len(run.outcomes)} events, {run.ticks} ticks, {bags}: {state}{where}")
     return run
 
 

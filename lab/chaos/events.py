@@ -17,6 +17,8 @@ MOST_MESSAGES = 20
 """Deliveries that one event spoils at most; commands that one event forges in a live system."""
 MOST_ROUNDS = 30
 """Delay of a delivery at most, rounds of the bus."""
+SWARM_SHARE = 0.5
+"""Probability with which a seed leaves a kind of faults on."""
 FORGER = "forger"
 """Sender of forged messages."""
 FORGED_RAD = 0.4
@@ -66,6 +68,8 @@ class ChaosRun:
     """Unsafe states and missing recoveries, in words; empty = none."""
     ticks: int
     """Control ticks."""
+    kinds: tuple[Kind, ...] = ()
+    """Kinds of faults that the seed left on."""
     fell_at: int | None = None
     """Tick in which the robot fell; None = it did not. A fall is a violation unless the robot also falls when it is
     held at the moment in which its commands ended: see `surefoot.lab.chaos.run.falls_when_held`."""
@@ -81,6 +85,17 @@ class Stage(NamedTuple):
     """Draws service, count and size of an event of a kind; the first service is the driver."""
 
 
+def swarm(stage: Stage, seed: int) -> tuple[Kind, ...]:
+    """Return the kinds of faults that a seed leaves on, at least one; the others are off in the whole run.
+
+    Two faults can hide each other's failures, and a run in which every kind happens shows no kind alone (swarm testing,
+    Groce et al., ISSTA 2012).
+    """
+    random = Random(f"swarm {seed}")
+    kept: tuple[Kind, ...] = tuple(kind for kind in stage.kinds if random.random() < SWARM_SHARE)
+    return kept or (random.choice(stage.kinds),)
+
+
 def draw_events(
     stage: Stage, seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = ()
 ) -> tuple[ChaosEvent, ...]:
@@ -92,12 +107,12 @@ def draw_events(
         number: of events.
         services: names of those that may be hit; the first is the driver, whose end would end the world.
         ticks: of the run; no event begins in its last fifth, so that the end shows whether everything recovered.
-        kinds: to draw from; empty = all of the stage.
+        kinds: to draw from; empty = those that the seed leaves on.
     """
-    random = Random(seed)
+    random, kinds = Random(seed), kinds or swarm(stage, seed)
     found: list[ChaosEvent] = []
     for _ in range(number):
-        kind = random.choice(kinds or stage.kinds)
+        kind = random.choice(kinds)
         service, count, size = stage.fault(random, kind, services)
         tick = random.randint(stage.first_tick, max(stage.first_tick, ticks * 4 // 5))
         found.append(ChaosEvent(kind, tick, service, count, size))

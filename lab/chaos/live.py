@@ -28,7 +28,7 @@ from surefoot.services.supervisor.service import WELL
 
 from ..report.judge import RunVerdict
 from ..runs.live import Options, RunProgress, run_scenario
-from .events import FORGED_RAD, FORGER, LIVE, ChaosEvent, ChaosOutcome, ChaosRun, Kind, draw_events
+from .events import FORGED_RAD, FORGER, LIVE, ChaosEvent, ChaosOutcome, ChaosRun, Kind, draw_events, swarm
 from .run import falls_when_held
 
 SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7
@@ -70,7 +70,7 @@ def run_live(
         seed: of the events.
         events: how many.
         options: as of a run.
-        kinds: to draw from.
+        kinds: to draw from; empty = those that the seed leaves on.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
         tell: called with each message on what the system does.
         show: gets how far the run is.
@@ -93,8 +93,7 @@ def run_live(
         scenario = replace(scenario, seed=options.seed)
     (chaos,) = made
     violations = list(chaos.violations)
-    left = orphans(chaos.processes)
-    violations += [f"process {pid} of {name} is left" for pid, name in left.items()]
+    violations += [f"process {pid} of {name} is left" for pid, name in orphans(chaos.processes).items()]
     bags: dict[str, int] = {}
     for path in sorted(outcome.report.parent.glob("*.mcap")) if outcome.report is not None else ():
         try:
@@ -110,7 +109,8 @@ def run_live(
         violations += [] if excused else [f"the robot fell in tick {fell_at}"]
     return LiveRun(
         seed=seed, outcomes=tuple(chaos.outcomes), violations=tuple(violations), ticks=chaos.session.supervisor.ticks,
-        fell_at=fell_at, bags=bags, verdict=outcome.verdict, report=outcome.report,
+        kinds=tuple(kinds) or swarm(LIVE, seed), fell_at=fell_at, bags=bags, verdict=outcome.verdict,
+        report=outcome.report,
     )  # fmt: skip
 
 

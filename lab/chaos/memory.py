@@ -128,16 +128,20 @@ class ChaosSystem:
         for query in node.service.serves:
             self.bus.pump_with(query, lambda name=name, node=node: name not in self._frozen and node.pump_once())
 
-    def run(self, finished: Callable[[], bool], watch: Callable[[], None] = lambda: None) -> None:
+    def run(
+        self, finished: Callable[[], bool], watch: Callable[[], None] = lambda: None, stall_s: float | None = None
+    ) -> None:
         """Let the services work in turn, and the events happen, until ``finished``.
 
         Args:
             finished: asked after each round.
             watch: called after each round.
+            stall_s: virtual time without a tick after which the run counts as stalled, s; None = `STALL_S`.
 
         Raises:
-            BusError: no tick for ``STALL_S`` of virtual time.
+            BusError: the run has stalled.
         """
+        longest = STALL_S if stall_s is None else stall_s
         tick, moved = -1, self.now
         while not finished():
             progressed = self.bus.turn()
@@ -153,9 +157,9 @@ class ChaosSystem:
             if self.driver.leader.tick != tick:
                 tick, moved = self.driver.leader.tick, self.now
                 self._close_events()
-            if self.now - moved > STALL_S:
+            if self.now - moved > longest:
                 leader = self.driver.leader
-                why = f"no tick after {tick} for {STALL_S:g} s; {leader.state}, waits for {leader.missing()}"
+                why = f"no tick after {tick} for {longest:g} s; {leader.state}, waits for {leader.missing()}"
                 raise BusError("stalled", why)
 
     def _happen(self) -> None:

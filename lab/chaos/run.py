@@ -25,7 +25,7 @@ from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import Supervisor
 
 from ..runs.local import build_services
-from .events import FORGED_RAD, FORGER, MEMORY, ChaosEvent, ChaosRun, Kind, draw_events
+from .events import FORGED_RAD, FORGER, MEMORY, ChaosEvent, ChaosRun, Kind, draw_events, swarm
 from .memory import ChaosSystem
 
 SAFE = ("recorder", Supervisor.name)
@@ -63,13 +63,32 @@ def run_chaos(
         scenario: what to do; its own seed is that of the world.
         seed: of the events.
         events: how many.
-        kinds: to draw from; empty = all of the in-memory bus.
+        kinds: to draw from; empty = those that the seed leaves on.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
         paced: time goes on in real time, as on a robot, when a service is missing; else it waits (lockstep).
     """
+    kinds = kinds or swarm(MEMORY, seed)
+    return replace(suffer(scenario, drawn(scenario, seed, events, kinds, ticks), seed, paced=paced), kinds=kinds)
+
+
+def drawn(
+    scenario: Scenario, seed: int, events: int, kinds: tuple[Kind, ...] = (), ticks: int | None = None
+) -> tuple[ChaosEvent, ...]:
+    """Return the events of a seed; arguments as of `run_chaos`."""
     hit = ("driver", *(name for name in _members(scenario) if name not in SAFE))
-    drawn = draw_events(MEMORY, seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
-    run = _conduct(scenario, drawn, seed, paced=paced)
+    return draw_events(MEMORY, seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
+
+
+def suffer(scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool = False) -> MemoryRun:
+    """Conduct a scenario while these events happen, in the order of their ticks.
+
+    Args:
+        scenario: what to do.
+        events: what happens.
+        seed: of the random parts of the events.
+        paced: as of `run_chaos`.
+    """
+    run = _conduct(scenario, events, seed, paced=paced)
     if run.fell_at is None:
         return run
     outages = [o.event.tick for o in run.outcomes if paced and o.event.service == COMMANDER]

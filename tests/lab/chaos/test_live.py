@@ -35,7 +35,7 @@ min_distance_m = 0.04
 
 def test_a_seed_draws_every_kind_and_leaves_the_world_alive() -> None:
     assert draw_events(LIVE, 7, 30, NAMES, 1000) == draw_events(LIVE, 7, 30, NAMES, 1000)
-    events = draw_events(LIVE, 7, 500, NAMES, 1000)
+    events = draw_events(LIVE, 7, 500, NAMES, 1000, LIVE.kinds)
     assert {event.kind for event in events} == set(LIVE.kinds)
     assert {event.service for event in events if event.kind == "kill"} == set(NAMES[1:])
     driver = {(event.kind, event.size) for event in events if event.service == "simulator"}
@@ -97,7 +97,7 @@ def test_what_lives_on_in_the_group_of_an_ended_service_is_an_orphan() -> None:
 def test_a_live_walk_survives_its_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     options = Options(listen=free_address(), out=tmp_path / "out")
-    run = run_live(parse_scenario(WALK, Path("walk.toml")), 5, 6, options, ticks=300)
+    run = run_live(parse_scenario(WALK, Path("walk.toml")), 5, 6, options, kinds=LIVE.kinds, ticks=300)
     assert {outcome.event.kind for outcome in run.outcomes} >= {"kill", "forge"}
     assert run.violations == ()
     assert run.verdict.ok, run.verdict

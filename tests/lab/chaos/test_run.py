@@ -1,11 +1,14 @@
 """Robots under faults from a seed: they stand, they walk on, and the seed replays it to the bit, also a failure."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from surefoot.lab.chaos import memory
-from surefoot.lab.chaos.run import falls_when_held, run_chaos
+from surefoot.lab.chaos import memory, run, shrink
+from surefoot.lab.chaos.events import ChaosEvent
+from surefoot.lab.chaos.run import MemoryRun, falls_when_held, run_chaos
 from surefoot.lockstep.driver import DriverNode
 from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 
@@ -44,10 +47,10 @@ def test_a_seed_is_replayed_to_the_bit_and_nothing_forged_is_obeyed(walk: Scenar
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_services_killed_and_frozen_in_mid_step_come_back(walk: Scenario, seed: int) -> None:
-    run = run_chaos(walk, seed, 3, ("kill", "freeze"), ticks=250)
-    assert run.outcomes
-    assert run.violations == ()
-    assert all(outcome.recovered is not None for outcome in run.outcomes)
+    found = run_chaos(walk, seed, 3, ("kill", "freeze"), ticks=250)
+    assert found.outcomes
+    assert found.violations == ()
+    assert all(outcome.recovered is not None for outcome in found.outcomes)
 
 
 @pytest.mark.parametrize("robot", ["ragno", "bioloid"])
@@ -69,3 +72,35 @@ def test_a_biped_in_paced_time_walks_on_without_a_fall_and_to_the_bit() -> None:
 
 def test_a_robot_without_commands_is_held_and_stands() -> None:
     assert not falls_when_held(walk_of("ragno"), 200)
+
+
+def test_a_failure_is_shrunk_and_its_test_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, complaint: Callable[..., str]
+) -> None:
+    """In place of the robot a run that fails when there are a drop and a kill."""
+
+    def suffered(scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool = False) -> MemoryRun:
+        bad = ("no tick after 7",) if {event.kind for event in events} == {"drop", "kill"} else ()
+        return MemoryRun(seed=seed, outcomes=(), violations=bad, ticks=9, run_hash="", unbound=0, wall_s=1.0)
+
+    monkeypatch.setattr(run, "suffer", suffered)
+    monkeypatch.setattr(shrink, "suffer", suffered)
+    file = tmp_path / "my-walk.toml"
+    file.write_text(WALK.format(robot="ragno"), encoding="utf-8")
+    words = ("chaos", file, "--seed", 2, "--events", 9, "--kinds", "drop,kill", "--ticks", 120, "--out", tmp_path)
+    shown = complaint(*words, code=1)
+    assert "seed 2 (drop, kill)" in shown
+    assert "2 of 9 events make it fail" in shown
+    assert "recoveries taken" in shown
+    written = (tmp_path / "test_my_walk_seed2.py").read_text(encoding="utf-8")
+    found: dict[str, Any] = {}
+    exec(compile(written, "test_my_walk_seed2.py", "exec"), found)
+    assert {event.kind for event in found["EVENTS"]} == {"drop", "kill"}
+    with pytest.raises(AssertionError):
+        found["test_my_walk_survives_seed_2"]()
+
+
+def test_a_kind_that_is_not_known_is_refused_with_those_that_are(complaint: Callable[..., str]) -> None:
+    shown = complaint("chaos", "flat", "--kinds", "drop,slow")
+    assert "'slow'" in shown
+    assert "corrupt" in shown

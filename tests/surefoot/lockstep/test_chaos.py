@@ -1,95 +1,43 @@
 """Seeds of faults over the toys: the run is that without faults, whatever was dropped, doubled, delayed or forged.
 
-Ten faults planted into the protocol are each found by a short campaign.
+Twenty faults planted into the protocol are each found by a short campaign, and shrunk to a few events.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from surefoot.bus.interface import Delivery
-from surefoot.errors import BusError
-from surefoot.lab.chaos.events import FORGER, MEMORY, Kind, draw_events
-from surefoot.lab.chaos.memory import ChaosSystem
-from surefoot.lockstep import commands, join, node
-from surefoot.lockstep import driver as driver_module
-from surefoot.lockstep.config import ServiceConfig
-from surefoot.schemas.hw import JointCommand
+from surefoot.lab.chaos.events import MEMORY, ChaosEvent, Kind, draw_events, swarm
+from surefoot.lab.chaos.marks import MARKS, Marks
+from surefoot.lab.chaos.shrink import shrink
+from surefoot.lockstep import join
 from surefoot.schemas.topics import Topic
-from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyObserver, ToyWalker, estimate
-
-TICKS = 60
-SEEDS = range(60)
-MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
-NAMES = ("driver", "estimator", "walker", "recorder")
-
-
-class Found(AssertionError):
-    """A campaign has found something wrong."""
-
-
-def forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
-    """What an impostor publishes before the owner: the same header, other content."""
-    message = delivery.message()
-    header = (message.stamp_ns, message.tick, message.epoch, message.seq, "x")
-    if topic.key == "cmd/joints":
-        return Delivery(topic, JointCommand(position=(40.0,)).stamped(*header), None, None, FORGER)
-    if topic.key == "state/velocity":
-        return Delivery(topic, estimate(40.0).stamped(*header), None, None, FORGER)
-    if topic.key == "hw/tick":
-        far = message.model_copy(update={"epoch": 10**9})
-        return Delivery(topic, far, None, None, FORGER)
-    return None
-
-
-def run(seed: int, number: int = 8, kinds: tuple[Kind, ...] = MEMORY.kinds) -> tuple[list[float], ChaosSystem]:
-    """A run under faults; the history of the toy's state."""
-    makers: dict[str, Callable[[], Any]] = {
-        "simulator": ToyDriver,
-        "estimator": lambda: ToyEstimator(ServiceConfig()),
-        "walker": lambda: ToyWalker(ServiceConfig()),
-        "recorder": ToyObserver,
-    }
-    events = draw_events(MEMORY, seed, number, NAMES, TICKS, kinds)
-    system = ChaosSystem(makers, events, seed, forge)
-    system.driver.begin(("estimator", "walker", "recorder"), "lockstep", 0.0, 1, "hold", 0)
-    lead = system.driver.leader
-    lead.end_tick = TICKS
-    try:
-        system.run(lambda: lead.state == "ended" and lead.all_done())
-    except BusError as error:
-        raise Found(str(error)) from None
-    if system.absent():
-        raise Found(f"not back: {', '.join(system.absent())}")
-    return system.driver.service.history, system  # type: ignore[attr-defined]
-
-
-def reference() -> list[float]:
-    return run(0, 0)[0]
-
-
-def campaign(expected: list[float]) -> None:
-    """Raises Found for the first seed whose run is another than that without faults."""
-    for seed in SEEDS:
-        try:
-            history, _ = run(seed, kinds=MESSAGES)
-        except Exception as error:
-            raise Found(f"seed {seed}: {type(error).__name__}: {error}") from None
-        if history != expected:
-            raise Found(f"seed {seed}: another run, from tick {[*map(float.__eq__, history, expected)].index(False)}")
+from tests.surefoot.lockstep.toy_chaos import (
+    FIRST_SEED,
+    MESSAGES,
+    NAMES,
+    PLANTED,
+    TICKS,
+    drawn,
+    failure,
+    reference,
+    run,
+    shrunk,
+)
 
 
 def test_the_events_of_a_seed_are_the_same_and_of_every_kind() -> None:
     assert draw_events(MEMORY, 7, 50, NAMES, 1000) == draw_events(MEMORY, 7, 50, NAMES, 1000)
-    events = draw_events(MEMORY, 7, 500, NAMES, 1000)
+    events = draw_events(MEMORY, 7, 500, NAMES, 1000, MEMORY.kinds)
     assert {event.kind for event in events} == set(MEMORY.kinds)
     assert {event.service for event in events if event.kind in ("kill", "freeze")} == set(NAMES[1:])
     assert [event.tick for event in events] == sorted(event.tick for event in events)
 
 
 def test_spoilt_messages_change_nothing() -> None:
-    campaign(reference())
+    expected = reference()
+    found = {seed: failure(drawn(seed), seed, expected) for seed in range(60)}
+    assert not {seed: text for seed, text in found.items() if text}
 
 
 def test_the_faults_of_a_seed_are_replayed_to_the_bit() -> None:
@@ -153,44 +101,62 @@ def test_a_lost_delayed_input_of_the_last_tick_is_sent_again() -> None:
 # -- planted faults ----------------------------------------------------------------------------------------------------
 
 
-def offer_again(self: join.Join, tick: Any) -> Any:
-    """Work out a tick that comes again once more."""
-    if tick.epoch == self.epoch and 0 <= tick.tick == self.last:
-        self.last -= 1
-    return OFFER_TICK(self, tick)
-
-
-def raise_malformed(self: node.Node, reason: str, detail: str = "") -> None:
-    self.refused[reason] += 1
-    if reason == "malformed":
-        raise ValueError(detail)
-
-
-def repeat_without_samples(self: Any, ticks: range) -> None:
-    self._outbox.clear()
-    REPEAT(self, ticks)
-
-
-OFFER_TICK, TAKE, REPEAT = join.Join._offer_tick, commands.Commands.take, driver_module.DriverNode._repeat
-PLANTED: dict[str, tuple[Any, str, Any]] = {
-    "anyone_speaks": (node.Node, "_speaks", lambda *args, **more: True),
-    "no_resend": (driver_module.DriverNode, "_repeat_all", lambda self: None),
-    "no_replay": (node.Node, "_replay", lambda *args: None),
-    "newest_instead_of_same_tick": (join.Join, "_missing", lambda self, tick: []),
-    "second_message_wins": (join.Join, "_offer_tick", offer_again),
-    "no_delay_kept": (commands.Commands, "take", lambda self, wanted, exact: TAKE(self, wanted + 1, exact=False)),
-    "later_command_stands_in": (driver_module.DriverNode, "_lacks_command", lambda self: False),
-    "malformed_ends_the_service": (node.Node, "refuse", raise_malformed),
-    "outputs_forgotten": (node, "KEEP_TICKS", 0),
-    "repeats_without_samples": (driver_module.DriverNode, "_repeat", repeat_without_samples),
-}
-"""What takes the place of what, by the name of the fault."""
-
-
 @pytest.mark.parametrize("fault", PLANTED)
-def test_a_planted_fault_of_the_protocol_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planted_fault_of_the_protocol_is_found_and_shrunk(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = reference()
     monkeypatch.setattr(*PLANTED[fault])
-    with pytest.raises(Found):
-        campaign(expected)
-    assert len(PLANTED) == 10
+    seed = FIRST_SEED.get(fault, 0)
+    found = shrunk(expected, range(seed, seed + 1))
+    assert found is not None, f"{fault} was not found"
+    _, least = found
+    assert len(least.events) <= 5
+    assert failure(least.events, seed, expected) == least.failure
+    assert len(PLANTED) == 20
+
+
+def test_events_that_a_failure_does_not_need_are_left_out() -> None:
+    """Without the protocol: a run fails when the two events with these ticks are both there."""
+    events = draw_events(MEMORY, 5, 12, NAMES, 1000, MESSAGES)
+    needed = {events[3], events[9]}
+
+    def fail(some: Any) -> str:
+        return (
+            f"fails in tick {len(some)}" if {event.tick for event in needed} <= {event.tick for event in some} else ""
+        )
+
+    found = shrink(events, fail)
+    assert [event.tick for event in found.events] == sorted(event.tick for event in needed)
+    assert all(event.count <= 1 for event in found.events)
+    assert found.runs < 80
+    with pytest.raises(ValueError, match="does not fail"):
+        shrink(events[:2], fail)
+
+
+def test_another_failure_is_no_reason_to_leave_an_event_out() -> None:
+    events = tuple(ChaosEvent("drop", tick, "walker", 1) for tick in range(3))
+    found = shrink(events, lambda some: "as before" if len(some) == 3 else "another")
+    assert found.events == events
+
+
+def test_each_seed_leaves_other_kinds_on() -> None:
+    left = {seed: swarm(MEMORY, seed) for seed in range(200)}
+    assert all(left.values())
+    assert left == {seed: swarm(MEMORY, seed) for seed in range(200)}
+    assert len(set(left.values())) > 80
+    for seed, kinds in left.items():
+        assert {event.kind for event in draw_events(MEMORY, seed, 40, NAMES, 1000)} <= set(kinds)
+
+
+def test_recoveries_that_a_run_takes_are_marked_and_the_runtime_is_as_before() -> None:
+    before = [vars(mark.owner).get(mark.method) for mark in MARKS.values()]
+    with Marks() as marks:
+        run(0, 0)
+        assert not {name for name in marks.taken if name.startswith(("leader", "driver sends"))}
+        for seed in range(20):
+            run(seed)
+    assert marks.taken >= {
+        "join gets a tick again", "node refuses a malformed message", "node refuses a process that is not bound",
+        "node sends a tick's outputs again", "driver sends ticks again", "leader holds time for a lost member",
+        "leader gets a member back that was out of sight", "leader lets a new process take over",
+    }  # fmt: skip
+    assert [vars(mark.owner).get(mark.method) for mark in MARKS.values()] == before
