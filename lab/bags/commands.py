@@ -31,9 +31,9 @@ def import_log(
 ) -> None:
     """Make a recording of a log of others, with estimates and margins as if the services had run on the robot."""
     from surefoot.errors import SurefootError
+    from surefoot.record.fields import FieldPath
     from surefoot.robot.reader import load_robot
 
-    from .fields import FieldPath
     from .fit import fitted, save_calibration
     from .importing import record
     from .raw import TABLES, log_of_table

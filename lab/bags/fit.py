@@ -11,8 +11,8 @@ from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.lockstep.intake import ForceContact
-from surefoot.nearest import did_you_mean
 from surefoot.robot.description import Robot
+from surefoot.robot.names import joint_columns, leg_columns
 from surefoot.schemas.topics import TICK_NS
 
 from ..estimation.contacts import mean_up
@@ -86,29 +86,15 @@ def fitted(log: RawLog, robot: Robot, stated: tuple[float, float] | None = None,
     return out
 
 
-def plain(name: str) -> str:
-    """Return a joint or leg name as descriptions write it."""
-    return name.lower().removesuffix("_joint")
-
-
 def _joint_order(log: RawLog, robot: Robot) -> list[int]:
     """Return the columns of the robot's joints in the log."""
-    names = [plain(name) for name in log.joint_names]
-    if not names:
+    if not log.joint_names:
         if log.joints.values.shape[1] == robot.nj:
             log.notes.append(f"joints without names: taken in the order of {robot.name}")
             return list(range(robot.nj))
         text = f"got {log.joints.values.shape[1]} joints without names, {robot.name} has {robot.nj}"
         raise SurefootError("invalid", f"{text}; name them by --joint-names", "joint-names")
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise SurefootError("invalid", f"joint {twice[0]!r} is there more than once", "joint-names")
-    for name in robot.joint_names:
-        if name not in names:
-            hint = did_you_mean(name, log.joint_names) or f"; it has {', '.join(log.joint_names)}"
-            text = f"the log has no joint {name!r} of {robot.name}{hint}; another robot, or name them by --joint-names"
-            raise SurefootError("invalid", text, "joint-names")
-    return [names.index(name) for name in robot.joint_names]
+    return joint_columns(log.joint_names, robot)
 
 
 def _check_limits(joints: Array, robot: Robot) -> None:
@@ -168,14 +154,9 @@ def _foot_order(log: RawLog, robot: Robot, notes: list[str]) -> list[int]:
             raise SurefootError("invalid", f"{text}; take a part of them: TOPIC.FIELD[a:b]", "contacts")
         notes.append(f"feet taken in the order of {robot.name}: {', '.join(robot.leg_names)} (--feet)")
         return list(range(count))
-    names = [plain(name).removesuffix("_foot") for name in log.feet_names]
-    if len(names) != count:
-        raise SurefootError("invalid", f"got {count} numbers for {len(names)} feet", "feet")
-    for leg in robot.leg_names:
-        if leg not in names:
-            hint = did_you_mean(leg, names) or f"; got {', '.join(names)}"
-            raise SurefootError("invalid", f"no foot {leg!r} of {robot.name}{hint}", "feet")
-    return [names.index(leg) for leg in robot.leg_names]
+    if len(log.feet_names) != count:
+        raise SurefootError("invalid", f"got {count} numbers for {len(log.feet_names)} feet", "feet")
+    return leg_columns(log.feet_names, robot)
 
 
 def _rule(raw: Array, robot: Robot, stated: tuple[float, float] | None, notes: list[str]) -> ForceContact | None:
@@ -220,10 +201,10 @@ def _list(values: tuple[float, ...]) -> str:
 
 
 def save_calibration(path: Path, contact: ForceContact) -> Path:
-    """Write the rule of the feet as configuration of the drivers `unitree` and `ros2_robot` (`--config`)."""
+    """Write the rule of the feet as configuration of the drivers `unitree` and `ros_robot` (`--config`)."""
     lines = [
         f"foot_zero = {list(contact.zero)}", f"foot_scale = {list(contact.scale)}",
         f"contact_on = {contact.on}", f"contact_off = {contact.off}",
     ]  # fmt: skip
-    path.write_text("".join(f"[{name}]\n" + "\n".join(lines) + "\n\n" for name in ("unitree", "ros2_robot")))
+    path.write_text("".join(f"[{name}]\n" + "\n".join(lines) + "\n\n" for name in ("unitree", "ros_robot")))
     return path

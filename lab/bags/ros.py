@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.bus.ros_messages import stamp_of
 from surefoot.errors import SurefootError
 from surefoot.nearest import did_you_mean
+from surefoot.record.fields import FieldPath
 
-from .fields import FieldPath
 from .raw import RawLog, Stream, Transform, in_order
 
 INSTALL = "pip install 'surefoot[bags]'"
@@ -134,8 +135,8 @@ class _Collected:
                 self.frames[each.child_frame_id.lstrip("/")] = place
             return
         stamp = arrival
-        if not wanted.arrival and (header := getattr(m, "header", None)) is not None:
-            stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+        if not wanted.arrival and hasattr(m, "header"):
+            stamp = stamp_of(m)
         if topic == wanted.imu:
             w, a = m.angular_velocity, m.linear_acceleration
             self.frame = m.header.frame_id.lstrip("/")

@@ -19,6 +19,8 @@ class Form(StrEnum):
     DOT = "dot"
 
 
+SIMULATOR = "simulator"
+"""The driver of the picture."""
 MOST_SOURCES = 3
 """A service that reads topics of more services than these observes the whole system: drawn with one arrow."""
 
@@ -41,11 +43,13 @@ def graph(
 
 
 def declared() -> "tuple[list[str], list[Edge]]":
-    """Return the order of the services within a tick, and every arrow between them."""
+    """Return the order of the services within a tick, and every arrow between them; one driver stands for all."""
     from surefoot.lockstep.discover import service_class, service_names
+    from surefoot.lockstep.driver import Driver
     from surefoot.lockstep.graph import edges, order
 
-    services = [service_class(name) for name in service_names()]
+    found = [service_class(name) for name in service_names()]
+    services = [s for s in found if not issubclass(s, Driver) or s.name == SIMULATOR]
     return order(services), sorted(edges(services), key=lambda edge: (edge.source, edge.target, edge.key))
 
 

@@ -138,3 +138,16 @@ def map_message(m: HeightMapMessage) -> Any:
         KINDS["map"], header=header(m.stamp_ns, m.frame), info=info, layers=["elevation"], basic_layers=["elevation"],
         data=[data], outer_start_index=0, inner_start_index=0,
     )  # fmt: skip
+
+
+def stamp_of(message: Any) -> int:
+    """Return the time of the header of a message, ns; 0 = it has none."""
+    own = getattr(message, "header", None)
+    return 0 if own is None else own.stamp.sec * 10**9 + own.stamp.nanosec
+
+
+def delay(message: Any, offset_ns: int) -> None:
+    """Move the stamps of a message by the offset of another clock, ns."""
+    for each in getattr(message, "transforms", [message]):
+        if offset_ns and hasattr(each, "header"):
+            each.header = header(stamp_of(each) + offset_ns, each.header.frame_id)

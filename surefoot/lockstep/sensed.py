@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from typing import Any, ClassVar, Generic, TypeVar
 
 from pydantic import Field
 
@@ -71,12 +72,17 @@ class SensorPace(Pace):
         return 0.0
 
 
-class SensedDriver(Driver[SensedConfig]):
+S = TypeVar("S", bound=SensedConfig)
+
+
+class SensedDriver(Driver[S], Generic[S]):
     """Base: a subclass overrides `open` and `poll`, and `send` where commands may reach the robot."""
 
     Config = SensedConfig
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_STATUS)
     observes, serves = (CMD_ESTOP,), (SIM_JOIN,)
+    sends: ClassVar[bool] = False
+    """True if the subclass overrides `send`."""
 
     def open(self) -> None:
         """Open the connection to the robot."""
@@ -88,10 +94,12 @@ class SensedDriver(Driver[SensedConfig]):
 
     def send(self, command: JointCommand) -> None:
         """Send a command to the robot; called only if the configuration asks for commands."""
-        raise Refusal("shadow", f"{self.name} sends no commands", "command")
+        raise NotImplementedError
 
     def on_start(self) -> None:
-        """Load the robot, open its sensors."""
+        """Load the robot, open its sensors (raises Refusal: commands are asked for that nothing sends)."""
+        if self.config.command and not self.sends:
+            raise Refusal("shadow", f"{self.name} sends no commands; `command` must be false", "command")
         self.robot = load_robot(self.config.robot)
         self.intake = Intake(self.robot, self.config.contact(self.robot.nlegs), self._refused)
         self.stopped, self._asked, self._warned = "", time.monotonic(), False
@@ -117,7 +125,7 @@ class SensedDriver(Driver[SensedConfig]):
         if not self.config.command:
             raise Refusal("shadow", f"{self.name} only watches; `command = true` lets commands pass", "command")
 
-    def on_message(self, topic: Topic[Message], message: Message) -> None:
+    def on_message(self, topic: Topic[Any], message: Message) -> None:
         """Obey an emergency stop: no further command is sent."""
         if isinstance(message, EmergencyStop):
             self.stopped = message.reason or "no reason given"

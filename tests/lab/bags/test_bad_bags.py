@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
-from surefoot.lab.bags.fields import FieldPath
 from surefoot.lab.bags.fit import fitted
 from surefoot.lab.bags.importing import record
 from surefoot.lab.bags.raw import RawLog, log_of_table
 from surefoot.lab.bags.ros import BagTopics, log_of_bag
+from surefoot.record.fields import FieldPath
 from surefoot.robot.reader import load_robot
 
 from .sway import MS, ORDER, ROBOT, Sway, sway, write_csv, write_ros1, write_ros2

@@ -7,12 +7,12 @@ import pytest
 
 from surefoot.errors import SurefootError
 from surefoot.lab.bags.exporting import FORMATS, export
-from surefoot.lab.bags.fields import FieldPath
 from surefoot.lab.bags.fit import fitted
 from surefoot.lab.bags.importing import record
 from surefoot.lab.bags.raw import log_of_table
 from surefoot.lab.bags.ros import BagTopics, log_of_bag
 from surefoot.record.columns import Columns, recorded_columns
+from surefoot.record.fields import FieldPath
 from surefoot.robot.reader import load_robot
 
 from .sway import ROBOT, sway

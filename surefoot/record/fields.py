@@ -43,8 +43,8 @@ class FieldPath:
         at = message
         for name in fields:
             if not hasattr(at, name):
-                known = [word for word in vars(at) if not word.startswith("_")]
-                text = f"{self.topic} has no field {name!r}; there are {', '.join(known)}"
+                known = ", ".join(word for word in dir(message) if not word.startswith("_"))
+                text = f"{self.topic} has no field {name!r}; there are {known}"
                 raise SurefootError("invalid", text, self.topic)
             at = getattr(at, name)
         if not fields:

@@ -1,0 +1,49 @@
+"""Velocity commands of ROS 2 as orders of our walker."""
+
+from surefoot.schemas.cmd import WalkCommand
+
+HORIZON_S = 2.0
+"""Duration of an order, s; it is renewed after half of it, as long as velocities come."""
+SILENT_S = 0.5
+"""Time without a velocity after which the robot is stopped, s."""
+STILL_MPS, STILL_RADPS = 0.005, 0.02
+"""Velocities below which the robot shall stand, m/s and rad/s."""
+TURN_RAD = 0.2
+"""Turn within the horizon from which a robot that walks no arcs turns first, rad."""
+
+
+class Steering:
+    """Keeps the newest velocity, and the order under way."""
+
+    def __init__(self) -> None:
+        self.arcs = True
+        """False once the walker has refused an arc."""
+        self._wanted = (0.0, 0.0)
+        self._came_s = self._ordered_s = float("-inf")
+        self._order: tuple[float, float] | None = None
+
+    def take(self, now_s: float, forward: float, turn: float) -> None:
+        """Take a velocity, m/s and rad/s."""
+        still = abs(forward) < STILL_MPS and abs(turn) < STILL_RADPS
+        self._wanted, self._came_s = (0.0, 0.0) if still else (forward, turn), now_s
+
+    def order(self, now_s: float) -> WalkCommand | None:
+        """Return the order that is due, None = that under way holds."""
+        wanted = self._wanted if now_s - self._came_s <= SILENT_S else (0.0, 0.0)
+        moving = wanted != (0.0, 0.0)
+        if wanted == (self._order or (0.0, 0.0)) and not (moving and now_s - self._ordered_s >= 0.5 * HORIZON_S):
+            return None
+        self._order, self._ordered_s = wanted, now_s
+        if not moving:
+            return WalkCommand(action="stop")
+        forward, angle = wanted[0], HORIZON_S * wanted[1]
+        if abs(forward) < STILL_MPS or (not self.arcs and abs(angle) >= TURN_RAD):
+            return WalkCommand(action="turn", angle=angle, duration=HORIZON_S)
+        arc = angle if self.arcs and abs(wanted[1]) >= STILL_RADPS else None
+        return WalkCommand(action="walk", velocity=forward, angle=arc, duration=HORIZON_S)
+
+    def refused(self, code: str) -> None:
+        """Take the refusal of the last order: an arc is tried no more, and the rest at the next renewal."""
+        if code == "unsupported":
+            self.arcs = False
+            self._order = None

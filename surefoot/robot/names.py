@@ -1,0 +1,36 @@
+"""Joints and legs of a robot among the names that others give them."""
+
+from collections.abc import Sequence
+
+from surefoot.errors import SurefootError
+from surefoot.nearest import did_you_mean
+from surefoot.robot.description import Robot
+
+
+def plain(name: str) -> str:
+    """Return a joint or leg name as descriptions write it."""
+    return name.lower().removesuffix("_joint")
+
+
+def joint_columns(names: Sequence[str], robot: Robot) -> list[int]:
+    """Return the places of the robot's joints among names (raises SurefootError: one is absent or there twice)."""
+    found = [plain(name) for name in names]
+    twice = sorted({name for name in found if found.count(name) > 1})
+    if twice:
+        raise SurefootError("invalid", f"joint {twice[0]!r} is there more than once", "joint-names")
+    for name in robot.joint_names:
+        if name not in found:
+            hint = did_you_mean(name, names) or f"; it has {', '.join(names)}"
+            text = f"the log has no joint {name!r} of {robot.name}{hint}; another robot, or name them by --joint-names"
+            raise SurefootError("invalid", text, "joint-names")
+    return [found.index(name) for name in robot.joint_names]
+
+
+def leg_columns(names: Sequence[str], robot: Robot) -> list[int]:
+    """Return the places of the robot's legs among names (raises SurefootError: one is absent)."""
+    found = [plain(name).removesuffix("_foot") for name in names]
+    for leg in robot.leg_names:
+        if leg not in found:
+            hint = did_you_mean(leg, found) or f"; got {', '.join(found)}"
+            raise SurefootError("invalid", f"no foot {leg!r} of {robot.name}{hint}", "feet")
+    return [found.index(leg) for leg in robot.leg_names]
