@@ -1,0 +1,46 @@
+"""`surefoot audit`: the margins of a recorded walk, proved again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
+
+app = typer.Typer()
+SHOWN = 20
+"""Contradicted claims in the table."""
+
+
+@app.command()
+def audit(
+    recording: Annotated[Path, typer.Argument(help="MCAP recording of a walk.")],
+    json: Json = False,
+) -> None:
+    """Check every margin that a recording claims, by proofs that need no solver. Exit code 1: one is contradicted.
+
+    Contact forces prove that the robot was held, twists that it would not have been further out. Both are checked by
+    code that knows nothing of the service that found them.
+    """
+    from .walk import audit as check
+
+    use_json(json)
+    found = check(recording)
+    bad = found.contradicted
+    proved = sum(claim.proved for claim in found.claims)
+    if json:
+        write_json({
+            "robot": found.robot, "steps": found.steps, "claims": len(found.claims), "proved": proved,
+            "contradicted": [vars(claim) for claim in bad], "unchecked": found.unchecked,
+        })  # fmt: skip
+    else:
+        write(
+            f"{found.robot}, {found.steps} steps: {len(found.claims)} margins claimed, {proved} proved, "
+            f"{len(found.claims) - proved - len(bad)} not proved, {len(bad)} contradicted, {found.unchecked} unchecked"
+        )
+        if bad:
+            columns = ("tick", "step", "claimed m", "at least m", "at most m")
+            rows = [(c.tick, c.step, f"{c.claimed:.4f}", f"{c.least:.4f}", f"{c.most:.4f}") for c in bad[:SHOWN]]
+            write_table(columns, rows, right=range(len(columns)))
+    if bad:
+        raise typer.Exit(EXIT_CHECK)

@@ -1,0 +1,61 @@
+"""Proofs of a static margin, checked without a solver and without the code that found them.
+
+Forces prove that a centre of mass is held: each in its friction cone, |f_t| <= mu n'f, together of weight 1 and of its
+moment, sum f = e_z and sum r x f = c x e_z. Twists prove that one is not held: a rigid u(r) = v + Om x r with
+Om = w_z e_z - a x e_z and n'u >= mu |u_t| at every contact does no work against any force of the contacts, so that
+a'c <= v_z (Farkas' lemma for cones; Bretl & Lall, IEEE T-RO 2008). Lengths in m, forces in units of the weight.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+EXACT = 1e-6
+"""Residual of a proof that counts as none, m or weights; also that of its cones."""
+
+
+def tangential(vectors: Array, normals: Array) -> tuple[Array, Array]:
+    """Return the parts of vectors (n, 3) along unit normals (n, 3), (n,), and across them, their lengths (n,)."""
+    along = (vectors * normals).sum(axis=1)
+    return along, np.sqrt(((vectors - along[:, None] * normals) ** 2).sum(axis=1))
+
+
+def holds(points: Array, normals: Array, mu: float, forces: Array, com: Array) -> bool:
+    """Return whether contact forces (n, 3) prove that a robot on points (n, 3) m is held at ``com`` (2,) m."""
+    along, across = tangential(forces, normals)
+    if (across > mu * along + EXACT).any():
+        return False
+    balance = forces.sum(axis=0) - (0.0, 0.0, 1.0)
+    moment = np.cross(points, forces).sum(axis=0) - (com[1], -com[0], 0.0)
+    return bool(max(np.abs(balance).max(), np.abs(moment).max()) <= EXACT)
+
+
+def bounds(points: Array, normals: Array, mu: float, twist: Array, direction: Array) -> float:
+    """Return the h, m, for which a twist (v_x, v_y, v_z, w_z) proves a'c <= h along a unit a (2,); inf: no proof."""
+    spin = np.array([-direction[1], direction[0], twist[3]])
+    along, across = tangential(twist[:3] + np.cross(spin, points), normals)
+    return float(twist[2]) if (along >= mu * across - EXACT).all() else math.inf
+
+
+def inside(held: Sequence[Array], com: Array) -> float:
+    """Return a margin that points (2,) m which are held prove for a centre of mass: its distance to their hull's edge.
+
+    The region is convex, so the hull of held points is held. -inf: the centre of mass is not inside.
+    """
+    rows = np.array(sorted({(float(x), float(y)) for x, y in held}))
+    if len(rows) < 3:
+        return -math.inf
+    closest = math.inf
+    for p in rows:  # an edge of the hull has all points on its left
+        for q in rows:
+            edge = q - p
+            length = math.hypot(*edge)
+            if length < EXACT:
+                continue
+            left = (edge[0] * (rows[:, 1] - p[1]) - edge[1] * (rows[:, 0] - p[0])) / length
+            if (left >= -EXACT).all():
+                closest = min(closest, (edge[0] * (com[1] - p[1]) - edge[1] * (com[0] - p[0])) / length)
+    return closest if 0.0 <= closest < math.inf else -math.inf

@@ -1,0 +1,163 @@
+"""Audit of a recorded walk: the margin that each `state/stability` claims, against proofs from the recorded samples.
+
+The contacts are computed anew from recorded joints, stance and gravity; the solver of the stability service proposes
+forces and twists for them, and `proof.py`, which knows no solver, decides what they prove.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from surefoot.errors import SurefootError
+from surefoot.record.recording import read_recording, recording_info
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import com, foot_positions
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.stability import Contact, RegionRequest, StabilityStatus
+from surefoot.schemas.topics import HW_JOINTS, STATE_GAIT, STATE_STABILITY, STATE_VELOCITY
+from surefoot.services.stability.answers import region_reply
+
+from .proof import Array, bounds, holds, inside
+
+ALLOWED_M = 2e-3
+"""Difference between a claimed margin and a proved bound that is no contradiction, m: twice the tolerance of the
+service's regions."""
+DIRECTIONS = 32
+"""Directions in which proofs are looked for."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim of a margin and what is proved of it."""
+
+    tick: int
+    step: int
+    """Steps that the walker had taken."""
+    claimed: float
+    """Margin of the planned CoM, m."""
+    least: float
+    """Margin that forces prove, m; -inf: none is proved."""
+    most: float
+    """Margin that twists prove not to be exceeded, m; inf: none is proved."""
+
+    @property
+    def contradicted(self) -> bool:
+        """True if a proof excludes the claim: the true margin is smaller, or the CoM is held where it claims not."""
+        return self.claimed > self.most + ALLOWED_M or self.claimed < self.least - ALLOWED_M
+
+    @property
+    def proved(self) -> bool:
+        """True if forces prove that the robot was held, or twists that it was not, as claimed."""
+        if self.claimed < 0.0:
+            return self.most <= self.claimed + ALLOWED_M and not self.contradicted
+        return self.least >= self.claimed - ALLOWED_M and not self.contradicted
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Result of an audit."""
+
+    robot: str
+    claims: tuple[Claim, ...]
+    unchecked: int
+    """Messages of `state/stability` without a margin, or without the samples that they were computed from."""
+
+    @property
+    def steps(self) -> int:
+        """Steps with a claim."""
+        return len({claim.step for claim in self.claims})
+
+    @property
+    def contradicted(self) -> tuple[Claim, ...]:
+        """Claims that a proof excludes."""
+        return tuple(claim for claim in self.claims if claim.contradicted)
+
+
+def audit(path: Path) -> Audit:
+    """Check every margin that a recording claims.
+
+    Raises:
+        SurefootError: the recording cannot be read, names no robot, or claims nothing.
+    """
+    about = recording_info(path)["metadata"].get("run", {})
+    robot = load_robot(about.get("robot", ""))
+    joints: dict[int, Any] = {}
+    up: dict[int, Any] = {}
+    step: dict[int, int] = {}
+    claiming: list[StabilityStatus] = []
+    keys = (HW_JOINTS.key, STATE_VELOCITY.key, STATE_GAIT.key, STATE_STABILITY.key)
+    for item in read_recording(path, keys):
+        message: Any = item.message()
+        match item.key:
+            case HW_JOINTS.key:
+                joints[message.stamp_ns] = message
+            case STATE_VELOCITY.key:
+                up[message.tick] = message.g_up
+            case STATE_GAIT.key:
+                step[message.tick] = message.steps
+            case _:
+                claiming.append(message)
+    claims = [_claim(robot, status, joints, up, step) for status in claiming]
+    found = tuple(claim for claim in claims if claim is not None)
+    if not claiming:
+        raise SurefootError("invalid", f"{path} has no {STATE_STABILITY.key}: nothing is claimed", "recording")
+    return Audit(robot.name, found, len(claims) - len(found))
+
+
+def _claim(
+    robot: Robot, status: StabilityStatus, joints: dict[int, Any], up: dict[int, Any], step: dict[int, int]
+) -> Claim | None:
+    sample, gravity = joints.get(status.stamp_ns), _latest(up, status.tick)
+    if status.margin_planned is None or sample is None or gravity is None:
+        return None
+    points, centre = level(robot, np.array(sample.position), np.array(gravity), np.array(status.stance, dtype=bool))
+    least, most = proved(robot, points, status.mu, centre)
+    return Claim(status.tick, _latest(step, status.tick) or 0, status.margin_planned, least, most)
+
+
+def _latest(known: dict[int, Any], tick: int) -> Any:
+    """Return what was published in a tick or in the last one before it."""
+    return next((known[t] for t in range(tick, max(-1, tick - 20), -1) if t in known), None)
+
+
+def level(robot: Robot, q: Array, g_up: Array, stance: Any) -> tuple[Array, Array]:
+    """Return the contact points of the standing feet (n, 3) and the CoM (2,), m, z up, x along the heading.
+
+    Args:
+        robot: the robot.
+        q: joint angles, (nj,) rad.
+        g_up: upward specific force at rest, base_link, (3,) m/s2.
+        stance: feet that stand, (L,).
+    """
+    up = g_up / np.sqrt((g_up**2).sum())
+    ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    ahead /= np.sqrt((ahead**2).sum())
+    rot = np.array([ahead, np.cross(up, ahead), up])  # rot_level_from_base
+    points = (rot[None] * foot_positions(robot.model, q)[stance][:, None, :]).sum(axis=2)
+    points[:, 2] -= robot.foot_radii[stance]
+    return points, (rot[:2] * com(robot.model, q)).sum(axis=1)
+
+
+def proved(robot: Robot, points: Array, mu: float, centre: Array) -> tuple[float, float]:
+    """Return the margins that forces and twists prove for a CoM (2,) m over contacts (n, 3) m on level ground.
+
+    Returns:
+        Least and most margin, m, as in `Claim`.
+    """
+    normals = np.tile((0.0, 0.0, 1.0), (len(points), 1))
+    contacts = tuple(Contact(position=(x, y, z), normal=(0.0, 0.0, 1.0), mu=mu) for x, y, z in points.tolist())
+    reply = region_reply(RegionRequest(contacts=contacts, directions=DIRECTIONS, certificates=True), robot)
+    held: list[Array] = []
+    most = np.inf
+    for support in reply.support:
+        direction = np.array(support.direction)
+        if support.forces is not None and support.point is not None:
+            point = np.array(support.point)
+            if holds(points, normals, mu, np.array(support.forces), point):
+                held.append(point)
+        if support.certificate is not None:
+            height = bounds(points, normals, mu, np.array(support.certificate), direction)
+            most = min(most, height - float((direction * centre).sum()))
+    return inside(held, centre), float(most)
