@@ -1,11 +1,15 @@
-"""`surefoot robot list|import|check`."""
+"""`surefoot robot list|import|check|show|export`."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, use_json, write, write_json, write_table
+from .output import Json, near, refuse_existing, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from surefoot.robot.description import Robot
 
 app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
 
@@ -30,14 +34,19 @@ def list_robots(json: Json = False) -> None:
 
 @app.command("import")
 def import_file(
-    file: Annotated[Path, typer.Argument(help="MJCF or URDF file of a robot.")],
+    source: Annotated[
+        str, typer.Argument(help="MJCF or URDF file of a robot, or package:NAME/ROBOT of an installed package.")
+    ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write [the file's name].")] = None,
     json: Json = False,
 ) -> None:
     """Write a robot folder from an MJCF or URDF file, and report what was found, assumed and missing."""
-    from ..robots.folder import differences, import_robot
+    from ..robots.compare import differences
+    from ..robots.folder import import_robot
+    from ..robots.packages import source_file
 
     use_json(json)
+    file = source_file(source)
     out = out or Path(file.stem)
     made = import_robot(file, out)
     worst = differences(out)
@@ -47,8 +56,49 @@ def import_file(
         return
     rows = [(kind, text) for kind in ("found", "assumed", "missing") for text in getattr(made, kind)]
     write_table(("what", "of the robot"), rows)
-    write(f"against MuJoCo: {', '.join(f'{key} {value:.1e}' for key, value in worst.items())}")
-    write(f"next: surefoot robot check ./{out}")
+    write(f"against MuJoCo: {_words(worst)}")
+    place = out if out.is_absolute() else f"./{out}"
+    write(f"next: surefoot robot check {place}; surefoot run stand --robot {place}")
+
+
+@app.command()
+def export(
+    name: Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="MJCF file to write [NAME.xml].")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
+    json: Json = False,
+) -> None:
+    """Write a robot as an MJCF file, for other programs."""
+    from surefoot.robot.reader import load_robot
+
+    from ..robots.export import mjcf_of
+
+    use_json(json)
+    robot = load_robot(name)
+    out = out or Path(f"{robot.name}.xml")
+    refuse_existing(out, force=force)
+    out.write_text(mjcf_of(robot), encoding="utf-8")
+    _wrote(out, json=json)
+
+
+@app.command()
+def show(
+    name: Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file to write [NAME.png].")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
+    json: Json = False,
+) -> None:
+    """Draw a robot at its neutral posture: links, feet, frames and centre of mass, as a PNG."""
+    from surefoot.robot.reader import load_robot
+
+    from ..report.robot_drawing import draw_robot
+
+    use_json(json)
+    robot = load_robot(name)
+    out = out or Path(f"{robot.name}.png")
+    refuse_existing(out, force=force)
+    draw_robot(robot, out)
+    _wrote(out, json=json)
 
 
 @app.command()
@@ -56,49 +106,56 @@ def check(
     name: Annotated[str, typer.Argument(help="Name of a robot, or path of a folder with a robot.toml.")],
     json: Json = False,
 ) -> None:
-    """Read and validate a robot description and show what was understood."""
-    import numpy as np
-
-    from surefoot.robot.description import RobotError
-    from surefoot.robot.kinematics import com, foot_positions
+    """Read and validate a robot description, show what was understood, compare an imported one with its source."""
     from surefoot.robot.reader import load_robot
 
     use_json(json)
     robot = load_robot(name)
-    feet = foot_positions(robot.model, robot.neutral)
-    centre = com(robot.model, robot.neutral)
-    size = np.ptp(feet[:, :2], axis=0)
-    content = {
-        "name": robot.name,
-        "kind": robot.kind,
-        "hash": robot.hash,
-        "joints": robot.joint_names,
-        "legs": [leg.name for leg in robot.legs],
-        "mass_kg": float(np.sum(robot.model.mass)),
-        "neutral_feet_m": feet.tolist(),
-        "neutral_com_m": centre.tolist(),
-        "foot_box_m": size.tolist(),
-    }
+    content, rows = _summary(robot)
     if (Path(name) / "import.json").is_file():
-        from ..robots.folder import MOST_DIFFERENCE, differences
+        from ..robots.compare import WITNESS, checked
 
-        content["differences"] = worst = differences(Path(name))
-        if max(worst.values()) > MOST_DIFFERENCE:
-            text = f"got {worst}, allowed are {MOST_DIFFERENCE}: robot.toml differs from source.xml"
-            raise RobotError("value", "differences", text)
+        content["differences"] = found = checked(Path(name))
+        rows += [(f"against {program}", _words(worst)) for program, worst in found.items()]
+        if WITNESS not in found:
+            rows.append((f"against {WITNESS}", "not installed: pip install pin"))
     if json:
         write_json(content)
-        return
-    write_table(
-        ("quantity", "value"),
-        [
-            ("name, kind", f"{robot.name}, {robot.kind}"),
-            ("hash", robot.hash),
-            ("legs", " ".join(leg.name for leg in robot.legs)),
-            ("joints", f"{robot.nj}: {' '.join(robot.joint_names)}"),
-            ("mass", f"{content['mass_kg']:.3f} kg"),
-            ("box of the feet, neutral", f"{size[0]:.3f} x {size[1]:.3f} m"),
-            ("trunk over the feet, neutral", f"{-feet[:, 2].mean():.3f} m"),
-            ("centre of mass, neutral", " ".join(f"{value:+.4f}" for value in centre) + " m"),
-        ],
-    )
+    else:
+        write_table(("quantity", "value"), rows)
+
+
+def _wrote(out: Path, *, json: bool) -> None:
+    if json:
+        write_json({"out": near(out)})
+    else:
+        write(f"wrote {near(out)}")
+
+
+def _words(worst: Mapping[str, float]) -> str:
+    return ", ".join(f"{key} {value:.1e}" for key, value in worst.items())
+
+
+def _summary(robot: "Robot") -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Return what was understood of a robot, for programs and as rows of a table."""
+    import numpy as np
+
+    from surefoot.robot.kinematics import com, foot_positions
+
+    feet, centre = foot_positions(robot.model, robot.neutral), com(robot.model, robot.neutral)
+    size = np.ptp(feet[:, :2], axis=0)
+    content = {
+        "name": robot.name, "kind": robot.kind, "hash": robot.hash, "joints": robot.joint_names,
+        "legs": [leg.name for leg in robot.legs], "mass_kg": float(np.sum(robot.model.mass)),
+        "neutral_feet_m": feet.tolist(), "neutral_com_m": centre.tolist(), "foot_box_m": size.tolist(),
+    }  # fmt: skip
+    return content, [
+        ("name, kind", f"{robot.name}, {robot.kind}"),
+        ("hash", robot.hash),
+        ("legs", " ".join(leg.name for leg in robot.legs)),
+        ("joints", f"{robot.nj}: {' '.join(robot.joint_names)}"),
+        ("mass", f"{content['mass_kg']:.3f} kg"),
+        ("box of the feet, neutral", f"{size[0]:.3f} x {size[1]:.3f} m"),
+        ("trunk over the feet, neutral", f"{-feet[:, 2].mean():.3f} m"),
+        ("centre of mass, neutral", " ".join(f"{value:+.4f}" for value in centre) + " m"),
+    ]

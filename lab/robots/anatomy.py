@@ -4,6 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 import re
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,6 +16,8 @@ Array = NDArray[np.float64]
 
 FOOT_NAMES = re.compile(r"foot|feet|toe|sole|_ee|contact|ankle", re.IGNORECASE)
 """Names of bodies, geoms and sites that are feet."""
+SAME_M = 1e-4
+"""Distance below which two spheres of a foot are one, m."""
 ASSUMED_RADIUS = 0.02  # m, of a foot without a sphere: that of a dog-sized robot
 NO_MASS = 1e-9  # kg, what weighs less is nothing
 
@@ -34,15 +37,34 @@ class Segment:
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))  # kg m2 about com, segment axes
 
 
+class FileMark(NamedTuple):
+    """A point of the compiled file: the place of a body or site, the centre of a geom or one end of its long axis."""
+
+    kind: str  # body, site or geom
+    number: int
+    end: int = 0  # -1, 1 = end of a capsule against or along its axis
+
+    def place(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Return the point in the world, (3,) m."""
+        at = {"body": data.xpos, "site": data.site_xpos, "geom": data.geom_xpos}[self.kind][self.number]
+        if self.end == 0:
+            return at.copy()
+        half = model.geom_size[self.number][1]
+        return at + self.end * half * data.geom_xmat[self.number].reshape(3, 3)[:, 2]
+
+
 @dataclass
 class FootPoint:
-    """Contact end of a limb."""
+    """Contact end of a limb: a sphere, or the spheres of a sole."""
 
     segment: int
     position: Array  # (3,) m, segment frame
+    points: Array  # (k, 3) m, centres of the spheres, segment frame
     radius: float  # m
     named: bool  # the name is one of a foot
     found: str  # where it comes from, for the report
+    centre: FileMark | None  # what it is in the file; None = the mean of the spheres
+    spheres: list[FileMark]
 
 
 def trunk_body(model: mujoco.MjModel) -> int:
@@ -58,12 +80,13 @@ def trunk_body(model: mujoco.MjModel) -> int:
 
 
 def check_machine(model: mujoco.MjModel) -> None:
-    """Refuse what a tree of hinges cannot be (raises RobotError)."""
+    """Refuse what a tree of hinges cannot be (raises RobotError); one motor for the first hinges of two limbs can."""
     for i in range(model.neq):
+        equal = model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_data[i, :5].tolist() == [0, 1, 0, 0, 0]
+        if equal and model.eq_obj2id[i] >= 0:
+            continue
         kind = mujoco.mjtEq(int(model.eq_type[i])).name.removeprefix("mjEQ_").lower()
-        text = (
-            f"got a {kind!r} constraint, allowed is a tree without closed loops and coupled joints; remove it in a copy"
-        )
+        text = f"got a {kind!r} constraint, allowed is a tree without closed loops; remove it in a copy"
         raise RobotError("value", "equality", text)
     for j in range(model.njnt):
         kind = mujoco.mjtJoint(int(model.jnt_type[j])).name.removeprefix("mjJNT_").lower()
@@ -128,36 +151,64 @@ def _merge(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> None
 
 
 def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array) -> FootPoint | None:
-    """Return the foot at a limb's last segment: a sphere, a named body or site, else the lowest end of a capsule."""
+    """Return the foot at a limb's last segment: spheres, a named body or site, else the lowest end of a capsule."""
     data = mujoco.MjData(model)
     pose(model, data, angles)
-    segment, kind = segs[tip], mujoco.mjtGeom
-    ends: list[tuple[int, float, Array, float, str, bool]] = []  # rank, height, world position, radius, text, named
+    segment = segs[tip]
+    ends = _ends(model, data, segment)
+    if not ends:
+        return None
+    best = min(ends, key=lambda e: (e.rank, e.mark.place(model, data)[2] - e.radius))
+    marks, centre = [best.mark], best.mark if best.rank else None
+    sites = [e.mark for e in ends if e.mark.kind == "site"]
+    if best.rank == 0:
+        marks = _sole([e.mark for e in ends if e.rank == 0 and e.radius == best.radius], model, data)
+        centre = marks[0] if len(marks) == 1 else next(iter(sites), None)
+    origin, rot = data.xanchor[segment.joint], data.xmat[segment.body].reshape(3, 3)
+    points = np.array([rot.T @ (mark.place(model, data) - origin) for mark in marks])
+    position = points.mean(axis=0) if centre is None else rot.T @ (centre.place(model, data) - origin)
+    found = best.found if len(marks) == 1 else f"{len(marks)} spheres at body {model.body(segment.bodies[-1]).name!r}"
+    return FootPoint(tip, position, points, best.radius, best.named, found, centre, marks)
+
+
+class _TouchPoint(NamedTuple):
+    """A point at which a limb may touch the ground."""
+
+    rank: int  # smaller is likelier a foot
+    radius: float  # m
+    found: str
+    named: bool
+    mark: FileMark
+
+
+def _ends(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> list[_TouchPoint]:
+    """Return spheres, ends of capsules, and bodies and sites with a foot's name, of a segment."""
+    kind, ends = mujoco.mjtGeom, list[_TouchPoint]()
     for geom in range(model.ngeom):
-        body = int(model.geom_bodyid[geom])
-        if body not in segment.bodies or model.geom_type[geom] not in (
-            int(kind.mjGEOM_SPHERE),
-            int(kind.mjGEOM_CAPSULE),
-        ):
+        body, shape = int(model.geom_bodyid[geom]), int(model.geom_type[geom])
+        if body not in segment.bodies or shape not in (int(kind.mjGEOM_SPHERE), int(kind.mjGEOM_CAPSULE)):
             continue
+        sphere = shape == int(kind.mjGEOM_SPHERE)
         named = bool(FOOT_NAMES.search(f"{model.geom(geom).name} {model.body(body).name}"))
-        sphere, (radius, half) = model.geom_type[geom] == int(kind.mjGEOM_SPHERE), model.geom_size[geom][:2]
-        along = data.geom_xmat[geom].reshape(3, 3)[:, 2] * (0.0 if sphere else half)
-        for end in (data.geom_xpos[geom] - along, data.geom_xpos[geom] + along):
-            rank = (0 if named else 1) if sphere else (2 if named else 4)
-            text = f"{'sphere' if sphere else 'end of a capsule'} at body {model.body(body).name!r}"
-            ends.append((rank, end[2] - radius, end, float(radius), text, named))
+        rank = (0 if named else 1) if sphere else (2 if named else 4)
+        text = f"{'sphere' if sphere else 'end of a capsule'} at body {model.body(body).name!r}"
+        for end in (0,) if sphere else (-1, 1):
+            ends.append(_TouchPoint(rank, float(model.geom_size[geom][0]), text, named, FileMark("geom", geom, end)))
     for body in segment.bodies[1:]:
         if FOOT_NAMES.search(model.body(body).name):
             text = f"body {model.body(body).name!r}, radius assumed"
-            ends.append((3, data.xpos[body][2], data.xpos[body], ASSUMED_RADIUS, text, True))
+            ends.append(_TouchPoint(3, ASSUMED_RADIUS, text, True, FileMark("body", body)))
     for site in range(model.nsite):
         if model.site_bodyid[site] in segment.bodies and FOOT_NAMES.search(model.site(site).name):
             text = f"site {model.site(site).name!r}, radius assumed"
-            ends.append((3, data.site_xpos[site][2], data.site_xpos[site], ASSUMED_RADIUS, text, True))
-    if not ends:
-        return None
-    _, _, end, radius, text, named = min(ends, key=lambda e: e[:2])
-    rot = data.xmat[segment.body].reshape(3, 3)
-    origin = data.xanchor[segment.joint]
-    return FootPoint(tip, rot.T @ (end - origin), radius, named, text)
+            ends.append(_TouchPoint(3, ASSUMED_RADIUS, text, True, FileMark("site", site)))
+    return ends
+
+
+def _sole(marks: list[FileMark], model: mujoco.MjModel, data: mujoco.MjData) -> list[FileMark]:
+    """Return the spheres without those that lie where another one does: one to see and one to touch."""
+    kept: list[FileMark] = []
+    for mark in marks:
+        if all(np.linalg.norm(mark.place(model, data) - other.place(model, data)) > SAME_M for other in kept):
+            kept.append(mark)
+    return kept

@@ -18,6 +18,8 @@ MOST_BYTES = 16 * 1024 * 1024
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
 """kg m2, of a link fixed to another: MuJoCo refuses zero, a real robot's smallest link has a million times more."""
+BALANCED = "inertias that break the triangle inequality"
+"""Beginning of the note on inertias that MuJoCo has replaced."""
 MOST_INCLUDES = 50
 """Number of files that one robot may be made of."""
 NAMES = re.compile(r"[\w .:/-]{1,120}")
@@ -78,12 +80,18 @@ def check_name(name: str, field: str) -> None:
         raise RobotError("value", field, f"got {shown(name)}, allowed are letters, digits, space and _ . : / -")
 
 
-def compiled(text: str, balance: bool = False) -> tuple[mujoco.MjModel, bool]:
+def is_urdf(text: str) -> bool:
+    """Return whether a robot's text is a URDF; else it is an MJCF."""
+    return ElementTree.fromstring(text).tag == "robot"
+
+
+def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple[mujoco.MjModel, bool]:
     """Compile a robot's XML without meshes and without fusing of bodies; return also whether inertias were balanced.
 
     Args:
         text: MJCF or URDF.
         balance: replace inertias that break the triangle inequality by their mean, as MuJoCo's `balanceinertia` does.
+        free: name of a root that gets a free joint, if it has none.
 
     Raises:
         RobotError: MuJoCo cannot read the text, or what it means is no machine.
@@ -95,12 +103,16 @@ def compiled(text: str, balance: bool = False) -> tuple[mujoco.MjModel, bool]:
             spec.delete(geom)
         for thing in [*spec.skins, *spec.meshes, *spec.hfields]:
             spec.delete(thing)
+        if is_urdf(text):  # a link without inertial has no mass, whatever its shape is
+            spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        if free is not None and not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
+            spec.body(free).add_freejoint()
         spec.compiler.fusestatic = spec.compiler.discardvisual = False
         spec.compiler.balanceinertia = spec.compiler.balanceinertia or balance
         return spec.compile(), balance
     except (ValueError, mujoco.FatalError) as error:
         if "balanceinertia" in str(error) and not balance:
-            return compiled(text, balance=True)
+            return compiled(text, True, free)
         said = " ".join(str(error).split())[:200]
         allowed = "allowed is a file that MuJoCo compiles, each moving body with mass and inertia above 0"
         raise RobotError("value", "file", f"got {said!r}, {allowed}") from None

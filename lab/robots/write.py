@@ -32,7 +32,8 @@ class Imported:
 
     tables: dict[str, Any]
     joints: dict[str, str]  # the file's joint name by ours
-    feet: dict[str, dict[str, Any]]  # body and position in it, by limb
+    feet: dict[str, dict[str, Any]]  # body, centre and spheres in the file, by limb
+    shared: dict[str, str]  # our joint by the name of the file's joint that has the same motor
     trunk: str
     home: bool = False
     """The neutral posture is one that the file names."""
@@ -46,7 +47,7 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
     check_machine(model)
     trunk = trunk_body(model)
     segs = segments(model, trunk)
-    made = Imported({}, {}, {}, model.body(trunk).name)
+    made = Imported({}, {}, {}, {}, model.body(trunk).name)
     angles = _neutral(model, made)
     limbs = _limbs(segs)
     feet = _feet(model, segs, limbs, angles)
@@ -62,12 +63,17 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
             link = links[limb.index(foot.segment)]["name"]
             chain["foot"] = {
                 "source": "file", "link": link, "position": _floats(foot.position), "radius": foot.radius,
+                "points": [_floats(point) for point in foot.points],
             }  # fmt: skip
-            made.feet[label] = {"body": model.body(segs[foot.segment].body).name, "joint": segs[foot.segment].joint}
+            made.feet[label] = {
+                "body": model.body(segs[foot.segment].body).name, "centre": foot.centre, "spheres": foot.spheres,
+                "anchor": _floats(model.jnt_pos[segs[foot.segment].joint]),
+            }  # fmt: skip
             (made.assumed if "assumed" in foot.found else made.found).append(f"foot of {label}: {foot.found}")
         chains[label] = chain
         origin = base.rot.T @ (segs[limb[0]].origin - base.origin)
         places.append({"name": label, "chain": label, "position": _floats(origin), "source": "file"})
+        places[-1] |= _shared(model, segs[limb[0]].joint, links[0]["name"], f"{label}_{links[0]['name']}", made)
     made.tables = {
         "schema": "surefoot.robot.description/1", "name": name, "kind": KINDS[sum(f is not None for f in feet)],
         "description": f"{name}, imported", "sources": {"file": "the imported file", "assumed": "assumed by import"},
@@ -75,6 +81,21 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
         **_sensors(model, segs, made),
     }  # fmt: skip
     return made
+
+
+def _shared(model: mujoco.MjModel, joint: int, link: str, ours: str, made: Imported) -> dict[str, Any]:
+    """Return the table of a limb whose first hinge has the motor of another limb's; none for the others."""
+    for i in range(model.neq):
+        if int(model.eq_obj1id[i]) == joint:
+            theirs = model.joint(int(model.eq_obj2id[i])).name
+            motor = next((name for name, known in made.joints.items() if known == theirs and name != ours), None)
+            if motor is None:
+                text = f"got {model.joint(joint).name!r} coupled to {theirs!r}, allowed is a hinge of a limb before it"
+                raise RobotError("value", "equality", text)
+            made.shared[model.joint(joint).name] = motor
+            del made.joints[ours]
+            return {"shared": {link: motor}}
+    return {}
 
 
 def stand_on(made: Imported, robot: Robot) -> None:
@@ -160,7 +181,7 @@ def _feet(model: mujoco.MjModel, segs: list[Segment], limbs: list[list[int]], an
     for limb in limbs:
         tips = [i for i in limb if not any(s.parent == i for s in segs)]
         feet.append(foot_of(model, segs, tips[0], angles) if len(tips) == 1 else None)
-    if sum(foot is not None for foot in feet) not in KINDS:
+    if any(foot is not None and foot.named for foot in feet):
         feet = [foot if foot is not None and foot.named else None for foot in feet]
     count = sum(foot is not None for foot in feet)
     if count not in KINDS:

@@ -13,7 +13,8 @@ from surefoot.kernels.jit import kernel, row_kernel
 from .features import Layer
 from .ground import FootholdGround
 from .models.protocol import UNLEARNED
-from .reach import LEG_NUMBERS, LegTable, solve
+from .reach import solve
+from .rolled_reach import LEG_NUMBERS, LegTable
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.uint8]

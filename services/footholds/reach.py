@@ -1,7 +1,8 @@
 """Reach margin of a foot point in the workspace of a three-joint leg, without a trigonometric function per point.
 
-The closed form is that of `surefoot.robot.kinematics.leg_ik` (yaw-pitch-pitch, knee up); in place of joint angles it
-gives the distance from the point to the nearest edge of the workspace, m.
+Roll-pitch-pitch legs are solved by `rolled_reach`. The closed form is that of `surefoot.robot.kinematics.leg_ik`
+(yaw-pitch-pitch, knee up); in place of joint angles it gives the distance from the point to the nearest edge of the
+workspace, m.
 """
 
 import math
@@ -11,14 +12,7 @@ import numpy as np
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel
 
-LegTable = tuple[float, ...]
-"""One leg as numbers, see `leg_table`: a tuple, as kernels handle numbers faster than arrays."""
-LEG_NUMBERS = 21
-"""Length of a `LegTable`."""
-OUTSIDE = -1.0
-"""Margin of a point that cannot be reached, m."""
-SLACK = 1e-9
-"""Tolerance in m and in cosines: a point on the edge counts as inside, as in the closed-form solution."""
+from .rolled_reach import ALONG, LEG_NUMBERS, OUTSIDE, SLACK, LegTable, rolled_table, solve_rolled
 
 
 def leg_table(model: KinematicModel, leg: int) -> LegTable:
@@ -26,14 +20,14 @@ def leg_table(model: KinematicModel, leg: int) -> LegTable:
 
     0-2 hip, 3-4 cos and sin of the heading, 5-7 coxa, femur, tibia; 8-11 cos, sin of the coxa's lower and upper
     limit; 12 whether the coxa's range exceeds 180 deg; 13-16 the same for the femur, 17 its flag; 18-19 smallest and
-    largest distance of the foot from the femur joint; 20 whether the knee may bend at all. NaN lengths (a leg without
-    closed form) make every point unreachable.
+    largest distance of the foot from the femur joint; 20 whether the knee may bend at all; 21-31 are 0. Of a
+    roll-pitch-pitch leg see `rolled_table`. NaN (a leg without closed form) makes every point unreachable.
     """
     hip, psi = model.hip[leg, :3], float(model.hip[leg, 3])
     coxa, femur, tibia = (float(value) for value in model.segment[leg])
-    table = np.full(LEG_NUMBERS, np.nan)
     if not np.isfinite([coxa, femur, tibia]).all():
-        return tuple(table.tolist())
+        return rolled_table(model, leg)
+    table = np.zeros(LEG_NUMBERS)
     joints = model.leg_joints[leg]
     low, high = model.lower[joints], model.upper[joints]
     table[0:3] = hip
@@ -80,6 +74,8 @@ def solve(leg: LegTable, px: float, py: float, pz: float) -> tuple[float, float,
         Distance to the nearest edge of the workspace, m (never more than the true one), or OUTSIDE; then x, y, z of
         the femur joint and of the knee, base_link, m (0 when outside).
     """
+    if leg[ALONG] != 0.0:
+        return solve_rolled(leg, px, py, pz)
     hip_x, hip_y, hip_z, cos, sin, coxa, femur, tibia = leg[0], leg[1], leg[2], leg[3], leg[4], leg[5], leg[6], leg[7]
     dx, dy, z = px - hip_x, py - hip_y, pz - hip_z
     x = cos * dx + sin * dy

@@ -30,7 +30,8 @@ from .masks import (
     mask_window,
 )
 from .models.protocol import SlipModel
-from .reach import LegTable, leg_table
+from .reach import leg_table
+from .rolled_reach import LegTable
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -152,12 +153,13 @@ def select_leg(
     offset = (surface.cell, x - x0, y - y0)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     first: tuple[int, ...] = ()
+    known = not math.isnan(placed.leg[0])  # the reach of other legs is left to the walker
     steps = round(params.trunk_range / params.trunk_step) if params.trunk_step > 0.0 else 0
     best = np.zeros(2)  # Q of the block, Q of the cell
     for change in _changes(steps):
         shift = change * params.trunk_step
         at = placed if shift == 0.0 else placed._replace(base=placed.base + np.array((0.0, 0.0, shift)))
-        mask = mask_window(ground, row, col, slip, params.limits, at)
+        mask = mask_window(ground, row, col, slip, params.limits, at if known else None)
         if not first:
             count_reasons(mask, counts)
             first = tuple(int(value) for value in counts)

@@ -85,7 +85,7 @@ class WalkerState:
     """Time since the step began, s."""
     landed: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     hanging: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """Samples in a row in which the switch of a foot that has landed in this step was open, (L,)."""
+    """Samples in a row in which the switch of a foot that has landed in this step, or stands, was open, (L,)."""
     group: int = 0
     """Group of the gait that swings next."""
     attempts: int = 0

@@ -22,16 +22,22 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
     """Move trunk and feet by one tick of the planned step; returns whether the step is done.
 
     The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand. Feet
-    that find no ground at their landing go on down while the trunk waits.
+    that find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that
+    touches nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
     s.clock += dt
     if s.clock <= plan.lean:
+        there = s.clock + dt > plan.lean
+        if _seek(s, robot, plan, ~plan.swing, p.touch_speed * dt if there else 0.0) and there:
+            s.clock -= dt
+        way = np.where(plan.swing, 0.0, plan.feet_to[:, 2] - s.feet[:, 2])
+        s.feet[:, 2] += np.clip(way, -p.press_speed * dt, p.press_speed * dt)
         _move(s, plan, swing.smooth(s.clock / plan.lean))
         return False
     clock = s.clock - plan.lean
-    if plan.lean > 0.0 and clock <= dt:
+    if plan.lean > 0.0 and clock < 1.5 * dt:  # the first tick of the swing, whatever was rounded
         s.landed = ~plan.swing
     u = min(1.0, clock / plan.duration)
     v = max(0.0, (clock / plan.duration - p.overlap) / (1.0 - 2.0 * p.overlap))
@@ -39,7 +45,7 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
         _touch(s, robot, plan)
     if v > 1.0:
         _give_up(s, robot, plan)
-    seeking = _seek(s, robot, plan, p.touch_speed * dt)
+    seeking = _seek(s, robot, plan, plan.swing & s.landed, p.touch_speed * dt)
     paths = swing.SwingPaths(plan.shape, plan.swing, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive)
     rate = dt / (p.overlap * plan.duration)
     s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
@@ -78,15 +84,14 @@ def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
     plan.feet_to[feet, 2] = measured[feet, 2]
 
 
-def _seek(state: WalkerState, robot: Robot, plan: StepPlan, way: float) -> bool:
-    """Landed feet that touch nothing any more go on down by `way` (m); returns whether there are any.
+def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: float) -> bool:
+    """Of the feet `landed` (L,), those that touch nothing any more go on down by `way` (m); returns whether any do.
 
     A foot that met an edge on its way stands there for a moment and then hangs beside it: were the others lifted now,
     the robot would fall onto it.
     """
     s = state
     if s.fresh:
-        landed = plan.swing & s.landed
         found = landed & s.contacts & (s.hanging >= HANGING)
         if found.any() and s.measured is not None:
             _put(s, robot, plan, found)

@@ -1,16 +1,20 @@
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from surefoot.lab.robots.folder import MOST_DIFFERENCE, differences, import_robot
+from surefoot.lab.robots.compare import MOST_DIFFERENCE, checked, differences, ours, witness
+from surefoot.lab.robots.export import mjcf_of
+from surefoot.lab.robots.folder import import_robot
+from surefoot.lab.robots.packages import source_file
 from surefoot.lab.robots.source import compiled, read_source
 from surefoot.lab.robots.stance import EXTENSION, MOST_TORQUE, leg_length, torque_limit
 from surefoot.robot.description import RobotError
 from surefoot.robot.kinematics import foot_positions
-from surefoot.robot.reader import load_robot
+from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.walker.interface import MotionCommand
 from surefoot.services.walker.legged.gait import LeggedWalker
 from surefoot.services.walker.legged.params import WalkerParams
@@ -119,6 +123,69 @@ def test_a_changed_number_shows_in_the_comparison(bring_in, tmp_path):
     file = tmp_path / "out" / "robot.toml"
     file.write_text(file.read_text().replace("mass = 0.6,", "mass = 0.61,", 1))
     assert differences(tmp_path / "out")["mass_kg"] == pytest.approx(0.01)
+    with pytest.raises(RobotError, match="mujoco"):
+        checked(tmp_path / "out")
+
+
+def test_a_moved_foot_shows_in_the_comparison_with_the_geoms(bring_in, tmp_path):
+    bring_in(MJCF)
+    file = tmp_path / "out" / "robot.toml"
+    head, tail = file.read_text().split("[chains.fl.foot]")
+    file.write_text(f"{head}[chains.fl.foot]{re.sub(r'position = .[^,]*', 'position = [0.02', tail, count=1)}")
+    found = differences(tmp_path / "out")
+    assert found["feet_m"] == pytest.approx(0.01, rel=0.5)
+    assert found["jacobian_m"] > 1e-3
+    assert found["mass_kg"] < MOST_DIFFERENCE
+
+
+@pytest.mark.parametrize(("text", "suffix"), [(MJCF, ".xml"), (URDF, ".urdf")])
+def test_pinocchio_agrees(bring_in, tmp_path, text, suffix):
+    pytest.importorskip("pinocchio")
+    bring_in(text, suffix)
+    found = witness(tmp_path / "out")
+    assert found is not None
+    assert max(found.values()) < MOST_DIFFERENCE
+
+
+def test_a_link_without_inertial_has_no_mass_whatever_its_shape_is(bring_in, tmp_path):
+    ball = '<collision><geometry><sphere radius=".1"/></geometry></collision>'
+    bring_in(URDF.replace('<link name="fl_foot"/>', f'<link name="fl_foot">{ball}</link>'), ".urdf")
+    assert load_robot(tmp_path / "out").mass == pytest.approx(5 + 4 * 0.7, abs=1e-12)
+    assert max(differences(tmp_path / "out").values()) < MOST_DIFFERENCE
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_a_robot_of_ours_is_exported_and_imported_again(tmp_path, name):
+    robot = load_robot(name)
+    (tmp_path / "mine.xml").write_text(mjcf_of(robot))
+    import_robot(tmp_path / "mine.xml", tmp_path / "out")
+    again, rng = load_robot(tmp_path / "out"), np.random.default_rng(5)
+    assert (again.kind, again.nj, again.nlegs) == (robot.kind, robot.nj, robot.nlegs)
+    for _ in range(5):
+        q, up = rng.uniform(robot.joint_lower, robot.joint_upper), rng.normal(size=3)
+        for a, b in zip(ours(robot, q, up), ours(again, q, up), strict=True):
+            assert np.abs(a - b).max() < MOST_DIFFERENCE
+    for field in ("joint_lower", "joint_upper", "neutral", "foot_radii"):
+        assert getattr(again, field) == pytest.approx(getattr(robot, field), abs=MOST_DIFFERENCE)
+    for a, b in zip(robot.joints, again.joints, strict=True):
+        same = ("kp", "kv", "max_torque", "armature", "frictionloss")
+        assert [getattr(b.servo, key) for key in same] == [getattr(a.servo, key) for key in same]
+    assert again.imu.position == pytest.approx(robot.imu.position)
+
+
+def test_a_robot_of_an_installed_package_is_found_by_name(tmp_path, monkeypatch):
+    info = tmp_path / "some_robots-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: some-robots\nVersion: 1.0\n")
+    files = ["some/toy_description/urdf/robot.urdf", "some/other/other.xml", "some/pair/a.xml", "some/pair/b.xml"]
+    (info / "RECORD").write_text("".join(f"{file},,\n" for file in files))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert source_file("package:some-robots/toy") == tmp_path / files[0]
+    assert source_file("package:some-robots/other") == tmp_path / files[1]
+    assert source_file("toy.xml") == Path("toy.xml")
+    for name, word in {"some-robots/othr": "did you mean", "some-robots/pair": "one file", "none/a": "pip"}.items():
+        with pytest.raises(RobotError, match=word):
+            source_file(f"package:{name}")
 
 
 BALL = '<body name="b"><joint type="ball"/><geom size=".1"/></body></body></worldbody>'

@@ -7,18 +7,21 @@ from surefoot.robot.kinematics import foot_positions, forward, leg_ik
 from surefoot.robot.reader import load_robot
 from surefoot.services.footholds import reach
 from surefoot.services.footholds.reach import leg_table, solve
+from tests.surefoot.robot.test_legs import crooked
+
+CROOKED = {f"crooked-{i}": crooked(np.random.default_rng(i), 150.0) for i in range(3)}
 
 
-@pytest.mark.parametrize("name", ["ragno", "messor"])
+@pytest.mark.parametrize("name", ["ragno", "messor", "lupo", *CROOKED])
 def test_same_workspace_as_inverse_kinematics(name: str) -> None:
-    robot = load_robot(name)
-    model, rng = robot.model, np.random.default_rng(4)
-    tables = [leg_table(model, leg) for leg in range(6)]
+    robot = CROOKED[name] if name in CROOKED else load_robot(name)
+    model, rng, legs = robot.model, np.random.default_rng(4), robot.nlegs
+    tables = [leg_table(model, leg) for leg in range(legs)]
     feet = foot_positions(model, robot.neutral)
-    size = 2.0 * float(np.linalg.norm(feet[0] - model.hip[0, :3]))
+    size = (2.0 if legs == 6 else 1.2) * float(np.linalg.norm(feet[0] - model.hip[0, :3]))
     inside = 0
     for _ in range(6000):
-        leg = int(rng.integers(6))
+        leg = int(rng.integers(legs))
         point = model.hip[leg, :3] + rng.uniform(-size, size, 3)
         margin = solve(tables[leg], *point)[0]
         assert leg_ik(model, leg, point)[1] == (margin >= 0.0), (leg, point)
@@ -45,6 +48,21 @@ def test_inner_joints(leg: int) -> None:
     np.testing.assert_allclose(joints[3:], pos[tibia], atol=1e-9)
 
 
+def test_inner_joints_of_a_roll_pitch_pitch_leg() -> None:
+    robot = load_robot("lupo")
+    model, rng = robot.model, np.random.default_rng(7)
+    for _ in range(20):
+        q = robot.neutral + rng.uniform(-0.3, 0.3, robot.neutral.size)
+        _, pos = forward(model, q)
+        feet = foot_positions(model, q)
+        for leg in range(robot.nlegs):
+            margin, *joints = solve(leg_table(model, leg), *feet[leg])
+            assert margin > 0.0
+            femur, tibia = robot.legs[leg].links[1:3]
+            np.testing.assert_allclose(joints[:3], pos[femur], atol=1e-9)
+            np.testing.assert_allclose(joints[3:], pos[tibia], atol=1e-9)
+
+
 def test_far_points_and_nan_are_outside() -> None:
     table = leg_table(load_robot("ragno").model, 0)
     assert solve(table, 5.0, 0.0, 0.0)[0] == reach.OUTSIDE
@@ -53,5 +71,5 @@ def test_far_points_and_nan_are_outside() -> None:
 
 def test_leg_without_closed_form_reaches_nothing() -> None:
     model = load_robot("ragno").model
-    unknown = model._replace(segment=np.full_like(model.segment, np.nan))
+    unknown = model._replace(segment=np.full_like(model.segment, np.nan))  # nor is it a roll-pitch-pitch leg
     assert solve(leg_table(unknown, 0), 0.18, 0.12, -0.07)[0] == reach.OUTSIDE

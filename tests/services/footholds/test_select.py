@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
 from surefoot.services.footholds.features import Features, Layer, window_features
-from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.footholds.masks import REASONS, Limits, mask_window
 from surefoot.services.footholds.models.protocol import UNLEARNED
 from surefoot.services.footholds.models.score import HandScore
@@ -25,6 +27,7 @@ from surefoot.services.footholds.select import (
     select,
 )
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, landing, neutral, ragno, standing
+from tests.surefoot.robot.test_legs import changed, skewed
 
 NAN = float("nan")
 MODEL = HandScore()
@@ -102,6 +105,37 @@ def test_never_picks_a_masked_cell(seed: int, leg: int, robust: bool, height: fl
     assert found.normal is not None
     assert math.hypot(*found.normal) == pytest.approx(1.0)
     assert math.dist(found.contact or (), found.foothold) == pytest.approx(RADIUS)
+
+
+def quadruped(edit=lambda data: None) -> tuple[Robot, np.ndarray, TrunkPose]:
+    """A quadruped with a changed description, its neutral feet (L, 3) m and its base over flat ground."""
+    robot = changed(edit)
+    feet = foot_positions(robot.model, robot.neutral)
+    return robot, feet, TrunkPose((0.0, 0.0, robot.foot_radius - float(feet[0, 2])))
+
+
+def test_legs_of_a_quadruped_stand_beside_a_hole_within_their_reach() -> None:
+    robot, feet, base = quadruped()
+    z = flat()
+    row, col = round((feet[0, 1] + 0.4) / CELL), round((feet[0, 0] + 0.5) / CELL)
+    z[row - 2 : row + 3, col - 2 : col + 3] = -0.03
+    legs = [Landing(leg, (float(x), float(y), 0.0), STROKE) for leg, (x, y) in enumerate(feet[:, :2])]
+    found = select(build_ground(ground_of(z).surface, robot.foot_radius, False), robot, MODEL, base, legs)
+    assert [each.status for each in found] == ["ok"] * 4
+    places = [each.foothold or (np.inf, np.inf, np.inf) for each in found]
+    away = [math.dist(place[:2], leg.nominal[:2]) for place, leg in zip(places, legs, strict=True)]
+    assert away[1:] == pytest.approx([0.0] * 3, abs=1e-9)
+    assert 0.02 < away[0] < 0.05
+    far = replace(base, position=(0.0, 0.0, 0.6))
+    out_of_reach = select(build_ground(ground_of(flat()).surface, robot.foot_radius, False), robot, MODEL, far, legs)
+    assert {each.status for each in out_of_reach} == {"infeasible"}
+
+
+def test_legs_of_another_kind_are_offered_ground_without_regard_to_reach() -> None:
+    robot, feet, base = quadruped(skewed)
+    ground = build_ground(ground_of(flat()).surface, robot.foot_radius, False)
+    found = select(ground, robot, MODEL, base, [Landing(0, (float(feet[0, 0]), float(feet[0, 1]), 0.0), STROKE)])[0]
+    assert found.status == "ok"
 
 
 def reference(mask: np.ndarray, slip: np.ndarray, sx: float, sy: float, weight: float, robust: bool) -> int:

@@ -23,7 +23,7 @@ def changed(edit):
     return _robot(RobotFile.model_validate(data), data)
 
 
-def crooked(rng):
+def crooked(rng, limit_deg=170.0):
     """Return a quadruped whose legs have random offsets, mounts, axes' senses and neutral angles."""
 
     def edit(data):
@@ -31,7 +31,7 @@ def crooked(rng):
         for link in links:
             link["position"] = (np.array(link["position"]) + rng.uniform(-0.02, 0.02, 3)).tolist()
             link["axis"] = (rng.choice([-1.0, 1.0]) * np.array(link["axis"])).tolist()
-            link["lower_deg"], link["upper_deg"] = -170.0, 170.0
+            link["lower_deg"], link["upper_deg"] = -limit_deg, limit_deg
             link["neutral_deg"] = rng.uniform(-60.0, 60.0)
         links[0]["quat_wxyz"] = rotations.quat_from_rotvec(rng.uniform(-1.0, 1.0, 3)).tolist()
         foot = data["chains"]["leg"]["foot"]

@@ -81,6 +81,23 @@ def test_the_trunk_rests_while_a_foot_is_in_the_air():
     assert moved > 0.3
 
 
+def test_no_foot_lifts_while_another_bears_nothing():
+    p, dent = begun(MotionCommand("walk", distance=0.3), LUPO), 0.015
+    while not (p.walker.state.steps >= 2 and p.out.stance.all()):
+        p.step()
+    lifting = int(np.flatnonzero(p.walker.state.plan.swing)[0])
+    sunk = (lifting + 1) % 4
+    before, gap, ticks = p.walker.state.feet[sunk, 2], dent, 0
+    while p.out.stance.all():
+        p.step()
+        gap = p.walker.state.feet[sunk, 2] - before + dent
+        p.contacts[sunk] = gap <= 0.001
+        ticks += 1
+        assert ticks < 200
+    assert gap <= 0.002
+    assert ticks > 100 * dent / (2.0 * PARAMS.touch_speed)
+
+
 def test_the_trunk_accelerates_within_its_limit():
     ticks = [(p.out.state, p.walker.state.body[:2].copy()) for p in crawled(MotionCommand("walk", distance=0.3))]
     bodies = np.array([body for state, body in ticks if state == "walking"])

@@ -1,0 +1,216 @@
+"""Comparison of an imported robot with its source at random postures: by MuJoCo, and by pinocchio as a witness."""
+
+# mujoco and pinocchio have no type stubs for their compiled modules:
+# pyright: reportAttributeAccessIssue=false
+import importlib
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.kinematics import com, foot_jacobians, foot_positions, forward, gravity_torques
+from surefoot.robot.reader import load_robot
+
+from .anatomy import FileMark, pose
+from .inertia import mass_matrix
+from .source import BALANCED, compiled, is_urdf
+
+Array = NDArray[np.float64]
+
+POSTURES = 20
+"""Number of seeded postures at which a robot is compared."""
+MOST_DIFFERENCE = 1e-9
+"""Largest allowed difference, in the SI unit of each quantity: rounding is below 1e-12."""
+WITNESS = "pinocchio"
+
+
+class ComparedRobot(NamedTuple):
+    """Quantities of a robot at a posture that are compared; frame base_link."""
+
+    mass_kg: Array  # (1,)
+    com_m: Array  # (3,)
+    feet_m: Array  # (L, 3) and of the spheres (k, 3)
+    jacobian_m: Array  # (L, 3, n) d foot / d (joints of its leg)
+    inertia_kgm2: Array  # (6 + nj, 6 + nj) of trunk (linear, angular) and joints, with the rotors
+    gravity_nm: Array  # (nj,) torques against the weight
+
+
+class _RandomPosture(NamedTuple):
+    q: Array  # (nj,) rad
+    up: Array  # (3,) m/s2, upward specific force at rest
+
+
+def differences(folder: Path) -> dict[str, float]:
+    """Return the largest differences of a robot folder from MuJoCo's results for its source, by quantity."""
+    robot, notes, text = _read(folder)
+    return _largest(robot, _mujoco(robot, notes, text))
+
+
+def witness(folder: Path) -> dict[str, float] | None:
+    """Return the largest differences from pinocchio's results, None where it is not installed."""
+    if importlib.util.find_spec(WITNESS) is None:
+        return None
+    robot, notes, text = _read(folder)
+    return _largest(robot, _pinocchio(robot, notes, text))
+
+
+def checked(folder: Path) -> dict[str, dict[str, float]]:
+    """Return the differences of a robot folder from its source, by program.
+
+    Raises:
+        RobotError: one is larger than `MOST_DIFFERENCE`. Inertias that MuJoCo has balanced differ from the witness's.
+    """
+    found = {"mujoco": differences(folder)}
+    other, notes = witness(folder), _read(folder)[1]
+    found |= {} if other is None else {WITNESS: other}
+    balanced = any(BALANCED in text for text in notes["assumed"])
+    for program, worst in found.items():
+        for name, value in worst.items():
+            if value > MOST_DIFFERENCE and not (balanced and program == WITNESS and name == "inertia_kgm2"):
+                text = (
+                    f"got {value:.2g} from {program}, allowed is {MOST_DIFFERENCE}: robot.toml differs from source.xml"
+                )
+                raise RobotError("value", f"differences.{name}", text)
+    return found
+
+
+def _read(folder: Path) -> tuple[Robot, dict[str, Any], str]:
+    notes = json.loads((folder / "import.json").read_text(encoding="utf-8"))
+    return load_robot(folder), notes, (folder / "source.xml").read_text(encoding="utf-8")
+
+
+def _largest(robot: Robot, theirs: Any) -> dict[str, float]:
+    random, worst = np.random.default_rng(26), dict.fromkeys(ComparedRobot._fields, 0.0)
+    for _ in range(POSTURES):
+        up = random.normal(size=3)
+        at = _RandomPosture(random.uniform(robot.joint_lower, robot.joint_upper), GRAVITY * up / np.linalg.norm(up))
+        for name, a, b in zip(ComparedRobot._fields, ours(robot, at.q, at.up), theirs(at), strict=True):
+            if b.size:
+                worst[name] = max(worst[name], float(np.abs(a - b).max()))
+    return worst
+
+
+def ours(robot: Robot, q: Array, up: Array) -> ComparedRobot:
+    """Return what surefoot computes of a robot at joint angles (nj,) with the specific force `up` (3,) m/s2."""
+    model = robot.model
+    rot, pos = forward(model, q)
+    spheres = [pos[leg.foot.link] + leg.foot.points @ rot[leg.foot.link].T for leg in robot.legs]
+    inertia = mass_matrix(robot, q)
+    inertia[6:, 6:] += np.diag([joint.servo.armature for joint in robot.joints])
+    return ComparedRobot(
+        np.array([robot.mass]), com(model, q), np.concatenate((foot_positions(model, q), *spheres)),
+        foot_jacobians(model, q), inertia, gravity_torques(model, q, up),
+    )  # fmt: skip
+
+
+def _mujoco(robot: Robot, notes: dict[str, Any], text: str) -> Any:
+    model, _ = compiled(text, free=notes["trunk"])
+    data, trunk = mujoco.MjData(model), model.body(notes["trunk"]).id
+    ids = [model.joint(notes["joints"][name]).id for name in robot.joint_names]
+    pick = np.zeros((model.nv, 6 + robot.nj))  # rows: their degrees of freedom; a shared motor has two
+    base = model.body_dofadr[trunk]
+    pick[base : base + 6, :6] = np.eye(6)
+    angles_of = np.zeros((model.njnt, robot.nj))
+    for j, i in enumerate(ids):
+        pick[model.jnt_dofadr[i], 6 + j] = angles_of[i, j] = 1.0
+    for theirs, name in notes["shared"].items():
+        i, j = model.joint(theirs).id, robot.joint_names.index(name)
+        pick[model.jnt_dofadr[i], 6 + j] = angles_of[i, j] = 1.0
+    feet = [notes["feet"][leg.name] for leg in robot.legs]
+
+    def results(at: _RandomPosture) -> ComparedRobot:
+        model.opt.gravity = -at.up
+        model.dof_armature[base : base + 6] = 0.0  # a default of the file that no trunk has
+        pose(model, data, angles_of @ at.q)
+        mujoco.mj_forward(model, data)
+        full, jac = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        spheres = [FileMark(*mark).place(model, data) for foot in feet for mark in foot["spheres"]]
+        places = iter(spheres)
+        centres: list[Array] = []
+        for foot in feet:
+            own = [next(places) for _ in foot["spheres"]]
+            mark = foot["centre"]
+            centres.append(np.mean(own, axis=0) if mark is None else FileMark(*mark).place(model, data))
+        columns = np.zeros_like(foot_jacobians(robot.model, at.q))
+        for i, (foot, centre) in enumerate(zip(feet, centres, strict=True)):
+            mujoco.mj_jac(model, data, jac, None, centre, model.body(foot["body"]).id)
+            joints = list(robot.legs[i].joints)
+            columns[i, :, : len(joints)] = (jac @ pick)[:, [6 + j for j in joints]]
+        mass = float(model.body_subtreemass[trunk])
+        return ComparedRobot(
+            np.array([mass]), data.subtree_com[trunk].copy(), np.array([*centres, *spheres]), columns,
+            pick.T @ full @ pick, (data.qfrc_bias @ pick)[6:],
+        )  # fmt: skip
+
+    return results
+
+
+def _pinocchio(robot: Robot, notes: dict[str, Any], text: str) -> Any:
+    pin: Any = importlib.import_module(WITNESS)
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()) if is_urdf(text) else _from_mjcf(pin, text)
+    data, q = model.createData(), pin.neutral(model)
+    joints = [model.joints[model.getJointId(notes["joints"][name])] for name in robot.joint_names]
+    rows, places = [*range(6), *(joint.idx_v for joint in joints)], [joint.idx_q for joint in joints]
+    pick = np.zeros((model.nv, 6 + robot.nj))
+    pick[rows, range(6 + robot.nj)] = 1.0
+    places_of = [(place, j) for j, place in enumerate(places)]
+    for theirs, name in notes["shared"].items():
+        joint, j = model.joints[model.getJointId(theirs)], robot.joint_names.index(name)
+        pick[joint.idx_v, 6 + j] = 1.0
+        places_of.append((joint.idx_q, j))
+    rotors = np.zeros(6 + robot.nj)
+    rotors[6:] = [joint.servo.armature for joint in robot.joints]
+
+    def results(at: _RandomPosture) -> ComparedRobot:
+        for place, j in places_of:
+            q[place] = at.q[j]
+        pin.framesForwardKinematics(model, data, q)
+        base = data.oMf[model.getFrameId(notes["trunk"], pin.FrameType.BODY)].copy()
+        model.gravity.linear = -base.rotation @ at.up
+        model.armature = np.zeros(model.nv)
+        whole = pin.crba(model, data, q)
+        whole = np.triu(whole) + np.triu(whole, 1).T
+        mass = np.array([pin.computeTotalMass(model)])
+        centre = base.actInv(pin.centerOfMass(model, data, q))
+        weight = (pin.computeGeneralizedGravity(model, data, q) @ pick)[6:]
+        feet, columns = _frames(pin, model, data, q, robot, notes, pick)
+        feet, columns = (feet - base.translation) @ base.rotation, base.rotation.T @ columns
+        return ComparedRobot(mass, centre, feet, columns, pick.T @ whole @ pick + np.diag(rotors), weight)
+
+    return results
+
+
+def _frames(
+    pin: Any, model: Any, data: Any, q: Array, robot: Robot, notes: dict[str, Any], pick: Array
+) -> tuple[Array, Array]:
+    """Return centres and spheres of the feet, (L + k, 3) m, and Jacobians (L, 3, n) by the frames of their bodies."""
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    columns = np.zeros((robot.nlegs, 3, robot.model.leg_joints.shape[1]))
+    centres, spheres = list[Array](), list[Array]()
+    for i, leg in enumerate(robot.legs):
+        note = notes["feet"][leg.name]
+        frame, joints = model.getFrameId(note["body"], pin.FrameType.BODY), list(leg.joints)
+        place, anchor = data.oMf[frame], np.array(note["anchor"])
+        centres.append(place.act(anchor + leg.foot.position))
+        spheres += [place.act(anchor + point) for point in leg.foot.points]
+        jac = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        moved = jac[:3] + np.cross(jac[3:].T, centres[-1] - place.translation).T
+        columns[i, :, : len(joints)] = (moved @ pick)[:, [6 + j for j in joints]]
+    return np.array([*centres, *spheres]), columns
+
+
+def _from_mjcf(pin: Any, text: str) -> Any:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "source.xml"
+        file.write_text(text, encoding="utf-8")
+        return pin.buildModelFromMJCF(str(file))
