@@ -4,7 +4,7 @@ Studies over many seeds are built on it, see `surefoot.lab.studies`.
 """
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,6 +87,7 @@ def run_local(
     strict: bool = False,
     recording: Path | None = None,
     without: Iterable[str] = (),
+    meddle: Callable[[LocalSystem], None] = lambda system: None,
 ) -> LocalRun:
     """Conducts a scenario in this process.
 
@@ -96,6 +97,7 @@ def run_local(
         strict: no actuation delay.
         recording: MCAP file, None = only the hash.
         without: services to leave out.
+        meddle: gets the system before the run begins, to wrap what its services do.
 
     Raises:
         ComposeError: the system cannot be started.
@@ -115,6 +117,7 @@ def run_local(
     system = LocalSystem(services)
     supervisor = next(service for service in services if isinstance(service, Supervisor))
     try:
+        meddle(system)
         system.bus.call(SIM_RESET, request)
         leader = next(node.leader for node in system.nodes if isinstance(node, DriverNode))
         system.run_until(lambda: leader.tick >= 0)

@@ -15,7 +15,6 @@ from surefoot.lockstep.config import load_config
 from surefoot.lockstep.ending import ENDING
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line
-from surefoot.tables import TableError
 from surefoot.version import VERSION
 
 EXIT_USAGE = 2
@@ -53,10 +52,7 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
             sys.stdout.write(config.model_dump_json(indent=2) + "\n")
             return 0
         return _serve(service(config), options)
-    except SurefootError as error:
-        sys.stderr.write(log_line("error", service.name, error.message) + "\n")
-        return EXIT_USAGE
-    except TableError as error:  # a robot or another file that the configuration names
+    except SurefootError as error:  # of the configuration, or of a robot or another file that it names
         sys.stderr.write(log_line("error", service.name, str(error)) + "\n")
         return EXIT_USAGE
     except Exception as error:

@@ -1,0 +1,186 @@
+"""Accidents of known cause and innocent walks: does `surefoot why` name the cause, and blame nothing without one?"""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from surefoot.lab.postmortem.why import explain
+
+from benchmarks.report import Bench, goal
+from surefoot.lab.runs.local import run_local
+from surefoot.lockstep.local import LocalSystem
+from surefoot.schemas.hw import EmergencyStop
+from surefoot.schemas.topics import CMD_ESTOP
+from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
+from surefoot.services.supervisor.service import Supervisor
+
+BENCH = Bench("accidents")
+WALK = """
+description = "an accident of known cause"
+compose = "{system}"
+max_duration_s = 25.0
+policy = "degrade"
+[world]
+terrain = "{terrain}"
+{world}
+[[step]]
+when = "ready"
+do = "walk"
+distance = {distance}
+[[step]]
+when = "walk_done"
+do = "stand"
+{more}
+"""
+STEP = "[[step]]\nat_tick = {tick}\n{fields}\n"
+
+
+@dataclass(frozen=True)
+class Accident:
+    """One walk and what happens to it.
+
+    Attributes:
+        cause: code that `why` should name; empty = nothing happens.
+        fields: of the step of the scenario, as TOML; empty for what no step can do.
+        stop, kill: emergency stop by this reason, end of this service.
+    """
+
+    name: str
+    cause: str
+    fields: str = ""
+    system: str = "ragno"
+    terrain: str = "flat"
+    world: str = ""
+    distance: float = 0.6
+    stop: str = ""
+    kill: str = ""
+
+
+def fault(kind: str, target: str = "", value: float | None = None, duration: float = 12.0) -> str:
+    """Return the fields of a fault."""
+    sized = "" if value is None else f"value = {value}\n"
+    return f'do = "fault"\nkind = "{kind}"\ntarget = "{target}"\n{sized}duration = {duration}'
+
+
+def push(x: float, y: float, duration: float) -> str:
+    """Return the fields of a push, N and s."""
+    return f'do = "push"\nforce = [{x}, {y}, 0.0]\nduration = {duration}'
+
+
+def friction(value: float) -> str:
+    """Return the fields of a change of friction."""
+    return f'do = "set"\nquantity = "friction"\nvalue = {value}'
+
+
+ACCIDENTS = (
+    Accident("ice on flat ground", "friction", friction(0.03)),
+    Accident("ice on rough ground", "friction", friction(0.05), terrain="rough"),
+    Accident("ice on a slope", "friction", friction(0.15), terrain="slope"),
+    Accident("ice under a quadruped", "friction", friction(0.03), system="lupo"),
+    Accident("push from the side", "push", push(0.0, 60.0, 0.4)),
+    Accident("push from behind", "push", push(60.0, 0.0, 0.4)),
+    Accident("push of a quadruped", "push", push(0.0, 150.0, 0.4), system="lupo"),
+    Accident("push of a biped", "push", push(0.0, 12.0, 0.4), system="bioloid"),
+    Accident("dead servo of a hexapod", "servo", fault("servo_dead", "lm_femur")),
+    Accident("dead servo of a quadruped", "servo", fault("servo_dead", "lf_tibia"), system="lupo"),
+    Accident("dead servo of a biped", "servo", fault("servo_dead", "right_leg_knee"), system="bioloid"),
+    Accident("stuck encoder of a biped", "encoder", fault("encoder_stuck", "left_leg_knee"), system="bioloid"),
+    Accident("switch stuck on", "switch", fault("foot_stuck_on", "rf"), terrain="rough"),
+    Accident("switch stuck off", "switch", fault("foot_stuck_off", "lf"), terrain="rough"),
+    Accident("frozen IMU", "imu", fault("imu_freeze")),
+    Accident("no IMU", "imu", fault("imu_drop")),
+    Accident("no joints", "joints", fault("joints_drop")),
+    Accident("lost commands", "command", fault("packet_loss", "command", 1.0)),
+    Accident("emergency stop", "stop", stop="operator"),
+    Accident("killed estimator", "service", kill="estimator"),
+)
+INNOCENT = (
+    Accident("flat", ""),
+    Accident("rough", "", terrain="rough"),
+    Accident("hills", "", terrain="hills"),
+    Accident("slope", "", terrain="slope"),
+    Accident("demo", "", terrain="demo"),
+    Accident("flagstones", "", terrain="flagstones"),
+    Accident("quadruped", "", system="lupo"),
+    Accident("biped", "", system="bioloid", world="perturbation = 1.0"),
+    Accident("gentle push", "", push(0.0, 6.0, 0.2)),
+    Accident("short loss of packets", "", fault("packet_loss", "imu", 0.3, 0.3)),
+)
+
+
+def scenario_of(case: Accident, seed: int) -> tuple[Scenario, int]:
+    """Return the scenario of a case and the tick in which it happens, drawn by the seed."""
+    tick = Random(seed).randint(450, 750)
+    more = STEP.format(tick=tick, fields=case.fields) if case.fields else ""
+    text = WALK.format(system=case.system, terrain=case.terrain, world=case.world, distance=case.distance, more=more)
+    return parse_scenario(text, Path("accident.toml")), tick
+
+
+def meddler(case: Accident, tick: int) -> Callable[[LocalSystem], None]:
+    """Return what stops the robot, or ends a service, at a tick."""
+
+    def meddle(system: LocalSystem) -> None:
+        supervisor = next(node.service for node in system.nodes if isinstance(node.service, Supervisor))
+        before, done = supervisor.on_tick, list[int]()
+
+        def on_tick(inputs: Any) -> None:
+            before(inputs)
+            if inputs.number < tick or done:
+                return
+            done.append(inputs.number)
+            if case.stop:
+                system.bus.publisher(CMD_ESTOP).put(EmergencyStop(reason=case.stop))
+            if case.kill:
+                system.nodes[:] = [node for node in system.nodes if node.name != case.kill]
+                system.bus.depart(case.kill)
+
+        supervisor.on_tick = on_tick  # type: ignore[method-assign]
+
+    return meddle
+
+
+@contextmanager
+def _folder(out: Path | None) -> Iterator[Path]:
+    if out is None:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder)
+    else:
+        out.mkdir(parents=True, exist_ok=True)
+        yield out
+
+
+def record(case: Accident, seed: int, folder: Path) -> Path:
+    """Return the recording of a case, made unless it is there."""
+    path = folder / f"{case.name.replace(' ', '-')}-{seed}.mcap"
+    if not path.exists():
+        scenario, tick = scenario_of(case, seed)
+        run_local(scenario, seed, recording=path.with_suffix(".part"), meddle=meddler(case, tick))
+        path.with_suffix(".part").rename(path)
+    return path
+
+
+@BENCH.part("--first 1")
+def causes(*, seed: int = 100, out: Path | None = None, first: int = 99) -> None:
+    """Causes that `surefoot why` names for 20 accidents, and blame it finds in 10 innocent walks.
+
+    Args:
+        seed: of the first case; each has the next one.
+        out: folder of the recordings, kept; None = a temporary one.
+        first: at most so many cases of each kind.
+    """
+    named, blamed = 0, 0
+    with _folder(out) as folder:
+        for number, case in enumerate((*ACCIDENTS[:first], *INNOCENT[:first])):
+            found = explain(record(case, seed + number, folder))
+            cause = "" if found.cause is None else found.cause.code
+            named += bool(case.cause) and cause == case.cause
+            blamed += not case.cause and bool(cause)
+            print(
+                f"{case.name:28} {case.cause or 'innocent':10} {'ok' if cause == case.cause else 'WRONG':6} {found.sentence}"
+            )
+    goal("accidents named right", float(named), ">=", 19.0, unit=f"of {len(ACCIDENTS[:first])}")
+    goal("innocent walks blamed", float(blamed), "<=", 0.0, unit=f"of {len(INNOCENT[:first])}")

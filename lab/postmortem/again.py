@@ -1,0 +1,216 @@
+"""A recorded run again: from its metadata, as it was or with changes from a tick on."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from surefoot.errors import SurefootError
+from surefoot.lockstep.local import LocalSystem
+from surefoot.record.recording import HASHES, SUMMARY, recording_info
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.footholds import SelectReply
+from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest
+from surefoot.schemas.topics import FOOTHOLDS_SELECT, TICK_S
+from surefoot.services.supervisor.scenarios.recorded import RUN, VERSIONS, recorded_scenario
+from surefoot.services.supervisor.scenarios.scenario import Scenario, Step
+
+from ..runs.local import run_local
+from .bisect import Difference, first_difference
+
+WORLD = ("friction", "mass", "servo")
+"""Quantities of the world that `whatif` changes."""
+FOOT, PUSH, FAULT = "foot", "push", "fault"
+LARGEST_SHIFT = 0.2
+"""Largest displacement of a foothold, m."""
+PUSH_S = 0.2
+"""Duration of a push, s."""
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """What a recording states about its run.
+
+    Attributes:
+        scenario: as run, with its actuation delay.
+        seed: of the run.
+        run_hash: recorded hash.
+        hashes: digest of each key.
+        robot_hash: hash of the robot description.
+        versions: of what computed the run.
+    """
+
+    path: Path
+    scenario: Scenario
+    seed: int
+    run_hash: str
+    hashes: dict[str, str]
+    robot_hash: str
+    versions: dict[str, str]
+
+    @classmethod
+    def of(cls, path: Path) -> "RecordedRun":
+        """Read a recording.
+
+        Raises:
+            SurefootError: it cannot be read, carries no scenario, was paced, or its robot is another one now.
+        """
+        metadata = recording_info(path)["metadata"]
+        run, summary = metadata.get(RUN, {}), metadata.get(SUMMARY, {})
+        scenario = recorded_scenario(metadata, path)
+        if run.get("mode") != "lockstep":
+            got = run.get("mode", "unknown")
+            raise SurefootError("invalid", f"{path}: mode is {got!r}; only runs in lockstep repeat", "mode")
+        if any(step.do == "kill" for step in scenario.steps):
+            raise SurefootError("invalid", f"{path}: its scenario ends a service; such a run does not repeat", "step")
+        known = load_robot(run.get("robot", "")).hash
+        if run.get("robot_hash", known) != known:
+            raise SurefootError("invalid", f"{path}: robot {run['robot']!r} has changed since", "robot_hash")
+        delay = int(run.get("actuation_delay_ticks", scenario.actuation_delay_ticks))
+        return cls(
+            path, replace(scenario, actuation_delay_ticks=delay), int(run["seed"]), summary.get("run_hash", ""),
+            metadata.get(HASHES, {}), run.get("robot_hash", ""), metadata.get(VERSIONS, {}),
+        )  # fmt: skip
+
+    def again(self, to: Path, meddle: Callable[[LocalSystem], None] = lambda system: None) -> str:
+        """Repeat the run into another recording and return its hash."""
+        return run_local(self.scenario, self.seed, recording=to, meddle=meddle).run_hash
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Result of a repetition.
+
+    Attributes:
+        recorded, repeated: run hashes.
+        keys: whose digests differ.
+        first: difference; None: the same.
+        versions: name, then recorded and present version, of what has changed since.
+    """
+
+    recorded: str
+    repeated: str
+    keys: tuple[str, ...]
+    first: Difference | None
+    versions: dict[str, tuple[str, str]]
+
+    @property
+    def same(self) -> bool:
+        """True if the run has repeated to the bit."""
+        return self.recorded == self.repeated
+
+
+def verify(path: Path, keep: Path | None = None) -> Verification:
+    """Repeat a run from its recording alone, and compare.
+
+    Args:
+        path: recording of a run in lockstep.
+        keep: file for the repetition; None = a temporary one.
+
+    Raises:
+        SurefootError: the recording does not say enough, see `RecordedRun.of`.
+    """
+    run = RecordedRun.of(path)
+    with tempfile.TemporaryDirectory() as folder:
+        target = keep or Path(folder) / "again.mcap"
+        found = run.again(target)
+        metadata = recording_info(target)["metadata"]
+        now, digests = metadata.get(VERSIONS, {}), metadata.get(HASHES, {})
+        changed = {n: (v, now.get(n, "absent")) for n, v in run.versions.items() if now.get(n) != v}
+        if found == run.run_hash:
+            return Verification(run.run_hash, found, (), None, changed)
+        keys = sorted(k for k in {*run.hashes, *digests} if run.hashes.get(k) != digests.get(k))
+        return Verification(run.run_hash, found, tuple(keys), first_difference(path, target), changed)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change of a run, as `friction=.6` or `foot=lf:+.02`.
+
+    Attributes:
+        name: quantity of the world, `push`, `fault` or `foot`.
+        value: number, N, or m.
+        target: leg of a foot, kind of a fault, axis of a push.
+    """
+
+    name: str
+    value: float
+    target: str = ""
+
+    @classmethod
+    def of(cls, text: str) -> "Change":
+        """Read a change (raises SurefootError naming what is allowed)."""
+        name, sign, rest = text.partition("=")
+        allowed = "friction=.6, mass=1.2, servo=.8, push=y:20, fault=imu_drop:2 (s), foot=lf:+.02"
+        target, colon, number = rest.rpartition(":")
+        known = (name in WORLD and not colon) or (name in (FOOT, PUSH, FAULT) and bool(target))
+        try:
+            value = float(number)
+        except ValueError:
+            known, value = False, 0.0
+        if not sign or not known or value != value or abs(value) > 1e6:
+            raise SurefootError("invalid", f"--set {text!r}: allowed are {allowed}", "set")
+        if name == PUSH and target not in ("x", "y"):
+            raise SurefootError("invalid", f"--set {text!r}: the axis is x or y", "set")
+        if name == FOOT and abs(value) > LARGEST_SHIFT:
+            raise SurefootError("invalid", f"--set {text!r}: allowed is {-LARGEST_SHIFT} to {LARGEST_SHIFT} m", "set")
+        return cls(name, value, target)
+
+    def step(self, tick: int) -> Step | None:
+        """Return the step of a scenario that makes the change; None of a foot."""
+        if self.name in WORLD:
+            return Step("set", at_tick=tick, request=SetRequest(quantity=self.name, value=self.value))  # type: ignore[arg-type]
+        if self.name == PUSH:
+            force = (self.value, 0.0, 0.0) if self.target == "x" else (0.0, self.value, 0.0)
+            return Step("push", at_tick=tick, request=PushRequest(force=force, duration=PUSH_S))
+        if self.name == FAULT:
+            fields: dict[str, Any] = {"kind": self.target, "duration": self.value}
+            return Step("fault", at_tick=tick, request=FaultRequest(**fields))
+        return None
+
+
+def changed(run: RecordedRun, at_s: float, changes: Sequence[Change], to: Path) -> str:
+    """Repeat a run with changes from a time on, and return the hash; without a change it is the recorded one.
+
+    Args:
+        run: the recorded run.
+        at_s: simulated time from which on the changes hold, s.
+        changes: what is different.
+        to: recording to write.
+
+    Raises:
+        SurefootError: the time is outside of the run, or the robot has no such leg or no foothold service.
+    """
+    tick = round(at_s / TICK_S)
+    if not 0 <= tick < run.scenario.max_ticks:
+        raise SurefootError("invalid", f"--at {at_s:g}: allowed is 0 to {run.scenario.max_duration_s:g} s", "at")
+    steps = tuple(step for change in changes if (step := change.step(tick)) is not None)
+    feet = {change.target: change.value for change in changes if change.name == FOOT}
+    again = replace(run, scenario=replace(run.scenario, steps=(*run.scenario.steps, *steps)))
+    return again.again(to, lambda system: _shift(system, feet, tick) if feet else None)
+
+
+def _shift(system: LocalSystem, feet: dict[str, float], tick: int) -> None:
+    """Shift the footholds of legs forward, along the x axis of the map, from a tick on."""
+    service: Any = next((node.service for node in system.nodes if node.name == "footholds"), None)
+    if service is None:
+        raise SurefootError("invalid", "--set foot: this system has no service `footholds`", "set")
+    for leg in feet:
+        if leg not in service.legs:
+            raise SurefootError("invalid", f"--set foot={leg}: legs are {', '.join(service.legs)}", "set")
+
+    def select(request: Any) -> SelectReply:
+        reply = service.select(request)
+        if (request.tick if request.tick is not None else service.tick) < tick:
+            return reply
+        return reply.model_copy(update={"legs": tuple(_moved(leg, feet.get(leg.leg, 0.0)) for leg in reply.legs)})
+
+    service.handle(FOOTHOLDS_SELECT, select)
+
+
+def _moved(leg: Any, by: float) -> Any:
+    if leg.foothold is None or not by:
+        return leg
+    x, y, z = leg.foothold
+    return leg.model_copy(update={"foothold": (x + by, y, z)})

@@ -1,0 +1,50 @@
+"""Margin, slip and end of two runs side by side, from a moment on."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..report.judge import METRICS, distance
+from ..report.traces import Traces, traces_of
+
+
+class ComparedRow(NamedTuple):
+    """One quantity of two runs, as text with its unit."""
+
+    title: str
+    before: str
+    after: str
+
+
+def compare(a: Path, b: Path, at_s: float) -> list[ComparedRow]:
+    """Return what the two runs come to after `at_s` s of simulated time."""
+    one, other = _numbers(traces_of(a), at_s), _numbers(traces_of(b), at_s)
+    rows: list[ComparedRow] = []
+    for name in one:
+        metric = METRICS[name]
+        texts = (
+            "-" if v is None else f"{v:.{metric.digits}f} {metric.unit}".rstrip() for v in (one[name], other[name])
+        )
+        if name == "fell":
+            texts = ("yes" if v else "no" for v in (one[name], other[name]))
+        rows.append(ComparedRow(metric.title, *texts))
+    return rows
+
+
+def _numbers(traces: Traces, at_s: float) -> dict[str, float | None]:
+    truth, stability = traces.series("sim/truth"), traces.series("state/stability")
+    slips = [1e3 * stance.sliding for stance in traces.stances if stance.time >= at_s]
+    later = stability[stability[:, 0] >= at_s] if len(stability) else stability
+    margins = {
+        name: float(np.nanmin(later[:, column])) if len(later) and np.isfinite(later[:, column]).any() else None
+        for name, column in (("min_margin_m", 1), ("min_margin_measured_m", 2))
+    }
+    return {
+        "fell": float(traces.fallen_at is not None),
+        **margins,
+        "mean_slip_mm": float(np.mean(slips)) if slips else None,
+        "max_slip_mm": max(slips, default=None),
+        "max_tilt_deg": float(np.degrees(truth[truth[:, 0] >= at_s, 8].max(initial=0.0))) if len(truth) else None,
+        "distance_m": distance(truth) if len(truth) else None,
+    }

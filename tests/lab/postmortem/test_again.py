@@ -1,0 +1,114 @@
+"""A recording repeats its run: the same hash, the first difference by key, tick and field, changes from a tick on."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from surefoot.errors import SurefootError
+from surefoot.lab.cli.main import main
+from surefoot.lab.postmortem.again import Change, RecordedRun, changed, verify
+from surefoot.lab.postmortem.bisect import first_difference
+from surefoot.lab.runs.local import run_local
+from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
+from surefoot.schemas.base import Header
+from surefoot.services.supervisor.scenarios.scenario import parse_scenario
+from tests.surefoot.expect import expect_error
+
+WALK = """
+description = "two steps"
+compose = "ragno"
+max_duration_s = 4.2
+[[step]]
+when = "ready"
+do = "walk"
+distance = 0.3
+"""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short walk; in its last second the robot steps."""
+    path = tmp_path_factory.mktemp("again") / "run.mcap"
+    run_local(parse_scenario(WALK), 5, recording=path)
+    return path
+
+
+def copied(source: Path, to: Path, **tables: dict[str, str]) -> Path:
+    """Write a recording again with other metadata and, for gait messages of tick 350 on, another phase."""
+    info = recording_info(source)["metadata"]
+    run = {**info["run"], **tables.pop("run", {})}
+    edit = tables.pop("edit", {})
+    writer = RecordingWriter(to, run, {name: info[name] for name in ("scenario", "versions")} | tables)
+    for item in read_recording(source):
+        topic, raw = topic_of(item.key), item.raw()
+        assert topic is not None
+        content = json.loads(raw.attachment or raw.payload)
+        if edit and item.key == "state/gait" and content["tick"] == 350:
+            raw = raw._replace(payload=json.dumps({**content, **edit}).encode())
+        head = Header(
+            stamp_ns=item.stamp_ns, tick=content["tick"], epoch=1, seq=content["seq"], source=content["source"]
+        )
+        writer.write(topic, head, raw)
+    writer.close(info["surefoot"], info["hashes"])
+    return to
+
+
+def test_a_recording_repeats_its_run_and_a_changed_one_is_found(recorded: Path, tmp_path: Path) -> None:
+    found = verify(recorded, tmp_path / "again.mcap")
+    assert found.same
+    assert found.first is None
+    assert not found.versions
+    assert first_difference(recorded, tmp_path / "again.mcap") is None
+    other = copied(recorded, tmp_path / "edited.mcap", edit={"trunk_height": 0.5})  # type: ignore[arg-type]
+    first = first_difference(recorded, other)
+    assert first is not None
+    assert (first.key, first.tick, first.field, first.b) == ("state/gait", 350, "trunk_height", "0.5")
+
+
+def test_without_a_change_whatif_gives_the_recorded_hash_and_with_one_only_what_follows_differs(
+    recorded: Path, tmp_path: Path
+) -> None:
+    run = RecordedRun.of(recorded)
+    short = replace(run, scenario=replace(run.scenario, max_duration_s=4.2))
+    assert changed(short, 3.9, [], tmp_path / "same.mcap") == run.run_hash
+    changes = [Change.of("friction=0.05"), Change.of("foot=lf:+.02")]
+    assert changed(short, 3.9, changes, tmp_path / "other.mcap") != run.run_hash
+    first = first_difference(recorded, tmp_path / "other.mcap")
+    assert first is not None
+    assert first.tick >= 389
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [("friction", "allowed are"), ("friction=a", "allowed are"), ("colour=1", "allowed are"), ("foot=lf", "allowed are"),
+     ("foot=lf:1", "0.2 m"), ("push=z:3", "x or y"), ("friction=nan", "allowed are"), ("push=5", "allowed are")],
+)  # fmt: skip
+def test_wrong_changes_name_what_is_allowed(text: str, part: str) -> None:
+    with expect_error(SurefootError, "invalid", field="set", text=part):
+        Change.of(text)
+
+
+def test_recordings_that_cannot_be_repeated_are_refused_in_a_sentence(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"run": {"mode": "paced"}}, "only runs in lockstep"),
+        ({"run": {"robot_hash": "0"}}, "has changed since"),
+        ({"scenario": {"json": "{"}}, "is not JSON"),
+        ({"scenario": {}}, "carries no scenario"),
+    ]
+    for number, (tables, part) in enumerate(cases):
+        path = copied(recorded, tmp_path / f"{number}.mcap", **tables)
+        with pytest.raises(SystemExit) as ended:
+            main(["verify", str(path)])
+        assert ended.value.code != 0
+        shown = capsys.readouterr().err
+        assert part in shown
+        assert "Traceback" not in shown
+    run = RecordedRun.of(recorded)
+    for at, change, part in ((99.0, "friction=1", "allowed is 0 to"), (3.0, "foot=xx:0.01", "legs are lf")):
+        with expect_error(SurefootError, "invalid", text=part):
+            changed(run, at, [Change.of(change)], tmp_path / "no.mcap")
