@@ -8,9 +8,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from surefoot.lab.postmortem.why import explain
-
 from benchmarks.report import Bench, goal
+from surefoot.lab.postmortem.why import explain
 from surefoot.lab.runs.local import run_local
 from surefoot.lockstep.local import LocalSystem
 from surefoot.schemas.hw import EmergencyStop
@@ -88,10 +87,10 @@ ACCIDENTS = (
     Accident("dead servo of a hexapod", "servo", fault("servo_dead", "lm_femur")),
     Accident("dead servo of a quadruped", "servo", fault("servo_dead", "lf_tibia"), system="lupo"),
     Accident("dead servo of a biped", "servo", fault("servo_dead", "right_leg_knee"), system="bioloid"),
-    Accident("stuck encoder of a biped", "encoder", fault("encoder_stuck", "left_leg_knee"), system="bioloid"),
+    Accident("no foot switches", "contacts", fault("contacts_drop")),
     Accident("switch stuck on", "switch", fault("foot_stuck_on", "rf"), terrain="rough"),
     Accident("switch stuck off", "switch", fault("foot_stuck_off", "lf"), terrain="rough"),
-    Accident("frozen IMU", "imu", fault("imu_freeze")),
+    Accident("frozen IMU of a biped", "imu", fault("imu_freeze"), system="bioloid", world="perturbation = 2.0"),
     Accident("no IMU", "imu", fault("imu_drop")),
     Accident("no joints", "joints", fault("joints_drop")),
     Accident("lost commands", "command", fault("packet_loss", "command", 1.0)),
@@ -179,8 +178,7 @@ def causes(*, seed: int = 100, out: Path | None = None, first: int = 99) -> None
             cause = "" if found.cause is None else found.cause.code
             named += bool(case.cause) and cause == case.cause
             blamed += not case.cause and bool(cause)
-            print(
-                f"{case.name:28} {case.cause or 'innocent':10} {'ok' if cause == case.cause else 'WRONG':6} {found.sentence}"
-            )
+            verdict = "ok" if cause == case.cause else "WRONG"
+            print(f"{case.name:26} {case.cause or 'innocent':9} {verdict:6} {found.sentence}", flush=True)
     goal("accidents named right", float(named), ">=", 19.0, unit=f"of {len(ACCIDENTS[:first])}")
     goal("innocent walks blamed", float(blamed), "<=", 0.0, unit=f"of {len(INNOCENT[:first])}")

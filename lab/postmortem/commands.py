@@ -1,98 +1,29 @@
-"""`surefoot why`, `verify`, `whatif`, `bisect`: what a recording proves about its run."""
+"""`surefoot why`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from ..cli.output import EXIT_CHECK, Json, near, refuse_existing, tell, use_json, write, write_json, write_table
-
-if TYPE_CHECKING:
-    from .bisect import Difference
+from ..cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
 
 app = typer.Typer()
 Recording = Annotated[Path, typer.Argument(help="MCAP file of a run.")]
-Keep = Annotated[Path | None, typer.Option("--out", "-o", help="Keep the repetition as this MCAP file.")]
 
 
 @app.command()
-def verify(file: Recording, out: Keep = None, json: Json = False) -> None:
-    """Repeat a run from its recording alone and compare every deterministic message. Exit code 1: it differs.
-
-    The scenario, the seed and the delay come from the recording; the run takes place in this process.
-    """
-    from .again import verify as repeat
+def why(file: Recording, json: Json = False) -> None:
+    """Walk back from a fall, stop, halt, missed goal or slip to its first cause. Exit code 1: something went wrong."""
+    from .why import explain
 
     use_json(json)
-    if out is not None:
-        refuse_existing(out, force=False)
-    tell(f"surefoot: repeating the run of {near(file)}")
-    found = repeat(file, out)
+    found = explain(file)
     if json:
-        write_json({"same": found.same, **vars(found)})
+        write_json({"sentence": found.sentence, **vars(found)})
     else:
-        write(f"recorded  {found.recorded}\nrepeated  {found.repeated}")
-        for name, (was, now) in found.versions.items():
-            write(f"note      {name} {was} recorded, {now} here")
-        if not found.same:
-            write(f"keys that differ: {', '.join(found.keys) or 'not recorded'}")
-            _show(found.first)
-        write("the run repeats to the bit" if found.same else "the run does not repeat")
-    if not found.same:
+        write(found.sentence)
+        rows = [each for each in (found.cause, *found.chain, found.outcome) if each is not None]
+        if rows:
+            write_table(("time", "kind", "what was seen"), [(f"{e.begin:.2f} s", e.code, e.text) for e in rows])
+    if found.outcome is not None:
         raise typer.Exit(EXIT_CHECK)
-
-
-@app.command()
-def bisect(a: Recording, b: Annotated[Path, typer.Argument(help="Another recording.")], json: Json = False) -> None:
-    """Name the first message and field in which two recordings differ. Exit code 1: there is one."""
-    from .bisect import first_difference
-
-    use_json(json)
-    found = first_difference(a, b)
-    if json:
-        write_json({"same": found is None, "first": found})
-    else:
-        _show(found)
-    if found is not None:
-        raise typer.Exit(EXIT_CHECK)
-
-
-@app.command()
-def whatif(
-    file: Recording,
-    at: Annotated[float, typer.Option(min=0.0, help="Simulated time from which the changes hold, s.")] = 0.0,
-    change: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="friction=.6, mass=1.2, servo=.8, push=y:20 (N), foot=lf:+.02 (m)."),
-    ] = None,
-    out: Keep = None,
-    json: Json = False,
-) -> None:
-    """Go on from a moment of a recorded run with something changed, in the same world, and compare both.
-
-    Without a change the repetition has the recorded hash. The run is repeated from its beginning in this process.
-    """
-    from tempfile import TemporaryDirectory
-
-    from .again import Change, RecordedRun, changed
-    from .compare import compare
-
-    use_json(json)
-    changes = [Change.of(text) for text in change or ()]
-    if out is not None:
-        refuse_existing(out, force=False)
-    run = RecordedRun.of(file)
-    tell(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
-    with TemporaryDirectory() as folder:
-        target = out or Path(folder) / "whatif.mcap"
-        found = changed(run, at, changes, target)
-        rows = compare(file, target, at)
-    if json:
-        write_json({"same": found == run.run_hash, "run_hash": found, "rows": [row._asdict() for row in rows]})
-        return
-    write_table(("quantity", "recorded", "changed"), [(row.title, row.before, row.after) for row in rows])
-    write(f"hash {found}{', as recorded' if found == run.run_hash else ''}")
-
-
-def _show(found: "Difference | None") -> None:
-    write("no difference in any deterministic message" if found is None else found.sentence)

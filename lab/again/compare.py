@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..report.judge import METRICS, distance
+from ..report.judge import METRICS, Row, distance
 from ..report.traces import Traces, traces_of
 
 
@@ -22,13 +22,7 @@ def compare(a: Path, b: Path, at_s: float) -> list[ComparedRow]:
     one, other = _numbers(traces_of(a), at_s), _numbers(traces_of(b), at_s)
     rows: list[ComparedRow] = []
     for name in one:
-        metric = METRICS[name]
-        texts = (
-            "-" if v is None else f"{v:.{metric.digits}f} {metric.unit}".rstrip() for v in (one[name], other[name])
-        )
-        if name == "fell":
-            texts = ("yes" if v else "no" for v in (one[name], other[name]))
-        rows.append(ComparedRow(metric.title, *texts))
+        rows.append(ComparedRow(METRICS[name].title, *(Row(name, numbers[name]).text for numbers in (one, other))))
     return rows
 
 

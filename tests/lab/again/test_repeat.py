@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from surefoot.errors import SurefootError
+from surefoot.lab.again.bisect import first_difference
+from surefoot.lab.again.repeat import Change, RecordedRun, changed, verify
 from surefoot.lab.cli.main import main
-from surefoot.lab.postmortem.again import Change, RecordedRun, changed, verify
-from surefoot.lab.postmortem.bisect import first_difference
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
 from surefoot.schemas.base import Header

@@ -1,0 +1,109 @@
+"""What a recording holds as arrays: the last epoch of a run, of this version or another, whole or cut off."""
+
+import json
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+from surefoot.record.recording import read_recording, recording_info
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.topics import TICK_S
+
+Array = NDArray[np.float64]
+READ = (
+    "hw/tick", "hw/imu", "hw/joints", "hw/contacts", "cmd/joints", "state/gait", "state/velocity", "state/stability",
+    "navigator/feedback", "sim/truth", "sim/status",
+)  # fmt: skip
+
+CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
+"""Keys with a message each control tick."""
+
+
+@dataclass
+class Signals:
+    """Messages of a run by key, as decoded JSON, in the order of their stamps."""
+
+    rows: dict[str, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
+    unreadable: int = 0
+    """Messages that are no JSON objects."""
+    joints: tuple[str, ...] = ()
+    """Names of the joints, where the robot is known."""
+    feet: tuple[str, ...] = ()
+    """Names of the legs likewise."""
+
+    def joint(self, index: int) -> str:
+        """Return the name of a joint, else its number."""
+        return self.joints[index] if index < len(self.joints) else f"joint {index}"
+
+    def foot(self, index: int) -> str:
+        """Return the name of a foot, else its number."""
+        return f"foot {self.feet[index] if index < len(self.feet) else index}"
+
+    def times(self, key: str) -> Array:
+        """Return the control ticks of the messages of a key as times, (n,) s."""
+        return TICK_S * np.array([row.get("tick", -1) for row in self.rows[key]], dtype=np.float64)
+
+    def column(self, key: str, name: str, empty: float = np.nan) -> Array:
+        """Return a field of each message as numbers, (n, ...); what is null or absent is NaN, ragged rows are cut."""
+        found = [row.get(name) for row in self.rows[key]]
+        size = min((len(v) for v in found if isinstance(v, Sequence)), default=0)
+        blank: Any = [empty] * size if size else empty
+        cut = [blank if v is None else v[:size] if isinstance(v, Sequence) else v for v in found]
+        return np.array(cut, dtype=np.float64)
+
+    @property
+    def end(self) -> float:
+        """Time of the last control tick, s."""
+        return max((float(self.times(key).max()) for key in CLOCKS if self.rows[key]), default=0.0)
+
+
+def read_signals(path: Path) -> Signals:
+    """Read the last epoch of a recording; one that was cut off is read as far as it goes.
+
+    Raises:
+        SurefootError: nothing of it can be read.
+    """
+    joints, feet = _names(path)
+    found, epoch = Signals(joints=joints, feet=feet), -1
+    try:
+        for item in read_recording(path, READ):
+            try:
+                row = json.loads(item.data)
+                now = int(row["epoch"])
+            except (ValueError, KeyError, TypeError):
+                found.unreadable += 1
+                continue
+            if now > epoch:
+                found, epoch = Signals(unreadable=found.unreadable, joints=joints, feet=feet), now
+            if now == epoch:
+                found.rows[item.key].append(row)
+    except SurefootError:
+        if not found.rows:
+            raise
+    if not found.rows:
+        raise SurefootError("invalid", f"{path} has none of {', '.join(READ)}", "recording")
+    return found
+
+
+def _names(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of joints and legs of the recorded robot, where the file and the robot are known."""
+    try:
+        robot = load_robot(recording_info(path)["metadata"].get("run", {}).get("robot", ""))
+    except SurefootError:
+        return (), ()
+    return tuple(joint.name for joint in robot.joints), robot.leg_names
+
+
+def spans(times: Array, flags: NDArray[np.bool_], least_s: float) -> list[tuple[float, float]]:
+    """Return begin and end of each stretch of true flags that lasts at least so long, s."""
+    if not len(flags):
+        return []
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    pairs = [(float(times[a]), float(times[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(a, b) for a, b in pairs if b - a >= least_s]

@@ -1,0 +1,142 @@
+"""Why it went wrong: from a fall, stop, halt, missed goal or slip back to the first cause."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .evidence import ROOTS, Evidence, gather
+from .signals import Signals, read_signals, spans
+
+TILTED = math.radians(45.0)
+SLIPPED_M = 0.008
+"""Way of a foot in one stance that counts as a slip, m."""
+BEFORE_S = 4.0
+"""Time before the end at which a cause may have ended and still be one, s."""
+TOGETHER_S = 0.25
+"""Time within which a cause and what it causes begin, s."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Cause of what went wrong.
+
+    Attributes:
+        outcome: what went wrong; None: nothing did.
+        cause: first cause; None: nothing went wrong, or none was found.
+        chain: evidence between both, in the order of time, without them.
+    """
+
+    outcome: Evidence | None
+    cause: Evidence | None
+    chain: tuple[Evidence, ...]
+
+    @property
+    def sentence(self) -> str:
+        """Return the explanation in one sentence."""
+        if self.outcome is None:
+            return "nothing went wrong"
+        if self.cause is None:
+            return f"{self.outcome.text} at {self.outcome.begin:.2f} s; no cause was found in the recording"
+        lead = self.outcome.begin - self.cause.begin
+        return f"{self.outcome.text} at {self.outcome.begin:.2f} s, because {lead:.2f} s before {self.cause.text}"
+
+
+def explain(path: Path) -> Explanation:
+    """Explain a recording (raises SurefootError: nothing of it can be read)."""
+    signals = read_signals(path)
+    outcome = find_outcome(signals)
+    if outcome is None:
+        return Explanation(None, None, ())
+    seen = [e for e in gather(signals) if e.begin <= outcome.begin and e.end >= outcome.begin - BEFORE_S]
+    cause = _first(seen)
+    chain = () if cause is None else tuple(e for e in seen if e is not cause and e.begin >= cause.begin)
+    return Explanation(outcome, cause, _once(chain))
+
+
+def _first(seen: list[Evidence]) -> Evidence | None:
+    """Return the earliest root; of those that begin with it the one that `ROOTS` names first causes the others."""
+    roots = [e for e in seen if e.code in ROOTS]
+    if not roots:
+        return seen[0] if seen else None
+    together = [e for e in roots if e.begin <= roots[0].begin + TOGETHER_S]
+    return min(together, key=lambda e: ROOTS.index(e.code))
+
+
+def _once(chain: tuple[Evidence, ...]) -> tuple[Evidence, ...]:
+    """Return the first evidence of each kind."""
+    kinds: dict[str, Evidence] = {}
+    for each in chain:
+        kinds.setdefault(each.code, each)
+    return tuple(kinds.values())
+
+
+def find_outcome(s: Signals) -> Evidence | None:
+    """Return the worst thing that happened: a fall, a stop, a halt, a missed goal, a slip, a stance without support."""
+    for find in (_fall, _stop, _halt, _goal, _slip, _unsupported):
+        found = find(s)
+        if found is not None:
+            return found
+    return None
+
+
+def _fall(s: Signals) -> Evidence | None:
+    times, fallen = s.times("sim/truth"), s.column("sim/truth", "fallen") > 0.5
+    if not len(times) and s.rows["state/velocity"]:
+        up = s.column("state/velocity", "g_up")
+        times, fallen = s.times("state/velocity"), np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]) > TILTED
+    if not fallen.any():
+        return None
+    time = float(times[int(fallen.argmax())])
+    return Evidence("fall", time, s.end, "it fell")
+
+
+def _stop(s: Signals) -> Evidence | None:
+    row = next((row for row in s.rows["sim/status"] if row.get("stopped") or row.get("failed")), None)
+    if row is None:
+        return None
+    return Evidence("stopped", 0.01 * row.get("tick", 0), s.end, "it was stopped")
+
+
+def _halt(s: Signals) -> Evidence | None:
+    """Find a walk that halts: the walker holds, or walks while the joints do not follow."""
+    times = s.times("state/gait")
+    holds = np.array([row.get("state") == "hold" for row in s.rows["state/gait"]], dtype=np.bool_)
+    for a, b in spans(times, holds, 0.1)[:1]:
+        return Evidence("halt", a, b, f"the walk halted for {b - a:.2f} s")
+    walks = [row.get("state") == "walking" for row in s.rows["state/gait"]]
+    for lost in (e for e in gather(s) if e.code == "command"):
+        if any(w for w, t in zip(walks, times, strict=True) if lost.begin <= t <= lost.end):
+            return Evidence("halt", lost.begin + 1.0, lost.end, "the joints did not follow the walk")
+    return None
+
+
+def _goal(s: Signals) -> Evidence | None:
+    for time, row in zip(s.times("navigator/feedback").tolist(), s.rows["navigator/feedback"], strict=True):
+        if row.get("state") == "failed":
+            return Evidence("goal", time, s.end, f"the goal was missed ({row.get('error_code', '')})")
+    return None
+
+
+def _slip(s: Signals) -> Evidence | None:
+    if s.rows["sim/truth"]:
+        way = s.column("sim/truth", "contact_sliding").max(axis=1)
+        for a, b in spans(s.times("sim/truth"), way > SLIPPED_M, 0.0)[:1]:
+            return Evidence("slip", a, b, f"a foot slid by {1e3 * float(way.max()):.0f} mm")
+        return None
+    slipping = s.column("state/velocity", "slipping")
+    many = slipping.sum(axis=1) >= 2 if slipping.ndim == 2 else np.empty(0, dtype=np.bool_)
+    for a, b in spans(s.times("state/velocity"), many, 0.5)[:1]:
+        return Evidence("slip", a, b, f"feet slid for {b - a:.2f} s by the estimator")
+    return None
+
+
+def _unsupported(s: Signals) -> Evidence | None:
+    """Find a stance of four or more legs whose planned margin is below zero."""
+    if len(next(iter(s.rows["state/stability"]), {}).get("stance", ())) < 4:
+        return None  # bipeds walk dynamically: their static margin says nothing
+    times, margin = s.times("state/stability"), s.column("state/stability", "margin_planned")
+    for a, b in spans(times, (margin < 0.0) & (times > 1.0), 0.1)[:1]:
+        return Evidence("unsupported", a, b, f"the support was left for {b - a:.2f} s")
+    return None
