@@ -9,7 +9,7 @@ from random import Random
 from typing import Any
 
 from benchmarks.report import Bench, goal
-from surefoot.lab.postmortem.why import explain
+from surefoot.lab.report.why import explain
 from surefoot.lab.runs.local import run_local
 from surefoot.lockstep.local import LocalSystem
 from surefoot.schemas.hw import EmergencyStop

@@ -11,12 +11,13 @@ from typing import Any
 
 from surefoot.client import topic_named
 from surefoot.errors import SurefootError
+from surefoot.lab.report.why import Explanation, explain
 from surefoot.record.check import Findings
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.record.recording import read_recording, recording_info, verify_recording
 from surefoot.schemas.base import Message
 
-__all__ = ["Findings", "Message", "arrays", "check", "info", "messages"]
+__all__ = ["Explanation", "Findings", "Message", "arrays", "check", "info", "messages", "why"]
 
 
 def messages(path: str | PathLike[str], *keys: str) -> Iterator[Message]:
@@ -49,3 +50,8 @@ def check(path: str | PathLike[str]) -> Findings:
     if not Path(path).is_file():
         raise SurefootError("unreadable", f"{path}: no such file", "path")
     return verify_recording(Path(path))
+
+
+def why(path: str | PathLike[str]) -> Explanation:
+    """Return what went wrong in a run, its first cause and the evidence between (raises SurefootError: unreadable)."""
+    return explain(Path(path))

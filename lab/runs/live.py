@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from surefoot.errors import CallError
+from surefoot.errors import CallError, SurefootError
 from surefoot.schemas.sim import ResetRequest, SimStatus
 from surefoot.schemas.system import RecorderReply, RecorderRequest
 from surefoot.schemas.topics import RECORDER_STATUS, TICK_S
@@ -25,6 +25,7 @@ from ..report.judge import RunVerdict, judge
 from ..report.page import About, write_report
 from ..report.plots import Timing
 from ..report.traces import read_traces
+from ..report.why import explain
 
 START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled at the first start
 STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
@@ -159,12 +160,24 @@ def conduct(
         problems=(*problems, *supervisor.stops(), *director.problems, *director.unfinished()),
         notes=(*director.notes, *(beside.notes if beside else ()), *end.notes, *_unrecorded(recording, end.recorded)),
     )
+    verdict = _explained(verdict, written)
     try:
         report = write_report(out / "report.html", about, traces, verdict)
     except OSError as error:
         why = f"the report could not be written: {error.strerror or error}"
         report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
     return RunOutcome(scenario.name, seed, verdict, report, written, start_s, end.timings, interrupted)
+
+
+def _explained(verdict: RunVerdict, recording: Path | None) -> RunVerdict:
+    """Put the first cause of what went wrong before the notes of a run that failed."""
+    if verdict.ok or recording is None:
+        return verdict
+    try:
+        found = explain(recording)
+    except SurefootError:
+        return verdict
+    return verdict if found.outcome is None else replace(verdict, notes=(found.sentence, *verdict.notes))
 
 
 class _End(NamedTuple):

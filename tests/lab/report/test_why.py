@@ -1,0 +1,231 @@
+"""Causes are named from what a recording shows: one made-up walk, and one thing wrong at a time."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from surefoot.bus.interface import Raw
+from surefoot.errors import SurefootError
+from surefoot.lab.cli.main import main
+from surefoot.lab.report import why
+from surefoot.lab.report.evidence import gather
+from surefoot.lab.report.signals import Signals
+from surefoot.lab.report.why import Explanation, explain, find_outcome
+from surefoot.record.recording import RecordingWriter, topic_of
+from surefoot.schemas.base import Header
+from tests.surefoot.expect import expect_error
+
+TICKS, AT = 800, 500
+LEGS, JOINTS = 4, 12
+Edit = Callable[[dict[str, dict[int, dict[str, Any]]]], None]
+
+
+def walk(seed: int = 0) -> dict[str, dict[int, dict[str, Any]]]:
+    """Return the messages of a walk by key and tick: two legs stand, two swing, every half second the others."""
+    rng, rows = np.random.default_rng(seed), {key: {} for key in ("hw/tick", "hw/imu", "sim/truth", "state/gait")}
+    rows |= {
+        key: {} for key in ("cmd/joints", "hw/joints", "hw/contacts", "state/velocity", "state/stability", "sim/status")
+    }
+    for tick in range(TICKS):
+        stance = [leg % 2 == tick // 50 % 2 for leg in range(LEGS)]
+        angles = [0.3 * np.sin(0.02 * tick + joint) for joint in range(JOINTS)]
+        head = {"epoch": 1, "tick": tick, "seq": tick, "source": "x"}
+        rows["hw/tick"][tick] = {**head, "roster": ["estimator", "walker"], "held": False}
+        noise = rng.normal(0.0, 0.01, 6)
+        rows["hw/imu"][tick] = {
+            **head,
+            "gyro": noise[:3].tolist(),
+            "acc": (noise[3:] + np.array([0.0, 0.0, 9.81])).tolist(),
+        }
+        rows["cmd/joints"][tick] = {**head, "position": angles}
+        rows["sim/truth"][tick] = {
+            **head, "fallen": False, "velocity": [0.05, 0.0, 0.0], "contact_sliding": [0.0] * LEGS,
+            "foot_force_n": [10.0 * s for s in stance],
+        }  # fmt: skip
+        if tick % 3 == 0:
+            rows["hw/joints"][tick] = {**head, "position": [a + 1e-4 * noise[0] for a in angles]}
+            rows["hw/contacts"][tick] = {**head, "touch": [[s] for s in stance]}
+        rows["state/gait"][tick] = {**head, "state": "walking", "reason": "", "stance": stance}
+        rows["state/velocity"][tick] = {
+            **head, "inputs_ok": True, "filter_ok": True, "slipping": [False] * LEGS, "g_up": [0.0, 0.0, 9.81]
+        }  # fmt: skip
+        rows["state/stability"][tick] = {**head, "margin_planned": 0.05, "margin_measured": 0.04, "stance": stance}
+    rows["sim/status"][0] = {**rows["hw/tick"][0], "stopped": "", "failed": ""}
+    return rows
+
+
+def edited(edit: Edit, without: tuple[str, ...] = ()) -> Signals:
+    """Return the signals of the walk after an edit, without some keys."""
+    rows = walk()
+    edit(rows)
+    found = Signals()
+    for key, messages in rows.items():
+        if key not in without:
+            found.rows[key] = [messages[tick] for tick in sorted(messages)]
+    return found
+
+
+def explained(signals: Signals, monkeypatch: pytest.MonkeyPatch) -> Explanation:
+    monkeypatch.setattr(why, "read_signals", lambda path: signals)
+    return explain(Path("run.mcap"))
+
+
+def falls(rows: Any, at: int = AT + 100) -> None:
+    for tick in range(at, TICKS):
+        rows["sim/truth"][tick]["fallen"] = True
+
+
+def after(rows: Any, key: str, change: Callable[[dict[str, Any], int], None], at: int = AT) -> None:
+    for tick, row in rows[key].items():
+        if tick >= at:
+            change(row, tick - at)
+
+
+def drops(key: str) -> Edit:
+    def edit(rows: Any) -> None:
+        rows[key] = {tick: row for tick, row in rows[key].items() if tick < AT}
+
+    return edit
+
+
+def slides(rows: Any) -> None:
+    after(rows, "sim/truth", lambda row, n: row.update(contact_sliding=[2e-4 * n] * 2 + [0.0] * 2))
+
+
+def pushed(rows: Any) -> None:
+    after(rows, "sim/truth", lambda row, n: row.update(velocity=[0.05, min(0.1 * n, 2.0), 0.0]))
+    slides(rows)
+
+
+def leaves(rows: Any) -> None:
+    after(rows, "hw/tick", lambda row, n: row.update(roster=["walker"]))
+
+
+def dead(rows: Any) -> None:
+    after(rows, "hw/joints", lambda row, n: row["position"].__setitem__(4, -1.0 + 1e-4 * (n % 7)))
+
+
+def sticks(rows: Any) -> None:
+    after(rows, "hw/joints", lambda row, n: row["position"].__setitem__(4, 0.123))
+
+
+def freezes(rows: Any) -> None:
+    after(rows, "hw/imu", lambda row, n: row.update(gyro=[0.0] * 3, acc=[0.0, 0.0, 9.8]))
+
+
+def closes(rows: Any) -> None:
+    after(rows, "hw/contacts", lambda row, n: row["touch"].__setitem__(0, [True]))
+
+
+def still(rows: Any) -> None:
+    held = rows["hw/joints"][AT - AT % 3]["position"]
+    after(rows, "hw/joints", lambda row, n: row.update(position=list(held)))
+
+
+def stopped(rows: Any) -> None:
+    rows["sim/status"][AT] = {**rows["hw/tick"][AT], "stopped": "operator", "failed": ""}
+
+
+CASES: list[tuple[str, Edit]] = [
+    ("friction", slides), ("push", pushed), ("service", leaves), ("servo", dead), ("encoder", sticks),
+    ("imu", freezes), ("imu", drops("hw/imu")), ("joints", drops("hw/joints")), ("contacts", drops("hw/contacts")),
+    ("switch", closes), ("command", still), ("stop", stopped),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("code", "edit"), CASES, ids=lambda p: p if isinstance(p, str) else "")
+def test_one_fault_before_a_fall_is_its_cause(code: str, edit: Edit, monkeypatch: pytest.MonkeyPatch) -> None:
+    def both(rows: Any) -> None:
+        edit(rows)
+        falls(rows)
+
+    found = explained(edited(both), monkeypatch)
+    assert found.cause is not None
+    assert (found.cause.code, found.outcome and found.outcome.code) == (code, "fall")
+    assert found.cause.begin == pytest.approx(0.01 * AT, abs=0.6)
+    assert all(found.cause.begin <= each.begin <= 0.01 * (AT + 100) for each in found.chain)
+
+
+def test_nothing_is_blamed_in_a_walk_without_an_accident(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert gather(edited(lambda rows: None)) == []
+    assert explained(edited(lambda rows: None), monkeypatch) == Explanation(None, None, ())
+
+    def harmless(rows: Any) -> None:
+        pushed(rows)
+        after(rows, "sim/truth", lambda row, n: row.update(contact_sliding=[0.0] * LEGS))
+
+    quiet = explained(edited(harmless), monkeypatch)
+    assert quiet.cause is None
+    falling = explained(edited(falls), monkeypatch)
+    assert falling.cause is None
+    assert "no cause was found" in falling.sentence
+
+
+def test_a_fault_that_was_over_long_before_is_not_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    def early(rows: Any) -> None:
+        for tick in range(150, 180):
+            del rows["hw/imu"][tick]
+        slides(rows)
+        falls(rows)
+
+    found = explained(edited(early), monkeypatch)
+    assert found.cause is not None
+    assert found.cause.code == "friction"
+
+
+def test_without_truth_tilt_and_slipping_flags_stand_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def edit(rows: Any) -> None:
+        after(rows, "state/velocity", lambda row, n: row.update(slipping=[True] * LEGS))
+        after(rows, "state/velocity", lambda row, n: row.update(g_up=[9.0, 0.0, 1.0]), AT + 100)
+
+    found = explained(edited(edit, without=("sim/truth",)), monkeypatch)
+    assert found.cause is not None
+    assert (found.cause.code, found.outcome and found.outcome.code) == ("friction", "fall")
+
+
+def test_halts_goals_and_lost_support_are_outcomes() -> None:
+    def goal(rows: Any) -> None:
+        rows["navigator/feedback"] = {AT: {"epoch": 1, "tick": AT, "state": "failed", "error_code": "lost"}}
+
+    edits: dict[str, Edit] = {
+        "halt": lambda rows: after(rows, "state/gait", lambda row, n: row.update(state="hold")),
+        "unsupported": lambda rows: after(rows, "state/stability", lambda row, n: row.update(margin_planned=-0.01)),
+        "stopped": stopped,
+        "goal": goal,
+    }
+    for code, edit in edits.items():
+        outcome = find_outcome(edited(edit))
+        assert outcome is not None, code
+        assert outcome.code == code
+
+
+def test_a_file_of_another_version_or_cut_off_is_read_as_far_as_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.mcap"
+    rows = walk()
+    slides(rows)
+    writer = RecordingWriter(path, {"robot": "<script>"})
+    for key in ("sim/truth", "hw/imu"):
+        topic = topic_of(key)
+        assert topic is not None
+        for tick, row in rows[key].items():
+            payload = b"[1]" if tick == 3 else json.dumps({**row, "tilted": [None]}).encode()
+            writer.write(
+                topic, Header(stamp_ns=tick * 10**7, tick=tick, epoch=1, seq=tick, source="x"), Raw(payload, None, "")
+            )
+    writer.close({})
+    found = explain(path)
+    assert found.cause is not None
+    assert found.cause.code == "friction"
+    with pytest.raises(SystemExit) as ended:
+        main(["why", str(path)])
+    assert ended.value.code == 1
+    assert "2 feet slide" in capsys.readouterr().out
+    (tmp_path / "none.mcap").write_bytes(b"")
+    with expect_error(SurefootError, "malformed", text="is empty"):
+        explain(tmp_path / "none.mcap")
