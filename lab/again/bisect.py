@@ -19,7 +19,7 @@ COMPARED = tuple(topic.key for topic in TOPICS if topic.deterministic and topic.
 
 
 @dataclass(frozen=True)
-class Difference:
+class FirstDifference:
     """First difference of two recordings.
 
     Attributes:
@@ -41,7 +41,7 @@ class Difference:
         return f"{self.key} at tick {self.tick}, {where}: {self.a} in the first, {self.b} in the second"
 
 
-def first_difference(a: Path, b: Path) -> Difference | None:
+def first_difference(a: Path, b: Path) -> FirstDifference | None:
     """Return the first difference in what is the same whenever a run is repeated; None: there is none.
 
     Raises:
@@ -58,7 +58,7 @@ def _keys(path: Path) -> set[str]:
     return {key for key in recording_info(path)["topics"] if key in COMPARED}
 
 
-def _first_of(key: str, a: Path, b: Path) -> Difference | None:
+def _first_of(key: str, a: Path, b: Path) -> FirstDifference | None:
     one, other = _messages(key, a), _messages(key, b)
     while True:
         x, y = next(one, None), next(other, None)
@@ -67,7 +67,7 @@ def _first_of(key: str, a: Path, b: Path) -> Difference | None:
         if x is None or y is None:
             left = _content(x or y)
             there = ("absent", "there") if x is None else ("there", "absent")
-            return Difference(key, int(left.get("tick", -1)), "", *there)
+            return FirstDifference(key, int(left.get("tick", -1)), "", *there)
         if x.data != y.data or x.stamp_ns != y.stamp_ns:
             return _field(key, _content(x), _content(y), x, y)
 
@@ -88,13 +88,13 @@ def _content(item: Recorded | None) -> dict[str, Any]:
         return {}
 
 
-def _field(key: str, a: dict[str, Any], b: dict[str, Any], x: Recorded, y: Recorded) -> Difference:
+def _field(key: str, a: dict[str, Any], b: dict[str, Any], x: Recorded, y: Recorded) -> FirstDifference:
     tick = min(int(a.get("tick", -1)), int(b.get("tick", -1)))
     for path, one, other in _departures(a, b, ""):
-        return Difference(key, tick, path, one, other)
+        return FirstDifference(key, tick, path, one, other)
     if x.stamp_ns != y.stamp_ns:
-        return Difference(key, tick, "stamp_ns", str(x.stamp_ns), str(y.stamp_ns))
-    return Difference(key, tick, "data", f"{len(x.data)} bytes", f"{len(y.data)} other bytes")
+        return FirstDifference(key, tick, "stamp_ns", str(x.stamp_ns), str(y.stamp_ns))
+    return FirstDifference(key, tick, "data", f"{len(x.data)} bytes", f"{len(y.data)} other bytes")
 
 
 def _departures(a: Any, b: Any, path: str) -> Iterator[tuple[str, str, str]]:

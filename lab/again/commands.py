@@ -8,7 +8,7 @@ import typer
 from ..cli.output import EXIT_CHECK, Json, near, refuse_existing, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from .bisect import Difference
+    from .bisect import FirstDifference
 
 app = typer.Typer()
 Recording = Annotated[Path, typer.Argument(help="MCAP file of a run.")]
@@ -112,5 +112,5 @@ def whatif(
     write(f"hash {found}{', as recorded' if found == run.run_hash else ''}")
 
 
-def _show(found: "Difference | None") -> None:
+def _show(found: "FirstDifference | None") -> None:
     write("no difference in any deterministic message" if found is None else found.sentence)

@@ -17,7 +17,7 @@ from surefoot.services.supervisor.scenarios.recorded import RUN, VERSIONS, recor
 from surefoot.services.supervisor.scenarios.scenario import Scenario, Step
 
 from ..runs.local import run_local
-from .bisect import Difference, first_difference
+from .bisect import FirstDifference, first_difference
 
 WORLD = ("friction", "mass", "servo")
 """Quantities of the world that `whatif` changes."""
@@ -30,7 +30,7 @@ PUSH_S = 0.2
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """What a recording states about its run.
+    """Statements of a recording on its run.
 
     Attributes:
         scenario: as run, with its actuation delay.
@@ -92,7 +92,7 @@ class Verification:
     recorded: str
     repeated: str
     keys: tuple[str, ...]
-    first: Difference | None
+    first: FirstDifference | None
     versions: dict[str, tuple[str, str]]
 
     @property
@@ -109,7 +109,7 @@ def verify(path: Path, keep: Path | None = None) -> Verification:
         keep: file for the repetition; None = a temporary one.
 
     Raises:
-        SurefootError: the recording does not say enough, see `RecordedRun.of`.
+        SurefootError: the recording holds too little, see `RecordedRun.of`.
     """
     run = RecordedRun.of(path)
     with tempfile.TemporaryDirectory() as folder:

@@ -37,7 +37,7 @@ ROOTS = ("service", "stop", "command", "imu", "joints", "contacts", "encoder", "
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Clue:
     """Something seen in a recording.
 
     Attributes:
@@ -52,9 +52,9 @@ class Evidence:
     text: str
 
 
-def services(s: Signals) -> list[Evidence]:
+def services(s: Signals) -> list[Clue]:
     """Find services that leave the roster."""
-    found: list[Evidence] = []
+    found: list[Clue] = []
     times, before = s.times("hw/tick"), set[str]()
     gone: dict[str, float] = {}
     for time, row in zip(times.tolist(), s.rows["hw/tick"], strict=True):
@@ -63,39 +63,39 @@ def services(s: Signals) -> list[Evidence]:
             gone[name] = time
         for name in sorted(now & set(gone)):
             left = gone.pop(name)
-            found.append(Evidence("service", left, time, f"{name} was off the roster for {time - left:.2f} s"))
+            found.append(Clue("service", left, time, f"{name} was off the roster for {time - left:.2f} s"))
         before = now
-    lost = [Evidence("service", t, s.end, f"{name} left the roster and did not return") for name, t in gone.items()]
+    lost = [Clue("service", t, s.end, f"{name} left the roster and did not return") for name, t in gone.items()]
     return found + lost
 
 
-def stops(s: Signals) -> list[Evidence]:
+def stops(s: Signals) -> list[Clue]:
     """Find an emergency stop in force."""
     for row in s.rows["sim/status"]:
         if row.get("stopped"):
-            return [Evidence("stop", 0.01 * row.get("tick", 0), s.end, f"emergency stop: {row['stopped']}")]
+            return [Clue("stop", 0.01 * row.get("tick", 0), s.end, f"emergency stop: {row['stopped']}")]
     return []
 
 
-def absent(s: Signals) -> list[Evidence]:
+def absent(s: Signals) -> list[Clue]:
     """Find inertial, joint and contact samples that do not come."""
-    found: list[Evidence] = []
+    found: list[Clue] = []
     for topic, code in ((HW_IMU, "imu"), (HW_JOINTS, "joints"), (HW_CONTACTS, "contacts")):
         if not s.rows[topic.key]:
             continue
         times = np.append(s.times(topic.key), s.end)
         for i in np.flatnonzero(np.diff(times) > GAP_PERIODS * 1e-9 * topic.period_ns):
             gap = float(times[i + 1] - times[i])
-            found.append(Evidence(code, float(times[i]), float(times[i + 1]), f"no {topic.key} for {gap:.2f} s"))
+            found.append(Clue(code, float(times[i]), float(times[i + 1]), f"no {topic.key} for {gap:.2f} s"))
     return found
 
 
-def frozen(s: Signals) -> list[Evidence]:
+def frozen(s: Signals) -> list[Clue]:
     """Find inertial samples that repeat, and one encoder that stands still while its command moves."""
     imu = np.hstack([s.column("hw/imu", "gyro"), s.column("hw/imu", "acc")]) if s.rows["hw/imu"] else np.empty((0, 6))
     same = np.append(False, (np.diff(imu, axis=0) == 0.0).all(axis=1)) if len(imu) else np.empty(0, dtype=np.bool_)
     found = [
-        Evidence("imu", a, b, f"hw/imu repeats one sample for {b - a:.2f} s")
+        Clue("imu", a, b, f"hw/imu repeats one sample for {b - a:.2f} s")
         for a, b in spans(s.times("hw/imu"), same, FROZEN_S)
     ]
     times, q, command = _joints(s)
@@ -110,31 +110,29 @@ def frozen(s: Signals) -> list[Evidence]:
                 text = (
                     f"{s.joint(j)} reads {q[rows, j][0]:.3f} rad for {b - a:.2f} s, its command moves by {way:.2f} rad"
                 )
-                found.append(Evidence("encoder", a, b, text))
+                found.append(Clue("encoder", a, b, text))
     return found
 
 
-def followed(s: Signals) -> list[Evidence]:
+def followed(s: Signals) -> list[Clue]:
     """Find joints that do not follow: one is a servo; all, which stand still, are commands that do not arrive."""
     times, q, command = _joints(s)
     if len(times) < 2:
         return []
-    found: list[Evidence] = []
+    found: list[Clue] = []
     n = max(2, round(STILL_S / float(np.median(np.diff(times)))))
     if len(times) > n:
         windows = (sliding_window_view(part, n, axis=0) for part in (q, command))
         moved, wanted = (np.ptp(part, axis=-1).max(axis=1) for part in windows)
         for a, b in spans(times[: len(moved)], (moved < STILL_RAD) & (wanted > OFF_RAD), 0.1)[:1]:
-            found.append(
-                Evidence("command", a, b + STILL_S, f"no joint moves for {b - a + STILL_S:.2f} s, commands do")
-            )
+            found.append(Clue("command", a, b + STILL_S, f"no joint moves for {b - a + STILL_S:.2f} s, commands do"))
     off = np.abs(q - command)
     for j in range(q.shape[1]):
         for a, b in spans(times, off[:, j] > OFF_RAD, OFF_S)[:1]:
             near = times[(times <= a) & (off[:, j] < 0.3 * OFF_RAD)]
             most = off[(times >= a) & (times <= b), j].max()
             text = f"{s.joint(j)} is up to {most:.2f} rad from its command for {b - a:.2f} s"
-            found.append(Evidence("servo", float(near[-1]) if len(near) else a, b, text))
+            found.append(Clue("servo", float(near[-1]) if len(near) else a, b, text))
     return found
 
 
@@ -148,11 +146,11 @@ def _joints(s: Signals) -> tuple[Array, Array, Array]:
     if command.ndim != 2 or q.ndim != 2 or command.shape[1] != q.shape[1]:
         return none
     place = np.searchsorted(sent, times - 0.05) - 1
-    known = (place >= 0) & (times > 1.0)  # what it was told 50 ms before: a servo has a latency
+    known = (place >= 0) & (times > 1.0)  # the command of 50 ms before: a servo has a latency
     return times[known], q[known], command[place[known]]
 
 
-def switches(s: Signals) -> list[Evidence]:
+def switches(s: Signals) -> list[Clue]:
     """Find foot switches that contradict the true force, or without truth the plan of the gait."""
     if not s.rows["hw/contacts"]:
         return []
@@ -171,16 +169,16 @@ def switches(s: Signals) -> list[Evidence]:
         up, down, by = ~here, here, "the gait"
     else:
         return []
-    found: list[Evidence] = []
+    found: list[Clue] = []
     for foot in range(min(touch.shape[1], up.shape[1])):
         for wrong, word in ((touch[:, foot] & up[:, foot], "closed"), (~touch[:, foot] & down[:, foot], "open")):
             for a, b in spans(times, wrong & (times > 1.0), WRONG_SWITCH_S):
                 text = f"the switch of {s.foot(foot)} is {word} for {b - a:.2f} s against {by}"
-                found.append(Evidence("switch", a, b, text))
+                found.append(Clue("switch", a, b, text))
     return found
 
 
-def pushes(s: Signals) -> list[Evidence]:
+def pushes(s: Signals) -> list[Clue]:
     """Find accelerations of the trunk that no step causes."""
     if s.rows["sim/truth"]:
         times, v = s.times("sim/truth"), s.column("sim/truth", "velocity")[:, :2]
@@ -196,12 +194,12 @@ def pushes(s: Signals) -> list[Evidence]:
         return []
     found = spans(times, (a > PUSH) & (times > 1.0), 0.02)
     return [
-        Evidence("push", b, e + PUSH_S, f"the trunk is accelerated by {a[(times >= b) & (times <= e)].max():.1f} m/s2")
+        Clue("push", b, e + PUSH_S, f"the trunk is accelerated by {a[(times >= b) & (times <= e)].max():.1f} m/s2")
         for b, e in found[:1]
     ]
 
 
-def sliding(s: Signals) -> list[Evidence]:
+def sliding(s: Signals) -> list[Clue]:
     """Find feet that slide on the ground, two at once: friction; one: a consequence."""
     if s.rows["sim/truth"]:
         times, way = s.times("sim/truth"), s.column("sim/truth", "contact_sliding")
@@ -214,48 +212,48 @@ def sliding(s: Signals) -> list[Evidence]:
         times, slid = s.times("state/velocity"), s.column("state/velocity", "slipping") > 0.5
     else:
         return []
-    found: list[Evidence] = []
+    found: list[Clue] = []
     slid &= (times > 1.0)[:, None]
     for least, code in ((2, "friction"), (1, "slip")):
         many = spans(times, slid.sum(axis=1) >= least, 0.05)
         if many:
             a, b = many[0]
             feet = int(slid[(times >= a) & (times <= b)].any(axis=0).sum())
-            found.append(Evidence(code, a, many[-1][1], f"{feet} feet slide at once" if least > 1 else "a foot slides"))
+            found.append(Clue(code, a, many[-1][1], f"{feet} feet slide at once" if least > 1 else "a foot slides"))
     return found
 
 
-def consequences(s: Signals) -> list[Evidence]:
+def consequences(s: Signals) -> list[Clue]:
     """Find what follows from a cause: margins below zero, a starved filter, refused steps, held joints."""
-    found: list[Evidence] = []
+    found: list[Clue] = []
     if s.rows["state/stability"]:
         times = s.times("state/stability")
         for name in ("margin_planned", "margin_measured"):
             margin = s.column("state/stability", name)
             for a, b in spans(times, (margin < 0.0) & (times > 1.0), 0.05)[:1]:
                 least = 1e3 * float(np.nanmin(margin[(times >= a) & (times <= b)]))
-                found.append(Evidence("margin", a, b, f"{name} falls to {least:.0f} mm"))
+                found.append(Clue("margin", a, b, f"{name} falls to {least:.0f} mm"))
     for name, code, text in (
         ("inputs_ok", "starved", "inputs of the filter were refused or absent"),
         ("filter_ok", "filter", "the filter is beyond its bounds"),
     ):
         flags = s.column("state/velocity", name) < 0.5 if s.rows["state/velocity"] else np.empty(0, dtype=np.bool_)
         for a, b in spans(s.times("state/velocity"), flags, 0.1)[:1]:
-            found.append(Evidence(code, a, b, f"{text} for {b - a:.2f} s"))
+            found.append(Clue(code, a, b, f"{text} for {b - a:.2f} s"))
     last = ""
     for time, row in zip(s.times("state/gait").tolist(), s.rows["state/gait"], strict=True):
         if row.get("reason") and row["reason"] != last:
-            found.append(Evidence("refused", time, time, f"the walker: {row['reason']}"))
+            found.append(Clue("refused", time, time, f"the walker: {row['reason']}"))
         last = row.get("reason", "")
     held: NDArray[np.bool_] = np.array([bool(row.get("held")) for row in s.rows["hw/tick"]], dtype=np.bool_)
     for a, b in spans(s.times("hw/tick"), held, 0.0)[:1]:
-        found.append(Evidence("held", a, b, f"the driver holds the joints for {b - a:.2f} s"))
+        found.append(Clue("held", a, b, f"the driver holds the joints for {b - a:.2f} s"))
     return found
 
 
 FINDERS = (services, stops, absent, frozen, followed, switches, pushes, sliding, consequences)
 
 
-def gather(s: Signals) -> list[Evidence]:
+def gather(s: Signals) -> list[Clue]:
     """Return all evidence of a recording in the order of its beginning."""
     return sorted((each for find in FINDERS for each in find(s)), key=lambda each: each.begin)

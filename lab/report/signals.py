@@ -1,4 +1,4 @@
-"""What a recording holds as arrays: the last epoch of a run, of this version or another, whole or cut off."""
+"""Content of a recording as arrays: the last epoch of a run, of this version or another, whole or cut off."""
 
 import json
 from collections import defaultdict

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .evidence import ROOTS, Evidence, gather
+from .evidence import ROOTS, Clue, gather
 from .signals import Signals, read_signals, spans
 
 TILTED = math.radians(45.0)
@@ -28,9 +28,9 @@ class Explanation:
         chain: evidence between both, in the order of time, without them.
     """
 
-    outcome: Evidence | None
-    cause: Evidence | None
-    chain: tuple[Evidence, ...]
+    outcome: Clue | None
+    cause: Clue | None
+    chain: tuple[Clue, ...]
 
     @property
     def sentence(self) -> str:
@@ -55,7 +55,7 @@ def explain(path: Path) -> Explanation:
     return Explanation(outcome, cause, _once(chain))
 
 
-def _first(seen: list[Evidence]) -> Evidence | None:
+def _first(seen: list[Clue]) -> Clue | None:
     """Return the earliest root; of those that begin with it the one that `ROOTS` names first causes the others."""
     roots = [e for e in seen if e.code in ROOTS]
     if not roots:
@@ -64,15 +64,15 @@ def _first(seen: list[Evidence]) -> Evidence | None:
     return min(together, key=lambda e: ROOTS.index(e.code))
 
 
-def _once(chain: tuple[Evidence, ...]) -> tuple[Evidence, ...]:
+def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:
     """Return the first evidence of each kind."""
-    kinds: dict[str, Evidence] = {}
+    kinds: dict[str, Clue] = {}
     for each in chain:
         kinds.setdefault(each.code, each)
     return tuple(kinds.values())
 
 
-def find_outcome(s: Signals) -> Evidence | None:
+def find_outcome(s: Signals) -> Clue | None:
     """Return the worst thing that happened: a fall, a stop, a halt, a missed goal, a slip, a stance without support."""
     for find in (_fall, _stop, _halt, _goal, _slip, _unsupported):
         found = find(s)
@@ -81,7 +81,7 @@ def find_outcome(s: Signals) -> Evidence | None:
     return None
 
 
-def _fall(s: Signals) -> Evidence | None:
+def _fall(s: Signals) -> Clue | None:
     times, fallen = s.times("sim/truth"), s.column("sim/truth", "fallen") > 0.5
     if not len(times) and s.rows["state/velocity"]:
         up = s.column("state/velocity", "g_up")
@@ -89,54 +89,54 @@ def _fall(s: Signals) -> Evidence | None:
     if not fallen.any():
         return None
     time = float(times[int(fallen.argmax())])
-    return Evidence("fall", time, s.end, "it fell")
+    return Clue("fall", time, s.end, "it fell")
 
 
-def _stop(s: Signals) -> Evidence | None:
+def _stop(s: Signals) -> Clue | None:
     row = next((row for row in s.rows["sim/status"] if row.get("stopped") or row.get("failed")), None)
     if row is None:
         return None
-    return Evidence("stopped", 0.01 * row.get("tick", 0), s.end, "it was stopped")
+    return Clue("stopped", 0.01 * row.get("tick", 0), s.end, "it was stopped")
 
 
-def _halt(s: Signals) -> Evidence | None:
+def _halt(s: Signals) -> Clue | None:
     """Find a walk that halts: the walker holds, or walks while the joints do not follow."""
     times = s.times("state/gait")
     holds = np.array([row.get("state") == "hold" for row in s.rows["state/gait"]], dtype=np.bool_)
     for a, b in spans(times, holds, 0.1)[:1]:
-        return Evidence("halt", a, b, f"the walk halted for {b - a:.2f} s")
+        return Clue("halt", a, b, f"the walk halted for {b - a:.2f} s")
     walks = [row.get("state") == "walking" for row in s.rows["state/gait"]]
     for lost in (e for e in gather(s) if e.code == "command"):
         if any(w for w, t in zip(walks, times, strict=True) if lost.begin <= t <= lost.end):
-            return Evidence("halt", lost.begin + 1.0, lost.end, "the joints did not follow the walk")
+            return Clue("halt", lost.begin + 1.0, lost.end, "the joints did not follow the walk")
     return None
 
 
-def _goal(s: Signals) -> Evidence | None:
+def _goal(s: Signals) -> Clue | None:
     for time, row in zip(s.times("navigator/feedback").tolist(), s.rows["navigator/feedback"], strict=True):
         if row.get("state") == "failed":
-            return Evidence("goal", time, s.end, f"the goal was missed ({row.get('error_code', '')})")
+            return Clue("goal", time, s.end, f"the goal was missed ({row.get('error_code', '')})")
     return None
 
 
-def _slip(s: Signals) -> Evidence | None:
+def _slip(s: Signals) -> Clue | None:
     if s.rows["sim/truth"]:
         way = s.column("sim/truth", "contact_sliding").max(axis=1)
         for a, b in spans(s.times("sim/truth"), way > SLIPPED_M, 0.0)[:1]:
-            return Evidence("slip", a, b, f"a foot slid by {1e3 * float(way.max()):.0f} mm")
+            return Clue("slip", a, b, f"a foot slid by {1e3 * float(way.max()):.0f} mm")
         return None
     slipping = s.column("state/velocity", "slipping")
     many = slipping.sum(axis=1) >= 2 if slipping.ndim == 2 else np.empty(0, dtype=np.bool_)
     for a, b in spans(s.times("state/velocity"), many, 0.5)[:1]:
-        return Evidence("slip", a, b, f"feet slid for {b - a:.2f} s by the estimator")
+        return Clue("slip", a, b, f"feet slid for {b - a:.2f} s by the estimator")
     return None
 
 
-def _unsupported(s: Signals) -> Evidence | None:
+def _unsupported(s: Signals) -> Clue | None:
     """Find a stance of four or more legs whose planned margin is below zero."""
     if len(next(iter(s.rows["state/stability"]), {}).get("stance", ())) < 4:
-        return None  # bipeds walk dynamically: their static margin says nothing
+        return None  # bipeds walk dynamically: their static margin is no sign
     times, margin = s.times("state/stability"), s.column("state/stability", "margin_planned")
     for a, b in spans(times, (margin < 0.0) & (times > 1.0), 0.1)[:1]:
-        return Evidence("unsupported", a, b, f"the support was left for {b - a:.2f} s")
+        return Clue("unsupported", a, b, f"the support was left for {b - a:.2f} s")
     return None

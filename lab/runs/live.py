@@ -160,9 +160,8 @@ def conduct(
         problems=(*problems, *supervisor.stops(), *director.problems, *director.unfinished()),
         notes=(*director.notes, *(beside.notes if beside else ()), *end.notes, *_unrecorded(recording, end.recorded)),
     )
-    verdict = _explained(verdict, written)
     try:
-        report = write_report(out / "report.html", about, traces, verdict)
+        report = write_report(out / "report.html", about, traces, verdict := _explained(verdict, written))
     except OSError as error:
         why = f"the report could not be written: {error.strerror or error}"
         report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
