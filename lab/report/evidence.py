@@ -128,10 +128,11 @@ def followed(s: Signals) -> list[Clue]:
             found.append(Clue("command", a, b + STILL_S, f"no joint moves for {b - a + STILL_S:.2f} s, commands do"))
     off = np.abs(q - command)
     for j in range(q.shape[1]):
-        for a, b in spans(times, off[:, j] > OFF_RAD, OFF_S)[:1]:
-            near = times[(times <= a) & (off[:, j] < 0.3 * OFF_RAD)]
-            most = off[(times >= a) & (times <= b), j].max()
-            text = f"{s.joint(j)} is up to {most:.2f} rad from its command for {b - a:.2f} s"
+        found_off = spans(times, off[:, j] > OFF_RAD, OFF_S)
+        if found_off:  # one fault, however often the joint comes near its command meanwhile
+            a, b = found_off[0][0], found_off[-1][1]
+            near, most = times[(times <= a) & (off[:, j] < 0.3 * OFF_RAD)], off[times >= a, j].max()
+            text = f"{s.joint(j)} is up to {most:.2f} rad from its command until {b:.2f} s"
             found.append(Clue("servo", float(near[-1]) if len(near) else a, b, text))
     return found
 
