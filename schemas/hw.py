@@ -80,6 +80,16 @@ class ExternalMotion(Message):
     velocity_covariance: Matrix3 | None = Field(default=None, description="row-major 3x3, (m/s)^2, IMU frame")
 
 
+class MakerMotion(Message):
+    """Estimate of motion by the maker's own software, recorded to be compared; no service reads it."""
+
+    position: Vec3 | None = Field(default=None, description="m, in the maker's frame; null = unknown")
+    quat_wxyz: QuatWxyz | None = Field(default=None, description="in the maker's frame; null = unknown")
+    velocity: Vec3 | None = Field(default=None, description="m/s, axes as the maker has them; null = unknown")
+    yaw_speed: float | None = Field(default=None, description="rad/s; null = unknown")
+    gait: int | None = Field(default=None, description="number of the maker's gait; null = unknown")
+
+
 class Sighting(Wire):
     """Place of something on the floor, seen from base_link."""
 

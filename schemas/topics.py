@@ -52,6 +52,7 @@ HW_IMAGE = Topic(
 )
 HW_RANGE = Topic("hw/range", hw.Range, Kind.SAMPLE, "driver", 10.0, own_rate="`period_ms` of the ranger's file")
 HW_EXTERNAL = Topic("hw/external", hw.ExternalMotion, Kind.SAMPLE, "driver", 10.0, own_rate="the driver of the source")
+HW_MAKER = Topic("hw/maker", hw.MakerMotion, Kind.SAMPLE, "driver", 50.0, own_rate="the driver of the robot")
 TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", EVENT)
 TERRAIN_LANDMARKS = Topic("terrain/landmarks", terrain.LandmarkMap, Kind.LATCHED, "driver", EVENT)
 CMD_JOINTS = Topic("cmd/joints", hw.JointCommand, Kind.COMMAND, "walker", TICK_HZ)

@@ -1,0 +1,164 @@
+"""DDS types of Unitree's quadrupeds (`unitree_go`: Go1, Go2, B2), and their check sum."""
+# pyright: reportGeneralTypeIssues=false
+# (cyclonedds types arrays by a marker class; their values are lists)
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+import cyclonedds.idl as idl
+import numpy as np
+from cyclonedds.idl.annotations import autoid, final
+from cyclonedds.idl.types import array, float32, int16, int32, uint8, uint16, uint32
+
+LOW_STATE, SPORT_STATE = "rt/lowstate", "rt/sportmodestate"
+"""Topics."""
+PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + "4BiH4B15H" + "8hI41B3xf2B2x2f4H2I"
+"""Layout of a LowState in the memory of the robot, over which its check sum is taken."""
+REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Bytes with their bits in reverse order."""
+
+
+@dataclass
+@final
+@autoid("sequential")
+class ImuState(idl.IdlStruct, typename="unitree_go.msg.dds_.IMUState_"):
+    """Inertial unit: quaternion w x y z, rad/s, m/s^2, rad."""
+
+    quaternion: array[float32, 4]
+    gyroscope: array[float32, 3]
+    accelerometer: array[float32, 3]
+    rpy: array[float32, 3]
+    temperature: uint8
+
+
+@dataclass
+@final
+@autoid("sequential")
+class MotorState(idl.IdlStruct, typename="unitree_go.msg.dds_.MotorState_"):
+    """Motor: rad, rad/s, Nm at the joint; `lost` counts its missing answers."""
+
+    mode: uint8
+    q: float32
+    dq: float32
+    ddq: float32
+    tau_est: float32
+    q_raw: float32
+    dq_raw: float32
+    ddq_raw: float32
+    temperature: uint8
+    lost: uint32
+    reserve: array[uint32, 2]
+
+
+@dataclass
+@final
+@autoid("sequential")
+class BatteryState(idl.IdlStruct, typename="unitree_go.msg.dds_.BmsState_"):
+    """Battery."""
+
+    version_high: uint8
+    version_low: uint8
+    status: uint8
+    soc: uint8
+    current: int32
+    cycle: uint16
+    bq_ntc: array[uint8, 2]
+    mcu_ntc: array[uint8, 2]
+    cell_vol: array[uint16, 15]
+
+
+@dataclass
+@final
+@autoid("sequential")
+class LowState(idl.IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
+    """Sensors at 500 Hz; motors and feet in the maker's order, `tick` in ms."""
+
+    head: array[uint8, 2]
+    level_flag: uint8
+    frame_reserve: uint8
+    sn: array[uint32, 2]
+    version: array[uint32, 2]
+    bandwidth: uint16
+    imu_state: ImuState
+    motor_state: array[MotorState, 20]
+    bms_state: BatteryState
+    foot_force: array[int16, 4]
+    foot_force_est: array[int16, 4]
+    tick: uint32
+    wireless_remote: array[uint8, 40]
+    bit_flag: uint8
+    adc_reel: float32
+    temperature_ntc1: uint8
+    temperature_ntc2: uint8
+    power_v: float32
+    power_a: float32
+    fan_frequency: array[uint16, 4]
+    reserve: uint32
+    crc: uint32
+
+
+@dataclass
+@final
+@autoid("sequential")
+class TimeSpec(idl.IdlStruct, typename="unitree_go.msg.dds_.TimeSpec_"):
+    """Time of the maker's estimate."""
+
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+@final
+@autoid("sequential")
+class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
+    """Point of a planned path."""
+
+    t_from_start: float32
+    x: float32
+    y: float32
+    yaw: float32
+    vx: float32
+    vy: float32
+    vyaw: float32
+
+
+@dataclass
+@final
+@autoid("sequential")
+class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState_"):
+    """The maker's own estimate: m, m/s, rad/s."""
+
+    stamp: TimeSpec
+    error_code: uint32
+    imu_state: ImuState
+    mode: uint8
+    progress: float32
+    gait_type: uint8
+    foot_raise_height: float32
+    position: array[float32, 3]
+    body_height: float32
+    velocity: array[float32, 3]
+    yaw_speed: float32
+    range_obstacle: array[float32, 4]
+    foot_force: array[int16, 4]
+    foot_position_body: array[float32, 12]
+    foot_speed_body: array[float32, 12]
+    path_point: array[PathPoint, 10]
+
+
+def check_sum(state: LowState) -> int:
+    """Return the check sum of a LowState: CRC-32/MPEG-2 over its words but the last."""
+    m, imu, power = state, state.imu_state, state.bms_state
+    numbers = [*m.head, m.level_flag, m.frame_reserve, *m.sn, *m.version, m.bandwidth]
+    numbers += [*imu.quaternion, *imu.gyroscope, *imu.accelerometer, *imu.rpy, imu.temperature]
+    for r in m.motor_state:
+        numbers += (r.mode, r.q, r.dq, r.ddq, r.tau_est, r.q_raw, r.dq_raw, r.ddq_raw, r.temperature, r.lost)
+        numbers += r.reserve
+    numbers += [power.version_high, power.version_low, power.status, power.soc, power.current, power.cycle]
+    numbers += [*power.bq_ntc, *power.mcu_ntc, *power.cell_vol, *m.foot_force, *m.foot_force_est, m.tick]
+    numbers += [*m.wireless_remote, m.bit_flag, m.adc_reel, m.temperature_ntc1, m.temperature_ntc2]
+    numbers += [m.power_v, m.power_a, *m.fan_frequency, m.reserve, m.crc]
+    words = np.frombuffer(struct.pack(PACKED, *numbers)[:-4], dtype="<u4").byteswap().tobytes()
+    reflected = zlib.crc32(words.translate(REVERSED)) ^ 0xFFFFFFFF
+    return int(f"{reflected:032b}"[::-1], 2)

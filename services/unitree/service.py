@@ -1,0 +1,132 @@
+"""Unitree's quadrupeds (Go1, Go2, B2) over DDS, beside the maker's own controller: `rt/lowstate` in, nothing out."""
+
+from typing import Any
+
+from pydantic import Field
+
+from surefoot.errors import SurefootError
+from surefoot.lockstep.driver import DueSample
+from surefoot.lockstep.sensed import SensedConfig, SensedDriver
+from surefoot.robot.names import joint_columns, leg_columns
+from surefoot.schemas.hw import MakerMotion
+from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, HW_MAKER, SIM_STATUS, TICK_NS
+
+INSTALL = "pip install 'surefoot[unitree]'"
+"""Command that adds DDS."""
+MS = 1_000_000
+WRAP = 2**32
+"""Size of the robot's `tick`, ms: it begins again after 49.7 days."""
+MOST = 64
+"""Messages that are kept until they are read."""
+LEGS = ("fr", "fl", "rr", "rl")
+
+
+class UnitreeConfig(SensedConfig):
+    """Network of the robot, and the maker's order of joints and feet."""
+
+    interface: str = Field(default="lo", description="network interface of the robot, e.g. eth0")
+    domain: int = Field(default=0, ge=0, le=230, description="DDS domain")
+    joints: tuple[str, ...] = Field(
+        default=tuple(f"{leg}_{part}" for leg in LEGS for part in ("hip", "thigh", "calf")),
+        description="names of the first motors in the maker's order",
+    )
+    feet: tuple[str, ...] = Field(default=LEGS, description="legs in the order of the foot forces")
+    check_crc: bool = Field(default=True, description="refuse messages with a wrong check sum")
+
+
+class Unitree(SensedDriver[UnitreeConfig]):
+    """Time is the robot's `tick`; the maker's own estimate is recorded as `hw/maker`."""
+
+    name = "unitree"
+    Config = UnitreeConfig
+    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, HW_MAKER, SIM_STATUS)
+    observes = (CMD_ESTOP,)
+
+    def open(self) -> None:
+        """Open the readers (raises SurefootError: DDS is not installed, or the interface is none)."""
+        c = self.config
+        self._joints = joint_columns(c.joints, self.robot)
+        self._feet = leg_columns(c.feet, self.robot)
+        self._now_ms: int | None = None
+        self._lost: list[int] = []
+        self._maker: Any = None
+        self._readers = self._open()
+
+    def _open(self) -> tuple[Any, Any]:
+        c = self.config
+        try:
+            from cyclonedds.core import DDSException
+            from cyclonedds.domain import Domain, DomainParticipant
+            from cyclonedds.qos import Policy, Qos
+            from cyclonedds.sub import DataReader
+            from cyclonedds.topic import Topic
+
+            from .messages import LOW_STATE, SPORT_STATE, LowState, SportModeState
+        except ImportError:
+            raise SurefootError("not_installed", f"Unitree's robots need DDS: {INSTALL}", "unitree") from None
+        net = f'<NetworkInterface name="{c.interface}" presence_required="true"/>'
+        settings = f"<CycloneDDS><Domain><General><Interfaces>{net}</Interfaces></General></Domain></CycloneDDS>"
+        try:
+            self._held: list[Any] = [Domain(c.domain, settings)]
+            participant = DomainParticipant(c.domain)
+            quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(MOST))
+            named = ((LOW_STATE, LowState), (SPORT_STATE, SportModeState))
+            made = [DataReader(participant, Topic(participant, topic, kind), quality) for topic, kind in named]
+        except DDSException as error:
+            text = f"no DDS on interface {c.interface!r} ({str(error)[:120]}); `ip link` lists the interfaces"
+            raise SurefootError("unreachable", text, "interface") from None
+        self._held.append(participant)
+        return made[0], made[1]
+
+    def poll(self) -> None:
+        """Move what has come into the intake."""
+        for state in self._readers[0].take(N=MOST):
+            if hasattr(state, "tick"):  # else: the writer has gone
+                self.take(state)
+        for state in self._readers[1].take(N=MOST):
+            if hasattr(state, "position"):
+                self._maker = state
+
+    def take(self, m: Any) -> None:
+        """Take a LowState."""
+        from .messages import check_sum
+
+        if self.config.check_crc and check_sum(m) != m.crc:
+            self.intake.refuse("crc", f"rt/lowstate: check sum {m.crc:#x}, wanted is {check_sum(m):#x}")
+            return
+        stamp = self._time(m.tick) * MS
+        imu, motors = m.imu_state, m.motor_state[: len(self.config.joints)]
+        self.intake.imu(stamp, imu.gyroscope, imu.accelerometer)
+        if not any(m.foot_force):
+            self.intake.refuse("feet_zero", "rt/lowstate: all foot forces are zero; without them the feet go by height")
+        elif self.intake.contact is not None:
+            self.intake.feet(stamp, [m.foot_force[i] for i in self._feet])
+        lost, self._lost = self._lost or [motor.lost for motor in motors], [motor.lost for motor in motors]
+        for name, before, now in zip(self.config.joints, lost, self._lost, strict=True):
+            if now > before:
+                self.intake.refuse("motor_lost", f"rt/lowstate: the motor {name} is lost, {now} answers so far")
+                return
+        rows = [motors[i] for i in self._joints]
+        parts = ([r.q for r in rows], [r.dq for r in rows], [r.tau_est for r in rows])
+        self.intake.joints(stamp, *parts)
+
+    def release(self, tick: int) -> list[DueSample]:
+        """Return the samples of a tick, and the maker's estimate if there is a new one."""
+        out, maker, self._maker = self.intake.release(tick), self._maker, None
+        if maker is not None:
+            message = MakerMotion(
+                position=tuple(maker.position), velocity=tuple(maker.velocity), yaw_speed=maker.yaw_speed,
+                quat_wxyz=tuple(maker.imu_state.quaternion), gait=maker.gait_type,
+            )  # fmt: skip
+            out.append(DueSample(HW_MAKER, message, tick * TICK_NS, tick))
+        return out
+
+    def _time(self, tick_ms: int) -> int:
+        """Return the time of the robot, ms, without the wrap of its counter."""
+        if self._now_ms is None:
+            self._now_ms = tick_ms
+        self._now_ms += (tick_ms - self._now_ms + WRAP // 2) % WRAP - WRAP // 2
+        return self._now_ms
+
+
+SERVICE = Unitree

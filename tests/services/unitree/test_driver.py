@@ -1,0 +1,180 @@
+"""Unitree's messages as a driver: over DDS on loopback, the bits of the bag, and every bad message by name."""
+
+import importlib.util
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from surefoot.errors import Refusal, SurefootError
+from surefoot.lab.bags.fit import fitted
+from surefoot.lab.bags.importing import record
+from surefoot.record.columns import recorded_columns
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.hw import JointCommand
+from tests.lab.bags.sway import MS, ORDER, ROBOT, START_NS, sway
+from tests.lab.bags.test_bad_bags import log_of_rows
+from tests.services.ros_robot.test_driver import LAST_TICK, ran
+
+pytest.importorskip("cyclonedds")
+from surefoot.services.unitree.messages import PACKED, SPORT_STATE, LowState, PathPoint, SportModeState, TimeSpec
+from surefoot.services.unitree.service import Unitree, UnitreeConfig
+
+ROOT = Path(__file__).parents[3]
+NAMES = load_robot(ROBOT).joint_names
+LEGS = [name.split("_")[0] for name in NAMES]
+MAKER = [name for leg in ORDER for name in NAMES if name.startswith(f"{leg}_")]
+ZERO, PER_NEWTON = 40.0, 2.0
+WRAP = 2**32
+
+
+def fake() -> Any:
+    spec = importlib.util.spec_from_file_location("fake_go2", ROOT / "examples" / "unitree" / "fake.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+low_state = fake().low_state
+
+
+def driver(**more: Any) -> Unitree:
+    known = {"foot_zero": (ZERO,) * 4, "foot_scale": (1.0 / PER_NEWTON,) * 4, "contact_on": 20.0, "contact_off": 12.0}
+    return Unitree(UnitreeConfig(**{"robot": ROBOT, "joints": tuple(MAKER), "feet": ORDER, **known, **more}))
+
+
+class Quiet(Unitree):
+    """Without a network."""
+
+    def _open(self) -> Any:
+        nothing = type("Reader", (), {"take": lambda *_, **__: []})()
+        return nothing, nothing
+
+
+def quiet(**more: Any) -> Quiet:
+    made = Quiet(driver(**more).config)
+    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.on_start()
+    return made
+
+
+def states(first_ms: int = 0) -> list[LowState]:
+    log = sway()
+    order = [NAMES.index(name) for name in MAKER]
+    return [
+        low_state(
+            (first_ms + int(stamp - START_NS) // MS) % WRAP, log.joints[k, order].tolist(), log.gyro[k].tolist(),
+            log.acc[k].tolist(), np.round(log.raw[k]).astype(int).tolist(),
+        )
+        for k, stamp in enumerate(log.stamp_ns)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("first_ms", [0, WRAP - 700])
+def test_messages_give_the_bits_of_the_bag(tmp_path: Path, first_ms: int) -> None:
+    log = log_of_rows(sway())
+    log.feet = log.feet._replace(values=np.round(log.feet.values))  # type: ignore[union-attr]
+    log.torque, log.velocity = 0.0 * log.joints.values, 0.0 * log.joints.values
+    bag = fitted(log, load_robot(ROBOT))
+    assert bag.contact is not None
+    bag.contact = driver().config.contact(4)
+    record(bag, ROBOT, tmp_path / "bag.mcap")
+    made = Quiet(driver().config)
+    start = made.on_start
+    made.on_start = lambda: (start(), [made.take(state) for state in states(first_ms)])  # type: ignore[method-assign]
+    live, recorded = ran(made, tmp_path / "live.mcap"), recorded_columns(tmp_path / "bag.mcap")[0]
+    assert not made.intake.refused
+    for key in ("published_velocity_imu", "published_position", "published_covariance", "touch", "joints"):
+        np.testing.assert_array_equal(live[key], recorded[key][: len(live[key])], err_msg=key)
+    assert len(live["published_position"]) == LAST_TICK + 1
+
+
+def test_check_sum_is_the_one_of_its_definition() -> None:
+    state = states()[5]
+    assert struct.calcsize(PACKED) == 1180
+    data = struct.pack(PACKED, *numbers(state))
+    crc = 0xFFFFFFFF
+    for word in struct.unpack(f"<{len(data) // 4}I", data)[:-1]:
+        for bit in range(31, -1, -1):
+            top = (crc >> 31) ^ ((word >> bit) & 1)
+            crc = ((crc << 1) & 0xFFFFFFFF) ^ (0x04C11DB7 * top)
+    assert state.crc == crc
+
+
+def numbers(value: Any) -> list[float]:
+    if hasattr(value, "__dataclass_fields__"):
+        return [x for name in value.__dataclass_fields__ for x in numbers(getattr(value, name))]
+    return [x for part in value for x in numbers(part)] if isinstance(value, list) else [value]
+
+
+def test_bad_messages_are_counted_by_name() -> None:
+    made, rows = quiet(), states()
+    for state in rows[:5]:
+        made.take(state)
+    rows[5].imu_state.gyroscope[0] += 0.1
+    made.take(rows[5])
+    for state in rows[6:]:
+        state.motor_state[7].lost = 3
+    rows[9].foot_force, rows[10].tick = [0] * 4, 5_000_000
+    for k in (6, 7, 8, 9, 8, 10):
+        made.take(relabelled(rows[k]))
+    assert dict(made.intake.refused) == {
+        "crc": 1, "motor_lost": 1, "feet_zero": 1, "imu_late": 1, "feet_duplicate": 1, "joints_late": 1, "clock": 1
+    }  # fmt: skip
+
+
+def relabelled(state: LowState) -> LowState:
+    from surefoot.services.unitree.messages import check_sum
+
+    state.crc = check_sum(state)
+    return state
+
+
+def test_nothing_is_sent_unasked() -> None:
+    made = quiet()
+    with pytest.raises(Refusal, match="only watches"):
+        made.check(JointCommand(position=(0.0,) * 12))
+    made.actuate(0, JointCommand(position=(0.0,) * 12))
+    with pytest.raises(Refusal, match="sends no commands"):
+        quiet(command=True)
+    with pytest.raises(SurefootError, match="no joint"):
+        quiet(robot="messor", foot_zero=(), foot_scale=())
+
+
+def test_reads_a_publisher_on_loopback() -> None:
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.topic import Topic
+
+    from surefoot.services.unitree.messages import LOW_STATE
+
+    made = driver(domain=87)
+    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.on_start()
+    participant = DomainParticipant(87)
+    writer = DataWriter(participant, Topic(participant, LOW_STATE, LowState))
+    sport = DataWriter(participant, Topic(participant, SPORT_STATE, SportModeState))
+    rows = states()
+    other = SportModeState(
+        TimeSpec(1, 2), 0, rows[0].imu_state, 1, 0.0, 1, 0.08, [1.0, 2.0, 0.3], 0.3, [0.5, 0.0, 0.0], 0.1, [0.0] * 4,
+        [60] * 4, [0.0] * 12, [0.0] * 12, [PathPoint(*[0.0] * 7)] * 10,
+    )  # fmt: skip
+    for state in rows:
+        writer.write(state)
+        sport.write(other)
+        made.poll()
+        if made.intake.reached(2):
+            break
+    samples = {sample.topic.key: sample.message for tick in range(3) for sample in made.release(tick)}
+    assert set(samples) == {"hw/imu", "hw/joints", "hw/contacts", "hw/maker"}
+    maker: Any = samples["hw/maker"]
+    assert maker.velocity == (0.5, 0.0, 0.0)
+
+
+def test_an_interface_that_is_none() -> None:
+    with pytest.raises(SurefootError, match="interface"):
+        driver(domain=88, interface="none7").on_start()
