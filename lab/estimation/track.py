@@ -308,6 +308,10 @@ PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, 
 """Reference estimators by name: contact-aided invariant EKF, linear filter in the style of MIT's."""
 
 ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {
-    "best": {"slip hypothesis": {"hypotheses": False}, "points of a sole": {"soles": False}}
+    "best": {
+        "slip hypothesis": {"hypotheses": False},
+        "points of a sole": {"soles": False},
+        "levels of the ground": {"levels": False},
+    }
 }
 """Options that switch a hypothesis off, by estimator and name of the hypothesis."""

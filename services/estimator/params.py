@@ -62,6 +62,7 @@ class EstimatorParams:
     refine_gyro_bias: bool = True  # ... of all rest so far, not of the first window only
     start_slope_sd: float = math.inf  # rad, how level the ground under the feet is at the start; inf = unknown
     level_ground: bool = False  # the ground is level everywhere: `best` keeps height and tilt by it
+    levels: bool = True  # `best` recognises levels that feet have stood on, and keeps its height by them
     soles: bool = True  # flat feet have three contact points (False: one, as round feet)
     # velocity from the legs
     sigma_v: float = 0.015  # m/s, (27), of one foot

@@ -15,13 +15,14 @@ from .external import take_external
 from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
+from .level import stand_on_levels
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
 from .pose import grow_pose
 from .rest import learn_end_of_rest, learn_gyro_bias
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .start import check_tilt, rests, start_at_rest, start_moving
-from .state import BestState, Felt, felt_variance, forget_velocity, predict, rotation
+from .state import BestState, Felt, felt_variance, forget_levels, forget_velocity, predict, rotation
 from .update import follow, persistence, remember_slides, take_points
 
 Array = NDArray[np.float64]
@@ -69,6 +70,7 @@ def forget(state: BestState, d: float) -> None:
         cov[E.pos + i, E.pos + i] += (FIXED.unknown_speed * d) ** 2
     forget_velocity(state, FIXED.unknown_speed)
     state.memory[M.since] = NO_FEET
+    forget_levels(state.memory)
 
 
 @kernel
@@ -223,6 +225,7 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
     y, turn = points_of(geometry.foot, geometry.place, samples.feet[row], samples.foot_rots[row])
     contact, closed = believed(state, samples, row, geometry.foot), samples.closed[row]
     at, losses = likeliest(state), state.memory[M.losses]
+    dt = max(state.memory[M.since] if at < 0 else state.mode_memory[at, M.since], 0.0)
     if _repeats(state, y, contact, closed, geometry):
         return
     contact = by_height(rotation(state.x) if at < 0 else rotation(state.mode_x[at]), y, geometry.radius, contact)
@@ -243,6 +246,8 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
         remember_slides(state)
         if state.mode_memory[likeliest(state), M.losses] > losses:
             collapse(state, geometry.foot)
+    if setting.limits.levels and settled(state):
+        stand_on_levels(state, geometry, dt)
     if state.memory[M.losses] > losses:
         check_tilt(state, setting.limits)
 

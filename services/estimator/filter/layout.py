@@ -39,7 +39,7 @@ class ErrorLayout(NamedTuple):
 
 
 class PointLayout(NamedTuple):
-    """Columns of `BestState.points`, (K, 10)."""
+    """Columns of `BestState.points`, (K, 12)."""
 
     down: int = 0
     """1 while the point stands, else 0."""
@@ -53,16 +53,20 @@ class PointLayout(NamedTuple):
     """1 until a second sample has confirmed its place."""
     along: int = 5
     """Velocity of its foot if that slides, odom axes, (2,) m/s."""
-    closed: int = 7
+    stood: int = 7
+    """Time since it was put down, s."""
+    level: int = 8
+    """1 + number of the level that its foot stands on, 0 = not looked for yet."""
+    closed: int = 9
     """Switches of its foot that were closed at the last sample, bit s for switch s."""
-    mistrust: int = 8
+    mistrust: int = 10
     """Share of its recent samples that were outliers, 0 to 1; it stays when the point is lifted."""
-    repeated: int = 9
+    repeated: int = 11
     """Path of the IMU's turning while the samples of its foot repeat one on the ground, rad; it stays likewise."""
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (47,)."""
+    """First index of each part of `BestState.memory`, (85,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -122,10 +126,18 @@ class MemoryLayout(NamedTuple):
     """Frames of poses from elsewhere that were found."""
     pose_extra: int = 40
     """Covariance of the pose beside that of the filter, (7,), see `pose`."""
+    uneven: int = 47
+    """Mean square distance in height of feet that stand on one level, m^2; see `level`."""
+    slope: int = 48
+    """Weighted sums x^2, x y, y^2, x z, y z over pairs of such feet, (5,) m^2; see `level`."""
+    levels: int = 53
+    """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 
+LEVEL, LEVELS = 4, 8
+"""Numbers of a level, and most levels that are remembered."""
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.repeated + 1, M.pose_extra + 7
+POINT_COLUMNS, MEMORY = P.repeated + 1, M.levels + LEVEL * LEVELS
 """Number of columns of a point, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""

@@ -102,6 +102,8 @@ class BestLimits(NamedTuple):
     """Standard deviation of a point over level ground, m per sample of the feet; infinite: any ground."""
     hypotheses: bool
     """False: no point slides."""
+    levels: bool
+    """Levels on which feet have stood correct the height."""
     creep: float = 0.0025
     """Rate at which a robot at rest may still turn, rad/s: servos settle under its weight."""
     turn_creep: float = 0.0005
@@ -191,6 +193,23 @@ class FixedNumbers(NamedTuple):
     """Standard deviation of a gyro bias that only parting feet show, rad/s."""
     firm: int = 3
     """Switches that hold a sole."""
+    # levels of the ground
+    settles: float = 0.06
+    """Time after which a foot that has come down rests on the ground, s."""
+    same_level: float = 0.03
+    """Distance in height up to which feet may stand on one level, m."""
+    step_sd: float = 0.003
+    """Standard deviation of the height of one step on a level, m."""
+    least_uneven: float = 0.001
+    """Least unevenness of a ground that is known to be flat, m."""
+    most_slope: float = 0.02
+    """Slope of the ground from which it is no level, rad: 1.1 deg."""
+    slope_sd: float = 0.01
+    """Standard deviation of the slope before feet have shown it, rad."""
+    learn_ground: float = 0.125
+    """Share of one step in unevenness and slope."""
+    level_gate: float = 4.0
+    """Largest normalised distance squared of a step from its level, 1 degree of freedom (95 %)."""
     # hypotheses about sliding feet
     most_feet: int = 2
     """Most feet of a robot whose sets of sliding feet are hypotheses; of more feet the others show which slides."""
@@ -290,4 +309,5 @@ def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypothe
         max_speed=params.max_speed,
         level_sd=FIXED.level_sd if params.level_ground and stated else math.inf,
         hypotheses=hypotheses,
+        levels=params.levels and not (params.level_ground and stated),
     )

@@ -14,7 +14,7 @@ from .layout import DOUBTED, LONG_AGO, MOVING, NO_FEET, STARTED, E, M, X
 from .noise import FIXED, BestLimits, BestSetting
 from .point import lift
 from .samples import ROW_Q, ROW_W, SampleStore, after
-from .state import BestState, isolate, rotation, set_rotation, turn_matrix
+from .state import BestState, forget_levels, isolate, rotation, set_rotation, turn_matrix
 
 Array = NDArray[np.float64]
 
@@ -121,6 +121,7 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
         state.cov[i, i] = limits.start_sd**2
     state.memory[M.excess], state.memory[M.since], state.memory[M.age] = 1.0, NO_FEET, 0.0
     state.memory[M.framed] = 0.0
+    forget_levels(state.memory)
     for i in range(M.pose_extra, M.pose_extra + 7):
         state.memory[i] = 0.0
 

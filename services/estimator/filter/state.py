@@ -27,7 +27,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times, turned
 from surefoot.kernels.jit import kernel
 
-from .layout import LONG_AGO, MEMORY, NO_FEET, POINT_COLUMNS, E, M, P, X
+from .layout import LEVEL, LEVELS, LONG_AGO, MEMORY, NO_FEET, POINT_COLUMNS, E, M, P, X
 from .noise import FIXED, BestNoise
 
 Array = NDArray[np.float64]
@@ -50,21 +50,21 @@ class BestState(NamedTuple):
     cov: Array
     """Covariance of the error, (15 + 3 K, 15 + 3 K), see `ErrorLayout`."""
     points: Array
-    """Contact points, (K, 10), see `PointLayout`."""
+    """Contact points, (K, 12), see `PointLayout`."""
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (47,), see `MemoryLayout`."""
+    """Numbers beside the state, (85,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
     """`cov` of each hypothesis, (H, 15 + 3 K, 15 + 3 K)."""
     mode_points: Array
-    """`points` of each hypothesis, (H, K, 10)."""
+    """`points` of each hypothesis, (H, K, 12)."""
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 47)."""
+    """`memory` of each hypothesis, (H, 85)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
 
@@ -118,6 +118,14 @@ def forget_velocity(state: BestState, sd: float) -> None:
     isolate(state.cov, E.vel, 3, sd * sd)
     for i in range(3):
         state.x[X.vel + i] = state.memory[M.lag + i] = 0.0
+
+
+@kernel
+def forget_levels(memory: Array) -> None:
+    """Forget all levels, and how uneven the ground is, in place: the height is another one."""
+    memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
+    memory[M.uneven] = FIXED.step_sd**2
+    memory[M.slope : M.slope + 5] = 0.0
 
 
 @kernel

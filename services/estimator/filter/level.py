@@ -1,0 +1,289 @@
+"""Levels of the ground of the `best` filter: a foot that comes down on a level known before shows the height again.
+
+The height of the IMU follows from one footstep to the next, so that a few millimetres of each step add up. A floor, a
+stair or a box is level, and most feet come down where others have stood: the filter remembers at which heights h_j feet
+stood, and with which variance s_j of the height at that time. A foot that comes down at the height z of variance P has
+drifted since by z - h_j, of variance D = P - s_j, up to the variance n of the height of a step:
+
+    g = D/(D + n),   height -= g (z - h_j),   variance: s_j + D n/(D + n)
+
+which is a Kalman correction of all that correlates with the height, by R = P n/D, plus g s_j: what was unknown of the
+level stays unknown. Feet that stand on one level are equally high, which shows the tilt.
+
+Rough ground and slopes have no levels. Feet that stand at the same time show that, whatever the height has drifted by:
+the rms difference u of their heights on one level is the unevenness of the ground, the regression of these on their
+distances its slope. n = (n_0 + u^2)^2/n_0 with n_0 = `FIXED.step_sd`^2; on a slope, and under a foot that is further
+off than u, nothing is corrected.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+from ..feet.contact import BestGeometry
+from .hypotheses import likeliest, mode
+from .layout import LEVEL, LEVELS, E, M, P, X
+from .noise import FIXED
+from .point import retract
+from .state import BestState
+
+Array = NDArray[np.float64]
+Feet = NDArray[np.int64]
+
+
+@kernel
+def _middle(state: BestState, foot: Feet, f: int) -> tuple[Array, int]:
+    """Return the middle of the standing points of foot f from the IMU, (3,) m, odom axes, and their number."""
+    middle, count = np.zeros(3), 0
+    for k in range(foot.size):
+        if foot[k] == f and state.points[k, P.down] > 0.0:
+            count += 1
+            for i in range(3):
+                middle[i] += state.x[X.points + 3 * k + i]
+    return middle / max(count, 1), count
+
+
+@kernel
+def _height(state: BestState, geometry: BestGeometry, f: int, by: Array) -> tuple[float, float]:
+    """Return the height of the ground under foot f in odom, m, and its variance; its covariances go to by (n,).
+
+    The variance of a foot that does not stand is 0.
+    """
+    cov, foot = state.cov, geometry.foot
+    r, count = _middle(state, foot, f)
+    radius = 0.0
+    for j in range(cov.shape[0]):
+        by[j] = cov[j, E.pos + 2] + r[1] * cov[j, E.rot] - r[0] * cov[j, E.rot + 1]
+    for k in range(foot.size):
+        if foot[k] == f and state.points[k, P.down] > 0.0:
+            radius = geometry.radius[k]
+            for j in range(cov.shape[0]):
+                by[j] += cov[j, E.points + 3 * k + 2] / count
+    return state.x[X.pos + 2] + r[2] - radius, _along(state, foot, f, by) if count > 0 else 0.0
+
+
+@kernel
+def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
+    """Return the covariance with the height of foot f of what has the covariances by (n,) with the errors."""
+    r, count = _middle(state, foot, f)
+    out = by[E.pos + 2] + r[1] * by[E.rot] - r[0] * by[E.rot + 1]
+    for k in range(foot.size):
+        if foot[k] == f and state.points[k, P.down] > 0.0:
+            out += by[E.points + 3 * k + 2] / count
+    return float(out)
+
+
+@kernel
+def _landed(points: Array, foot: Feet, f: int) -> bool:
+    """Return True if foot f stands firmly, and its level has not been looked for."""
+    count = 0
+    for k in range(foot.size):
+        if foot[k] == f and points[k, P.down] > 0.0:
+            count += 1
+            if points[k, P.stood] < FIXED.settles or points[k, P.new] > 0.0 or points[k, P.level] > 0.0:
+                return False
+    return count > 0
+
+
+@kernel
+def _slope(memory: Array) -> float:
+    """Return the slope of the ground by the feet that stood at the same time, rad; 0 is the guess before them."""
+    s, guess = M.slope, (FIXED.step_sd / FIXED.slope_sd) ** 2
+    a, b, c = memory[s] + guess, memory[s + 1], memory[s + 2] + guess
+    det = a * c - b * b
+    x, y = (c * memory[s + 3] - b * memory[s + 4]) / det, (a * memory[s + 4] - b * memory[s + 3]) / det
+    return math.sqrt(x * x + y * y)
+
+
+@kernel
+def _step_noise(memory: Array) -> float:
+    """Return the variance of the height of a step on a level, m^2."""
+    return float((FIXED.step_sd**2 + memory[M.uneven]) ** 2 / FIXED.step_sd**2)
+
+
+@kernel
+def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f: int) -> bool:
+    """Learn unevenness and slope of the ground from foot f and the others that stand on known levels, in place.
+
+    Returns:
+        The foot stands on a level, as far as the others show it: no further off than the ground is uneven.
+    """
+    memory, foot, last = state.memory, geometry.foot, -1
+    own, _ = _middle(likely, foot, f)
+    square, count = 0.0, 0
+    for k in range(foot.size):
+        if foot[k] == last or foot[k] == f or likely.points[k, P.down] == 0.0 or likely.points[k, P.level] == 0.0:
+            continue
+        last = foot[k]
+        other, _ = _middle(likely, foot, last)
+        x, y, rise = own[0] - other[0], own[1] - other[1], own[2] - other[2]
+        level, off = memory[M.levels + LEVEL * (int(likely.points[k, P.level]) - 1)], FIXED.same_level
+        for j in range(LEVELS):
+            at = M.levels + LEVEL * j
+            if memory[at + 1] > 0.0:
+                off = min(off, abs(rise - (memory[at] - level)))
+        if off < FIXED.same_level:
+            square += off * off
+            count += 1
+        if abs(rise) < FIXED.same_level:
+            s = M.slope
+            memory[s] += x * x
+            memory[s + 1] += x * y
+            memory[s + 2] += y * y
+            memory[s + 3] += x * rise
+            memory[s + 4] += y * rise
+    flat = square <= count * FIXED.level_gate * max(memory[M.uneven], FIXED.least_uneven**2)
+    if count > 0:
+        memory[M.uneven] += FIXED.learn_ground * (square / count - memory[M.uneven])
+        for i in range(M.slope, M.slope + 5):
+            memory[i] *= 1.0 - FIXED.learn_ground
+    return flat and _slope(memory) < FIXED.most_slope
+
+
+@kernel
+def _stand_on(state: BestState, geometry: BestGeometry, f: int, level: float, known: float, noise: float) -> None:
+    """Correct with foot f on a level at the height `level` m of variance `known`, see the head of this file, in place.
+
+    Args:
+        state: the state.
+        geometry: of the robot.
+        f: the foot.
+        level: height in odom, m.
+        known: its variance, m^2.
+        noise: variance of a step, m^2.
+    """
+    cov = state.cov
+    n = cov.shape[0]
+    by, xi = np.empty(n), np.empty(n)
+    z, variance = _height(state, geometry, f, by)
+    drift = variance - known
+    if drift <= 0.0:
+        return
+    share = drift / (drift + noise)
+    for j in range(n):
+        gain = share * by[j] / variance
+        xi[j] = gain * (z - level)
+        for m in range(n):
+            cov[j, m] -= gain * by[m]
+    cov[E.pos + 2, E.pos + 2] += share * known
+    retract(state, xi)
+
+
+@kernel
+def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, noise: float) -> None:
+    """Correct with two feet that stand on one level: they are equally high, which shows the tilt, in place."""
+    cov = state.cov
+    n = cov.shape[0]
+    by, by_other, xi = np.empty(n), np.empty(n), np.empty(n)
+    z, known = _height(state, geometry, f, by)
+    z_other, known_other = _height(state, geometry, other, by_other)
+    if known == 0.0 or known_other == 0.0:
+        return
+    for j in range(n):
+        by[j] -= by_other[j]
+    variance = _along(state, geometry.foot, f, by) - _along(state, geometry.foot, other, by) + noise
+    for j in range(n):
+        gain = by[j] / variance
+        xi[j] = gain * (z - z_other)
+        for m in range(n):
+            cov[j, m] -= gain * by[m]
+    retract(state, xi)
+
+
+@kernel
+def _nearest(memory: Array, z: float) -> int:
+    """Return the known level nearest to the height z m, -1 if there is none."""
+    best = -1
+    for j in range(LEVELS):
+        at = M.levels + LEVEL * j
+        if memory[at + 1] > 0.0 and (best < 0 or abs(memory[at] - z) < abs(memory[M.levels + LEVEL * best] - z)):
+            best = j
+    return best
+
+
+@kernel
+def _new_level(memory: Array, z: float, variance: float) -> int:
+    """Remember a level at the height z m instead of the one that was not stood on for longest; return its number."""
+    oldest = 0
+    for j in range(LEVELS):
+        if memory[M.levels + LEVEL * j + 3] < memory[M.levels + LEVEL * oldest + 3]:
+            oldest = j
+    at = M.levels + LEVEL * oldest
+    memory[at], memory[at + 1], memory[at + 2] = z, variance, 1.0
+    return oldest
+
+
+@kernel
+def _even_out(state: BestState, likely: BestState, geometry: BestGeometry, f: int, level: float) -> None:
+    """Correct with foot f and each other foot that stands on its level, in place."""
+    last = -1
+    noise = _step_noise(state.memory) * (FIXED.level_sd / FIXED.step_sd) ** 2  # the feet err alike at every step
+    for k in range(geometry.foot.size):
+        other = geometry.foot[k]
+        if other in (last, f) or likely.points[k, P.down] == 0.0 or likely.points[k, P.level] != level:
+            continue
+        last = other
+        if likeliest(state) < 0:
+            _stand_even(state, geometry, f, other, noise)
+        for h in range(state.weight.size):
+            if state.weight[h] > 0.0:
+                _stand_even(mode(state, h), geometry, f, other, noise)
+
+
+@kernel
+def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None:
+    """Look for the level under each foot that has come down, and correct with it, in place.
+
+    Args:
+        state: the state after a sample of the feet, dt s after the last; it and its hypotheses know the same levels.
+        geometry: of the robot.
+        dt: time since the last sample of the feet, s.
+    """
+    memory, foot, at = state.memory, geometry.foot, likeliest(state)
+    likely, by = state if at < 0 else mode(state, at), np.empty(state.cov.shape[0])
+    _grow_old(state, dt)
+    if likely.memory[M.nis] > FIXED.outlier:  # the feet contradict each other or the inertial unit
+        return
+    last = -1
+    for k in range(foot.size):
+        f = foot[k]
+        if f == last or not _landed(likely.points, foot, f):
+            continue
+        last = f
+        flat = _learn_ground(state, likely, geometry, f)
+        z, variance = _height(likely, geometry, f, by)
+        found, noise = _nearest(memory, z), _step_noise(memory)
+        level = M.levels + LEVEL * found
+        if found < 0 or abs(z - memory[level]) > FIXED.same_level:
+            found = _new_level(memory, z, variance)
+            level = M.levels + LEVEL * found
+        elif flat:
+            height, known = memory[level], memory[level + 1]
+            drift = max(variance - known, 0.0)
+            if (z - height) ** 2 < FIXED.level_gate * (drift + noise):
+                if at < 0:
+                    _stand_on(state, geometry, f, height, known, noise)
+                for h in range(state.weight.size):
+                    if state.weight[h] > 0.0:
+                        _stand_on(mode(state, h), geometry, f, height, known, noise)
+                _even_out(state, likely, geometry, f, found + 1.0)
+                memory[level + 2] += 1.0
+                memory[level] += noise / (drift + noise) * (z - height) / memory[level + 2]
+        memory[level + 3] = memory[M.age]
+        for m in range(foot.size):
+            if foot[m] == f:
+                state.points[m, P.level] = found + 1.0
+                for h in range(state.weight.size):
+                    state.mode_points[h, m, P.level] = found + 1.0
+
+
+@kernel
+def _grow_old(state: BestState, dt: float) -> None:
+    """Count the time that points stand, in place."""
+    for k in range(state.points.shape[0]):
+        state.points[k, P.stood] += dt
+        for h in range(state.weight.size):
+            state.mode_points[h, k, P.stood] += dt
