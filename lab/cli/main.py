@@ -11,6 +11,7 @@ from . import (
     bag,
     doctor,
     graph,
+    render,
     report,
     robot,
     run,
@@ -43,6 +44,7 @@ app.command("logs")(system.logs)
 app.command("health")(system.health)
 app.command("supervise")(system.supervise)
 app.command("report")(report.report)
+app.command("render")(render.render)
 app.command("warm")(warm.warm)
 app.command("call")(service.call)
 app.command("doctor")(doctor.doctor)

@@ -217,7 +217,7 @@ def pose_error(truth: Array, belief: Array) -> tuple[Array, Array]:
     """Return rows (time, error x, y in m, yaw in rad) of the pose in the map, (n, 4), and its covariances (n, 3, 3)."""
     if not len(truth) or not len(belief):
         return np.empty((0, 4)), np.empty((0, 3, 3))
-    _, here, there = np.intersect1d(_stamps(truth), _stamps(belief), return_indices=True)
+    _, here, there = np.intersect1d(stamps(truth), stamps(belief), return_indices=True)
     real, found = truth[here], belief[there]
     turn = np.angle(np.exp(1j * (found[:, 3] - real[:, 7])))
     return np.column_stack([found[:, 0], found[:, 1:3] - real[:, 1:3], turn]), found[:, 4:13].reshape(-1, 3, 3)
@@ -257,7 +257,7 @@ def velocity_error(truth: Array, estimate: Array) -> Array:
     if not len(truth) or not len(estimate):
         return np.empty((0, 4))
     valid = estimate[estimate[:, 4] > 0.5]
-    _, here, there = np.intersect1d(_stamps(truth), _stamps(valid), return_indices=True)
+    _, here, there = np.intersect1d(stamps(truth), stamps(valid), return_indices=True)
     return np.column_stack([valid[there, 0], valid[there, 1:4] - truth[here, 4:7]])
 
 
@@ -270,7 +270,7 @@ def odometry_error(truth: Array, odometry: Array) -> Array:
     if not len(truth) or not len(odometry):
         return np.empty((0, 3))
     valid = odometry[odometry[:, 7] > 0.5]
-    _, here, there = np.intersect1d(_stamps(truth), _stamps(valid), return_indices=True)
+    _, here, there = np.intersect1d(stamps(truth), stamps(valid), return_indices=True)
     if not len(here):
         return np.empty((0, 3))
     real, found = truth[here], valid[there]
@@ -298,6 +298,6 @@ def rms(error: Array) -> float:
     return float(np.sqrt(np.square(error).sum(axis=1).mean()))
 
 
-def _stamps(rows: Array) -> NDArray[np.int64]:
+def stamps(rows: Array) -> NDArray[np.int64]:
     """Return times as whole microseconds, so that equal stamps compare equal."""
     return np.round(rows[:, 0] * 1e6).astype(np.int64)

@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that needs no network, no script and no other file."""
+"""The report of a run: one HTML file that needs no network and no other file."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -7,9 +7,16 @@ from pathlib import Path
 
 from surefoot.disk import whole
 
+from ..scene.film import Film, packed, reel
+from ..scene.pages import REPLAY_BAR, page, stage
+from .charts import charts
+from .consistency import consistency
 from .judge import METRICS, RunVerdict
-from .plots import Moment, Timing, draw, moments
+from .moments import Moment, moments
+from .plots import Timing, draw
 from .traces import Traces
+
+MOST_EVENTS = 200
 
 
 @dataclass(frozen=True)
@@ -24,6 +31,7 @@ class About:
         limits: as in the scenario.
         feet: leg names in message order.
         timings: time in a tick by service.
+        no_film: why there is no replay, in words.
     """
 
     scenario: str
@@ -33,37 +41,58 @@ class About:
     limits: Mapping[str, float] = field(default_factory=dict[str, float])
     feet: tuple[str, ...] = ()
     timings: Mapping[str, Timing] = field(default_factory=dict[str, Timing])
+    no_film: str = ""
 
 
-def write_report(path: Path, about: About, traces: Traces, verdict: RunVerdict) -> Path:
-    """Write the report and return its path."""
+def write_report(path: Path, about: About, traces: Traces, verdict: RunVerdict, film: Film | None = None) -> Path:
+    """Write the report and return its path; with a film it has a replay."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = render(about, traces, verdict)
+    text = render(about, traces, verdict, film)
     with whole(path) as part:
         part.write_text(text, encoding="utf-8")
     return path
 
 
-def render(about: About, traces: Traces, verdict: RunVerdict) -> str:
+def render(about: About, traces: Traces, verdict: RunVerdict, film: Film | None = None) -> str:
     """Return the report as one HTML text."""
-    plots = draw(traces, about.feet, about.timings, about.limits)
+    worst = moments(traces, about.feet)
+    figures = "".join(
+        f"<figure><figcaption>{_esc(name)}</figcaption>{svg}</figure>"
+        for name, svg in draw(traces, about.timings).items()
+    )
+    shown = film is not None and bool(film.snapshots)
+    data = {
+        "charts": charts(traces, about.feet, about.limits, worst),
+        "film": reel(film) if film is not None and shown else None,
+    }
     body = "\n".join(
         [
             _head(about, verdict),
-            _verdict_table(verdict),
-            _what_happened(traces, moments(traces, about.feet), verdict),
-            '<section class="plots">',
-            *(f"<figure><figcaption>{_esc(title)}</figcaption>{svg}</figure>" for title, svg in plots.items()),
-            "</section>",
+            stage("replay", REPLAY_BAR) if shown else _no_film(about),
+            f'<section class="columns"><div>{_verdict_table(verdict)}{_consistency_table(traces)}</div>'
+            f"<div>{_what_happened(traces, worst, verdict)}</div></section>",
+            "<noscript><section>The replay and the plots over time need scripts.</section></noscript>",
+            f'<div id="charts" class="plots"></div><div class="plots">{figures}</div>',
             _facts(about, verdict),
+            f'<script type="text/plain" id="data">{packed(data)}</script>',
         ]
     )
     title = f"{about.scenario}, seed {about.seed}: {_word(verdict)}"
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{_esc(title)}</title><style>{CSS}</style></head>\n<body><main>{body}</main></body></html>\n"
+    return page(title, f"<main>{body}</main>", ("scene.js", "charts.js", "replay.js"), "startReport();")
+
+
+def _no_film(about: About) -> str:
+    why = about.no_film or "the messages hold no posture of the robot"
+    return f'<section class="note">No replay: {_esc(why)}.</section>'
+
+
+def _consistency_table(traces: Traces) -> str:
+    rows = "".join(
+        f'<tr class="{"" if test.verdict == "consistent" else "doubt"}"><td>{_esc(test.name)}</td>'
+        f"<td>{_esc(test.text)}</td></tr>"
+        for test in consistency(traces)
     )
+    return f'<h2 style="margin-top:22px">Consistency of the filters</h2><table>{rows}</table>' if rows else ""
 
 
 def _head(about: About, verdict: RunVerdict) -> str:
@@ -77,7 +106,7 @@ def _head(about: About, verdict: RunVerdict) -> str:
     return (
         f'<header><span class="chip {css}">{_word(verdict)}</span><h1>{_esc(about.scenario)}</h1>'
         f"<p>{_esc(about.description)} &middot; seed {about.seed}</p></header>"
-        f'<section class="tiles">{tiles}</section>'
+        f'<div class="tiles">{tiles}</div>'
     )
 
 
@@ -89,18 +118,21 @@ def _verdict_table(verdict: RunVerdict) -> str:
         if row.value is not None or row.limits
     )
     return (
-        "<section><h2>Verdict</h2><table><thead><tr><th>Quantity</th><th class=number>Value</th>"
-        f"<th class=number>Limit</th><th></th></tr></thead><tbody>{rows}</tbody></table></section>"
+        "<h2>Verdict</h2><table><thead><tr><th>Quantity</th><th class=number>Value</th>"
+        f"<th class=number>Limit</th><th></th></tr></thead><tbody>{rows}</tbody></table>"
     )
 
 
 def _what_happened(traces: Traces, worst: Sequence[Moment], verdict: RunVerdict) -> str:
     problems = "".join(f'<li class="bad">{_esc(problem)}</li>' for problem in verdict.problems)
     notes = "".join(f"<li>{_esc(note)}</li>" for note in verdict.notes)
-    happened = [(event.time, event.text) for event in traces.events]
-    happened += [(moment.time, moment.text) for moment in worst]
-    listed = "".join(f"<li><time>t = {time:.2f} s</time> {_esc(text)}</li>" for time, text in sorted(happened)[:60])
-    return f'<section><h2>Worst moments and events</h2><ul class="events">{problems}{notes}{listed}</ul></section>'
+    happened = [(event.time, "", event.text) for event in traces.events]
+    happened += [(moment.time, "worst", moment.text) for moment in worst]
+    listed = "".join(
+        f'<li class="{css}"><button data-t="{time:.3f}"><time>t = {time:.2f} s</time> {_esc(text)}</button></li>'
+        for time, css, text in sorted(happened)[:MOST_EVENTS]
+    )
+    return f'<h2>Worst moments and events</h2><ul class="events">{problems}{notes}{listed}</ul>'
 
 
 def _facts(about: About, verdict: RunVerdict) -> str:
@@ -127,36 +159,3 @@ def _mark(ok: bool | None) -> str:
 
 def _esc(text: str) -> str:
     return html.escape(text)
-
-
-CSS = """
-:root { --ink:#1c2733; --soft:#5d6b78; --line:#dfe5ea; --good:#2a9d63; --bad:#cc3b3b; --paper:#f4f6f8; }
-* { box-sizing:border-box }
-body { margin:0; background:var(--paper); color:var(--ink);
-  font:15px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",sans-serif }
-main { max-width:1180px; margin:0 auto; padding:28px 20px 60px }
-header { display:grid; grid-template-columns:auto 1fr; column-gap:14px; align-items:center }
-h1 { margin:0; font-size:27px; letter-spacing:-.01em } h2 { font-size:16px; margin:0 0 10px }
-header p { grid-column:1/-1; margin:6px 0 0; color:var(--soft) }
-.chip { color:#fff; font-weight:700; font-size:14px; padding:4px 12px; border-radius:20px; letter-spacing:.05em }
-.chip.pass { background:var(--good) } .chip.fail { background:var(--bad) }
-.tiles { display:grid; grid-template-columns:repeat(auto-fit,minmax(170px,1fr)); gap:12px; background:none !important;
-  padding:0 !important; border:0 !important }
-.tiles div { background:#fff; border:1px solid var(--line); border-radius:10px; padding:12px 14px }
-.tiles b { display:block; font-size:22px } .tiles span { color:var(--soft); font-size:12.5px }
-section { background:#fff; border:1px solid var(--line); border-radius:10px; padding:16px 18px; margin-top:16px }
-table { border-collapse:collapse; width:100% }
-td,th { padding:5px 10px 5px 0; border-bottom:1px solid var(--line); text-align:left; vertical-align:top }
-tr:last-child td { border-bottom:0 } th { color:var(--soft); font-weight:600; font-size:12.5px }
-.number { text-align:right; font-variant-numeric:tabular-nums }
-tr.good td:last-child { color:var(--good); font-weight:700 }
-tr.bad td { color:var(--bad); font-weight:600 }
-.events { margin:0; padding-left:18px } .events time { color:var(--soft); font-variant-numeric:tabular-nums }
-.events .bad { color:var(--bad); font-weight:600 }
-.plots { display:grid; grid-template-columns:repeat(auto-fit,minmax(min(540px,100%),1fr)); gap:14px; background:none;
-  border:0; padding:0 }
-figure { margin:0; background:#fff; border:1px solid var(--line); border-radius:10px; padding:12px 14px }
-figcaption { font-weight:600; margin-bottom:6px } figure svg { width:100%; height:auto; display:block }
-code { font:12.5px ui-monospace,SFMono-Regular,Menlo,Consolas,monospace; overflow-wrap:anywhere }
-@media print { body { background:#fff } figure,section { break-inside:avoid } }
-"""

@@ -149,9 +149,9 @@ class Traces:
         self._finished = tuple(m.stances)
 
     def _velocity(self, key: str, m: Any) -> None:
-        """Columns: time, velocity 3 (base_link axes), initialised, standard deviations of the velocity 3."""
+        """Columns: time, velocity 3 (base_link axes), initialised, standard deviations of the velocity 3, NIS."""
         variance = np.maximum(np.array(m.covariance).reshape(6, 6).diagonal()[3:], 0.0)
-        self._row(key, m, *m.velocity, float(m.initialised), *np.sqrt(variance))
+        self._row(key, m, *m.velocity, float(m.initialised), *np.sqrt(variance), np.nan if m.nis is None else m.nis)
 
     def _odometry(self, key: str, m: Any) -> None:
         """Columns: time, position 3 (odom), yaw, standard deviations of x and y, initialised."""

@@ -1,15 +1,18 @@
 """One scenario from start to verdict."""
 
+import platform
 import shlex
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from datetime import datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from surefoot.errors import CallError, SurefootError
+from surefoot.record.recording import open_readable
 from surefoot.schemas.sim import ResetRequest, SimStatus
 from surefoot.schemas.system import RecorderReply, RecorderRequest
 from surefoot.schemas.topics import RECORDER_STATUS, TICK_S
@@ -24,12 +27,18 @@ from surefoot.version import VERSION
 from ..report.judge import RunVerdict, judge
 from ..report.page import About, write_report
 from ..report.plots import Timing
-from ..report.traces import read_traces
+from ..report.recorded import filmed
+from ..report.traces import Traces, read_traces
 from ..report.why import explain
+from ..scene.film import Film
 
 START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled at the first start
 STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
 RECORDER_S = 10.0  # s wall, for the recorder to close its file
+LIBRARIES = ("mujoco", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic")
+"""Libraries whose versions the report names."""
+HASH_SHOWN = 12
+"""Characters of a configuration's hash that the report shows."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +158,7 @@ def conduct(
         end = _End.of(session)
     supervisor = session.supervisor
     written = recording if recording is not None and recording.exists() else None
-    facts = {**about.facts, **({} if written is None else {"Recording": written.name})}
+    facts = {**about.facts, **end.facts(supervisor.wall_s, start_s), **({"Recording": written.name} if written else {})}
     about = replace(about, timings=end.timings, feet=session.feet, facts=facts)
     verdict = judge(
         traces := read_traces(supervisor.kept, supervisor.notes),
@@ -160,11 +169,7 @@ def conduct(
         problems=(*problems, *supervisor.stops(), *director.problems, *director.unfinished()),
         notes=(*director.notes, *(beside.notes if beside else ()), *end.notes, *_unrecorded(recording, end.recorded)),
     )
-    try:
-        report = write_report(out / "report.html", about, traces, verdict := _explained(verdict, written))
-    except OSError as error:
-        why = f"the report could not be written: {error.strerror or error}"
-        report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
+    report, verdict = _reported(out / "report.html", about, traces, verdict, written)
     return RunOutcome(scenario.name, seed, verdict, report, written, start_s, end.timings, interrupted)
 
 
@@ -187,12 +192,24 @@ class _End(NamedTuple):
         timings: time in a tick by service.
         notes: restarts, silent inputs, paced time that fell behind.
         comparable: no service was restarted and the simulator calls the run comparable.
+        configuration: hash of the effective configuration of each service.
     """
 
     recorded: RecorderReply | None
     timings: dict[str, Timing]
     notes: tuple[str, ...]
     comparable: bool
+    configuration: dict[str, str]
+
+    def facts(self, wall_s: float, start_s: float) -> dict[str, str]:
+        """Return the facts of the report that are known after the run."""
+        hashes = ", ".join(f"{name} {found[:HASH_SHOWN]}" for name, found in self.configuration.items() if found)
+        return {
+            "Wall time": f"{wall_s:.1f} s from the first to the last tick, {start_s:.1f} s until the first",
+            "Libraries": ", ".join(f"{name} {version(name)}" for name in LIBRARIES),
+            "Python": platform.python_version(),
+            "Configuration": hashes,
+        }
 
     @classmethod
     def of(cls, session: Session) -> "_End":
@@ -203,7 +220,8 @@ class _End(NamedTuple):
         silences = [f"{n}: {key} was silent for {s:.2f} s" for n, h in health.items() for key, s in h.silences.items()]
         restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.rows() if row.restarts]
         notes = (*restarts, *silences, *_late(session.supervisor.late))
-        return cls(recorded, timings, notes, not restarts and (status is None or status.comparable))
+        hashes = {name: found.config_hash for name, found in health.items()}
+        return cls(recorded, timings, notes, not restarts and (status is None or status.comparable), hashes)
 
 
 def _reset(scenario: Scenario, options: Options, seed: int) -> ResetRequest:
@@ -243,6 +261,29 @@ def _recorder(session: Session) -> RecorderReply | None:
         if reply.finished or time.monotonic() > deadline:
             return reply
         time.sleep(0.02)
+
+
+def _reported(
+    path: Path, about: About, traces: Traces, verdict: RunVerdict, recording: Path | None
+) -> tuple[Path | None, RunVerdict]:
+    """Write the report; return its path, None where it cannot be written, which then is a note of the verdict."""
+    verdict = _explained(verdict, recording)
+    about, film = _filmed(recording, about)
+    try:
+        return write_report(path, about, traces, verdict, film), verdict
+    except OSError as error:
+        why = f"the report could not be written: {error.strerror or error}"
+        return None, replace(verdict, notes=(*verdict.notes, why))
+
+
+def _filmed(recording: Path | None, about: About) -> tuple[About, Film | None]:
+    """Return the facts of the report and the film of its recording, if there is one that can be read."""
+    if recording is None:
+        return replace(about, no_film="the run was not recorded"), None
+    try:
+        return filmed(open_readable(recording), about)
+    except SurefootError as error:
+        return replace(about, no_film=error.message), None
 
 
 def _late(status: SimStatus | None) -> list[str]:

@@ -9,6 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Message as MessageRecord
+from mcap.records import Metadata as MetadataRecord
+from mcap.stream_reader import StreamReader
 
 from surefoot.bus.codec import decode, encoding_of, json_schema
 from surefoot.bus.interface import Raw
@@ -189,3 +193,70 @@ def verify_recording(path: Path) -> Findings:
         if not head or not MAGIC.startswith(head):
             raise _broken(path, "")
     return found
+
+
+@dataclass(frozen=True)
+class ReadableRecording:
+    """Readable part of a recording.
+
+    Attributes:
+        path: the file.
+        metadata: tables by name.
+        start_ns, end_ns: stamps of the first and last message, ns.
+        damage: why not all of it can be read; empty = it is whole.
+    """
+
+    path: Path
+    metadata: dict[str, dict[str, str]]
+    start_ns: int
+    end_ns: int
+    damage: str = ""
+
+    def messages(self, keys: tuple[str, ...] | None = None) -> Iterator[Recorded]:
+        """Yield the messages of some keys in the order of their stamps; of a damaged file those before the damage."""
+        if not self.damage:
+            yield from read_recording(self.path, keys)
+            return
+        found = [item for item in _records_before_damage(self.path) if isinstance(item, Recorded)]
+        yield from sorted((m for m in found if keys is None or m.key in keys), key=lambda m: m.stamp_ns)
+
+
+def open_readable(path: Path) -> ReadableRecording:
+    """Open a recording that may be cut off.
+
+    Raises:
+        SurefootError: it cannot be read, is empty, no MCAP file, or holds no message before its damage.
+    """
+    try:
+        info = recording_info(path)
+        return ReadableRecording(path, info["metadata"], info["start_ns"], info["end_ns"])
+    except SurefootError as error:
+        stamps: list[int] = []
+        metadata: dict[str, dict[str, str]] = {}
+        if error.code == "malformed":
+            for item in _records_before_damage(path):
+                if isinstance(item, Recorded):
+                    stamps.append(item.stamp_ns)
+                else:
+                    metadata[item.name] = dict(item.metadata)
+        if not stamps:
+            raise
+        return ReadableRecording(path, metadata, min(stamps), max(stamps), error.message)
+
+
+def _records_before_damage(path: Path) -> Iterator[Recorded | MetadataRecord]:
+    """Yield messages and metadata from the front, until a record cannot be read."""
+    channels: dict[int, str] = {}
+    try:
+        with path.open("rb") as file:
+            for record in StreamReader(file, validate_crcs=True).records:
+                if isinstance(record, ChannelRecord):
+                    channels[record.id] = record.topic
+                elif isinstance(record, MetadataRecord):
+                    yield record
+                elif isinstance(record, MessageRecord):
+                    key = channels[record.channel_id]
+                    row = topic_of(key)
+                    yield Recorded(key, record.log_time, None if row is None else row.model, record.data)
+    except (*BROKEN, KeyError, OSError):
+        return

@@ -1,0 +1,44 @@
+"""`surefoot render`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .output import Json, near, refuse_existing, tell, use_json, write, write_json
+
+
+def render(
+    file: Annotated[Path, typer.Argument(help="MCAP file of a run.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Picture: .webp, .gif, .mp4 (needs ffmpeg), .png.")],
+    start: Annotated[float, typer.Option(min=0.0, help="Begin so many s after the beginning; time of a .png.")] = 0.0,
+    end: Annotated[float | None, typer.Option(min=0.0, help="End so many s after the beginning.")] = None,
+    speed: Annotated[float, typer.Option(min=0.01, help="Simulated over shown time.")] = 1.0,
+    fps: Annotated[float, typer.Option(min=1.0, max=60.0, help="Pictures a second.")] = 15.0,
+    width: Annotated[int, typer.Option(min=160, max=3840, help="Width in pixels; the height is 9/16 of it.")] = 960,
+    quality: Annotated[int, typer.Option(min=1, max=100, help="Of WebP.")] = 60,
+    still: Annotated[bool, typer.Option("--still", help="The camera shows the whole way and does not follow.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    json: Json = False,
+) -> None:
+    """Paint a recording as a moving picture: robot, ground, support region, centre of mass, forces."""
+    from ..scene.render import Shot
+    from ..scene.render import render as paint
+
+    use_json(json)
+    refuse_existing(out, force=force)
+    shown = -1
+
+    def progress(share: float) -> None:
+        nonlocal shown
+        if int(10 * share) > shown and not json:
+            shown = int(10 * share)
+            tell(f"{out.name}: {100 * share:.0f} %")
+
+    shot = Shot((width, 2 * round(width * 9 / 32)), fps, speed, start, end, still, quality)
+    frames = paint(file, out, shot, progress)
+    size = out.stat().st_size
+    if json:
+        write_json({"file": near(out), "frames": frames, "bytes": size})
+    else:
+        write(f"{near(out)}: {frames} frames, {size / 1e6:.2f} MB")

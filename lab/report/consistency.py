@@ -1,0 +1,76 @@
+"""Tests of the filters' covariances against their errors and innovations: NEES and NIS.
+
+Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 5.4: both are chi-square
+distributed with as many degrees of freedom as they have components if the filter is consistent.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from . import judge
+from .traces import Array, Traces
+
+BOUND = 0.95
+"""Share of a consistent filter's values below the bound."""
+OVERCONFIDENT, CAUTIOUS = 1.5, 0.5
+"""Mean over degrees of freedom above and below which a filter is called so; samples of a run are correlated."""
+
+
+@dataclass(frozen=True)
+class ConsistencyTest:
+    """Normalised squares over time.
+
+    Attributes:
+        name: what was normalised.
+        dof: degrees of freedom.
+        rows: time, s, and value, (n, 2).
+    """
+
+    name: str
+    dof: int
+    rows: Array
+
+    @property
+    def bound(self) -> float:
+        """Value below which 95 % lie if the filter is consistent."""
+        return float(chdtri(self.dof, 1.0 - BOUND))
+
+    @property
+    def mean(self) -> float:
+        """Mean over degrees of freedom; 1 if the filter is consistent."""
+        return float(self.rows[:, 1].mean() / self.dof)
+
+    @property
+    def verdict(self) -> str:
+        """`consistent`, `overconfident` (errors are larger than it claims) or `cautious`."""
+        return "overconfident" if self.mean > OVERCONFIDENT else "cautious" if self.mean < CAUTIOUS else "consistent"
+
+    @property
+    def text(self) -> str:
+        """Verdict in one sentence."""
+        over = 100.0 * float((self.rows[:, 1] > self.bound).mean())
+        mean = f"mean per degree of freedom {self.mean:.2f} (1 is right)"
+        return f"{self.verdict}: {mean}, {over:.0f} % above the 95 % bound"
+
+
+def consistency(traces: Traces) -> list[ConsistencyTest]:
+    """Return the tests that the traces have data for; those of errors need the truth."""
+    found: list[ConsistencyTest] = []
+    velocity, truth = traces.series("state/velocity"), traces.series("sim/truth")
+    if len(velocity):
+        rows = velocity[(velocity[:, 4] > 0.5) & np.isfinite(velocity[:, 8])]
+        found.append(ConsistencyTest("NIS of the velocity filter", 3, rows[:, [0, 8]]))
+        error = judge.velocity_error(truth, velocity)
+        if len(error):
+            sigma = velocity[velocity[:, 4] > 0.5][:, [0, 5, 6, 7]]
+            _, here, there = np.intersect1d(judge.stamps(error), judge.stamps(sigma), return_indices=True)
+            squares = np.square(error[here, 1:] / np.maximum(sigma[there, 1:], 1e-9)).sum(axis=1)
+            rows = np.column_stack((error[here, 0], squares))
+            found.append(ConsistencyTest("NEES of the velocity, axes apart", 3, rows))
+    error, cov = judge.pose_error(truth, traces.series("state/pose"))
+    if len(error):
+        rows = np.column_stack((error[:, 0], judge.nees(error[:, 1:], cov)))
+        found.append(ConsistencyTest("NEES of the pose in the map", 3, rows))
+    return [test for test in found if len(test.rows)]

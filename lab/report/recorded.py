@@ -1,0 +1,69 @@
+"""The report of a recording, whatever has happened to it: without truth, cut off, of an unknown robot."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from surefoot.errors import SurefootError
+from surefoot.record.recording import ReadableRecording, open_readable
+from surefoot.robot.description import RobotError
+from surefoot.services.supervisor.scenarios.recorded import SCENARIO, recorded_scenario
+from surefoot.services.supervisor.scenarios.scenario import Scenario
+
+from ..scene.film import Film, film_of_recording, robot_of
+from .judge import RunVerdict, judge
+from .page import About, write_report
+from .traces import KEYS, read_traces
+from .why import explain
+
+
+def report_recording(file: Path, scenario: Scenario | None, out: Path) -> tuple[Path, RunVerdict]:
+    """Write the report of a recording; return its path and the verdict.
+
+    Args:
+        file: MCAP file.
+        scenario: whose limits hold; None = those of the recording.
+        out: HTML file.
+
+    Raises:
+        SurefootError: nothing of the file can be read.
+    """
+    recording = open_readable(file)
+    run, summary = recording.metadata.get("run", {}), recording.metadata.get("surefoot", {})
+    traces = read_traces(recording.messages((*KEYS, "terrain/map")))
+    notes = (f"only a part of the recording can be read: {recording.damage}",) if recording.damage else explained(file)
+    if scenario is None and SCENARIO in recording.metadata:
+        scenario = recorded_scenario(recording.metadata, file)
+    limits = {} if scenario is None else scenario.limits
+    verdict = judge(traces, limits, message_hash=summary.get("run_hash", ""), notes=notes)
+    about = About(
+        scenario=file.stem if scenario is None else scenario.name,
+        description=str(file) if scenario is None else scenario.description,
+        seed=_seed(run),
+        facts={"Recording": str(file), **{name.capitalize(): value for name, value in run.items()}},
+        limits=limits,
+    )
+    about, film = filmed(recording, about)
+    return write_report(out, about, traces, verdict, film), verdict
+
+
+def filmed(recording: ReadableRecording, about: About) -> tuple[About, Film | None]:
+    """Return the film of a recording, and the facts with the names of its legs."""
+    try:
+        robot = robot_of(recording)
+    except (SurefootError, RobotError) as error:
+        return replace(about, no_film=f"the robot is not known here: {error}"), None
+    return replace(about, feet=robot.leg_names), film_of_recording(recording, robot)
+
+
+def explained(file: Path) -> tuple[str, ...]:
+    """Return a note on why a recorded run ended badly; none when it did not, or the recording cannot be read."""
+    try:
+        found = explain(file)
+    except SurefootError:
+        return ()
+    return () if found.outcome is None else (found.sentence,)
+
+
+def _seed(run: dict[str, str]) -> int:
+    text = run.get("seed", "")
+    return int(text) if text.isdecimal() else 0

@@ -1,0 +1,109 @@
+"""A recording as a moving picture (WebP, GIF, MP4) or a still one (PNG)."""
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image
+
+from surefoot.disk import whole
+from surefoot.errors import SurefootError
+from surefoot.record.recording import open_readable
+
+from .film import Film, film_of_recording, robot_of
+from .painter import Painter
+
+ANIMATED = (".webp", ".gif", ".mp4")
+ENDINGS = (*ANIMATED, ".png")
+
+
+class Shot(NamedTuple):
+    """Settings of a moving picture.
+
+    Attributes:
+        size: width and height, pixels.
+        fps: pictures a second of the moving picture.
+        speed: simulated over shown time.
+        start, end: part of the recording, s; end None = all.
+        still: the camera does not follow the robot.
+        quality: of WebP, 1 to 100.
+    """
+
+    size: tuple[int, int] = (960, 540)
+    fps: float = 15.0
+    speed: float = 1.0
+    start: float = 0.0
+    end: float | None = None
+    still: bool = False
+    quality: int = 60
+
+
+def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], None] = lambda share: None) -> int:
+    """Write the picture of a recording; return the number of frames.
+
+    Raises:
+        SurefootError: the recording cannot be read, shows no robot in that time, or the kind of file is not known.
+    """
+    kind = out.suffix.lower()
+    if kind not in ENDINGS:
+        raise SurefootError("invalid", f"{out} ends in {kind!r}; known are {', '.join(ENDINGS)}", "out")
+    if kind == ".mp4" and shutil.which("ffmpeg") is None:
+        raise SurefootError("not_installed", "an MP4 needs the program ffmpeg on the path; .webp needs nothing", "out")
+    opened = open_readable(recording)
+    film = film_of_recording(opened, robot_of(opened))
+    times = _times(film, shot, moving=kind in ANIMATED)
+    if not len(times):
+        until = "its end" if shot.end is None else f"{shot.end:g} s"
+        raise SurefootError("invalid", f"{recording} shows no robot from {shot.start:g} s to {until}", "start")
+    pictures = _pictures(film, shot, times, progress)
+    with whole(out) as part:
+        if kind == ".mp4":
+            _encode(part, pictures, shot)
+        elif kind == ".png":
+            next(pictures).save(part, "PNG", optimize=True)
+        else:
+            first, pause = next(pictures), round(1000.0 / shot.fps)
+            more = {"quality": shot.quality, "method": 4} if kind == ".webp" else {}
+            first.save(part, kind[1:].upper(), save_all=True, append_images=pictures, duration=pause, loop=0, **more)
+    return len(times)
+
+
+def _times(film: Film, shot: Shot, *, moving: bool) -> list[float]:
+    """Return the times of the pictures, s."""
+    end = np.inf if shot.end is None else shot.end
+    shown = [each.time for each in film.snapshots if shot.start <= each.time <= end]
+    if not shown:
+        return []
+    return np.arange(shown[0], shown[-1] + 1e-9, shot.speed / shot.fps).tolist() if moving else shown[:1]
+
+
+def _pictures(film: Film, shot: Shot, times: list[float], progress: Callable[[float], None]) -> Iterator[Image.Image]:
+    stamps = np.array([each.time for each in film.snapshots])
+    still = None
+    if shot.still:
+        way = np.array([each.position for each in film.snapshots if times[0] <= each.time <= times[-1]])
+        low, high = way.min(axis=0), way.max(axis=0)
+        width = float(np.linalg.norm(high - low)) + 2.6 * film.scene.body.extent
+        still = (np.array([*(0.5 * (low + high))[:2], 0.3 * high[2]]), width)
+    painter = Painter(film.scene, shot.size, still=still)
+    for number, time in enumerate(times):
+        index = max(0, int(np.searchsorted(stamps, time + 1e-6)) - 1)
+        yield painter.paint(film.snapshots[index], film.snapshots[: index + 1 : 3])
+        progress((number + 1) / len(times))
+
+
+def _encode(path: Path, pictures: Iterable[Image.Image], shot: Shot) -> None:
+    """Write an MP4 with ffmpeg (raises SurefootError when it fails)."""
+    size, rate = f"{shot.size[0]}x{shot.size[1]}", f"{shot.fps:g}"
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", rate, "-i", "-"]
+    made = ["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", str(path)]
+    with subprocess.Popen(["ffmpeg", "-loglevel", "error", "-y", *raw, *made], stdin=subprocess.PIPE) as coder:
+        assert coder.stdin is not None
+        for picture in pictures:
+            coder.stdin.write(picture.tobytes())
+        coder.stdin.close()
+    if coder.returncode:
+        raise SurefootError("failed", f"ffmpeg ended with {coder.returncode}")

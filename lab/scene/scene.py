@@ -1,0 +1,352 @@
+"""Picture of a run at one time: the robot, its support, plans and estimates, from the latest messages.
+
+Frame ``world`` is that of `sim/truth` where there is truth, else that of the odometry, z up, m.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from surefoot.errors import SurefootError
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import forward
+
+from .shapes import Array, DrawnGround, body_of
+
+KEYS = (
+    "sim/truth", "hw/joints", "hw/contacts", "hw/imu", "state/velocity", "state/odometry", "state/gait",
+    "state/stability", "state/pose", "navigator/feedback", "terrain/map", "terrain/landmarks",
+)  # fmt: skip
+"""Keys that a scene is made of; others are ignored."""
+
+POSTURE = ("sim/truth", "state/odometry", "hw/joints")
+"""Keys of the pose of the robot, the best first; a snapshot has the time of its pose."""
+SLIPS = 0.002
+"""Way of a contact point in its stance from which a foot is drawn as sliding, m."""
+CONFIDENCE_95 = 2.4477
+"""Half axes of the ellipse that holds 95 % of a plane normal distribution, in standard deviations."""
+ELLIPSE = np.linspace(0.0, 2.0 * math.pi, 25)[:-1]
+LANDMARKS_DRAWN = 2000
+UP = np.array([0.0, 0.0, 1.0])
+
+
+class Style(NamedTuple):
+    """Look of one kind of item.
+
+    Attributes:
+        layer: group that a reader may hide.
+        kind: line, fill (a polygon), dot (spheres), ring (circles on the ground), arrow (pairs of points).
+        colour: as in HTML.
+        size: width or radius, share of the robot's extent.
+        title: legend.
+    """
+
+    layer: str
+    kind: str
+    colour: str
+    size: float
+    title: str
+
+
+STYLES: dict[str, Style] = {
+    "region": Style("support", "fill", "#2a9d63", 0.008, "support region"),
+    "unsafe": Style("support", "fill", "#cc3b3b", 0.008, "support region, CoM outside"),
+    "plumb": Style("CoM", "line", "#1c7a4b", 0.005, "height of the CoM"),
+    "com_planned": Style("CoM", "dot", "#1c7a4b", 0.022, "CoM, planned"),
+    "com_measured": Style("CoM", "ring", "#1c2733", 0.022, "CoM, measured"),
+    "force": Style("forces", "arrow", "#e07b1a", 0.012, "force on a foot"),
+    "foothold": Style("footholds", "ring", "#1f6fb2", 0.035, "planned foothold"),
+    "foothold_bad": Style("footholds", "ring", "#cc3b3b", 0.035, "foothold with a remark"),
+    "slips": Style("slip", "ring", "#cc3b3b", 0.06, "foot slides"),
+    "footprint": Style("slip", "ring", "#5d6b78", 0.02, "end of a stance"),
+    "footprint_slid": Style("slip", "ring", "#cc3b3b", 0.03, "end of a stance, slid"),
+    "ghost": Style("estimate", "line", "#7a4fb5", 0.007, "estimated pose"),
+    "belief": Style("belief", "fill", "#e07b1a", 0.006, "pose in the map, 95 %"),
+    "goal": Style("belief", "arrow", "#2a9d63", 0.02, "goal"),
+    "landmark": Style("landmarks", "dot", "#b08d2e", 0.012, "landmark"),
+}  # fmt: skip
+"""Looks of all items, by name."""
+
+VALUES: dict[str, tuple[str, str, int]] = {
+    "speed": ("speed forward", "m/s", 3),
+    "speed_true": ("speed forward, true", "m/s", 3),
+    "margin": ("margin, planned CoM", "mm", 1),
+    "margin_measured": ("margin, measured CoM", "mm", 1),
+    "tilt": ("tilt", "deg", 2),
+    "drift": ("odometry error", "cm", 2),
+    "remaining": ("still to go", "m", 2),
+    "nis": ("NIS", "", 2),
+}
+"""Numbers of a snapshot: title, unit, decimals."""
+
+
+class Item(NamedTuple):
+    """Points (n, 3) m in the world that are drawn in a style; of an arrow, tails and heads in turn."""
+
+    style: str
+    points: Array
+
+
+class Lasting(NamedTuple):
+    """An item that stays from a time on, s."""
+
+    time: float
+    item: Item
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A scene at one time.
+
+    Attributes:
+        time: simulated time, s.
+        position, rot: pose of base_link in the world, (3,) m and (3, 3).
+        joints: joint angles, (nj,) rad.
+        link_rot, link_position: poses of the links in the world, (nl, 3, 3) and (nl, 3) m.
+        points: points of the robot's body in the world, (n, 3) m.
+        estimate: position (3,) m and rotation (3, 3) of base_link by the odometry, world; None without.
+        items: what is drawn beside the robot.
+        values: numbers by name of `VALUES`; those that are unknown are left out.
+        text: state of the gait, with its reason.
+        fallen: the robot has fallen.
+    """
+
+    time: float
+    position: Array
+    rot: Array
+    joints: Array
+    link_rot: Array
+    link_position: Array
+    points: Array
+    estimate: tuple[Array, Array] | None
+    items: tuple[Item, ...]
+    values: dict[str, float]
+    text: str = ""
+    fallen: bool = False
+
+
+@dataclass
+class RobotScene:
+    """Holds the latest messages of one robot and makes snapshots of them."""
+
+    robot: Robot
+    ground: DrawnGround | None = None
+    marks: list[Lasting] = field(default_factory=list[Lasting])
+    """Items that stay: ends of stances, landmarks."""
+    epoch: int = -1
+
+    def __post_init__(self) -> None:
+        self.body = body_of(self.robot)
+        self._latest: dict[str, Any] = {}
+        self._world_from_odom: tuple[Array, Array] | None = None
+        self._stances: tuple[int, ...] = ()
+        self._waiting: dict[str, Callable[[], Any]] = {}
+
+    def feed(self, key: str, read: Callable[[], Any]) -> None:
+        """Take a message of any key; `read` decodes it, and is called only when a snapshot needs it."""
+        if key in KEYS:
+            self._waiting[key] = read
+
+    def snapshot(self) -> Snapshot | None:
+        """Return the scene now; None before the first joint angles, or those of another robot."""
+        for key, read in self._take():
+            self._accept(key, read)
+        truth, joints = self._latest.get("sim/truth"), self._latest.get("hw/joints")
+        angles = truth.joints if truth is not None else joints.position if joints is not None else ()
+        if len(angles) != self.robot.nj:
+            return None
+        q = np.array(angles)
+        rot_links, pos_links = forward(self.robot.model, q)
+        local = pos_links[self.body.link] + np.einsum("nij,nj->ni", rot_links[self.body.link], self.body.local)
+        position, rot = self._base(local)
+        link_rot = np.einsum("ij,njk->nik", rot, rot_links)
+        world = (q, position, rot, link_rot, position + pos_links @ rot.T, position + local @ rot.T)
+        return self._shown(*world)
+
+    def _take(self) -> list[tuple[str, Callable[[], Any]]]:
+        """Return the messages that came since the last snapshot, the truth first: it begins an epoch."""
+        waiting, self._waiting = self._waiting, {}
+        return sorted(waiting.items(), key=lambda entry: KEYS.index(entry[0]))
+
+    def _accept(self, key: str, read: Callable[[], Any]) -> None:
+        try:
+            message = read()
+        except SurefootError:
+            return  # of another version: the scene lacks it
+        if message.epoch > self.epoch:
+            self.epoch, self._world_from_odom, self._stances = message.epoch, None, ()
+            self._latest = {old: kept for old, kept in self._latest.items() if old.startswith("terrain/")}
+            self.marks.clear()
+        if message.epoch < self.epoch and not key.startswith("terrain/"):
+            return
+        self._latest[key] = message
+        if key == "terrain/map":
+            heights = np.frombuffer(message.data, dtype="<f4").reshape(message.rows, message.cols)
+            self.ground = DrawnGround(heights.astype(float), message.cell, tuple(message.origin)).coarse()
+        elif key == "terrain/landmarks" and message.count:
+            rows = np.frombuffer(message.data, dtype="<f4").reshape(message.count, -1)[:LANDMARKS_DRAWN, :2]
+            self.marks.append(Lasting(0.0, Item("landmark", self._on_ground(rows.astype(float)))))
+        elif key == "sim/truth":
+            self._ends_of_stances(message)
+
+    def _ends_of_stances(self, truth: Any) -> None:
+        before = self._stances or (0,) * len(truth.stances)
+        for foot, (count, old) in enumerate(zip(truth.stances, before, strict=True)):
+            if count > old:
+                style = "footprint_slid" if truth.stance_sliding[foot] > SLIPS else "footprint"
+                place = self._on_ground(np.array(truth.foot_position[foot])[None, :2])
+                self.marks.append(Lasting(truth.stamp_ns * 1e-9, Item(style, place)))
+        self._stances = tuple(truth.stances)
+
+    def _on_ground(self, places: Array) -> Array:
+        """Return places (n, 2) m with the height of the ground, (n, 3)."""
+        height = np.zeros(len(places)) if self.ground is None else self.ground.at(places)
+        return np.column_stack((places, height))
+
+    def _base(self, points: Array) -> tuple[Array, Array]:
+        """Return the pose of base_link in the world: true, else estimated, else level over its lowest point."""
+        truth, odometry = self._latest.get("sim/truth"), self._latest.get("state/odometry")
+        if truth is not None:
+            return np.array(truth.position), matrix_from_quat(np.array(truth.quat_wxyz))
+        if odometry is not None:
+            return np.array(odometry.position), matrix_from_quat(np.array(odometry.quat_wxyz))
+        return np.array([0.0, 0.0, -float(points[:, 2].min())]), np.eye(3)
+
+    def _odom(self) -> tuple[Array, Array]:
+        """Return translation (3,) m and rotation (3, 3) of the odom frame in the world, since it is initialised."""
+        truth, odometry = self._latest.get("sim/truth"), self._latest.get("state/odometry")
+        if self._world_from_odom is None and truth is not None and odometry is not None and odometry.initialised:
+            real = matrix_from_quat(np.array(truth.quat_wxyz))
+            yaw = math.atan2(real[1, 0], real[0, 0]) - odometry.yaw
+            turn = np.array(
+                [[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
+            )
+            self._world_from_odom = np.array(truth.position) - product(turn, np.array(odometry.position)), turn
+        return self._world_from_odom or (np.zeros(3), np.eye(3))
+
+    def _shown(self, q: Array, position: Array, rot: Array, link_rot: Array, links: Array, points: Array) -> Snapshot:
+        """Return the snapshot of a robot in this posture, with all that is drawn beside it."""
+        feet = np.array([
+            links[leg.foot.link] + product(link_rot[leg.foot.link], leg.foot.position) for leg in self.robot.legs
+        ])  # fmt: skip
+        estimate = self._estimate()
+        items = [*self._support(position, rot, feet), *self._feet(feet), *self._navigation()]
+        if estimate is not None and "sim/truth" in self._latest:
+            items.append(self._ghost(*estimate))
+        truth, gait = self._latest.get("sim/truth"), self._latest.get("state/gait")
+        text = "" if gait is None else f"{gait.state}: {gait.reason}" if gait.reason else gait.state
+        posture = next(m for key in POSTURE if (m := self._latest.get(key)) is not None)
+        return Snapshot(
+            posture.stamp_ns * 1e-9, position, rot, q, link_rot, links, points, estimate, tuple(items),
+            self._values(rot, estimate), text, truth is not None and truth.fallen,
+        )  # fmt: skip
+
+    def _estimate(self) -> tuple[Array, Array] | None:
+        odometry = self._latest.get("state/odometry")
+        if odometry is None or not odometry.initialised:
+            return None
+        shift, turn = self._odom()
+        found = matrix_from_quat(np.array(odometry.quat_wxyz))
+        return shift + product(turn, np.array(odometry.position)), product(turn, found)
+
+    def _ghost(self, position: Array, rot: Array) -> Item:
+        """Return the outline of the trunk where the estimator places it, drawn in one line."""
+        half = self.robot.trunk.box / 2.0
+        x, y, z = ([-s, s] for s in half)
+        path = [(x[i], y[j], z[k]) for i, j, k in (
+            (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0), (1, 0, 1),
+            (1, 1, 1), (1, 1, 0), (1, 1, 1), (0, 1, 1), (0, 1, 0), (0, 1, 1), (0, 0, 1),
+        )]  # fmt: skip
+        return Item("ghost", position + np.array(path) @ rot.T)
+
+    def _support(self, position: Array, rot: Array, feet: Array) -> list[Item]:
+        """Return support region and centres of mass, lifted from the frame ``level`` to the height of the feet."""
+        m = self._latest.get("state/stability")
+        if m is None:
+            return []
+        yaw = math.atan2(rot[1, 0], rot[0, 0])
+        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        stands = [foot for foot, on in zip(feet, m.stance, strict=False) if on] or list(feet)
+        height = float(np.mean([foot[2] for foot in stands])) - float(self.robot.foot_radius)
+
+        def lifted(places: Any, z: float = height) -> Array:
+            flat = position[:2] + np.array(places, dtype=float).reshape(-1, 2) @ turn.T
+            return np.column_stack((flat, np.full(len(flat), z)))
+
+        items: list[Item] = []
+        if len(m.region) > 2:
+            outside = m.margin_planned is not None and m.margin_planned < 0.0
+            items.append(Item("unsafe" if outside else "region", lifted(m.region)))
+        if m.com_planned is not None:
+            truth = self._latest.get("sim/truth")
+            top = lifted(m.com_planned, position[2] if truth is None else truth.com[2])
+            items += [Item("plumb", np.vstack((top, lifted(m.com_planned)))), Item("com_planned", top)]
+            items.append(Item("com_planned", lifted(m.com_planned)))
+        if m.com_measured is not None:
+            items.append(Item("com_measured", lifted(m.com_measured)))
+        return items
+
+    def _feet(self, feet: Array) -> list[Item]:
+        """Return forces, sliding feet and planned footholds."""
+        truth, contacts = self._latest.get("sim/truth"), self._latest.get("hw/contacts")
+        gait, velocity = self._latest.get("state/gait"), self._latest.get("state/velocity")
+        items: list[Item] = []
+        forces = truth.foot_force_n if truth is not None else contacts.normal_force_n if contacts is not None else ()
+        weight = GRAVITY * self.robot.mass
+        for foot, force in zip(feet, forces, strict=False):
+            if force:
+                length = 1.2 * self.body.extent * force / weight
+                items.append(Item("force", np.array([foot, foot + length * UP])))
+        sliding = truth.contact_sliding if truth is not None else ()
+        slips = [way > SLIPS for way in sliding] or list(() if velocity is None else velocity.slipping)
+        if any(slips):
+            items.append(Item("slips", feet[: len(slips)][np.array(slips)]))
+        if gait is not None and len(gait.footholds) == len(feet):
+            shift, turn = self._odom()
+            places = shift + np.array(gait.footholds) @ turn.T
+            radius = self.robot.foot_radii
+            for i, place in enumerate(places):
+                if not gait.stance[i]:
+                    good = i >= len(gait.foothold_status) or gait.foothold_status[i] in ("ok", "nominal")
+                    items.append(Item("foothold" if good else "foothold_bad", (place - radius[i] * UP)[None]))
+        return items
+
+    def _navigation(self) -> list[Item]:
+        """Return the belief of the pose in the map and the goal."""
+        pose, feedback = self._latest.get("state/pose"), self._latest.get("navigator/feedback")
+        items: list[Item] = []
+        if pose is not None:
+            cov = np.array(pose.covariance).reshape(3, 3)[:2, :2]
+            values, axes = np.linalg.eigh(cov)
+            circle = np.column_stack((np.cos(ELLIPSE), np.sin(ELLIPSE)))
+            around = CONFIDENCE_95 * circle * np.sqrt(np.maximum(values, 0.0)) @ axes.T
+            items.append(Item("belief", self._on_ground(np.array(pose.pose[:2]) + around)))
+        if feedback is not None and feedback.goal_pose is not None:
+            foot = self._on_ground(np.array(feedback.goal_pose)[None])[0]
+            items.append(Item("goal", np.array([foot + self.body.extent * UP, foot])))
+        return items
+
+    def _values(self, rot: Array, estimate: tuple[Array, Array] | None) -> dict[str, float]:
+        """Return the numbers beside the picture; those without data are left out."""
+        found: dict[str, float | None] = {"tilt": math.degrees(math.acos(min(1.0, max(-1.0, float(rot[2, 2])))))}
+        truth, velocity = self._latest.get("sim/truth"), self._latest.get("state/velocity")
+        stability, gait = self._latest.get("state/stability"), self._latest.get("state/gait")
+        if velocity is not None and velocity.initialised:
+            found |= {"speed": velocity.velocity[0], "nis": velocity.nis}
+        if truth is not None:
+            found["speed_true"] = float(product(rot.T, np.array(truth.velocity))[0])
+            if estimate is not None:
+                found["drift"] = 100.0 * math.dist(estimate[0][:2], truth.position[:2])
+        if stability is not None:
+            planned, measured = stability.margin_planned, stability.margin_measured
+            found["margin"] = None if planned is None else 1000.0 * planned
+            found["margin_measured"] = None if measured is None else 1000.0 * measured
+        if gait is not None:
+            found["remaining"] = gait.remaining
+        return {name: value for name, value in found.items() if value is not None}

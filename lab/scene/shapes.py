@@ -1,0 +1,158 @@
+"""Shape of a robot as points that its links carry, and parts between them; the ground as a coarse grid."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+
+Array = NDArray[np.float64]
+
+TRUNK, LEG, SERVO, FOOT, NOSE = "#3d5a80", "#9fb3c8", "#46566a", "#2b3a4a", "#ee9b3a"
+"""Colours of the robot's parts."""
+THIN, THICK = 0.012, 0.045
+"""Smallest and largest radius of a segment, share of the robot's extent."""
+ROUND = 1.5
+"""Longest over shortest edge of a last link's box up to which it is drawn as a ball."""
+MOST_CELLS = 14_000
+"""Cells of the ground that are drawn: a page draws them all at every turn of the view."""
+
+
+class Limb(NamedTuple):
+    """A segment between two points, with a radius, m."""
+
+    begin: int
+    end: int
+    radius: float
+    colour: str
+
+
+class Ball(NamedTuple):
+    """A sphere about a point, with a radius, m."""
+
+    at: int
+    radius: float
+    colour: str
+
+
+class Face(NamedTuple):
+    """A flat polygon through points, counter-clockwise seen from outside."""
+
+    corners: tuple[int, ...]
+    colour: str
+
+
+class Body(NamedTuple):
+    """Shape of a robot.
+
+    Attributes:
+        link: link that carries each point, (n,).
+        local: place of each point in its link, (n, 3) m.
+        limbs, balls, faces: parts between the points, by their numbers.
+        extent: size of the robot at its neutral posture, m.
+    """
+
+    link: NDArray[np.int64]
+    local: Array
+    limbs: tuple[Limb, ...]
+    balls: tuple[Ball, ...]
+    faces: tuple[Face, ...]
+    extent: float
+
+
+class DrawnGround(NamedTuple):
+    """Heights (ny, nx) m, NaN = unknown, edge of a cell, m, and the centre (x, y) m of cell [0, 0]."""
+
+    heights: Array
+    cell: float
+    origin: tuple[float, float]
+
+    def at(self, places: Array) -> Array:
+        """Return the height of the cell at each place (n, 2) m, (n,); 0 where it is unknown."""
+        index = np.round((places - self.origin) / self.cell).astype(int)
+        rows, cols = np.clip(index[:, 1], 0, len(self.heights) - 1), np.clip(index[:, 0], 0, self.heights.shape[1] - 1)
+        return np.nan_to_num(self.heights[rows, cols])
+
+    def coarse(self, most: int = MOST_CELLS) -> "DrawnGround":
+        """Return the ground with at most so many cells, each the mean of those it covers."""
+        step = max(1, int(np.ceil(np.sqrt(self.heights.size / most))))
+        if step == 1:
+            return self
+        rows, cols = (n // step for n in self.heights.shape)
+        blocks = self.heights[: rows * step, : cols * step].reshape(rows, step, cols, step)
+        known = np.isfinite(blocks)
+        count = known.sum(axis=(1, 3))
+        mean = np.where(known, blocks, 0.0).sum(axis=(1, 3)) / np.maximum(count, 1)
+        shift = 0.5 * (step - 1) * self.cell
+        heights = np.where(count > 0, mean, np.nan)
+        return DrawnGround(heights, step * self.cell, (self.origin[0] + shift, self.origin[1] + shift))
+
+
+class _Points:
+    """Points of a body, each once."""
+
+    def __init__(self) -> None:
+        self.found: dict[tuple[int, tuple[float, ...]], int] = {}
+
+    def add(self, link: int, local: Array) -> int:
+        """Return the number of a point of a link."""
+        place = tuple(round(float(x), 6) + 0.0 for x in local)
+        return self.found.setdefault((link, place), len(self.found))
+
+
+def body_of(robot: Robot) -> Body:
+    """Return the shape of a robot: its trunk, a segment along each link, a ball at each joint and foot."""
+    points, limbs, balls = _Points(), list[Limb](), list[Ball]()
+    feet = foot_positions(robot.model, robot.neutral)
+    extent = float(np.ptp(np.vstack((feet, robot.trunk.box / 2.0, -robot.trunk.box / 2.0)), axis=0).max())
+    faces = _trunk(points, robot)
+    for number, link in enumerate(robot.links):
+        radius = float(np.clip(0.45 * link.inertia_box.min(), THIN * extent, THICK * extent))
+        if number == 0:
+            continue
+        origin = points.add(number, np.zeros(3))
+        balls.append(Ball(origin, 1.25 * radius if link.joint >= 0 else radius, SERVO))
+        ends = [child.position for child in robot.links if child.parent == number]
+        ends += [leg.foot.position for leg in robot.legs if leg.foot.link == number]
+        if not ends and link.inertia_box.max() < ROUND * link.inertia_box.min():  # a head
+            balls.append(Ball(points.add(number, link.com), 0.5 * float(link.inertia_box.mean()), LEG))
+            continue
+        for end in ends or [2.0 * link.com]:
+            if np.linalg.norm(end) > radius:
+                limbs.append(Limb(origin, points.add(number, end), radius, LEG))
+    for leg in robot.legs:
+        corners = [points.add(leg.foot.link, point) for point in leg.foot.points]
+        balls += [Ball(corner, leg.foot.radius, FOOT) for corner in corners]
+        if len(corners) > 2:
+            around = leg.foot.points - leg.foot.points.mean(axis=0)
+            order = np.argsort(np.arctan2(around[:, 1], around[:, 0]))
+            faces.append(Face(tuple(corners[i] for i in order), FOOT))
+    carried = list(points.found)
+    return Body(
+        np.array([link for link, _ in carried]), np.array([local for _, local in carried]),
+        tuple(limbs), tuple(balls), tuple(faces), extent,
+    )  # fmt: skip
+
+
+def _trunk(points: _Points, robot: Robot) -> list[Face]:
+    """Return the faces of the trunk, a box with its upright edges cut, and an arrow on top that points forward."""
+    half = robot.trunk.box / 2.0
+    cut = 0.45 * half[:2].min()
+    x, y = half[0], half[1]
+    outline = [
+        (x, cut - y), (x, y - cut), (x - cut, y), (cut - x, y),
+        (-x, y - cut), (-x, cut - y), (cut - x, -y), (x - cut, -y),
+    ]  # fmt: skip
+    low, high = ([points.add(0, np.array([*place, z])) for place in outline] for z in (-half[2], half[2]))
+    sides = [(low[i], low[(i + 1) % 8], high[(i + 1) % 8], high[i]) for i in range(8)]
+    top, size = 1.01 * half[2], 0.45 * half[1]
+    nose = [(x - 0.3 * size, 0.0), (x - 1.3 * size, 0.7 * size), (x - 1.3 * size, -0.7 * size)]
+    arrow = tuple(points.add(0, np.array([*place, top])) for place in nose)
+    return [
+        Face(tuple(high), TRUNK),
+        Face(tuple(low[::-1]), TRUNK),
+        *(Face(side, TRUNK) for side in sides),
+        Face(arrow, NOSE),
+    ]

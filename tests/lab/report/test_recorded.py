@@ -1,0 +1,91 @@
+"""Reports of recordings: whole, cut off, without truth, of an unknown robot, with names that look like markup."""
+
+import json
+
+import pytest
+
+from surefoot.lab.report.judge import judge
+from surefoot.lab.report.page import About, render
+from surefoot.lab.report.recorded import report_recording
+from surefoot.lab.report.traces import Traces
+from surefoot.lab.scene.film import FRAMES_HZ
+from surefoot.record.recording import RecordingWriter, open_readable, read_recording, topic_of
+from surefoot.schemas.base import Header
+
+from .test_report import content
+
+
+def copy(source, target, metadata, keep=lambda key: True):
+    """Write a recording anew with other metadata, and without some keys."""
+    writer = RecordingWriter(target, metadata)
+    for item in read_recording(source):
+        if keep(item.key):
+            raw = item.raw()
+            header = Header(stamp_ns=item.stamp_ns, source=item.key.rpartition("/")[2])
+            writer.write(topic_of(item.key), header, raw)
+    writer.close({})
+    return target
+
+
+@pytest.fixture(scope="module")
+def whole(recorded, tmp_path_factory):
+    path, verdict = report_recording(recorded, None, tmp_path_factory.mktemp("report") / "report.html")
+    return path.read_text(encoding="utf-8"), verdict
+
+
+def test_a_report_has_a_film_of_the_whole_walk(whole, recorded):
+    text, _ = whole
+    film = content(text)["film"]
+    times = [frame["t"] for frame in film["frames"]]
+    end = open_readable(recorded).end_ns * 1e-9
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(end, abs=2.0 / FRAMES_HZ)
+    assert len(times) == pytest.approx(end * FRAMES_HZ, rel=0.1)
+    assert film["head"]["ground"] is not None
+    assert film["marks"]
+    assert len(text) < 5_000_000
+
+
+def test_a_recording_that_was_cut_off_is_shown_up_to_the_cut(recorded, tmp_path):
+    data = recorded.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    path, verdict = report_recording(cut, None, tmp_path / "cut.html")
+    text = path.read_text(encoding="utf-8")
+    assert "only a part of the recording can be read" in verdict.notes[0]
+    frames = content(text)["film"]["frames"]
+    assert 1.0 < frames[-1]["t"] < 4.0
+
+
+def test_without_truth_the_robot_is_where_it_is_estimated(recorded, tmp_path):
+    bare = copy(recorded, tmp_path / "bare.mcap", {"namespace": "surefoot/ragno"}, lambda key: key != "sim/truth")
+    path, _ = report_recording(bare, None, tmp_path / "bare.html")
+    film = content(path.read_text(encoding="utf-8"))["film"]
+    last = {item.key: item for item in read_recording(bare, ("state/odometry",))}["state/odometry"].message()
+    shown = [x / film["head"]["unit"] for x in film["frames"][-1]["base"]]
+    assert shown == pytest.approx(last.position, abs=2e-3)
+
+
+def test_an_unknown_robot_costs_the_replay_only(recorded, tmp_path):
+    other = copy(recorded, tmp_path / "other.mcap", {"robot": "<script>alert(1)</script>"})
+    path, _ = report_recording(other, None, tmp_path / "other.html")
+    text = path.read_text(encoding="utf-8")
+    assert "No replay" in text
+    assert content(text)["charts"]
+    assert "alert(1)</script>" not in text
+
+
+def test_names_are_never_markup(invented):
+    name = "<script>alert(1)</script>"
+    about = About(name, name, 0, {name: name}, {}, (name,) * 6)
+    traces = invented.walk(200)
+    traces.note(1.0, name)
+    text = render(about, traces, judge(traces, {}, notes=(name,)))
+    assert name not in text
+    assert text.count("<script") == 2
+    assert name.upper() in json.dumps(content(text)).replace("\\u003c", "<")
+
+
+def test_a_report_of_nothing_still_stands():
+    text = render(About("x"), Traces(), judge(Traces(), {}))
+    assert content(text) == {"charts": [], "film": None}

@@ -1,0 +1,75 @@
+"""Painted pictures of a recording."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from surefoot.errors import SurefootError
+from surefoot.lab.scene.film import film_of_recording
+from surefoot.lab.scene.painter import Painter, Viewpoint
+from surefoot.lab.scene.render import Shot, render
+from surefoot.lab.scene.shapes import TRUNK, DrawnGround
+from surefoot.record.recording import open_readable
+from surefoot.robot.reader import load_robot
+
+SIZE = (320, 180)
+
+
+@pytest.fixture(scope="module")
+def film(recorded):
+    film = film_of_recording(open_readable(recorded), load_robot("ragno"))
+    film.scene.ground = film.scene.ground.coarse(1500)
+    return film
+
+
+def near_colour(image, colour, within=60.0):
+    """Places (n, 2) of pixels near a colour `#rrggbb`."""
+    wanted = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+    away = np.linalg.norm(np.asarray(image, dtype=float) - wanted, axis=2)
+    return np.argwhere(away < within)[:, ::-1]
+
+
+def test_the_trunk_is_painted_in_the_middle_and_moves_in_a_still_view(film):
+    begin, end = film.snapshots[20], film.snapshots[-1]
+    middle = near_colour(Painter(film.scene, SIZE).paint(end, []), TRUNK).mean(axis=0)
+    assert np.linalg.norm(middle - [0.5 * SIZE[0], 0.5 * SIZE[1]]) < 0.12 * SIZE[0]
+    painter = Painter(film.scene, SIZE, still=(np.array([0.05, 0.0, 0.04]), 1.0))
+    first, last = (near_colour(painter.paint(shown, []), TRUNK).mean(axis=0) for shown in (begin, end))
+    walked = SIZE[0] * (end.position[0] - begin.position[0]) * np.sin(0.95)
+    assert last[0] - first[0] == pytest.approx(walked, rel=0.2)
+
+
+def test_unknown_ground_leaves_a_hole_and_no_black(film):
+    heights = np.zeros((40, 40))
+    heights[5:8, 5:8] = np.nan
+    film.scene.ground, before = DrawnGround(heights, 0.05, (-1.0, -1.0)), film.scene.ground
+    picture = Painter(film.scene, SIZE, still=(np.zeros(3), 6.0))._painted_ground(Viewpoint(100.0, np.zeros(3), SIZE))[
+        0
+    ]
+    film.scene.ground = before
+    painted = np.asarray(picture)
+    solid = painted[painted[..., 3] > 0]
+    assert solid[:, :3].min() > 100
+
+
+def test_a_moving_picture_has_a_frame_for_each_step_of_time(recorded, tmp_path):
+    shares = []
+    frames = render(recorded, tmp_path / "walk.webp", Shot(SIZE, fps=2.0, speed=2.0), shares.append)
+    with Image.open(tmp_path / "walk.webp") as image:
+        assert (image.n_frames, image.size) == (frames, SIZE)
+    assert frames == 5
+    assert shares == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+
+
+def test_a_still_picture_is_the_same_each_time(recorded, tmp_path):
+    for name in ("a.png", "b.png"):
+        assert render(recorded, tmp_path / name, Shot(SIZE, start=2.0)) == 1
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize(("name", "shot"), [("a.bmp", Shot()), ("a.png", Shot(start=99.0))])
+def test_what_cannot_be_painted_is_refused_and_leaves_no_file(recorded, tmp_path, name, shot):
+    with pytest.raises(SurefootError) as refused:
+        render(recorded, tmp_path / name, shot)
+    assert refused.value.code == "invalid"
+    assert not list(tmp_path.iterdir())

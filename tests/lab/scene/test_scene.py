@@ -1,0 +1,102 @@
+"""The picture of a run against the messages it is made of."""
+
+import numpy as np
+import pytest
+
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.lab.scene.film import UNITS_PER_M, film_of_recording, frame
+from surefoot.lab.scene.scene import STYLES, VALUES, RobotScene
+from surefoot.lab.scene.shapes import DrawnGround, body_of
+from surefoot.record.recording import open_readable, read_recording
+from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot, robot_names
+
+
+@pytest.fixture(scope="module")
+def film(recorded):
+    return film_of_recording(open_readable(recorded), load_robot("ragno"))
+
+
+@pytest.fixture(scope="module")
+def truths(recorded):
+    return {round(m.stamp_ns * 1e-9, 6): m.message() for m in read_recording(recorded, ("sim/truth",))}
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_segments_of_every_robot_end_in_its_feet(name):
+    robot = load_robot(name)
+    body = body_of(robot)
+    for leg in robot.legs:
+        ends = [i for i, link in enumerate(body.link) if link == leg.foot.link]
+        gaps = np.linalg.norm(body.local[ends] - leg.foot.position, axis=1)
+        assert gaps.min() < 1e-6
+    used = (
+        {i for limb in body.limbs for i in limb[:2]}
+        | {b.at for b in body.balls}
+        | {i for f in body.faces for i in f.corners}
+    )
+    assert used == set(range(len(body.link)))
+
+
+def test_every_snapshot_is_the_truth_of_its_time(film, truths):
+    robot = load_robot("ragno")
+    assert len(film.snapshots) > 100
+    for shown in film.snapshots:
+        truth = truths[round(shown.time, 6)]
+        assert np.allclose(shown.position, truth.position, atol=1e-12)
+        assert np.allclose(shown.rot, matrix_from_quat(np.array(truth.quat_wxyz)), atol=1e-12)
+        feet = shown.position + foot_positions(robot.model, shown.joints) @ shown.rot.T
+        assert np.allclose(feet, truth.foot_position, atol=1e-6)
+
+
+def test_centre_of_mass_and_forces_lie_where_they_truly_are(film, truths):
+    for shown in film.snapshots[30:]:
+        truth = truths[round(shown.time, 6)]
+        com = next(item.points[0] for item in shown.items if item.style == "com_planned")
+        assert np.linalg.norm(com[:2] - truth.com[:2]) < 0.005
+        tails = [item.points[0] for item in shown.items if item.style == "force"]
+        loaded = [p for p, f in zip(truth.foot_position, truth.foot_force_n, strict=True) if f > 0.0]
+        assert np.allclose(tails, loaded, atol=1e-6)
+
+
+def test_region_holds_the_centre_of_mass_when_the_margin_says_so(film):
+    for shown in film.snapshots[30:]:
+        region = next(item.points[:, :2] for item in shown.items if item.style == "region")
+        com = next(item.points[0, :2] for item in shown.items if item.style == "com_planned")
+        edges = np.roll(region, -1, axis=0) - region
+        inside = np.cross(np.c_[edges, np.zeros(len(edges))], np.c_[com - region, np.zeros(len(region))])[:, 2]
+        distance = (inside / np.linalg.norm(edges, axis=1)).min()
+        assert 1000.0 * distance == pytest.approx(shown.values["margin"], abs=0.1)
+
+
+def test_estimate_stays_near_the_truth_and_footholds_near_the_ground(film):
+    for shown in film.snapshots[60:]:
+        assert np.linalg.norm(shown.estimate[0][:2] - shown.position[:2]) < 0.01
+        for item in shown.items:
+            if item.style.startswith("foothold"):
+                assert abs(item.points[0, 2] - film.scene.ground.at(item.points[:, :2])[0]) < 0.03
+
+
+def test_a_page_gets_whole_numbers_and_every_value(film):
+    shown = film.snapshots[80]
+    page = frame(shown)
+    assert np.allclose(np.array(page["points"]).reshape(-1, 3) / UNITS_PER_M, shown.points, atol=0.51 / UNITS_PER_M)
+    assert len(page["values"]) == len(VALUES)
+    assert all(0 <= item[0] < len(STYLES) for item in page["items"])
+
+
+def test_joints_of_another_robot_make_no_picture(recorded):
+    scene = RobotScene(load_robot("nao"))
+    for item in read_recording(recorded, ("sim/truth",)):
+        scene.feed(item.key, item.message)
+    assert scene.snapshot() is None
+
+
+def test_coarse_ground_keeps_its_place_and_mean():
+    rng = np.random.default_rng(0)
+    fine = DrawnGround(rng.normal(size=(100, 200)), 0.01, (-0.5, 0.25))
+    coarse = fine.coarse(1000)
+    step = round(coarse.cell / fine.cell)
+    assert coarse.heights.size <= 1000
+    assert coarse.heights[0, 0] == pytest.approx(fine.heights[:step, :step].mean())
+    assert coarse.origin[0] - 0.5 * coarse.cell == pytest.approx(fine.origin[0] - 0.5 * fine.cell)
