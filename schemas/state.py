@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from .base import MAX_FEET, Message, PerFoot, QuatWxyz, Vec3, Wire
+from .hw import LandmarkDetections
 
 Covariance6 = Annotated[tuple[float, ...], Field(min_length=36, max_length=36)]
 Covariance4 = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
@@ -76,6 +77,22 @@ class Odometry(Message):
     initialised: bool = Field(description="as in VelocityEstimate")
     stances: Annotated[tuple[StanceEnd, ...], Field(max_length=MAX_FEET)] = Field(
         default=(), exclude_if=_zero, description="stances that have ended since the message before"
+    )
+
+
+class SeenLandmarks(LandmarkDetections):
+    """Landmarks that vision recognised in the last image; places hold at ``stamp_ns``: odometry moves them there."""
+
+    fresh: bool = Field(default=False, description="false: no image was read since the message before")
+    image_stamp_ns: int = Field(default=0, ge=0, description="ns, middle of the exposure of the image; 0 = none")
+    features: int = Field(default=0, ge=0, description="features of the image")
+    compared: int = Field(default=0, ge=0, description="features with a candidate in the map")
+    anywhere: bool = Field(default=False, description="the whole map was searched, not only about the believed pose")
+    flags: Annotated[tuple[str, ...], Field(max_length=16)] = Field(
+        default=(),
+        exclude_if=_zero,
+        description="what is wrong with the images: dark, bright, covered, frozen, repeated, late, silent, "
+        "featureless, unrecognised, scale, no_map, bad_image, bad_view, bad_descriptor, too_many; empty = nothing",
     )
 
 

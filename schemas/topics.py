@@ -70,6 +70,7 @@ STATE_VELOCITY_KINEMATICS_GYRO = Topic(
 STATE_VELOCITY_EKF = Topic("state/velocity/ekf", state.VelocityEstimate, Kind.STATE, "estimator", VARIANT_HZ)
 STATE_ODOMETRY = Topic("state/odometry", state.Odometry, Kind.STATE, "estimator", TICK_HZ)
 STATE_GAIT = Topic("state/gait", state.GaitState, Kind.STATE, "walker", TICK_HZ)
+STATE_LANDMARKS = Topic("state/landmarks", state.SeenLandmarks, Kind.STATE, "vision", 20.0)
 STATE_STABILITY = Topic("state/stability", stability.StabilityStatus, Kind.STATE, "stability", 50.0)
 STATE_POSE = Topic("state/pose", navigation.PoseBelief, Kind.STATE, "navigator", 10.0)
 NAVIGATOR_ORDER = Topic("navigator/order", navigation.MotionOrder, Kind.STATE, "navigator", TICK_HZ)

@@ -17,12 +17,27 @@ Radius = Annotated[float, typer.Option(min=0.0, help="Radius of the robot, m, fo
 
 @app.command()
 def build(
-    recording: Annotated[Path, typer.Argument(help="MCAP recording of a run of a robot that sees landmarks.")],
+    recording: Annotated[
+        Path, typer.Argument(help="MCAP recording of a robot that sees landmarks or images, or a picture of the floor.")
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Landmark map to write.")] = Path("landmarks.npz"),
     least: Annotated[int, typer.Option(min=1, help="Detections of a landmark that is kept.")] = 3,
+    features: Annotated[str, typer.Option(help="Features of images: orb or sift.")] = "orb",
+    poses: Annotated[
+        str | None, typer.Option(help="Poses of images: state/pose, state/odometry; sim/truth is taken as exact.")
+    ] = None,
+    width: Annotated[float | None, typer.Option(min=0.05, help="Width of a picture on the floor, m.")] = None,
     json: Json = False,
 ) -> None:
-    """Make a map of the landmarks that a robot saw, from its detections and its odometry; truth is not read."""
+    """Make a map of the landmarks that a robot saw, from its detections or images and its odometry.
+
+    Images count where the recording has them. Truth is not read unless --poses asks for it.
+    """
+    from .images import holds_images
+
+    if width is not None or holds_images(recording):
+        _build_features(recording, out, least, features, poses, width, json)
+        return
     from surefoot.services.navigator.belief.landmark_files import save
 
     from .build import BuildOptions, build_map
@@ -38,6 +53,45 @@ def build(
         return
     write(f"{path}: {len(made.world)} landmarks from {made.used} of {made.detections} detections")
     write_table(("quantity", "value"), [(name.replace("_", " "), _shown(value)) for name, value in facts.items()])
+
+
+def _build_features(
+    source: Path, out: Path, least: int, features: str, poses: str | None, width: float | None, json: bool
+) -> None:
+    from surefoot.services.vision.feature_map import save
+
+    from .images import map_of_source
+
+    use_json(json)
+    world = map_of_source(source, features, poses, width, least)
+    path = save(world, out)
+    facts = {"features": len(world), "kind": world.kind, "seen_each": float(world.seen.mean()), "camera": world.camera,
+             "place_sd_m": float(world.sd.mean())}  # fmt: skip
+    if json:
+        write_json({"file": str(path), **facts})
+        return
+    write(f"{path}: {len(world)} features; SUREFOOT_VISION_MAP and SUREFOOT_NAVIGATOR_LANDMARKS take this file")
+    write_table(("quantity", "value"), [(name.replace("_", " "), _shown(value)) for name, value in facts.items()])
+
+
+@app.command()
+def merge(
+    first: File,
+    second: File,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Map to write.")] = Path("merged.npz"),
+    json: Json = False,
+) -> None:
+    """Unite two maps of features of one frame; what both saw becomes one feature."""
+    from surefoot.services.vision.feature_map import load, merged, save
+
+    use_json(json)
+    a, b = load(first), load(second)
+    world = merged(a, b)
+    path = save(world, out)
+    if json:
+        write_json({"file": str(path), "features": len(world), "both": len(a) + len(b) - len(world)})
+    else:
+        write(f"{path}: {len(world)} features, {len(a) + len(b) - len(world)} in both")
 
 
 @app.command()

@@ -11,6 +11,8 @@ from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.planning import map_files
 from surefoot.services.navigator.planning.costs import Clearance, prepare
 from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, FloorGrid
+from surefoot.services.vision.feature_map import has_features
+from surefoot.services.vision.feature_map import load as load_features
 
 ALIKE = 0.15
 """Part of the median distance of two descriptors from which on two landmarks look alike."""
@@ -40,7 +42,15 @@ def summary_of(path: Path, radius: float = 0.15) -> Summary:
     """
     if path.suffix.lower() in (".yaml", ".yml"):
         return _grid(map_files.load(path), radius)
-    return _landmarks(landmark_files.load(path))
+    found = _landmarks(landmark_files.load(path))
+    if not has_features(path):
+        return found
+    world = load_features(path)
+    more = {
+        "features": world.kind, "seen_each": float(np.mean(world.seen)), "place_sd_m": float(np.mean(world.sd)),
+        "pixel_m": world.pixel, "camera": world.camera, "opencv": world.opencv,
+    }  # fmt: skip
+    return Summary(found.facts | more, found.problems)
 
 
 def _landmarks(world: FloorLandmarks) -> Summary:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from surefoot.schemas.navigation import GoalResult, MotionOrder, NavigationFeedback, PoseBelief
+from surefoot.schemas.state import SeenLandmarks
 
 from .belief.tracker import Control, PoseTracker
 from .belief.ukf import wrap
@@ -119,3 +120,8 @@ def placed(frame: Pose, pose: Pose) -> Pose:
         frame[1] + s * pose[0] + c * pose[1],
         float(wrap(frame[2] + pose[2])),
     )
+
+
+def fresh_of(seen: SeenLandmarks | None) -> SeenLandmarks | None:
+    """Return what vision published of a new image; None = there was none, or vision is no part of the system."""
+    return seen if seen is not None and seen.fresh else None

@@ -17,6 +17,7 @@ from surefoot.schemas.topics import (
     NAVIGATOR_SET_POSE,
     NAVIGATOR_WAYPOINTS,
     STATE_GAIT,
+    STATE_LANDMARKS,
     STATE_ODOMETRY,
     STATE_POSE,
     TERRAIN_LANDMARKS,
@@ -30,7 +31,7 @@ from .goals import GaitView
 from .localiser import Localiser
 from .maps import Maps
 from .memory import GoalMemory
-from .messages import feedback_message, order_message
+from .messages import feedback_message, fresh_of, order_message
 from .pilot import Pilot
 from .ranging import take_range
 from .rehearsal import LARGE_SIDE, rehearse, rehearse_planning
@@ -43,7 +44,7 @@ class Navigator(Service[NavigatorConfig]):
 
     name = "navigator"
     Config = NavigatorConfig
-    inputs = (STATE_GAIT, STATE_ODOMETRY, HW_LANDMARKS, HW_RANGE, TERRAIN_MAP, TERRAIN_LANDMARKS)
+    inputs = (STATE_GAIT, STATE_ODOMETRY, HW_LANDMARKS, STATE_LANDMARKS, HW_RANGE, TERRAIN_MAP, TERRAIN_LANDMARKS)
     outputs = (NAVIGATOR_ORDER, STATE_POSE, NAVIGATOR_FEEDBACK)
     serves = (
         NAVIGATOR_GOTO, NAVIGATOR_WAYPOINTS, NAVIGATOR_CANCEL, NAVIGATOR_SET_POSE, NAVIGATOR_MAP, NAVIGATOR_POLICY,
@@ -96,7 +97,7 @@ class Navigator(Service[NavigatorConfig]):
         if odometry is not None and odometry.initialised:
             localiser.odometry(odometry.position[0], odometry.position[1], odometry.yaw, now)
         pilot.follow(now, requests.gait, localiser.tracker)
-        self._take_sight(inputs.get(HW_LANDMARKS), inputs.get(HW_RANGE))
+        self._take_sight(fresh_of(inputs.get(STATE_LANDMARKS)) or inputs.get(HW_LANDMARKS), inputs.get(HW_RANGE))
         localiser.search(standing=requests.gait.state == "standing")
         self.results.now = now
         requests.carry_out()
@@ -110,8 +111,9 @@ class Navigator(Service[NavigatorConfig]):
 
     def _take_sight(self, seen: LandmarkDetections | None, reach: Range | None) -> None:
         if reach is not None:
-            conduct, requests = self.catalogue.model.conduct, self.requests
-            self._blocked = take_range(reach, self.localiser, self.maps, conduct, requests.now)
+            self._blocked = take_range(
+                reach, self.localiser, self.maps, self.catalogue.model.conduct, self.requests.now
+            )
         if seen is None or not self.config.use_landmarks:
             return
         try:
@@ -119,7 +121,7 @@ class Navigator(Service[NavigatorConfig]):
             self.localiser.look(seen, self.requests.gait, self.requests.now, doing and doing.match)
         except DetectionError as error:
             if self.localiser.refused[error.code] == 1:
-                self.log("warning", f"hw/landmarks refused: {error.message}")
+                self.log("warning", f"landmarks refused: {error.message}")
 
     def _recall(self, odometry: Odometry | None) -> None:
         """Continue from the memory of a navigator that was killed in this epoch."""

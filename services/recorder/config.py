@@ -9,6 +9,7 @@ class RecorderConfig(ServiceConfig):
     """Where to write."""
 
     path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
+    images: bool = Field(default=False, description="record hw/image, too; it then counts in the hash of the run")
     about: str = Field(default="", description="JSON object of tables of texts that become metadata of the file")
 
     @property

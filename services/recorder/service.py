@@ -13,7 +13,7 @@ from surefoot.record.runhash import RunHash
 from surefoot.schemas.base import Message
 from surefoot.schemas.system import RecorderReply, RecorderRequest
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
-from surefoot.schemas.topics import HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TOPICS, Kind, Topic
+from surefoot.schemas.topics import HW_IMAGE, HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TOPICS, Kind, Topic
 from surefoot.version import VERSION
 
 from .config import RecorderConfig
@@ -27,7 +27,7 @@ class Recorder(Service[RecorderConfig]):
 
     name = "recorder"
     Config = RecorderConfig
-    inputs = JOINED
+    inputs = (*JOINED, HW_IMAGE)
     observes = (*LATCHED, SIM_STATUS, LOG)
     serves = (RECORDER_STATUS,)
     raw = batched = True
@@ -60,7 +60,7 @@ class Recorder(Service[RecorderConfig]):
         self._epoch = tick.epoch
         self._flush()
         self._write(HW_TICK, tick, Raw(*encode(tick), encoding_of(type(tick))))
-        for topic in JOINED:
+        for topic in (*JOINED, HW_IMAGE) if self.config.images else JOINED:
             delivery = inputs.messages.get(topic.key)
             if delivery is not None:
                 header, raw = delivery.header(), delivery.raw()

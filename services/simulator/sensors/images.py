@@ -205,14 +205,15 @@ class ImageSensor:
         o, every = self.optics, self.optics.period_ms * 1_000_000 // TICK_NS
         if ticks % every == 0 and ticks > 0:
             late = max(0.0, o.delay + o.jitter * float(self.rng.standard_normal()))
-            self.waiting.append((ticks + max(1, round(late / TICK_S)), self._take(ticks // every, ticks)))
+            self.waiting.append((ticks + max(1, round(late / TICK_S)), self.take(ticks // every, ticks)))
         due = [image for arrival, image in self.waiting if arrival <= ticks]
         if not due:
             return None
         self.waiting = [item for item in self.waiting if item[0] > ticks]
         return due[-1]
 
-    def _take(self, seq: int, ticks: int) -> TakenImage:
+    def take(self, seq: int, ticks: int) -> TakenImage:
+        """Return the image whose exposure ends with the path, at a tick since the epoch began."""
         o, poses = self.optics, list(self.path)
         poses = [poses[0]] * (len(poses) < 2) + poses
         table = np.array([[*p.position, *p.rot.ravel()] for p in poses])

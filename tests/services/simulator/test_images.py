@@ -41,7 +41,7 @@ def take(optics: images.Optics, floor: floors.Texture, path: list[CameraPose]) -
     """Light of the image that ends with the path, not rounded."""
     sensor = images.ImageSensor(optics, floor, 0)
     sensor.path.extend(path)
-    sensor._take(0, len(path) - 1)
+    sensor.take(0, len(path) - 1)
     return sensor._out.copy()
 
 

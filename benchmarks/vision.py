@@ -1,0 +1,237 @@
+"""Vision: time of images and landmarks, what blur does, accuracy along recorded walks, repeating floors, blind cameras.
+
+Recordings are runs of the Nao (`surefoot run nao-corridor`); their motion is seen again over other floors.
+"""
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.report import Bench, table, words_of
+from surefoot.lab.statistics import wilson
+from surefoot.lab.vision.blur import MatchCount, StillCamera, along, by_speed, map_by_grid, share, still_camera
+from surefoot.lab.vision.replay import Published, RecordedMotion, WalkReplay, floor, images_of, read_motion
+from surefoot.services.simulator.physics.faults import Fault
+from surefoot.services.vision.eye import Eye
+from surefoot.services.vision.feature_map import FeatureMap
+from surefoot.services.vision.features import Extractor, Kind
+from surefoot.services.vision.recognise import Believed
+
+BENCH = Bench("vision")
+
+TEXTURES = "random,carpet,tiles,parquet"
+SPEEDS = ((0.0, 0.0), (0.055, 0.0), (0.0, 0.22), (0.055, 0.22), (0.1, 0.5), (0.2, 1.0))
+"""Speeds of the camera's base, m/s, and turns, rad/s: standing, walk and turn of the Nao by plan, and faster."""
+AHEAD = 1.3
+"""Way of a recorded walk that a map is made for, beyond its end, m."""
+CERTAIN = 0.1
+"""m, standard deviation up to which a belief counts as certain."""
+WRONG = 0.3
+"""m, error from which on a certain belief is wrong."""
+
+
+def grid_map(camera: StillCamera, kind: Kind = "orb", end: float = 0.9) -> FeatureMap:
+    """Return the map of the floor about a way of some metres along x."""
+    return map_by_grid(camera, kind, np.arange(-0.3, end + 0.05, 0.1).tolist(), (-0.25, 0.0, 0.25))
+
+
+@BENCH.part(quick="--texture tiles --images 3")
+def speed(*, texture: str = "parquet", images: int = 40) -> None:
+    """Processor time of an image with eight parts of the exposure, and of its landmarks, by ORB and SIFT.
+
+    Args:
+        texture: of the floor.
+        images: number of them.
+    """
+    camera = still_camera(floor(texture, 0))
+    rows: list[tuple[object, ...]] = []
+    for kind in ("orb", "sift"):
+        world = grid_map(camera, kind, 0.3)
+        eye = Eye(Extractor(kind, 250), world)
+        belief = Believed(np.array([0.1, 0.0, 0.0]), np.diag([0.0025] * 3))
+        taken, read = 0.0, 0.0
+        for k in range(images):
+            began = time.process_time()
+            image = camera.shot((0.1, 0.0, 0.0), 0.055, 0.1, k)
+            between = time.process_time()
+            seen = eye.look(image, camera.base, belief)
+            taken, read = taken + between - began, read + time.process_time() - between
+        rows.append((kind, len(world), len(seen.landmarks), 1e3 * taken / images, 1e3 * read / images, images / read))
+    table("one thread, processor time", ("features", "map", "landmarks", "image ms", "landmarks ms", "images/s"), rows)
+
+
+@BENCH.part(quick="--textures tiles --exposures 33 --trials 2")
+def blur(
+    *, textures: str = TEXTURES, exposures: str = "10,33,66,100", trials: int = 25, features: Kind = "orb"
+) -> None:
+    """Share of the landmarks in view that are recognised, against speed and exposure, maps from sharp images.
+
+    Args:
+        textures: by commas.
+        exposures: ms, by commas.
+        trials: images of each speed.
+        features: orb or sift.
+    """
+    for name in words_of(textures):
+        texture = floor(name, 0)
+        world = grid_map(still_camera(texture, 0.01), features)
+        rows: list[tuple[object, ...]] = []
+        for exposure in words_of(exposures):
+            camera = still_camera(texture, 1e-3 * float(exposure))
+            for motion in SPEEDS:
+                found = by_speed(camera, world, [motion], trials)
+                pixels = float(np.mean([each.speed for each in found])) * 1e-3 * float(exposure)
+                rows.append((exposure, *motion, pixels, *shares(found)))
+        header = ("exposure ms", "m/s", "rad/s", "blur px", "share", "from", "to", "in view")
+        table(f"{name}, {features}: {len(world)} features in the map", header, rows)
+
+
+def shares(found: list[MatchCount]) -> tuple[float, float, float, float]:
+    """Return the share of matched landmarks with its interval, and the mean number in view."""
+    k, n = sum(each.matched for each in found), sum(each.in_view for each in found)
+    return (share(found), *wilson(min(k, n), max(1, n)), n / max(1, len(found)))
+
+
+def map_along(walk: RecordedMotion, name: str, seed: int) -> FeatureMap:
+    """Return the map of a floor under a recorded walk, from a grid of known poses."""
+    ends = np.array([walk.truth(tick) for tick in range(0, len(walk.ticks), 50) if "sim/truth" in walk.ticks[tick]])
+    return grid_map(still_camera(floor(name, seed), 0.01), end=float(ends[:, 0].max()) + 0.2)
+
+
+@BENCH.part()
+def walk(*recordings: str, textures: str = TEXTURES, exposures: str = "33,66,100") -> None:
+    """Share of the landmarks in view that are recognised along recorded walks, by state of the gait.
+
+    Args:
+        recordings: MCAP files of the Nao.
+        textures: by commas.
+        exposures: ms, by commas.
+    """
+    walks = [read_motion(Path(path)) for path in recordings]
+    rows: list[tuple[object, ...]] = []
+    for name in words_of(textures):
+        worlds = [map_along(each, name, 0) for each in walks]
+        for exposure in words_of(exposures):
+            by: dict[str, list[MatchCount]] = {}
+            for seed, (each, world) in enumerate(zip(walks, worlds, strict=True)):
+                images = images_of(each, floor(name, 0), seed, 1e-3 * float(exposure))
+                for kind, found in along(each, images, world).items():
+                    by.setdefault(kind, []).extend(found)
+            for kind, found in sorted(by.items()):
+                pixels = float(np.median([each.speed for each in found])) * 1e-3 * float(exposure)
+                rows.append((name, exposure, kind, len(found), pixels, *shares(found)))
+    header = ("texture", "exposure ms", "gait", "images", "blur px", "share", "from", "to", "in view")
+    table("recorded walks", header, rows)
+
+
+@BENCH.part()
+def pose(
+    *recordings: str, textures: str = TEXTURES, runs: int = 1, params: str = "nao", exposure: float = 33.0
+) -> None:
+    """Error of the believed pose along recorded walks over floors of their own, vision and belief in the loop.
+
+    Goals: standing at most 3 cm and 2 deg, walking 6 cm and 4 deg rms, NEES per degree of freedom .5 to 2.
+
+    Args:
+        recordings: MCAP files of the Nao.
+        textures: by commas.
+        runs: floors of each texture and recording; their seeds begin at 100.
+        params: model of the navigator.
+        exposure: ms.
+    """
+    rows: list[tuple[object, ...]] = []
+    for name in words_of(textures):
+        found: list[Published] = []
+        for path in recordings:
+            motion = read_motion(Path(path))
+            for seed in range(100, 100 + runs):
+                replay = WalkReplay(map_along(motion, name, seed), params, begin=(0.02, -0.02, 0.03))
+                found += replay.run(motion, images_of(motion, floor(name, seed), seed, 1e-3 * exposure))
+        for kind, states in (("stand", ("standing",)), ("walk", ("walking", "stopping", "turning"))):
+            part = [each for each in found if each.gait in states and each.tick > 150]
+            if part:
+                errors = np.array([each.error for each in part])
+                rms = np.sqrt(np.mean(errors**2, axis=0))
+                nees, lost = float(np.mean([each.nees for each in part])), sum(each.lost for each in part)
+                place, heading = 100.0 * math.hypot(rms[0], rms[1]), math.degrees(rms[2])
+                rows.append((name, kind, len(part), place, heading, nees, lost))
+    table(f"params {params}", ("texture", "gait", "samples", "rms cm", "rms deg", "NEES", "lost"), rows)
+
+
+@BENCH.part(quick="--places 2")
+def anywhere(*, textures: str = "laminate,parquet,tiles", places: int = 50, features: Kind = "orb") -> None:
+    """Recognition of a lost robot that stands: right, none, wrong, at random places of the map.
+
+    Args:
+        textures: by commas; the boards of laminate repeat.
+        places: images of each.
+        features: orb or sift.
+    """
+    rows: list[tuple[object, ...]] = []
+    for name in words_of(textures):
+        camera = still_camera(floor(name, 0))
+        world, rng = grid_map(camera, features, 2.0), np.random.default_rng(7)
+        counts = {"right": 0, "none": 0, "wrong": 0}
+        for k in range(places):
+            at = (float(rng.uniform(0.0, 1.8)), float(rng.uniform(-0.25, 0.25)), float(rng.uniform(-0.3, 0.3)))
+            seen = Eye(Extractor(features, 250), world).look(camera.shot(at, 0.0, 0.0, k), camera.base, None)
+            c, s = math.cos(at[2]), math.sin(at[2])
+            x, y = (
+                at[0] + c * seen.places[:, 0] - s * seen.places[:, 1],
+                at[1] + s * seen.places[:, 0] + c * seen.places[:, 1],
+            )
+            off = np.hypot(*(np.stack((x, y), axis=1) - world.positions[seen.landmarks]).T)
+            counts["none" if not len(off) else "right" if np.median(off) < 0.05 else "wrong"] += 1
+        rows.append((name, len(world), *counts.values()))
+    table(f"{features}, {places} places", ("texture", "map", *counts), rows)
+
+
+FAULTS: dict[str, tuple[Fault, ...]] = {
+    "none": (),
+    **{
+        kind: (Fault(f"camera_{kind}", 150, 100.0),) for kind in ("dark", "bright", "freeze", "repeat", "flip", "cover")
+    },
+    "late 1 s": (Fault("camera_late", 150, 100.0, value=100.0),),
+    "zoom -10 %": (Fault("camera_zoom", 150, 100.0, value=-0.1),),
+    "zoom +10 %": (Fault("camera_zoom", 150, 100.0, value=0.1),),
+    "other floor": (),
+    "other texture": (),
+}
+
+
+@BENCH.part()
+def blind(recording: str = "", /, *, texture: str = "parquet", runs: int = 1, cases: str = ",".join(FAULTS)) -> None:
+    """Blind cases along a recorded walk: wrong certain poses, and time until the flag.
+
+    Goals: no certain pose that is wrong (sd below 10 cm, error above 30 cm, not lost), a flag within 1 s.
+
+    Args:
+        recording: MCAP file of the Nao.
+        texture: of the floor.
+        runs: seeds of each case.
+        cases: by commas.
+    """
+    motion = read_motion(Path(recording))
+    world = map_along(motion, texture, 0)
+    rows: list[tuple[object, ...]] = []
+    for case in words_of(cases):
+        wrong, times, first, last, lost = 0, list[float](), list[float](), list[float](), 0
+        for seed in range(runs):
+            shown = floor("carpet" if case == "other texture" else texture, 5 if case.startswith("other f") else 0)
+            found = WalkReplay(world).run(motion, images_of(motion, shown, seed, None, FAULTS[case]))
+            begin = 0 if case.startswith("other") else 150
+            sds = [math.sqrt(each.covariance[0, 0] + each.covariance[1, 1]) for each in found]
+            wrong += sum(
+                sd < CERTAIN and math.hypot(*each.error[:2]) > WRONG and not each.lost
+                for sd, each in zip(sds, found, strict=True)
+            )  # fmt: skip
+            flagged = [each.tick for each in found if each.tick >= begin and each.seen.flags]
+            times.append(0.01 * (flagged[0] - begin) if flagged else math.nan)
+            lost += found[-1].lost
+            first.append(100.0 * sds[min(len(sds) - 1, begin // 5)])
+            last.append(100.0 * sds[-1])
+        rows.append((case, runs, wrong, max(times), float(np.mean(first)), float(np.mean(last)), lost))
+    header = ("case", "runs", "wrong certain", "flag after s", "sd before cm", "sd at the end cm", "lost")
+    table(f"{texture}, {0.01 * len(motion.ticks):.0f} s of motion", header, rows)

@@ -1,0 +1,114 @@
+"""From one image to the landmarks of a map: condition, picture from above, features, recognition."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+from surefoot.schemas.hw import CameraImage
+
+from .conditions import Greys, conditions
+from .feature_map import FeatureMap
+from .features import Extractor, FoundFeatures, nothing
+from .recognise import Believed, Recognised, RecogniseParams, recognise
+from .view import FloorPose, Patch, from_above, greys
+
+Array = NDArray[np.float64]
+
+FEW_FEATURES = 12
+"""FoundFeatures of an image that shows a floor without any detail, or less."""
+SCALES, SCALED = 8, 0.04
+"""Images over which the scale is watched, and its largest deviation from 1."""
+SCALE_FROM = 6
+"""Least landmarks of an image whose scale counts."""
+BLIND_IMAGES = 5
+"""Images in a row with features of which none is recognised, from which on the floor is unknown."""
+ELSEWHERE_EVERY = 3
+"""Images in a row without a landmark at the believed place, after which one is compared with the whole map."""
+
+
+class Seen(NamedTuple):
+    """Result of one image."""
+
+    places: Array
+    """Recognised landmarks in heading axes of base_link at the middle of the exposure, (k, 2) m."""
+    landmarks: NDArray[np.int64]
+    """Their numbers in the map, (k,)."""
+    features: int
+    """FoundFeatures of the image."""
+    compared: int
+    """FoundFeatures with a candidate in the map."""
+    anywhere: bool
+    """True if the whole map was searched."""
+    flags: tuple[str, ...]
+    """Faults, in short words; empty = none."""
+
+
+@dataclass
+class Eye:
+    """Reader of the images of one camera; remembers what it needs to see that something is wrong.
+
+    Attributes:
+        extractor: of features.
+        world: map; None = only the image's condition is found.
+        patch: part of the floor.
+        params: limits of recognition.
+    """
+
+    extractor: Extractor
+    world: FeatureMap | None
+    patch: Patch = field(default_factory=Patch)
+    params: RecogniseParams = field(default_factory=RecogniseParams)
+    _before: Greys | None = None
+    _scales: deque[float] = field(default_factory=lambda: deque[float](maxlen=SCALES))
+    _blind: int = 0
+
+    def features(self, image: CameraImage, base: FloorPose) -> tuple[FoundFeatures, tuple[str, ...]]:
+        """Return the features of an image, in pixels of the picture from above, and what is wrong with it.
+
+        Raises:
+            Refusal: what came is no image, or the camera does not look at the floor.
+        """
+        pixels = greys(image)
+        flags, self._before = conditions(pixels, self._before), pixels
+        if set(flags) & {"frozen", "dark"}:
+            return nothing(self.extractor.kind), flags
+        found = self.extractor.find(*from_above(image, pixels, base, self.patch))
+        return found, flags if len(found.pixels) > FEW_FEATURES else (*flags, "featureless")
+
+    def look(self, image: CameraImage, base: FloorPose, belief: Believed | None) -> Seen:
+        """Return the landmarks in an image; `belief` None = lost. What cannot be used is a flag, not an error."""
+        none, index = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+        try:
+            found, flags = self.features(image, base)
+        except Refusal as error:
+            return Seen(none, index, 0, 0, False, (error.code,))
+        count = len(found.pixels)
+        if self.world is None or not count:
+            flags = flags if self.world is not None else (*flags, "no_map")
+            return Seen(none, index, count, 0, False, flags)
+        places = self.patch.place(found.pixels)
+        try:
+            seen = self._recognised(places, found, self.world, belief)
+        except Refusal as error:
+            return Seen(none, index, count, 0, False, (*flags, error.code))
+        if len(seen.features) >= SCALE_FROM:
+            self._scales.append(seen.scale)
+        self._blind = 0 if len(seen.features) else self._blind + 1
+        if self._blind >= BLIND_IMAGES:
+            flags = (*flags, "unrecognised")
+        if len(self._scales) == SCALES and abs(median(self._scales) - 1.0) > SCALED:
+            return Seen(none, index, count, seen.compared, seen.anywhere, (*flags, "scale"))
+        return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.anywhere, flags)
+
+    def _recognised(
+        self, places: Array, found: FoundFeatures, world: FeatureMap, belief: Believed | None
+    ) -> Recognised:
+        seen = recognise(places, found.descriptors, world, belief, self.params)
+        if belief is None or len(seen.features) or (self._blind + 1) % ELSEWHERE_EVERY:
+            return seen
+        return recognise(places, found.descriptors, world, None, self.params)

@@ -1,0 +1,177 @@
+"""Map of the features of a floor: place, look, and how often each was seen.
+
+The file is a landmark map of the navigator (`.npz`, places and descriptors) with further arrays. The navigator knows a
+landmark by its *code*: a unit vector that is drawn from the place of the feature, so that equal maps have equal codes,
+and that a recognised feature carries exactly.
+"""
+
+import hashlib
+import zipfile
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+
+from .features import KINDS, MOST_COMPARED, Kind, distances
+
+Array = NDArray[np.float64]
+
+SCHEMA, CONTENT = "surefoot.landmarks/1", "surefoot.features/1"
+CODE = 8
+"""Numbers of a code."""
+SAME_PLACE = 0.03
+"""m, features of two maps that look alike and lie so near each other are one."""
+PLACE_GRID = 1e-4
+"""m, places that a code is drawn from are rounded to this."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureMap:
+    """FoundFeatures on the floor, frame map; immutable."""
+
+    kind: Kind
+    positions: Array
+    """(n, 2) m."""
+    descriptors: NDArray[Any]
+    """As of `FoundFeatures`."""
+    seen: NDArray[np.int64]
+    """Images that each was seen in, (n,)."""
+    sd: Array
+    """Standard deviation of each place along one axis, (n,) m."""
+    pixel: float
+    """Edge of a pixel of the picture from above that the features are of, m."""
+    camera: str
+    """Camera: width, height and focal length, in words."""
+    version: int = 1
+    source: str = ""
+    opencv: str = ""
+    """Version of OpenCV that made the descriptors."""
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def codes(self) -> Array:
+        """Descriptors for the navigator, (n, CODE) unit vectors."""
+        found = np.empty((len(self), CODE))
+        for row, place in zip(found, np.rint(self.positions / PLACE_GRID).astype("<i8"), strict=True):
+            seed = int.from_bytes(hashlib.sha256(place.tobytes()).digest()[:8], "little")
+            row[:] = np.random.default_rng(seed).standard_normal(CODE)
+        return found / np.sqrt(np.add.reduce(found * found, axis=1, keepdims=True))
+
+    def chosen(self, which: NDArray[Any]) -> "FeatureMap":
+        """Return the map of some features, by index or flag."""
+        return replace(
+            self, positions=self.positions[which], descriptors=self.descriptors[which], seen=self.seen[which],
+            sd=self.sd[which],
+        )  # fmt: skip
+
+    def pruned(self, least: int, per_m2: float) -> "FeatureMap":
+        """Return the features that were seen `least` times, at most `per_m2` of each square metre, the most seen."""
+        kept = np.flatnonzero(self.seen >= least)
+        kept = kept[np.lexsort((kept, -self.seen[kept]))]
+        room: dict[tuple[int, int], int] = {}
+        chosen: list[int] = []
+        cell = 0.25
+        most = max(1, round(per_m2 * cell * cell))
+        for i in kept.tolist():
+            key = (int(self.positions[i, 0] // cell), int(self.positions[i, 1] // cell))
+            if room.get(key, 0) < most:
+                room[key] = room.get(key, 0) + 1
+                chosen.append(i)
+        return self.chosen(np.sort(np.array(chosen, dtype=np.int64)))
+
+
+def merged(a: FeatureMap, b: FeatureMap) -> FeatureMap:
+    """Return the union of two maps of one frame; features of the same place and look become one.
+
+    Raises:
+        Refusal: features of different kind or scale.
+    """
+    if a.kind != b.kind or a.pixel != b.pixel:
+        text = f"{a.kind} at {a.pixel:g} m and {b.kind} at {b.pixel:g} m do not go together"
+        raise Refusal("bad_map", f"maps of {text}", "kind")
+    gap = b.positions[:, None] - a.positions[None]
+    near = np.hypot(gap[..., 0], gap[..., 1]) <= SAME_PLACE
+    look = np.where(near, distances(a.kind, b.descriptors, a.descriptors), np.inf)
+    twin = look.argmin(axis=1) if len(a) else np.zeros(len(b), dtype=np.int64)
+    same = look.min(axis=1, initial=np.inf) <= KINDS[a.kind].like
+    seen, positions, sd = a.seen.copy(), a.positions.copy(), a.sd.copy()
+    for i in np.flatnonzero(same):
+        j, n, m = int(twin[i]), a.seen[twin[i]], b.seen[i]
+        positions[j] += (b.positions[i] - a.positions[j]) * m / (n + m)
+        seen[j] += m
+        sd[j] = min(sd[j], b.sd[i])
+    new = b.chosen(~same)
+    return replace(
+        a, positions=np.vstack((positions, new.positions)), descriptors=np.vstack((a.descriptors, new.descriptors)),
+        seen=np.concatenate((seen, new.seen)), sd=np.concatenate((sd, new.sd)), version=max(a.version, b.version) + 1,
+        source=a.source if a.source == b.source else f"{a.source} and {b.source}",
+    )  # fmt: skip
+
+
+def save(world: FeatureMap, path: str | Path) -> Path:
+    """Write a map; return the path, which ends in `.npz`."""
+    target = Path(path).with_suffix(".npz")
+    with target.open("wb") as file:
+        np.savez_compressed(
+            file, allow_pickle=False, schema=np.asarray(SCHEMA), positions=world.positions, descriptors=world.codes,
+            version=np.asarray(world.version), source=np.asarray(world.source), content=np.asarray(CONTENT),
+            kind=np.asarray(world.kind), looks=world.descriptors, seen=world.seen, sd=world.sd,
+            pixel=np.asarray(world.pixel), camera=np.asarray(world.camera), opencv=np.asarray(world.opencv),
+        )  # fmt: skip
+    return target
+
+
+def has_features(path: str | Path) -> bool:
+    """Return whether a landmark map holds features of images."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return "looks.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def load(path: str | Path) -> FeatureMap:
+    """Read a map of features.
+
+    Raises:
+        Refusal: the file is missing, damaged, or no such map.
+    """
+    source = Path(path)
+    names = ("content", "kind", "positions", "looks", "seen", "sd", "pixel", "camera", "version", "source", "opencv")
+    try:
+        with source.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            table: dict[str, Any] = {name: archive[name] for name in names}
+    except OSError as error:
+        raise Refusal("not_found", f"{source} cannot be read: {error.strerror or error}", "map") from None
+    except KeyError:
+        raise Refusal(
+            "malformed", f"{source.name} is no map of features; surefoot map build makes one", "map"
+        ) from None
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError) as error:
+        raise Refusal("malformed", f"{source.name} is no map of features: {str(error)[:80]}", "map") from None
+    return _checked(table, source.name)
+
+
+def _checked(table: dict[str, Any], name: str) -> FeatureMap:
+    kind = str(table["kind"])
+    if str(table["content"]) != CONTENT or kind not in KINDS:
+        text = f"{name} holds {str(table['content'])[:40]!r} of {kind[:20]!r}, allowed are {CONTENT!r} of "
+        raise Refusal("malformed", text + ", ".join(KINDS), "map")
+    n, looks = len(table["positions"]), table["looks"]
+    shapes = (table["positions"].shape, looks.shape, table["seen"].shape, table["sd"].shape)
+    if shapes != ((n, 2), (n, KINDS[cast(Kind, kind)].length), (n,), (n,)) or not 1 <= n <= MOST_COMPARED:
+        raise Refusal("malformed", f"{name}: arrays of {shapes} do not make a map of {kind} features", "map")
+    if not np.isfinite(table["positions"]).all() or not np.isfinite(table["sd"]).all():
+        raise Refusal("malformed", f"{name}: places are not finite", "map")
+    return FeatureMap(
+        cast(Kind, kind), table["positions"].astype(np.float64), looks, table["seen"].astype(np.int64),
+        table["sd"].astype(np.float64), float(table["pixel"]), str(table["camera"]), int(table["version"]),
+        str(table["source"]), str(table["opencv"]),
+    )  # fmt: skip

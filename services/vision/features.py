@@ -1,0 +1,95 @@
+"""FoundFeatures of a picture: places and descriptors by ORB or SIFT, behind one interface."""
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+
+from .opencv import opencv
+
+Array = NDArray[np.float64]
+Kind = Literal["orb", "sift"]
+
+MOST_COMPARED = 100_000
+"""Most features of a picture or of a map."""
+
+
+class FoundFeatures(NamedTuple):
+    """FoundFeatures of one picture."""
+
+    pixels: Array
+    """Places, (n, 2) px."""
+    descriptors: NDArray[Any]
+    """(n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
+
+
+@dataclass(frozen=True)
+class FeatureKind:
+    """One kind of feature."""
+
+    length: int
+    """Elements of a descriptor."""
+    like: float
+    """Largest distance of two descriptors of one feature: bits, or Euclidean."""
+
+
+KINDS: dict[Kind, FeatureKind] = {
+    "orb": FeatureKind(32, 64.0),
+    "sift": FeatureKind(128, 280.0),
+}
+
+
+class Extractor:
+    """Finder of features.
+
+    Args:
+        kind: of the features.
+        count: most of one picture, the strongest.
+        contrast: least strength of a feature: contrast of SIFT, 1 = that of OpenCV; ORB's corners likewise.
+    """
+
+    def __init__(self, kind: Kind, count: int, contrast: float = 0.5) -> None:
+        cv2 = opencv()
+        self.kind = kind
+        if kind == "orb":
+            threshold = max(1, round(20 * contrast))
+            self._make = cv2.ORB_create(nfeatures=count, nlevels=3, edgeThreshold=16, fastThreshold=threshold)
+        else:
+            self._make = cv2.SIFT_create(nfeatures=count, contrastThreshold=0.04 * contrast)
+
+    def find(self, picture: NDArray[np.uint8], mask: NDArray[np.uint8]) -> FoundFeatures:
+        """Return the features of a picture where the mask is not 0."""
+        points, descriptors = self._make.detectAndCompute(picture, mask)
+        if not points:
+            return nothing(self.kind)
+        return FoundFeatures(np.array([point.pt for point in points], dtype=np.float64), descriptors)
+
+
+def nothing(kind: Kind) -> FoundFeatures:
+    """Return no features."""
+    return FoundFeatures(np.zeros((0, 2)), np.zeros((0, KINDS[kind].length), np.uint8 if kind == "orb" else np.float32))
+
+
+def distances(kind: Kind, a: NDArray[Any], b: NDArray[Any]) -> Array:
+    """Return the distance of every pair of descriptors, (len(a), len(b)).
+
+    Raises:
+        Refusal: more than `MOST_COMPARED` of them, or descriptors of another kind.
+    """
+    if max(len(a), len(b)) > MOST_COMPARED:
+        raise Refusal("too_many", f"at most {MOST_COMPARED} features are compared, got {max(len(a), len(b))}")
+    if a.shape[1] != b.shape[1] or a.dtype != b.dtype:
+        raise Refusal("bad_descriptor", f"descriptors of {a.shape[1]} {a.dtype} and {b.shape[1]} {b.dtype} differ")
+    if not len(a) or not len(b):
+        return np.zeros((len(a), len(b)))
+    if kind == "orb":
+        words = [np.ascontiguousarray(each).view(np.uint64) for each in (a, b)]
+        bits = np.bitwise_count(words[0][:, None] ^ words[1][None])
+        return np.add.reduce(bits, axis=2, dtype=np.float64)
+    cv2 = opencv()
+    products = np.asarray(cv2.gemm(a, b, 1.0, None, 0.0, flags=cv2.GEMM_2_T), dtype=np.float64)
+    squares = [np.add.reduce(each.astype(np.float64) ** 2, axis=1) for each in (a, b)]
+    return np.sqrt(np.maximum(squares[0][:, None] + squares[1][None] - 2.0 * products, 0.0))

@@ -1,0 +1,54 @@
+"""Between what an image showed and the message on the bus."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import wrap_angle
+from surefoot.schemas.hw import Landmark
+from surefoot.schemas.navigation import PoseBelief
+from surefoot.schemas.state import SeenLandmarks
+
+from .eye import Seen
+from .motion import OdometryAt
+from .recognise import Believed
+
+Array = NDArray[np.float64]
+
+UNSURE = (0.5, 0.6)
+"""Standard deviations of a belief, m and rad, from which on it restricts no search."""
+
+
+def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:
+    """Return the belief of the navigator at the time of an image; None = lost, or too unsure to restrict a search."""
+    if message is None or message.lost:
+        return None
+    covariance = np.array(message.covariance).reshape(3, 3)
+    if max(covariance[0, 0], covariance[1, 1]) > UNSURE[0] ** 2 or covariance[2, 2] > UNSURE[1] ** 2:
+        return None
+    x, y, turn = message.map_from_odom
+    c, s = math.cos(turn), math.sin(turn)
+    place = product(np.array([[c, -s], [s, c]]), np.array(then.pose[:2]))
+    return Believed(np.array([x + place[0], y + place[1], wrap_angle(turn + then.pose[2])]), covariance)
+
+
+def landmarks_message(places: Array, seen: Seen, codes: Array, stamp_ns: int, flags: tuple[str, ...]) -> SeenLandmarks:
+    """Return the message of an image.
+
+    Args:
+        places: of its landmarks in heading axes of base_link now, (k, 2) m.
+        seen: result of the image.
+        codes: of the map's features.
+        stamp_ns: middle of the exposure.
+        flags: of the camera, beside those of the image.
+    """
+    marks = tuple(
+        Landmark(range=math.hypot(x, y), bearing=math.atan2(y, x), descriptor=tuple(codes[k].tolist()))
+        for (x, y), k in zip(places.tolist(), seen.landmarks.tolist(), strict=True)
+    )
+    return SeenLandmarks(
+        landmarks=marks, fresh=True, image_stamp_ns=stamp_ns, features=seen.features, compared=seen.compared,
+        anywhere=seen.anywhere, flags=tuple(dict.fromkeys((*flags, *seen.flags))),
+    )  # fmt: skip

@@ -1,0 +1,98 @@
+"""Motion of the robot in the last seconds: where the camera was at the time of an image, and what has moved since."""
+
+import math
+from bisect import bisect_right
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.hw import JointState
+from surefoot.schemas.state import Odometry
+
+from .view import FloorPose
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+KEPT = 300
+"""Odometry messages that are kept, one each 10 ms."""
+READ_WITHIN_NS = 100_000_000
+"""Largest time between an image and the odometry and joints that it is read with, ns."""
+
+
+class OdometryAt(NamedTuple):
+    """Odometry at one time."""
+
+    stamp_ns: int
+    pose: tuple[float, float, float]
+    """x, y m and heading rad in odom."""
+    rot: Array
+    """rot_heading_from_base, (3, 3)."""
+
+
+@dataclass
+class MotionHistory:
+    """Odometry and joints of the last seconds.
+
+    Attributes:
+        robot: its feet give the height over the floor.
+    """
+
+    robot: Robot
+    _moments: deque[OdometryAt] = field(default_factory=lambda: deque[OdometryAt](maxlen=KEPT))
+    _joints: deque[tuple[int, tuple[float, ...]]] = field(
+        default_factory=lambda: deque[tuple[int, tuple[float, ...]]](maxlen=KEPT // 3)
+    )
+
+    def moved(self, odometry: Odometry) -> None:
+        """Take the odometry of a tick."""
+        if not odometry.initialised:
+            return
+        c, s = math.cos(odometry.yaw), math.sin(odometry.yaw)
+        level = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        rot = product(level, matrix_from_quat(np.array(odometry.quat_wxyz)))
+        x, y, _ = odometry.position
+        self._moments.append(OdometryAt(odometry.stamp_ns, (x, y, odometry.yaw), rot))
+
+    def bent(self, joints: JointState) -> None:
+        """Take a sample of the encoders."""
+        self._joints.append((joints.stamp_ns, joints.position))
+
+    @property
+    def now(self) -> OdometryAt | None:
+        """The last odometry."""
+        return self._moments[-1] if self._moments else None
+
+    def at(self, stamp_ns: int) -> tuple[OdometryAt, FloorPose] | None:
+        """Return odometry and pose over the floor at a time; None = not known."""
+        moment = _nearest(list(self._moments), [m.stamp_ns for m in self._moments], stamp_ns)
+        joints = _nearest(list(self._joints), [j[0] for j in self._joints], stamp_ns)
+        if moment is None or joints is None:
+            return None
+        feet = foot_positions(self.robot.model, np.array(joints[1]))
+        height = -float(product(feet, moment.rot.T)[:, 2].min())
+        return moment, FloorPose(moment.rot, height)
+
+
+def _nearest(items: list[T], stamps: list[int], stamp_ns: int) -> T | None:
+    i = bisect_right(stamps, stamp_ns)
+    best = min((k for k in (i - 1, i) if 0 <= k < len(items)), key=lambda k: abs(stamps[k] - stamp_ns), default=None)
+    return None if best is None or abs(stamps[best] - stamp_ns) > READ_WITHIN_NS else items[best]
+
+
+def since(places: Array, then: OdometryAt, now: OdometryAt) -> Array:
+    """Return points of the heading axes of one time in those of another, by odometry, (n, 2) m."""
+    dx, dy = then.pose[0] - now.pose[0], then.pose[1] - now.pose[1]
+    turn = then.pose[2] - now.pose[2]
+    c, s = math.cos(turn), math.sin(turn)
+    cn, sn = math.cos(now.pose[2]), math.sin(now.pose[2])
+    x = c * places[:, 0] - s * places[:, 1] + cn * dx + sn * dy
+    y = s * places[:, 0] + c * places[:, 1] - sn * dx + cn * dy
+    return np.stack((x, y), axis=1)

@@ -1,0 +1,226 @@
+"""Recognition: features of a picture that are features of the map, by look, by place and together.
+
+1. Gate: with a believed pose of covariance P only map features within sqrt(chi2 P_xy) + 3 r sigma_theta + slack of a
+   feature's place are candidates; without a belief all are.
+2. Ratio test: the nearest candidate by look is at most `ratio` as far as the second (one beside the first, which is
+   the same feature found twice, does not count).
+3. One rigid motion robot -> map explains the matches (RANSAC, Fischler & Bolles 1981, of pairs of matches).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+
+from .feature_map import FeatureMap
+from .features import KINDS, distances
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+FEWEST_AGREE = 3
+"""Matches that agree on a motion, at least: two always do."""
+
+
+@dataclass(frozen=True)
+class RecogniseParams:
+    """Limits of recognition."""
+
+    chi2: float = 9.21
+    """Square of the gate in standard deviations, chi^2_2(.99)."""
+    slack: float = 0.04
+    """m, gate of an exact pose: noise of a place and tilt."""
+    ratio: float = 0.85
+    """Largest distance to the nearest candidate over that to the second."""
+    beside: float = 0.02
+    """m, map features so near each other are one."""
+    alone: float = 0.8
+    """Part of the largest distance that a match without a second candidate may have."""
+    apart: float = 0.1
+    """m, least distance of the pairs that motions are drawn from."""
+    turn: float = 0.15
+    """rad, largest deviation of the heading of an exact pose: noise of places that lie near each other."""
+    inlier: float = 0.025
+    """m, largest residual of a match under the common motion."""
+    pairs: int = 300
+    """Motions that are tried."""
+    fewest_anywhere: int = 8
+    """Least number of matches of a motion found without a belief."""
+    share_compared: float = 0.08
+    """Least share of the features that agree on it; the middle of an image upside down brings 0.044."""
+    share_here: float = 0.02
+    """Least share of the compared features that agree on a motion at the believed place; chance brings 0.008."""
+    share_alone: float = 0.05
+    """Least share of the compared features that are matched where too few agree; chance brings 0.04."""
+    share_anywhere: float = 0.3
+    """Least share of the matches that agree on it."""
+    most: int = 20
+    """Landmarks of one image, the likest."""
+
+
+class Believed(NamedTuple):
+    """Belief of the pose at the time of an image."""
+
+    pose: Array
+    """x, y m and heading rad in the map, (3,)."""
+    covariance: Array
+    """(3, 3)."""
+
+
+class Recognised(NamedTuple):
+    """Map features found in one picture."""
+
+    features: Index
+    """FoundFeatures of the picture, likest first, (k,)."""
+    landmarks: Index
+    """Feature of the map for each, (k,)."""
+    anywhere: bool
+    """True if no belief restricted the search."""
+    compared: int
+    """FoundFeatures that had a candidate."""
+    scale: float
+    """Scale of the motion that explains the matches best, 1 = the picture's is right; 1 for fewer than three."""
+
+
+def recognise(
+    places: Array, descriptors: NDArray[Any], world: FeatureMap, belief: Believed | None, params: RecogniseParams
+) -> Recognised:
+    """Return the map features in a picture.
+
+    Args:
+        places: of the picture's features, heading axes of base_link, (n, 2) m.
+        descriptors: of these.
+        world: map.
+        belief: None = lost: all of the map is compared, and only a motion that many agree on counts.
+        params: limits.
+
+    Raises:
+        Refusal: descriptors of another kind than the map's, or too many features.
+    """
+    if descriptors.dtype != world.descriptors.dtype or descriptors.shape[1] != world.descriptors.shape[1]:
+        text = f"the map has {world.kind} features, the picture others of {descriptors.shape[1]} numbers"
+        raise Refusal("bad_descriptor", text, "features")
+    gate, near = _gate(places, world, belief, params)
+    found, mark, far = _likest(distances(world.kind, descriptors, world.descriptors[near]), gate, near, world, params)
+    compared = int(gate.any(axis=1).sum())
+    if len(found) == 0:
+        return Recognised(found, mark, belief is None, compared, 1.0)
+    here, there = places[found], world.positions[mark]
+    bend = None if belief is None else (float(belief.pose[2]), params.turn + 3.0 * math.sqrt(belief.covariance[2, 2]))
+    agree, scale = consensus(here, there, params, bend)
+    if belief is None:
+        few = max(params.fewest_anywhere, params.share_anywhere * len(found), params.share_compared * compared)
+        agree &= agree.sum() >= few
+    elif agree.sum() < max(FEWEST_AGREE, params.share_here * compared):
+        # too few to agree: gate and look decide, if there are more than chance puts into the gates of so many features
+        agree = np.full(len(found), len(found) >= params.share_alone * compared)
+    order = np.flatnonzero(agree)[np.argsort(far[agree], kind="stable")][: params.most]
+    return Recognised(found[order], mark[order], belief is None, compared, scale)
+
+
+def _gate(
+    places: Array, world: FeatureMap, belief: Believed | None, params: RecogniseParams
+) -> tuple[NDArray[np.bool_], Index]:
+    """Return which of the near map features may be which feature, (n, m), and the near ones, (m,)."""
+    if belief is None:
+        return np.ones((len(places), len(world)), dtype=np.bool_), np.arange(len(world))
+    x, y, heading = belief.pose
+    c, s = math.cos(heading), math.sin(heading)
+    at = np.stack((x + c * places[:, 0] - s * places[:, 1], y + s * places[:, 0] + c * places[:, 1]), axis=1)
+    p = belief.covariance
+    half, bend = 0.5 * (p[0, 0] + p[1, 1]), math.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
+    sds = math.sqrt(params.chi2)
+    away = np.hypot(places[:, 0], places[:, 1])
+    reach = params.slack + sds * np.sqrt(half + bend + away**2 * p[2, 2])  # (n,)
+    if len(at) == 0:
+        return np.zeros((0, 0), dtype=np.bool_), np.zeros(0, dtype=np.int64)
+    low, high = (at - reach[:, None]).min(axis=0), (at + reach[:, None]).max(axis=0)
+    near = np.flatnonzero(((world.positions >= low) & (world.positions <= high)).all(axis=1))
+    gap = world.positions[near][None] - at[:, None]
+    return np.hypot(gap[..., 0], gap[..., 1]) <= reach[:, None], near
+
+
+def _likest(
+    apart: Array, gate: NDArray[np.bool_], near: Index, world: FeatureMap, params: RecogniseParams
+) -> tuple[Index, Index, Array]:
+    """Return features, map features and distances of the matches that pass the ratio test, each map feature once."""
+    none = np.zeros(0, dtype=np.int64)
+    if apart.size == 0:
+        return none, none, np.zeros(0)
+    look = np.where(gate, apart, np.inf)
+    rows = np.arange(len(look))
+    first = look.argmin(axis=1)
+    best = look[rows, first]
+    gap = world.positions[near][None] - world.positions[near[first]][:, None]
+    look[np.hypot(gap[..., 0], gap[..., 1]) <= params.beside] = np.inf
+    second = look.min(axis=1)
+    like = KINDS[world.kind].like
+    with np.errstate(invalid="ignore"):
+        good = (best <= like) & (best <= params.ratio * second)
+    good &= np.isfinite(second) | (best <= params.alone * like)
+    kept = np.flatnonzero(good)
+    kept = kept[np.argsort(best[kept], kind="stable")]
+    mark, at = near[first[kept]], best[kept]
+    _, once = np.unique(mark, return_index=True)
+    once.sort()
+    return kept[once], mark[once], at[once]
+
+
+def consensus(
+    here: Array, there: Array, params: RecogniseParams, bend: tuple[float, float] | None = None
+) -> tuple[NDArray[np.bool_], float]:
+    """Return which matches one rigid motion explains, (n,), and the scale that would explain these best.
+
+    Args:
+        here: places in the picture, (n, 2) m.
+        there: places in the map, (n, 2) m.
+        params: limits.
+        bend: heading that the motion has, and its largest deviation, rad; None = any.
+    """
+    n = len(here)
+    i, j = np.triu_indices(n, 1)
+    way = here[j] - here[i]
+    long = np.hypot(way[:, 0], way[:, 1])
+    turned = there[j] - there[i]
+    fits = (long >= params.apart) & (np.abs(np.hypot(turned[:, 0], turned[:, 1]) - long) <= 2.0 * params.inlier)
+    pairs = np.flatnonzero(fits)
+    if len(pairs) > params.pairs:
+        pairs = pairs[np.linspace(0, len(pairs) - 1, params.pairs).astype(np.int64)]
+    if len(pairs) == 0:
+        return np.zeros(n, dtype=np.bool_), 1.0
+    a, b = way[pairs], turned[pairs]
+    size = np.hypot(a[:, 0], a[:, 1]) * np.hypot(b[:, 0], b[:, 1])
+    c, s = (a * b).sum(axis=1) / size, (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / size
+    if bend is not None and bend[1] < math.pi:
+        right = c * math.cos(bend[0]) + s * math.sin(bend[0]) >= math.cos(bend[1])
+        pairs, c, s = pairs[right], c[right], s[right]
+        if len(pairs) == 0:
+            return np.zeros(n, dtype=np.bool_), 1.0
+    middle, goal = 0.5 * (here[i[pairs]] + here[j[pairs]]), 0.5 * (there[i[pairs]] + there[j[pairs]])
+    agree = np.hypot(*_moved(here, c, s, middle, goal, there)) <= params.inlier  # (pairs, n)
+    best = agree[int(agree.sum(axis=1).argmax())]
+    c0, s0, scale = _fit(here[best], there[best])
+    ends = here[best].mean(axis=0)[None], there[best].mean(axis=0)[None]
+    left = np.hypot(*_moved(here, np.array([c0]), np.array([s0]), *ends, there))[0]
+    agree = left <= params.inlier
+    return (agree if agree.sum() >= best.sum() else best), scale
+
+
+def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: Array) -> tuple[Array, Array]:
+    """Return the residuals x and y, (k, n), of points under k motions that turn `middle` into `goal`."""
+    x, y = here[None, :, 0] - middle[:, None, 0], here[None, :, 1] - middle[:, None, 1]
+    dx = c[:, None] * x - s[:, None] * y + goal[:, None, 0] - there[None, :, 0]
+    return dx, s[:, None] * x + c[:, None] * y + goal[:, None, 1] - there[None, :, 1]
+
+
+def _fit(here: Array, there: Array) -> tuple[float, float, float]:
+    """Return cosine and sine of the turn that fits best, and the scale, 1 for fewer than three points."""
+    a, b = here - here.mean(axis=0), there - there.mean(axis=0)
+    c, s = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    size, spread = math.hypot(c, s), float((a * a).sum())
+    return c / size, s / size, (size / spread if len(here) >= 3 and spread > 0.0 else 1.0)

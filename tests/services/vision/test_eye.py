@@ -1,0 +1,88 @@
+"""Images in, landmarks out: accuracy against known poses, and honesty where there is nothing to see."""
+
+from base64 import b64encode
+
+import numpy as np
+import pytest
+
+from surefoot.services.vision.conditions import conditions
+from surefoot.services.vision.eye import BLIND_IMAGES, Eye
+from surefoot.services.vision.recognise import Believed
+from surefoot.services.vision.view import greys
+from tests.services.vision.shots import base, extractor, shot, world
+
+POSES = ((0.15, 0.03, 0.1), (0.05, -0.08, -0.05), (0.25, 0.1, 0.2, 0.03, -0.04))
+
+
+def eye(kind="orb", seed=0) -> Eye:
+    return Eye(extractor(kind), world(kind, seed))
+
+
+def off(seen, pose, kind="orb"):
+    """Distances of recognised landmarks from their places in the map, by the true pose."""
+    x, y, yaw = pose[:3]
+    c, s = np.cos(yaw), np.sin(yaw)
+    at = np.stack(
+        (x + c * seen.places[:, 0] - s * seen.places[:, 1], y + s * seen.places[:, 0] + c * seen.places[:, 1]), 1
+    )
+    return np.hypot(*(at - world(kind).positions[seen.landmarks]).T)
+
+
+@pytest.mark.parametrize("kind", ["orb", "sift"])
+@pytest.mark.parametrize("pose", POSES)
+def test_landmarks_are_where_the_map_has_them(kind, pose):
+    believed = Believed(np.array(pose[:3]) + 0.04, np.diag([0.0025, 0.0025, 0.0025]))
+    for each in (believed, None):
+        seen = eye(kind).look(shot(pose, noise=3), base(*pose[3:]), each)
+        assert len(seen.landmarks) >= 15
+        assert seen.flags == ()
+        assert np.median(off(seen, pose, kind)) < 0.004
+        assert off(seen, pose, kind).max() < 0.03
+
+
+def test_another_floor_an_image_upside_down_or_another_place_give_no_landmark():
+    pose = POSES[0]
+    believed = Believed(np.array(pose), np.diag([0.0025, 0.0025, 0.0025]))
+    flipped = shot(pose)
+    flipped = flipped.model_copy(update={"pixels": b64encode(greys(flipped)[::-1, ::-1].tobytes()).decode()})
+    for image in (shot(pose, seed=4), flipped):
+        mine = eye()
+        for noise in range(BLIND_IMAGES):
+            seen = mine.look(image if noise % 2 else image.model_copy(update={"width": 320}), base(), believed)
+            mine._before = None
+            assert len(seen.landmarks) == 0
+        assert "unrecognised" in seen.flags
+        assert len(eye().look(image, base(), None).landmarks) == 0
+
+
+def test_a_wrong_focal_length_is_noticed_by_the_scale():
+    mine, flags = eye(), ()
+    for k in range(20):
+        pose = (0.02 * (k % 10), 0.0, 0.0)
+        image = shot(pose, noise=k)
+        seen = mine.look(image.model_copy(update={"focal": 0.9 * image.focal}), base(), None)
+        flags = seen.flags
+        if "scale" in flags or "unrecognised" in flags:
+            break
+    assert {"scale", "unrecognised"} & set(flags)
+    assert len(seen.landmarks) == 0
+
+
+def test_conditions_of_pixels():
+    rng = np.random.default_rng(0)
+    good = rng.integers(60, 200, (48, 64)).astype(np.uint8)
+    assert conditions(good, None) == conditions(good, good + 1) == ()
+    assert conditions(good, good.copy()) == ("frozen",)
+    assert conditions(good // 64, None) == ("dark",)
+    assert conditions(np.maximum(good, 251), None) == ("bright",)
+    half = good.copy()
+    half[:, :32] //= 32
+    assert conditions(half, None) == ("covered",)
+
+
+def test_what_cannot_be_read_is_a_flag():
+    image = shot(POSES[0])
+    assert eye().look(image.model_copy(update={"pixels": "?"}), base(), None).flags == ("bad_image",)
+    plain = image.model_copy(update={"pixels": b64encode(bytes([120]) * 320 * 240).decode()})
+    assert eye().look(plain, base(), None).flags == ("featureless",)
+    assert Eye(extractor(), None).look(image, base(), None).flags == ("no_map",)
