@@ -85,8 +85,7 @@ class Navigator(Service[NavigatorConfig]):
         first, requests.tick, self._epoch = requests.tick < 0, inputs.number, inputs.tick.epoch
         requests.now = now = inputs.tick.stamp_ns * 1e-9
         gait, odometry = inputs.get(STATE_GAIT), inputs.get(STATE_ODOMETRY)
-        if gait is not None:
-            requests.gait = GaitView.of(gait)
+        requests.gait = requests.gait if gait is None else GaitView.of(gait)
         for problem in self.maps.take(inputs.get(TERRAIN_MAP), inputs.get(TERRAIN_LANDMARKS)):
             self.log("error", problem)
         localiser.tracker.world = self.maps.landmarks
@@ -111,9 +110,8 @@ class Navigator(Service[NavigatorConfig]):
 
     def _take_sight(self, seen: LandmarkDetections | None, reach: Range | None) -> None:
         if reach is not None:
-            self._blocked = take_range(
-                reach, self.localiser, self.maps, self.catalogue.model.conduct, self.requests.now
-            )
+            conduct, now = self.catalogue.model.conduct, self.requests.now
+            self._blocked = take_range(reach, self.localiser, self.maps, conduct, now)
         if seen is None or not self.config.use_landmarks:
             return
         try:
