@@ -124,7 +124,7 @@ def _assigned(at: Array, descriptors: NDArray[Any], found: Tracks, slack: Array)
     reach = float(slack.max())
     low, high = at.min(axis=0) - reach, at.max(axis=0) + reach
     near = np.flatnonzero(((found.positions >= low) & (found.positions <= high)).all(axis=1))
-    part = Tracks(found.kind, found.positions[near], found.totals[near], found.count[near], near, near)
+    part = Tracks(found.kind, found.positions[near], found.totals[near], found.count[near], near, np.zeros(len(near)))
     gap = at[:, None] - part.positions[None]
     look = distances(found.kind, descriptors, part.descriptors())
     look[np.hypot(gap[..., 0], gap[..., 1]) > slack[near][None]] = np.inf

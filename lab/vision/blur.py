@@ -166,7 +166,7 @@ def by_speed(
     low, high = world.positions.min(axis=0), world.positions.max(axis=0)
     for ahead, turn in motions:
         for trial in range(trials):
-            x = float(rng.uniform(low[0] - 0.2, high[0] - 1.1))
+            x = float(rng.uniform(*sorted((low[0] - 0.2, high[0] - 1.1))))
             at = (x, float(rng.uniform(-0.2, 0.2)), float(rng.uniform(-0.25, 0.25)))
             image = camera.shot(at, ahead, turn, trial)
             eye = Eye(Extractor(world.kind, COUNT), world, Patch(pixel=world.pixel), ALL)

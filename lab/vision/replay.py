@@ -30,6 +30,7 @@ from surefoot.schemas.topics import (
     STATE_ODOMETRY,
     STATE_POSE,
     TICK_NS,
+    TICK_S,
 )
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError
@@ -50,8 +51,6 @@ from surefoot.services.vision.service import VisionService
 Array = NDArray[np.float64]
 
 KEYS = (HW_JOINTS.key, STATE_ODOMETRY.key, STATE_GAIT.key, SIM_TRUTH.key)
-BEGIN = 5
-"""Ticks of a recording that are left out: the camera's path begins."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +67,8 @@ class RecordedMotion:
         return (*message.position[:2], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
-def read_motion(path: Path, robot: str = "nao") -> RecordedMotion:
-    """Return the motion of a recording; raises SurefootError where it lacks a topic of `KEYS`."""
+def read_motion(path: Path, seconds: float = math.inf, robot: str = "nao") -> RecordedMotion:
+    """Return the motion of a recording, its first seconds; raises SurefootError where it lacks a topic of `KEYS`."""
     table: dict[int, dict[str, Any]] = {}
     for item in read_recording(path, KEYS):
         message = item.message()
@@ -79,7 +78,7 @@ def read_motion(path: Path, robot: str = "nao") -> RecordedMotion:
         if not any(key in messages for messages in ticks):
             raise SurefootError("invalid", f"{path} has no {key}; a replay needs it", key)
     whole = next((n for n, m in enumerate(ticks) if n > 0 and not {*KEYS[1:]} <= set(m)), len(ticks))
-    return RecordedMotion(load_robot(robot), ticks[:whole])
+    return RecordedMotion(load_robot(robot), ticks[: int(min(whole, seconds / TICK_S))])
 
 
 def floor(texture: str, seed: int, terrain: str = "corridor", width: float = 2.0) -> Texture:
@@ -215,7 +214,7 @@ class WalkReplay:
         """Let the belief take odometry and landmarks of a tick."""
         odometry, gait = messages[STATE_ODOMETRY.key], GaitView.of(messages[STATE_GAIT.key])
         if odometry.initialised:
-            localiser.odometry(*odometry.position[:2], odometry.yaw, now * 1e-9)
+            localiser.odometry(odometry.position[0], odometry.position[1], odometry.yaw, now * 1e-9)
         if seen is not None and seen.fresh:
             try:
                 localiser.look(seen.stamped(now, now // TICK_NS, 1, 0, "vision"), gait, now * 1e-9)

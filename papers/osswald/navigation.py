@@ -13,6 +13,7 @@ from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
 from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG
 
 from . import live as live_runs
+from . import pixels
 from .measures import (
     FAR,
     NEAR,
@@ -255,4 +256,5 @@ def reproduce(
         tell("drawing")
         figures = draw(done, out)
     notes = NOTES if live is not None else (*NOTES, LIVE_NOTE)
-    return Reproduction(TITLE, findings(done, robot), figures, notes)
+    tell("blur from pixels")
+    return Reproduction(TITLE, (*findings(done, robot), *pixels.findings()), figures, notes)

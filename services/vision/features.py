@@ -53,7 +53,7 @@ class Extractor:
 
     def __init__(self, kind: Kind, count: int, contrast: float = 0.5) -> None:
         cv2 = opencv()
-        self.kind = kind
+        self.kind: Kind = kind
         if kind == "orb":
             threshold = max(1, round(20 * contrast))
             self._make = cv2.ORB_create(nfeatures=count, nlevels=3, edgeThreshold=16, fastThreshold=threshold)
