@@ -22,7 +22,8 @@ def standing_still(status: SimStatus) -> str:
 def pace(status: SimStatus) -> str:
     """Return how simulated time runs, in words: its real-time factor, late, joints held, or why it stands still."""
     still = standing_still(status)
-    words = [still] if still else [f"simulated time runs at {status.rtf:.2f} times real time, tick {status.tick}"]
+    rate = f"at {status.rtf:.2f} times real time, " if status.rtf > 0.0 else ""  # 0: nothing was measured yet
+    words = [still] if still else [f"simulated time runs {rate}tick {status.tick}".replace("runs tick", "runs: tick")]
     if status.late and not still:
         words.append(f"late: {status.pace:g} is asked for")
     if status.held:

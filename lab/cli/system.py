@@ -143,7 +143,9 @@ def status(
     if json:
         write_json(found)
     elif not found:
-        write("nothing is running; start a system with `surefoot up`")
+        others = ", ".join(folder.name for folder in _folders(None) if folder.held()) if system is not None else ""
+        what = f"{Path(system or '').stem} does not run; running: {others}" if others else "nothing is running"
+        write(what if others else f"{what}; start a system with `surefoot up`")
     for name, content in found.items() if not json else ():
         _show_status(name, content)
     if not found or any(row["state"] != "healthy" for content in found.values() for row in content["services"]):

@@ -1,5 +1,6 @@
 """`surefoot topic list|info|echo|hz`."""
 
+import json as jsonlib
 import time
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,11 +24,16 @@ from .output import (
 if TYPE_CHECKING:
     from surefoot.bus.interface import Delivery
     from surefoot.client import Client
+    from surefoot.schemas.base import Message
     from surefoot.schemas.topics import Topic
 
 SILENCE_S = 2.0  # s wall, after so long without a message the reason is looked for
 
-app = typer.Typer(help="Topics: list, show, echo, measure.", no_args_is_help=True)
+HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")
+SHOWN, LONGEST = 24, 200
+"""Elements of a list and characters of a text that a readable line shows."""
+
+app = typer.Typer(help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.")]
 
 
@@ -73,11 +79,13 @@ def echo(
     count: Annotated[int, typer.Option("--count", "-n", min=0, help="End after so many messages, 0 = never.")] = 0,
     timeout: Annotated[float, typer.Option(min=0.0, help="End when none comes for so many s, 0 = never.")] = 0.0,
     field: Annotated[str | None, typer.Option(help="Show this field only.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="End after one message.")] = False,
+    raw: Annotated[bool, typer.Option("--raw", help="One JSON object a line, as on the wire.")] = False,
     connect: Connect = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Print the messages of a topic as they come, one JSON object a line."""
+    """Print the messages of a topic as they come, a readable line each; with --raw or --json one JSON object a line."""
     from surefoot.client import topic_named
     from surefoot.errors import Refusal
 
@@ -89,12 +97,51 @@ def echo(
         for number, delivery in enumerate(_deliveries(robot, topic, timeout), 1):
             try:
                 message = delivery.message()
-                write(message.model_dump_json(include={field} if field is not None else None))
+                if raw or json:
+                    write(message.model_dump_json(include={field} if field is not None else None))
+                else:
+                    write(readable(message, field))
             except Refusal as refusal:
                 tell(f"surefoot: {key}: {refusal.message}")
-            if number == count:
+            if number == count or once:
                 return
     raise typer.Exit(EXIT_CHECK)
+
+
+@app.command()
+def pub(
+    key: Key,
+    fields: Annotated[str, typer.Argument(help="Fields of the message as a JSON object.")] = "{}",
+    connect: Connect = None,
+    namespace: Namespace = None,
+    json: Json = False,
+) -> None:
+    """Publish one message, checked against its schema, as an operator: services read their inputs from the owners only.
+    Commands are queries: `surefoot call cmd/walk`."""
+    from pydantic import ValidationError
+
+    from surefoot.bus.codec import refusal_of
+    from surefoot.client import topic_named
+    from surefoot.errors import SurefootError
+    from surefoot.nearest import did_you_mean
+
+    use_json(json)
+    topic = topic_named(key)
+    try:
+        message = topic.model.model_validate_json(fields)
+    except ValidationError as error:
+        raise refusal_of(error, topic.key) from None
+    known = [name for name in topic.model.model_fields if name not in HEADER]
+    for name in jsonlib.loads(fields):
+        if name not in known:
+            hint = f"{did_you_mean(name, known)}; it has {', '.join(known)}"
+            raise SurefootError("unknown_key", f"{topic.key} has no field {name!r}{hint}", name)
+    with client(connect, namespace) as robot:
+        robot.bus.publisher(topic, framed=False).put(message)
+    if json:
+        write_json({"key": topic.key, "published": message})
+    else:
+        write(f"published on {topic.key}: {readable(message)}")
 
 
 @app.command()
@@ -157,6 +204,27 @@ def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any"
         if not delivery.prime:
             last = time.monotonic()
             yield delivery
+
+
+def readable(message: "Message", field: str | None = None) -> str:
+    """Return a message as one line: simulated time and tick, then its fields; numbers with four digits."""
+    content = message.model_dump(mode="json", include={field} if field is not None else None)
+    shown = [f"{name}={_text(value)}" for name, value in content.items() if name not in HEADER]
+    return f"t={message.stamp_ns * 1e-9:.3f} s, tick {message.tick}: {', '.join(shown)}"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "-"}[value]
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        more = f" ... {len(value)} in all" if len(value) > SHOWN else ""
+        return f"[{' '.join(_text(part) for part in value[:SHOWN])}{more}]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{name}={_text(part)}" for name, part in value.items()) + "}"
+    text = str(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def _why(robot: "Client") -> str:

@@ -59,7 +59,7 @@ def open_log(
         SurefootError: the log cannot be used; with row, column and factor as far as they are known.
     """
     if not path.exists():
-        raise SurefootError("unreadable", f"{path}: no such file", "log")
+        raise SurefootError("invalid", f"{path}: no such file", "log")
     if path.suffix.lower() == ".mcap":
         if feet is not UNSTATED and feet != UNSTATED:
             raise SurefootError("invalid", "a recording names the robot, and with it feet and contacts", "feet")

@@ -55,6 +55,10 @@ METRICS: Mapping[str, Metric] = {
 """Every number of a run, in the order of the verdict table."""
 
 
+SIBLINGS = {"min_margin_measured_m": "min_margin_m"}
+"""Metrics without a limit of their own, each with the one whose limit it is compared with."""
+
+
 @dataclass(frozen=True)
 class Row:
     """One row of the verdict table.
@@ -143,7 +147,18 @@ def judge(
             (LIMITS[key].side, limit) for key, limit in limits.items() if LIMITS[key].metric == name
         )
         rows.append(Row(name, value, held, _meets(value, held) if held else None))
-    return RunVerdict(tuple(rows), problems, message_hash, comparable, notes)
+    return RunVerdict(tuple(rows), problems, message_hash, comparable, (*notes, *_below_siblings(rows)))
+
+
+def _below_siblings(rows: list[Row]) -> list[str]:
+    """Return a sentence on each value without a limit that would not meet the limit of its sibling."""
+    by_name, found = {row.name: row for row in rows}, list[str]()
+    for name, sibling in SIBLINGS.items():
+        row, other = by_name[name], by_name[sibling]
+        if row.value is not None and not row.limits and other.limits and not _meets(row.value, other.limits):
+            title = METRICS[sibling].title
+            found.append(f"{METRICS[name].title}: {row.text}, has no limit; that of the {title} is {other.limit_text}")
+    return found
 
 
 def _meets(value: float | None, held: tuple[tuple[Side, float], ...]) -> bool:

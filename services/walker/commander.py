@@ -115,7 +115,7 @@ class Commander:
         return _reply(self.gait.command(dataclasses.replace(_command_of(request), learn=learn)))
 
     def _refused(self) -> WalkReply:
-        reason = f"an emergency stop is in force ({self.stopped}); sim/reset begins a new run"
+        reason = f"an emergency stop is in force ({self.stopped}) until a new run begins"
         return WalkReply(accepted=False, id=0, code="stopped", reason=reason)
 
 

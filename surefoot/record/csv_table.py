@@ -38,6 +38,10 @@ SEPARATORS = (",", ";", "\t")
 """Separators of CSV cells; the most frequent one of the first row counts."""
 
 
+SHOWN = 12
+"""Largest number of columns that a sentence names."""
+
+
 def read_csv(path: Path) -> Columns:
     """Return the columns of a CSV, unchecked; see `surefoot.record.tables`."""
     try:
@@ -49,7 +53,12 @@ def read_csv(path: Path) -> Columns:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise SurefootError("malformed", f"{path} is not UTF-8 text", "log") from None
-    return _grouped(names, values, stamps, str(path)) | stated
+    columns = _grouped(names, values, stamps, str(path)) | stated
+    if "gyro" not in columns:
+        shown = ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
+        text = f"{path} has no gyro_x, gyro_y, gyro_z; it has {shown}. Known columns: docs/estimate.md"
+        raise SurefootError("invalid", text, "gyro")
+    return columns
 
 
 def _metadata(file: TextIO) -> tuple[Columns, str]:

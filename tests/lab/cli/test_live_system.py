@@ -39,7 +39,7 @@ def test_tells_how_to_watch_it(system, surefoot):
 
 
 def test_topics_can_be_heard_and_measured(system, surefoot):
-    done = surefoot("topic", "echo", "state/odometry", "-n", "3", "--timeout", "60")
+    done = surefoot("topic", "echo", "state/odometry", "-n", "3", "--timeout", "60", "--raw")
     assert done.returncode == 0
     assert len([json.loads(line) for line in done.stdout.splitlines()]) == 3
     rate = json.loads(surefoot("topic", "hz", "hw/imu", "--window", "1", "--json").stdout)
@@ -103,7 +103,7 @@ def test_paused_time_is_reported_by_status_echo_hz_and_the_client(system, surefo
 
 
 def test_a_latched_topic_reaches_a_late_reader_and_its_numbers_are_kept(system, surefoot, tmp_path):
-    done = surefoot("topic", "echo", "terrain/map", "-n", "1", "--timeout", "20")
+    done = surefoot("topic", "echo", "terrain/map", "-n", "1", "--timeout", "20", "--raw")
     assert done.returncode == 0, done.stderr
     out = tmp_path / "map.npz"
     assert surefoot("call", "terrain/map", "--out", out).returncode == 0

@@ -161,3 +161,15 @@ def test_margins_count_from_the_moment_the_walker_is_ready(invented):
         traces.feed("state/stability", invented.stability(tick, margin, margin))
         found.append(measure(traces).get("min_margin_m"))
     assert found == [None, 0.07, 0.06]  # being lost later is no excuse
+
+
+def test_a_value_without_a_limit_that_would_break_its_siblings_gets_a_sentence() -> None:
+    traces = Traces()
+    traces.rows["state/stability"] = [(0.0, 0.05, 0.028), (1.0, 0.06, 0.04)]
+    notes = judge(traces, {"min_margin_m": 0.03}).notes
+    assert len(notes) == 1
+    assert (
+        "measured CoM: 0.0280 m, has no limit; that of the smallest static margin, planned CoM is >= 0.03" in notes[0]
+    )
+    assert judge(traces, {"min_margin_m": 0.02}).notes == ()
+    assert judge(traces, {}).notes == ()

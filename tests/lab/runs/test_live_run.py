@@ -119,7 +119,7 @@ def test_a_bag_is_played_behind_an_own_router(surefoot, place, outcome, command_
         done = None
         deadline = time.monotonic() + END_S
         while time.monotonic() < deadline:
-            done = surefoot("topic", "echo", "state/odometry", "-n", "2", "--timeout", "5", "--connect",
+            done = surefoot("topic", "echo", "state/odometry", "-n", "2", "--raw", "--timeout", "5", "--connect",
                             environment["SUREFOOT_LISTEN"])  # fmt: skip
             if done.returncode == 0:
                 break
