@@ -30,7 +30,7 @@ PUBLIC = (
     ANYMAL_B,
     *(f"{LAB}/{name}" for name in ("go1", "g1")),
 )
-"""Robots by package; a dozen and a half quadrupeds and a humanoid, MJCF and URDF."""
+"""Robots by package: seventeen quadrupeds and a humanoid, MJCF and URDF."""
 WALKERS = (
     f"{GYM}/go1", f"{GYM}/go2", f"{GYM}/aliengo", f"{GYM}/mini_cheetah", f"{GYM}/spot", ANYMAL_B, f"{DATA}/solo12",
 )  # fmt: skip
