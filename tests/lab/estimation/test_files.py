@@ -162,7 +162,7 @@ def test_stamps_that_repeat_are_counted(walk, tmp_path):
 
 
 def test_the_reader_is_told_by_the_suffix(tmp_path):
-    assert refused(tmp_path / "none.npz").code == "unreadable"
+    assert refused(tmp_path / "none.npz").code == "invalid"
     (tmp_path / "log.bag").write_bytes(b"x")
     assert refused(tmp_path / "log.bag").code == "invalid"
     assert read_table(save_npz(noisy(), tmp_path / "a.npz"))["gyro"].shape[1] == 3
