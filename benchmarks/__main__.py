@@ -15,7 +15,7 @@ from surefoot.errors import SurefootError
 NAMES = (
     "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "trials", "estimator", "accuracy", "foreign",
     "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep", "simulator", "starts",
-    "soak", "flood", "accidents", "vision", "robots",
+    "soak", "flood", "accidents", "vision", "robots", "fuzz",
 )  # fmt: skip
 
 

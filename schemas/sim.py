@@ -11,10 +11,13 @@ FaultKind = Literal[
     "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
     "packet_reorder", "landmarks_false", "landmarks_drop", "camera_dark", "camera_freeze", "camera_bright",
     "camera_repeat", "camera_flip", "camera_cover", "camera_late", "camera_zoom", "range_drop", "range_stuck",
+    "sensor_off", "sensor_stuck", "sensor_garbage", "sensor_wrong", "sensor_slow", "sensor_delayed",
+    "sensor_intermittent",
 ]  # fmt: skip
 SIZED_FAULTS = (
     "imu_bias", "imu_saturate", "servo_weak", "packet_delay", "packet_loss", "packet_reorder", "landmarks_false",
-    "landmarks_drop", "camera_late", "camera_zoom",
+    "landmarks_drop", "camera_late", "camera_zoom", "sensor_wrong", "sensor_slow", "sensor_delayed",
+    "sensor_intermittent",
 )  # fmt: skip
 FAULT_FIELDS = {kind: ("value",) if kind in SIZED_FAULTS else () for kind in get_args(FaultKind)}
 
@@ -218,13 +221,13 @@ class SetRequest(Request):
 class FaultRequest(Request):
     """Breaks something for a while."""
 
-    schema_version: ClassVar[str] = "1.2"
+    schema_version: ClassVar[str] = "1.3"
     kind: FaultKind = Field(description="which fault")
-    target: str = Field(default="", max_length=64, description="joint or leg name where the fault has one")
+    target: str = Field(default="", max_length=64, description="joint, leg or sensor name where the fault has one")
     value: float = Field(
         default=0.0,
         description="size: bias (SI), weakness factor, delay (ticks), loss probability, share of the landmarks, "
-        "part by which the focal length is stated too long",
+        "part by which the focal length is stated too long; sensor_wrong: a factor; sensor_slow: n, each n-th comes",
     )
     duration: float = Field(default=1.0, gt=0, le=3600, description="s")
     at_tick: int | None = Field(default=None, ge=0, description="tick it begins in; null = the next one")

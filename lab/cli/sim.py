@@ -83,7 +83,7 @@ def push(
 @app.command()
 def fault(
     kind: Annotated[str, typer.Argument(help="Kind of fault: `surefoot call sim/features` lists them.")],
-    target: Annotated[str, typer.Option(help="Joint or leg, where the fault has one.")] = "",
+    target: Annotated[str, typer.Option(help="Joint, leg or sensor, where the fault has one.")] = "",
     value: Annotated[float, typer.Option(help="Size, where the fault has one.")] = 0.0,
     duration: Annotated[float, typer.Option(min=0.01, help="s")] = 1.0,
     at_tick: AtTick = None,

@@ -3,6 +3,8 @@
 import hashlib
 import json
 import math
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -78,7 +80,16 @@ def load(path: str | Path) -> HeightMap:
         raise
     except KeyError as error:
         raise HeightMapError("file", f"{source.name} lacks an array: {error}") from error
-    except (ValueError, OSError, EOFError, AttributeError, BadZipFile) as error:
+    except (
+        ValueError,
+        OSError,
+        EOFError,
+        AttributeError,
+        NotImplementedError,
+        BadZipFile,
+        zlib.error,
+        struct.error,
+    ) as error:
         raise HeightMapError("file", f"{source.name} is no .npz height map: {error}") from error
     if frame != FRAME:
         raise HeightMapError("frame", f"must be {FRAME!r}, got {frame!r}")

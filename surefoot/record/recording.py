@@ -28,6 +28,8 @@ BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
 SUMMARY, HASHES = "surefoot", "hashes"
 """Names of the metadata at the end of a file: the run hash, and the digest of each key."""
+LATEST_NS, MOST_SEQ = (1 << 64) - 1, (1 << 32) - 1
+"""Largest stamp and number of a message that the format holds."""
 
 
 class RecordingWriter:
@@ -53,7 +55,8 @@ class RecordingWriter:
         if bulk:
             head = raw.attachment or b"{}"
             data = struct.pack("<I", len(head)) + head + raw.payload
-        self._writer.add_message(channel, header.stamp_ns, header.seq, data)
+        stamp_ns = min(max(header.stamp_ns, 0), LATEST_NS)  # a log record may carry any
+        self._writer.add_message(channel, stamp_ns, header.seq & MOST_SEQ, data)
         self.messages += 1
 
     def _add_channel(self, key: str, model: type[Message]) -> tuple[int, bool]:

@@ -33,6 +33,8 @@ MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
 MAX_SIDE = 20_000
 """Largest side of an image, pixels; larger ones are refused by their header, before anything is decoded."""
 MAX_YAML_BYTES = 64 * 1024
+DEEPEST = 8
+"""Levels of lists and tables in a YAML; a map has two."""
 MAX_IMAGE_BYTES = 128_000_000
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 """Thresholds that `save` writes; with 0.25, as newer map_savers write, its grey 205 would be read as free."""
@@ -82,13 +84,18 @@ def parse(text: str, path: Path) -> MapInfo:
     Raises:
         MapFileError: it is no YAML of a map, uses anchors or aliases, or names an image outside of its folder.
     """
+    depth = 0
     try:
         for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST:
+                raise MapFileError("malformed", f"{path.name}: is nested more than {DEEPEST} deep", "yaml")
             if getattr(event, "anchor", None) is not None:
                 raise MapFileError("malformed", f"{path.name}: anchors and aliases are not allowed in a map", "yaml")
         read: Any = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise MapFileError("malformed", f"{path.name} is no YAML: {str(error)[:200]}", "yaml") from None
+        why = " ".join(str(error).split())[:200]
+        raise MapFileError("malformed", f"{path.name} is no YAML: {why}", "yaml") from None
     if not isinstance(read, dict):
         raise MapFileError("malformed", f"{path.name}: a map is a table of keys, got {str(read)[:80]!r}", "yaml")
     table = cast("dict[str, Any]", read)

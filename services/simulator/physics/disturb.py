@@ -15,7 +15,7 @@ from surefoot.robot.description import Robot
 from surefoot.schemas.topics import TICK_S
 
 from .addresses import Addresses
-from .faults import Fault, FaultBank
+from .faults import STAMPED, Fault, FaultBank
 from .model import NO_TORQUE, Perturbation, Physics, retune
 from .samples import (
     ContactSample,
@@ -74,7 +74,9 @@ class Disturbances:
     def clear(self) -> None:
         """Begin a run: undo every change."""
         self.pushes: list[Push] = []
-        self.faults = FaultBank(self.robot.joint_names, self.robot.leg_names)
+        eyes = (("landmarks", self.robot.camera), ("range", self.robot.ranger))
+        sensors = (*STAMPED, *(name for name, profile in eyes if profile is not None))
+        self.faults = FaultBank(self.robot.joint_names, self.robot.leg_names, sensors)
         self.settings: dict[str, float] = {}
         self._limit: Array | None = None
         if self._changed:
@@ -148,14 +150,16 @@ class Disturbances:
         if imu is not None:
             limit = limit.copy()
             y = bank.imu(tick, np.concatenate((imu.acc, imu.gyro)), limit)
+            y = None if y is None else bank.fail(tick, "imu", y)
             imu = None if y is None else ImuSample(imu.stamp_ns, imu.seq, y[:3], y[3:], at_limit(y, limit))
         if joints is not None:
             table = bank.joints(tick, joints.position, joints.current, joints.torque)
-            joints = None if table is None else JointSample(joints.stamp_ns, joints.seq, *table)
+            flat = None if table is None else bank.fail(tick, "joints", np.concatenate(table))
+            joints = None if flat is None else JointSample(joints.stamp_ns, joints.seq, *flat.reshape(3, -1))
         if contacts is not None:
             flat = np.array([flag for foot in contacts.touch for flag in foot])
             touch = bank.contacts(tick, flat, self.foot_of_sphere)
-            contacts = None if touch is None else contacts._replace(touch=by_foot(touch.tolist(), self._points))
+            contacts = None if touch is None else self._failed(tick, contacts, touch)
         if not bank.packets:
             return Samples(imu, joints, contacts)
         arrived: list[Any] = []
@@ -167,6 +171,17 @@ class Disturbances:
             content = bank.packet(tick, name, None if sample is None else pack(sample))
             arrived.append(None if content is None else unpack(kind, content))
         return Samples(*arrived)
+
+    def _failed(self, tick: int, sample: ContactSample, touch: NDArray[np.bool_]) -> ContactSample | None:
+        """Return the sample of foot sensors that fail as a whole."""
+        force = np.zeros(0) if sample.normal_force is None else sample.normal_force
+        x = self.faults.fail(tick, "contacts", np.concatenate((np.where(touch, 1.0, -1.0), force)))
+        if x is None:
+            return None
+        flags = by_foot((x[: touch.size] > 0.0).tolist(), self._points)
+        return sample._replace(
+            touch=flags, normal_force=None if sample.normal_force is None else np.maximum(x[touch.size :], 0.0)
+        )
 
     def _push(self, tick: int, data: mujoco.MjData) -> None:
         data.xfrc_applied[:] = 0.0

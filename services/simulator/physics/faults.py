@@ -1,5 +1,6 @@
 """Faults of sensors, servos, packets, camera and ultrasound, each with a start, a duration and a seed."""
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
@@ -18,6 +19,12 @@ KINDS: tuple[str, ...] = get_args(FaultKind)
 IMU_AXES = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
 CHANNELS = ("imu", "joints", "contacts", "command")
 MAX_DELAY_TICKS = 100
+SENSORS = ("imu", "joints", "contacts", "landmarks", "range")
+"""Sensors that fail as a whole, in the seven ways of PX4's failure injection (`sensor_*`)."""
+STAMPED = SENSORS[:3]
+"""Sensors whose samples keep their stamp when they are delayed."""
+GARBAGE = {"imu": np.repeat((160.0, 35.0), 3), "joints": math.pi, "contacts": 100.0, "landmarks": math.pi, "range": 5.0}
+"""Largest number of a sensor's garbage: m/s2 and rad/s, rad (A, Nm), N, m or rad, m."""
 
 
 class FaultError(InvalidField):
@@ -33,7 +40,7 @@ class Fault:
     duration: float
     """Duration, s."""
     target: str = ""
-    """Joint, leg, IMU axis (or `acc`, `gyro`) or channel; "" = all."""
+    """Joint, leg, IMU axis (or `acc`, `gyro`), channel or sensor; "" = all."""
     value: float = 0.0
     """Bias or saturation (m/s2, rad/s), servo strength 0..1, delay or jitter in ticks, probability of loss, share of
     the recognised landmarks 0..1."""
@@ -52,8 +59,10 @@ class Fault:
 class FaultBank:
     """Faults of a run, their random streams and held values."""
 
-    def __init__(self, joints: tuple[str, ...], legs: tuple[str, ...]) -> None:
-        self._names = {"joint": joints, "leg": legs, "axis": IMU_AXES, "channel": CHANNELS, "": ()}
+    def __init__(self, joints: tuple[str, ...], legs: tuple[str, ...], sensors: tuple[str, ...] = SENSORS) -> None:
+        self._names = {
+            "joint": joints, "leg": legs, "axis": IMU_AXES, "channel": CHANNELS, "sensor": sensors, "": (),
+        }  # fmt: skip
         self.faults: list[Fault] = []
         self._random: list[np.random.Generator] = []
         self._held: dict[str, list[float]] = {}
@@ -75,6 +84,8 @@ class FaultBank:
         if not (np.isfinite(fault.duration) and fault.duration > 0.0):
             raise FaultError("duration", f"must be > 0 s, got {fault.duration!r}")
         self._indices(fault)
+        if fault.kind == "sensor_delayed" and fault.target not in ("", *STAMPED):
+            raise FaultError("target", f"sensor_delayed takes {', '.join(STAMPED)}, not {fault.target!r}: no own stamp")
         low, high = _limits(fault.kind)
         if not low <= fault.value <= high:
             raise FaultError("value", f"{fault.kind} takes {low:g} to {high:g}, got {fault.value!r}")
@@ -84,7 +95,7 @@ class FaultBank:
     @property
     def packets(self) -> bool:
         """True if a fault of a line was ever planned."""
-        return any(f.kind.startswith("packet") for f in self.faults)
+        return any(f.kind.startswith("packet") or f.kind == "sensor_delayed" for f in self.faults)
 
     def _indices(self, fault: Fault) -> list[int]:
         names = self._names[_target_of(fault.kind)]
@@ -186,6 +197,32 @@ class FaultBank:
         self._held[key] = value.tolist()
         return value
 
+    def fail(self, tick: int, sensor: str, x: Array) -> Array | None:
+        """Return the numbers of a sample, (n,), as its failed sensor gives them; None = no sample.
+
+        A switch is +1 or -1, so that a factor of -1 inverts it.
+        """
+        for n, (fault, rng) in enumerate(zip(self.faults, self._random, strict=True)):
+            if not fault.kind.startswith("sensor") or fault.target not in ("", sensor):
+                continue
+            key, on = f"{fault.kind}/{n}/{sensor}", fault.active(tick)
+            if fault.kind == "sensor_stuck":
+                x = self._freeze(key, on and len(self._held.get(key, x)) == len(x), x)
+            elif on and fault.kind == "sensor_garbage":
+                x = rng.uniform(-1.0, 1.0, x.shape) * GARBAGE[sensor]
+            elif on and fault.kind == "sensor_wrong":
+                x = fault.value * x
+            elif on and fault.kind == "sensor_slow":
+                (count,) = self._held.get(key, [0.0])
+                self._held[key] = [count + 1.0]
+                if count % round(fault.value):
+                    return None
+            elif on and (
+                fault.kind == "sensor_off" or (fault.kind == "sensor_intermittent" and rng.random() < fault.value)
+            ):
+                return None
+        return x
+
     # --- packets ------------------------------------------------------------------------------------------------
 
     def packet(self, tick: int, channel: str, content: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -206,11 +243,9 @@ class FaultBank:
         if content is not None:
             arrival, lost = float(tick), False
             for fault, rng in zip(self.faults, self._random, strict=True):
-                if not fault.kind.startswith("packet") or not fault.active(tick):
+                if not fault.active(tick) or not self._on_line(fault, channel):
                     continue
-                if CHANNELS.index(channel) not in self._indices(fault):
-                    continue
-                if fault.kind == "packet_delay":
+                if fault.kind in ("packet_delay", "sensor_delayed"):
                     arrival += round(fault.value)
                 elif fault.kind == "packet_reorder":
                     arrival += rng.uniform(0.0, fault.value)
@@ -226,6 +261,11 @@ class FaultBank:
         self._queues[channel] = [item for item in queue if item[0] > tick]
         self.lost += len(due) - 1
         return due[-1][2]
+
+    def _on_line(self, fault: Fault, channel: str) -> bool:
+        if fault.kind == "sensor_delayed":
+            return channel in STAMPED and fault.target in ("", channel)
+        return fault.kind.startswith("packet") and CHANNELS.index(channel) in self._indices(fault)
 
     # --- checkpoint ---------------------------------------------------------------------------------------------
 
@@ -275,6 +315,8 @@ def _unpacked(numbers: Array) -> list[Detection]:
 def _target_of(kind: str) -> str:
     if kind.startswith("packet"):
         return "channel"
+    if kind.startswith("sensor"):
+        return "sensor"
     if kind in ("imu_bias", "imu_saturate"):
         return "axis"
     if kind.startswith("foot"):
@@ -289,6 +331,10 @@ def _limits(kind: str) -> tuple[float, float]:
         return 0.0, 1000.0
     if kind == "camera_zoom":
         return -0.5, 1.0
-    if kind in ("servo_weak", "packet_loss", "landmarks_false", "landmarks_drop"):
+    if kind == "sensor_wrong":
+        return -10.0, 10.0
+    if kind == "sensor_slow":
+        return 2.0, float(MAX_DELAY_TICKS)
+    if kind in ("sensor_intermittent", "servo_weak", "packet_loss", "landmarks_false", "landmarks_drop"):
         return 0.0, 1.0
     return 0.0, float(MAX_DELAY_TICKS)

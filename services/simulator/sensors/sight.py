@@ -165,10 +165,20 @@ class Senses:
             self.image = self.eye.spoil(faults, tick, self.image)
         if self.frame is not None:
             marks, goal = faults.seen(tick, self.frame.landmarks, self.frame.goal, self.sensor.field.descriptor)
-            self.frame = self.frame._replace(landmarks=marks, goal=goal)
+            x = faults.fail(tick, "landmarks", np.array([v for m in marks for v in (m.range, m.bearing)]))
+            marks = [] if x is None else [
+                m._replace(range=abs(float(r)), bearing=math.remainder(float(b), math.tau))
+                for m, (r, b) in zip(marks, x.reshape(-1, 2), strict=True)
+            ]  # fmt: skip
+            self.frame = None if x is None else self.frame._replace(landmarks=marks, goal=goal)
         if self.reach is not None and self.ranger is not None:
             heard = faults.echo(tick, self.reach.distance, self.ranger.shortest)
-            self.reach = None if heard is None else self.reach._replace(distance=heard[0])
+            far = self.ranger.longest
+            x = None if heard is None else faults.fail(tick, "range", np.array([far if heard[0] is None else heard[0]]))
+            if x is None:
+                self.reach = None
+            elif heard is not None and (heard[0] is not None or x[0] != far):
+                self.reach = self.reach._replace(distance=min(far, max(self.ranger.shortest, abs(float(x[0])))))
 
     def moved(self) -> None:
         """Forget the camera's motion: the robot was put elsewhere, which would blur the next image."""

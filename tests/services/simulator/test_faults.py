@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from surefoot.services.simulator.physics.faults import KINDS, Fault, FaultBank, FaultError
+from surefoot.services.simulator.physics.faults import KINDS, SENSORS, Fault, FaultBank, FaultError
 from surefoot.services.simulator.physics.samples import Detection
 from tests.services.refusals import refused
 
@@ -55,8 +55,10 @@ def test_an_empty_bank_is_false() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_happens_outside_its_time(kind: str) -> None:
-    found = bank(fault(kind, value=0.5))
+    found = bank(fault(kind, value=2.0 if kind == "sensor_slow" else 0.5))
     for tick in (1, 4, 12, 13):
+        for sensor in SENSORS:
+            np.testing.assert_array_equal(found.fail(tick, sensor, np.full(3, float(tick))), np.full(3, float(tick)))
         np.testing.assert_array_equal(imu(found, tick), np.full(6, float(tick)))
         np.testing.assert_array_equal(joints(found, tick)[0], np.full(4, float(tick)))  # type: ignore[index]
         assert found.contacts(tick, np.array([True, False]), FEET).tolist() == [True, False]
@@ -194,9 +196,45 @@ def test_state_continues_to_the_bit() -> None:
     assert ahead(again, 20) == ahead(found, 20)
 
 
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_each_sensor_fails_in_seven_ways(sensor: str) -> None:
+    def seen(kind: str, value: float = 0.0) -> list[float | None]:
+        found = bank(fault(f"sensor_{kind}", sensor, value))
+        rows = [found.fail(tick, sensor, np.array([tick, 1.0, tick, 1.0, tick, 1.0])) for tick in range(3, 10)]
+        return [None if row is None else float(row[0]) for row in rows]
+
+    assert seen("off") == [3, 4, None, None, None, 8, 9]
+    assert seen("stuck") == [3, 4, 4, 4, 4, 8, 9]
+    assert seen("wrong", -1.0) == [3, 4, -5, -6, -7, 8, 9]
+    assert seen("slow", 2.0) == [3, 4, 5, None, 7, 8, 9]
+    assert seen("intermittent", 1.0) == seen("off")
+    garbage = seen("garbage")
+    assert garbage == seen("garbage")
+    assert garbage[:2] == [3, 4]
+    assert len({5.0, 6.0, 7.0, *garbage[2:5]}) == 6
+    other = next(name for name in SENSORS if name != sensor)
+    assert bank(fault("sensor_off", sensor)).fail(5, other, np.ones(1)) is not None
+
+
+def test_a_delayed_sensor_keeps_its_stamps() -> None:
+    found = bank(fault("sensor_delayed", "imu", 2.0))
+    seen = [found.packet(tick, "imu", {"sent": tick}) for tick in range(3, 11)]
+    assert [None if c is None else c["sent"] for c in seen] == [3, 4, None, None, 5, 8, 9, 10]
+    assert found.packet(11, "joints", {"sent": 11}) == {"sent": 11}
+
+
+def test_a_sensor_that_a_robot_lacks_is_refused_with_those_that_it_has() -> None:
+    found = FaultBank(JOINTS, LEGS, ("imu", "joints", "contacts"))
+    with pytest.raises(FaultError, match="'landmarks', known are imu, joints, contacts"):
+        found.add(Fault("sensor_off", 0, 1.0, "landmarks"))
+
+
 @pytest.mark.parametrize(
     ("made", "field"),
     [
+        (Fault("sensor_off", 0, 1.0, "gps"), "target"),
+        (Fault("sensor_delayed", 0, 1.0, "landmarks", 2.0), "target"),
+        (Fault("sensor_slow", 0, 1.0, "imu", 1.0), "value"),
         (Fault("meltdown", 0, 1.0), "kind"),
         (Fault("imu_drop", 0, 0.0), "duration"),
         (Fault("imu_drop", 0, float("nan")), "duration"),

@@ -50,6 +50,16 @@ def test_npz_that_unpacks_to_too_much(tmp_path: Path, monkeypatch: pytest.Monkey
         heightmap_files.load(path)
 
 
+def test_npz_whose_packed_bytes_are_damaged(tmp_path: Path) -> None:
+    heightmap = HeightMap(z=np.random.default_rng(0).normal(size=(20, 30)).astype(np.float32), cell=0.1)
+    good = heightmap_files.save(heightmap, tmp_path / "good").read_bytes()
+    damaged = tmp_path / "damaged.npz"
+    for place in range(60, 2000, 97):
+        damaged.write_bytes(good[:place] + bytes(8) + good[place + 8 :])
+        with expect_error(HeightMapError):
+            heightmap_files.load(damaged)
+
+
 @pytest.mark.parametrize(("key", "half"), [("corner", 0.5), ("center", 0.0)])
 def test_esri_grid_runs_from_north(tmp_path: Path, key: str, half: float) -> None:
     path = tmp_path / "dem.asc"

@@ -218,3 +218,15 @@ def test_what_is_no_recording_is_called_so(tmp_path: Path, data: bytes, words: s
         verify_recording(path)
     with pytest.raises(SurefootError):
         verify_recording(tmp_path / "none.mcap")
+
+
+@pytest.mark.parametrize(("stamp_ns", "seq"), [(-5, 0), (2**70, 0), (0, 2**40)])
+def test_a_header_beyond_what_the_format_holds_ends_no_recording(tmp_path: Path, stamp_ns: int, seq: int) -> None:
+    """Whoever publishes a log record chooses its header."""
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(path, {})
+    odd = LogRecord(source="x", level="info", text="a", stamp_ns=stamp_ns, seq=seq)
+    for message in (odd, odd.model_copy(update={"stamp_ns": 7, "seq": 1})):
+        writer.write(LOG, message, raw(message))
+    writer.close({})
+    assert sorted(item.message().stamp_ns for item in read_recording(path)) == sorted((stamp_ns, 7))

@@ -258,3 +258,11 @@ def test_grids_that_cannot_be_are_refused(cells, cell, origin, field):
         FloorGrid(cells, cell, origin)
     with pytest.raises(GridError):
         FloorGrid.from_bytes(bytes(3), 2, 2, 0.1, (0.0, 0.0))
+
+
+@pytest.mark.parametrize("text", ["[" * 3000, "image: [[[[[[[[[1]]]]]]]]]\n", "image: a\nresolution: 0.05: 1\n"])
+def test_what_is_nested_too_deep_or_no_yaml_is_one_sentence(tmp_path, text):
+    with pytest.raises(MapFileError) as found:
+        load(write(tmp_path, text))
+    assert "\n" not in str(found.value)
+    assert "map.yaml" in str(found.value)

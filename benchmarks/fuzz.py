@@ -1,0 +1,140 @@
+"""Structure-aware fuzzing: whatever comes by wire or by file is taken, or refused in one sentence; no crash, no hang.
+
+Messages are drawn from the JSON Schemas that are published, then damaged: fields left out, doubled, of another type, at
+and beyond their limits, nested too deep, bytes flipped and cut. A finding is printed with its bytes.
+"""
+
+import resource
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from random import Random
+
+from benchmarks.fuzz_files import damaged_files, formats
+from benchmarks.fuzz_inputs import Drawer, Tally, attempt, drawn, spoil
+from benchmarks.report import Bench, table
+from surefoot.bus.codec import decode, encode, json_schema, read_header
+from surefoot.bus.frame import Frame, FramePart, pack
+from surefoot.bus.interface import Stamp
+from surefoot.schemas.base import Bulk, BulkRequest, Wire
+from surefoot.schemas.topics import QUERIES, TOPICS
+
+BENCH = Bench("fuzz")
+HEADERS = 0.1
+"""Share of the messages whose header is read, too."""
+
+
+def models() -> dict[str, type[Wire]]:
+    """Return every model that travels: topics, requests and replies."""
+    found = {topic.model.__name__: topic.model for topic in TOPICS}
+    found |= {model.__name__: model for query in QUERIES for model in (query.request, query.reply)}
+    return found
+
+
+def read_again(model: type[Wire], data: bytes, attachment: bytes | None) -> None:
+    """Decode a message; what was taken is finite and comes back from its own bytes."""
+    message = decode(model, data, attachment)
+    again = decode(model, *encode(message))
+    if again != message:
+        raise AssertionError("another message after a second reading")
+
+
+@BENCH.part("--count 3000")
+def wire(*, count: int = 200_000, seed: int = 0) -> None:
+    """Decoders of every topic, request and reply, of headers, frames and batches.
+
+    Args:
+        count: inputs of all models together.
+        seed: of the inputs.
+    """
+    known, totals = models(), Tally()
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.process_time()
+    for name, model in known.items():
+        messages(totals, name, model, count // (len(known) + 1), seed)
+    frames(totals, count // (len(known) + 1), seed)
+    took = time.process_time() - began
+    _report("wire", totals, took, memory)
+
+
+def messages(tally: Tally, name: str, model: type[Wire], count: int, seed: int) -> None:
+    """Decode messages of a model, whole or damaged, and now and then their headers alone."""
+    random = Random(f"{seed} {name}")
+    drawer, bulk = Drawer(json_schema(model), random), issubclass(model, Bulk | BulkRequest)
+    for _ in range(count):
+        data = drawn(drawer, random)
+        parts = (random.randbytes(random.randint(0, 64)), data) if bulk else (data, None)
+        attempt(tally, name, data, lambda parts=parts: read_again(model, *parts))
+        if random.random() < HEADERS:
+            attempt(tally, "header", data, lambda parts=parts: read_header(*parts))
+
+
+def frames(tally: Tally, count: int, seed: int) -> None:
+    """Take apart frames and batches of every owner, whole or with a damaged index, payload or instance."""
+    random = Random(f"{seed} frames")
+    topics = {topic.key: topic for topic in TOPICS if "*" not in topic.key}
+    drawers = {key: Drawer(json_schema(topic.model), random) for key, topic in topics.items()}
+    for _ in range(count):
+        keys = random.choices([*topics], k=random.randint(0, 4))
+        odd = lambda: random.choice((0, 1, -1, 2**63, 10**30, random.randrange(1000)))  # noqa: E731
+        parts = [FramePart(k, drawn(drawers[k], random), Stamp(odd(), odd(), odd(), odd())) for k in keys]
+        payload, index = pack(parts, "abc")
+        if random.random() < 0.7:
+            payload, index = random.choice(((spoil(payload, random), index), (payload, spoil(index, random))))
+
+        def read(payload: bytes = payload, index: bytes = index) -> None:
+            for delivery in Frame("walker", topics, payload, index).deliveries():
+                delivery.header()
+                delivery.message()
+
+        attempt(tally, "frame", index + b" | " + payload, read)
+
+
+def _report(name: str, tally: Tally, took: float, memory_kb: int) -> None:
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory_kb) / 1024
+    header = ("inputs", "taken", "refused", "findings", "processor s", "inputs/s", "slowest ms", "memory + MB")
+    row = (
+        tally.inputs, tally.taken, tally.refused, len(tally.findings), took, tally.inputs / max(took, 1e-9),
+        1e3 * tally.slowest_s, grown,
+    )  # fmt: skip
+    table(name, header, [row])
+    kinds = Counter(finding.partition(" for ")[0] for finding in tally.findings)
+    for kind, number in kinds.most_common(20):
+        example = next(finding for finding in tally.findings if finding.startswith(kind))
+        print(f"  {number} x {kind}\n      {example.partition(' for ')[2]}", flush=True)
+
+
+@BENCH.part("--count 400")
+def files(*, count: int = 20_000, seed: int = 0, only: str = "") -> None:
+    """Readers of every kind of file, over damaged contents.
+
+    Args:
+        count: inputs of all kinds together.
+        seed: of the damage.
+        only: a kind of file; default: all.
+    """
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began, rows, totals = time.process_time(), list[tuple[object, ...]](), Tally()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        kinds = [kind for kind in formats(folder) if only in kind.name]
+        for kind in kinds:
+            tally = Tally()
+            damaged_files(tally, kind, count // len(kinds), folder, seed)
+            rows.append(
+                (
+                    kind.name,
+                    kind.suffix,
+                    tally.inputs,
+                    tally.taken,
+                    tally.refused,
+                    len(tally.findings),
+                    1e3 * tally.slowest_s,
+                )
+            )
+            totals.inputs, totals.taken = totals.inputs + tally.inputs, totals.taken + tally.taken
+            totals.refused, totals.findings = totals.refused + tally.refused, totals.findings + tally.findings
+            totals.slowest_s = max(totals.slowest_s, tally.slowest_s)
+    table("kinds of files", ("file", "suffix", "inputs", "taken", "refused", "findings", "slowest ms"), rows)
+    _report("files", totals, time.process_time() - began, memory)

@@ -1,0 +1,76 @@
+"""Guards of the border one by one: each refuses what it is for, at its very limit, and takes what is just inside."""
+
+import pytest
+
+from surefoot.errors import Refusal
+from surefoot.lockstep.commands import STALE_TICKS, Commands
+from surefoot.lockstep.join import Join
+from surefoot.schemas.hw import Imu, JointCommand, Tick
+from surefoot.schemas.topics import HW_IMU, HW_TICK, TICK_NS
+
+NOW = 50
+
+
+@pytest.mark.parametrize(
+    ("tick", "stamp_ns", "code"),
+    [
+        (NOW, NOW * TICK_NS, ""),
+        (NOW + 1, (NOW + 1) * TICK_NS, "stale"),
+        (NOW - STALE_TICKS, (NOW - STALE_TICKS) * TICK_NS, ""),
+        (NOW - STALE_TICKS - 1, (NOW - STALE_TICKS - 1) * TICK_NS, "stale"),
+        (NOW, (NOW + 1) * TICK_NS, ""),
+        (NOW, (NOW + 1) * TICK_NS + 1, "stamp"),
+        (NOW, (NOW - STALE_TICKS) * TICK_NS, ""),
+        (NOW, (NOW - STALE_TICKS) * TICK_NS - 1, "stamp"),
+    ],
+)
+def test_a_command_of_another_time_is_refused(tick: int, stamp_ns: int, code: str) -> None:
+    commands, command = Commands(), JointCommand(position=(0.0,)).stamped(stamp_ns, tick, 1, tick, "walker")
+    if code:
+        with pytest.raises(Refusal) as refusal:
+            commands.offer(command, NOW, lambda given: None)
+        assert refusal.value.code == code
+    else:
+        commands.offer(command, NOW, lambda given: None)
+    assert commands.known(tick) == (not code)
+
+
+def test_what_the_hardware_refuses_is_answered_and_never_obeyed() -> None:
+    def refuse(command: JointCommand) -> None:
+        raise Refusal("range", "too far")
+
+    commands = Commands()
+    with pytest.raises(Refusal):
+        commands.offer(JointCommand(position=(9.0,)).stamped(NOW * TICK_NS, NOW, 1, NOW, "walker"), NOW, refuse)
+    assert commands.answered(NOW)
+    assert commands.take(NOW, exact=False) is None
+
+
+def manifest(tick: int, roster: tuple[str, ...] = ("estimator",)) -> Tick:
+    return Tick(
+        stamp_ns=tick * TICK_NS, tick=tick, epoch=1, seq=tick, source="driver", roster=roster, roster_version=1,
+        due=(HW_IMU.key,), mode="lockstep", seed=0,
+    )  # fmt: skip
+
+
+def imu(tick: int) -> Imu:
+    return Imu(acc=(0.0, 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(tick * TICK_NS, tick, 1, tick, "driver")
+
+
+def test_a_service_that_is_not_on_the_roster_gets_no_tick() -> None:
+    join = Join("estimator", (HW_IMU,))
+    assert join.offer(HW_TICK, manifest(0, ("walker",))) == "not_on_roster"
+    assert join.offer(HW_IMU, imu(0)) is None
+    assert join.take() is None
+    assert not join.on_roster
+
+
+def test_what_was_used_is_not_taken_again() -> None:
+    join = Join("estimator", (HW_IMU,))
+    for tick in range(3):
+        assert join.offer(HW_TICK, manifest(tick)) is None
+        assert join.offer(HW_IMU, imu(tick)) is None
+        assert join.take() is not None
+    assert join.offer(HW_IMU, imu(1)) == "duplicate"
+    assert join.offer(HW_TICK, manifest(1)) == "replay"
+    assert join.take() is None
