@@ -22,7 +22,7 @@ from zstandard import ZstdError
 
 from surefoot.record.chunks import MAGIC
 
-BROKEN = (McapError, ZstdError, struct.error, ValueError, EOFError, MemoryError)
+BROKEN = (McapError, KeyError, ZstdError, struct.error, ValueError, EOFError, MemoryError)
 """Errors of reading a torn file: its records, their compression and their texts may each be damaged."""
 
 _HEAD = struct.Struct("<BQ")
