@@ -13,9 +13,9 @@ from pathlib import Path
 from surefoot.errors import SurefootError
 
 NAMES = (
-    "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "trials", "estimator", "accuracy", "foreign",
-    "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep", "simulator", "starts",
-    "soak", "flood", "accidents", "vision", "robots", "fuzz",
+    "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "foothold_grounds", "trials", "estimator",
+    "accuracy", "foreign", "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep",
+    "simulator", "starts", "soak", "flood", "accidents", "vision", "robots", "fuzz",
 )  # fmt: skip
 
 

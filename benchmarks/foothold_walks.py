@@ -19,12 +19,12 @@ from benchmarks.own_slip import SlipFollower, closed, explored, rms, rough, star
 from benchmarks.report import Bench, microseconds, table, words_of
 from benchmarks.rivals import GridMapRule, MinK2
 from surefoot.lab.footholds.campaign import read
-from surefoot.lab.footholds.quality import auc
 from surefoot.lab.footholds.rules import model_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting, walk
 from surefoot.lab.statistics import Ranged, mean_ratio, ratio, resampled
 from surefoot.lab.studies import Line, finished, seeds_of, study
 from surefoot.services.footholds.learning.merge import candidate_of
+from surefoot.services.footholds.learning.quality import auc
 from surefoot.services.footholds.learning.relearn import Form, relearned
 from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.models.learned import LearnedModel

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Bench, best_of, goal, in_turns, seconds_of, table
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.papers.walas.evolution import evolve
+from surefoot.papers.walas.searches import cost
+from surefoot.papers.walas.swarm import swarm
+from surefoot.papers.walas.varpro import RIDGE, Bounds, RefinedTerms, refine
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
 from surefoot.services.footholds.assess import assess, whole_map
@@ -22,12 +26,9 @@ from surefoot.services.footholds.features import (
     window_features,
 )
 from surefoot.services.footholds.ground import FootholdGround, build_ground, updated_ground
-from surefoot.services.footholds.learning.evolution import evolve
 from surefoot.services.footholds.learning.fit import fit_terms
 from surefoot.services.footholds.learning.merge import candidate_of
-from surefoot.services.footholds.learning.solve import cost, weights
-from surefoot.services.footholds.learning.swarm import swarm
-from surefoot.services.footholds.learning.varpro import RIDGE, Bounds, RefinedTerms, refine
+from surefoot.services.footholds.learning.solve import weights
 from surefoot.services.footholds.models.bases import Basis, Warp, warped
 from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.models.learned import LearnedModel

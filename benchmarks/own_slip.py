@@ -15,6 +15,7 @@ from surefoot.lab.footholds.rules import exploring_rule, model_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.robot.description import Robot
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
+from surefoot.services.estimator.feet.faulty import leg_faults
 from surefoot.services.estimator.feet.mount import foot_mount
 from surefoot.services.estimator.feet.slip import FinishedStance, StanceSlip, feet_in_odom
 from surefoot.services.footholds.ground import FootholdGround
@@ -47,6 +48,8 @@ class MeasuredStance:
     """True sliding since the stance before, m; it includes that of a foot too light for its switch."""
     begin: tuple[float, float, float]
     """Foot centre at the begin of the stance, frame `odom`, m."""
+    healthy: bool
+    """False: the robot has found a sensor of the leg at fault."""
 
 
 class SlipFollower:
@@ -56,6 +59,7 @@ class SlipFollower:
         self.joined = joined
         self.mount = foot_mount(joined.robot)
         n = joined.robot.nlegs
+        self.faults = leg_faults(joined.robot)
         self.meter = StanceSlip(n, self.mount.radius)
         self.found: list[MeasuredStance] = []
         self._total, self._before = np.zeros(n), np.zeros(n)
@@ -79,9 +83,10 @@ class SlipFollower:
         touch = np.array([any(foot) for foot in contacts.touch])
         behind_s = 1e-9 * (estimator.stamp_ns - joints.stamp_ns)
         feet = feet_in_odom(self.mount, joints.position, estimator.pose(), behind_s)
+        faulty = self.faults.update(joints.position, joints.stamp_ns, touch, self.meter.risen(feet[0]))
         self._rows.append(self._total.copy())
         self._ticks.append(len(self._trail) - 1)
-        ended = [self._beside(each) for each in self.meter.update(touch, *feet)]
+        ended = [self._beside(each) for each in self.meter.update(touch, *feet, faulty)]
         self.found += ended
         return ended
 
@@ -93,7 +98,7 @@ class SlipFollower:
         whole = float(self._trail[until][leg])
         out = MeasuredStance(
             leg, stance.slip, float(self._rows[last][leg] - self._rows[first][leg]),
-            whole - float(self._counted[leg]), stance.begin,
+            whole - float(self._counted[leg]), stance.begin, stance.healthy,
         )  # fmt: skip
         self._counted[leg] = whole
         return out

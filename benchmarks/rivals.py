@@ -25,6 +25,11 @@ class _AnywhereModel:
         """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
         return 0.0
 
+    @property
+    def relief(self) -> bool:
+        """Return False: the rules are made of K1 and K2."""
+        return False
+
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
         """Return nothing: the rule holds for any cell, filter and foot."""
         return ""
@@ -32,6 +37,10 @@ class _AnywhereModel:
     def spread(self, features: Features, cell: float) -> Layer:
         """Return NaN for every cell, (ny, nx) float32."""
         return np.full(features.k1.shape, np.nan, dtype=np.float32)
+
+    def support_of(self, features: Features, cell: float) -> Layer:
+        """Return 0 for every cell: nothing was learned."""
+        return np.zeros(features.k1.shape, dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)

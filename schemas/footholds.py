@@ -11,7 +11,7 @@ from pydantic import Field
 from .base import MAX_FEET, Bulk, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
 
 MAX_WINDOW = 301
-LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask"]
+LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support"]
 FootholdStatus = Literal["ok", "raise_trunk", "infeasible"]
 
 
@@ -43,6 +43,9 @@ class StanceOutcome(Request):
     nominal: Vec2 = Field(description="x, y of the nominal foothold of that choice, m")
     stroke: Vec3 = Field(description="movement of the foot relative to the body in that stance, map axes, m")
     slip: float = Field(description="way the foot slid over the stance as the robot measured it, m")
+    healthy: bool = Field(
+        default=True, description="False: an encoder or foot switch of the leg was at fault; nothing is learned from it"
+    )
 
 
 class SelectRequest(TickRequest):
@@ -51,7 +54,7 @@ class SelectRequest(TickRequest):
     With ``tick`` the reply rests on the map of that tick, whatever arrives first, so that runs repeat.
     """
 
-    schema_version: ClassVar[str] = "1.2"
+    schema_version: ClassVar[str] = "1.3"
     base: BasePose = Field(description="where base_link will be when the feet land")
     legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
         description="one entry for each landing leg, answered in the same order"
@@ -98,8 +101,14 @@ class LegFoothold(Reply):
     trunk_shift: float = Field(
         default=0.0, description="signed change of trunk height that makes the foothold reachable, m; 0 when ok"
     )
-    score: float | None = Field(default=None, description="Q = P + k K4 of the chosen cell, no unit; small is good")
-    slip: float | None = Field(default=None, description="P: predicted slip, way slipped per stroke, 0 to 1, no unit")
+    score: float | None = Field(
+        default=None,
+        description="Q of the chosen cell, by which it was chosen, no unit: P + k K4; without landing error of the "
+        "model the mean of it over the free cells of 3x3; small is good",
+    )
+    slip: float | None = Field(
+        default=None, description="P over where the foot may land: way slipped per stroke, 0 to 1, no unit"
+    )
     spread: float | None = Field(
         default=None, description="standard deviation of the slip of single stances there, per stroke; null = not known"
     )
@@ -124,6 +133,7 @@ class SelectReply(Reply):
 class AssessRequest(TickRequest):
     """Request of the scored ground: a window, or the whole map."""
 
+    schema_version: ClassVar[str] = "1.1"
     centre: Vec2 | None = Field(
         default=None, description="x, y of the window's centre and K4's zero, frame map, m; null = the whole map"
     )
@@ -143,10 +153,13 @@ class AssessRequest(TickRequest):
 class AssessReply(Bulk):
     """Layers of the scored ground: float32 little-endian, C order ``layer[row = y, col = x]``, NaN = unknown.
 
-    k1, k2, k4 and heights in m; cos_k3, p, q without unit; mask holds the sum of the bits of ``mask_bits``.
+    k1, k2, k4 and heights in m; cos_k3, p, q without unit; mask holds the sum of the bits of ``mask_bits``; spread is
+    the standard deviation of the slip of single stances, per stroke; support is 1 where the slip was learned from many
+    stances alike, 0 where it is that of a simple rule. The choice of footholds/select about the same centre, with the
+    same leg and base, is the cell with mask 0 and the least q.
     """
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     layers: tuple[str, ...] = Field(description="names of the layers in the payload, in order")
     rows: int = Field(gt=0, description="cells along y")
     cols: int = Field(gt=0, description="cells along x")
@@ -190,7 +203,7 @@ class ModelReply(Reply):
 class LearnRequest(Request):
     """Request to start, read or cancel the learning of a slip model from a file of samples; one job at a time."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "2.0"
     action: Literal["status", "start", "cancel"] = Field(default="status", description="what to do; result: see status")
     samples: str = Field(default="", max_length=4096, description="start: path of the file of samples")
     out: str = Field(default="", max_length=4096, description="start: path of the model file to write; empty = none")
@@ -200,24 +213,15 @@ class LearnRequest(Request):
     seed: int = Field(default=0, ge=0, lt=2**63, description="start: equal samples and seed, equal bytes")
     distance_weight: float = Field(default=0.5, ge=0, le=1000, description="start: k of the model, 1/m")
     landing_error: float = Field(default=0.005, ge=0, le=0.03, description="start: of the model, m")
-    family: Literal["gaussian", "elementary"] = Field(default="gaussian", description="start: of the terms, (15), (10)")
-    search: Literal["drawn", "swarm", "evolution"] = Field(
-        default="drawn",
-        description="start: Gaussians about samples, particle swarm (Gaussians), or evolution (elementary terms)",
-    )
     terms: int | None = Field(
-        default=None, ge=1, le=1000, description="start: null = several sizes, chosen by the folds"
-    )
-    evaluations: int = Field(
-        default=2000, ge=1, le=1_000_000, description="start: budget of swarm and evolution, a fit"
-    )
-    refined: int = Field(
-        default=0, ge=0, le=10_000, description="start: evaluations of variable projection after that (Gaussians)"
+        default=None, ge=1, le=1000, description="start: Gaussians of the sum; null = several, chosen by the folds"
     )
 
 
 class LearnReply(Reply):
     """The state of the last job."""
+
+    schema_version: ClassVar[str] = "1.1"
 
     state: Literal["idle", "running", "done", "failed", "cancelled"] = Field(description="idle: there was none yet")
     job: int = Field(default=0, ge=0, description="number of the job in this process, from 1")
@@ -228,3 +232,7 @@ class LearnReply(Reply):
     error: float | None = Field(default=None, description="done: root mean square error on trials held back")
     code: str = Field(default="", description="failed: code of the reason")
     reason: str = Field(default="", description="failed: the reason in words")
+    better: bool | None = Field(
+        default=None, description="done: better on grounds held back than the hand-made score and the flattest cell"
+    )
+    warning: str = Field(default="", description="done: why the model is not better, in words; empty = it is")

@@ -15,6 +15,11 @@ def _none(value: object) -> bool:
     return value is None
 
 
+def _sound(value: object) -> bool:
+    """Return True for a sound sensor, whose health is left out of the message."""
+    return value is True
+
+
 def _zero(value: object) -> bool:
     return not value
 
@@ -58,12 +63,15 @@ class StanceEnd(Wire):
     slip: float = Field(ge=0, description="m, way slid from where the stance began, rolling removed")
     begin: Vec3 = Field(description="m, foot centre at its begin, odom")
     samples: int = Field(ge=1, description="samples of the joints from its first contact to its last")
+    healthy: bool = Field(
+        default=True, exclude_if=_sound, description="False: an encoder stood still or jumped, or the switch was stuck"
+    )
 
 
 class Odometry(Message):
     """Pose of base_link in ``odom``, dead-reckoned: yaw and position drift, and the covariance grows with them."""
 
-    schema_version: ClassVar[str] = "1.2"
+    schema_version: ClassVar[str] = "1.3"
 
     position: Vec3 = Field(description="m, base_link origin in odom")
     quat_wxyz: QuatWxyz

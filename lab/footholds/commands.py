@@ -96,16 +96,13 @@ def learn(
     landing_error: Annotated[float, typer.Option(min=0.0, max=0.03, help="m; 0 = mean over 3 x 3 cells.")] = 0.005,
     support: Annotated[int, typer.Option(min=0, help="Least samples of a cell's bin; 0 = ranges only.")] = 0,
     folds: Annotated[int, typer.Option(min=2, help="Of whole trials, for the choice of size.")] = 5,
-    family: Annotated[str, typer.Option(help="gaussian or elementary.")] = "gaussian",
-    search: Annotated[str, typer.Option(help="drawn, swarm or evolution.")] = "drawn",
     terms: Annotated[int | None, typer.Option(min=1, help="Of the sum; none = chosen by the folds.")] = None,
-    evaluations: Annotated[int, typer.Option(min=1, help="Budget of swarm and evolution, a fit.")] = 2000,
-    refined: Annotated[int, typer.Option(min=0, help="Evaluations of variable projection after that.")] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Equal samples and seed, equal bytes.")] = 0,
     json: Json = False,
 ) -> None:
     """Learn a slip model from samples; the size of the fit is chosen on trials that were held back."""
-    from surefoot.errors import SurefootError
+    from dataclasses import asdict
+
     from surefoot.services.footholds.learning import fit
     from surefoot.services.footholds.learning.samples import gather
     from surefoot.services.footholds.models.files import save
@@ -115,22 +112,24 @@ def learn(
     use_json(json)
     found = [read(path) for path in samples]
     gathered = gather(each for part in found for each in part[0])
-    for value, known, field in ((family, fit.FAMILIES, "family"), (search, fit.SEARCHES, "search")):
-        if value not in known:
-            raise SurefootError("invalid", f"must be {' or '.join(known)}, got {value!r}", field)
-    tried = fit.candidates(family, search, terms, evaluations, refined)  # type: ignore[arg-type]
     options = fit.LearnOptions(
-        candidates=tried, title=title, folds=folds, seed=seed, distance_weight=weight, landing_error=landing_error,
-        support=support,
+        candidates=fit.candidates(terms), title=title, folds=folds, seed=seed, distance_weight=weight,
+        landing_error=landing_error, support=support,
     )  # fmt: skip
-    model = fit.learn(gathered, options)
+    model, beside = fit.learn_and_compare(gathered, options)
     save(model, out)
     facts = {"out": str(out), "model": model.name, "refused": gathered.refused, "choice": model.choice}
     facts |= {"unreadable_lines": sum(part[2] for part in found)}
     if json:
-        write_json(facts)
-    else:
-        write_table(("quantity", "value"), [(name.replace("_", " "), str(value)) for name, value in facts.items()])
+        rows = [asdict(row) for row in beside.rows]
+        write_json({**facts, "held_back": beside.by, "compared": rows, "warning": beside.warning})
+        return
+    write_table(("quantity", "value"), [(name.replace("_", " "), str(value)) for name, value in facts.items()])
+    header = ("predictor", "R2", "rank", "AUC", "80 % intervals hold")
+    table = [(row.name, *(f"{v:.3f}" for v in (row.r2, row.rank, row.auc, row.held))) for row in beside.rows]
+    write_table(header, table, f"on {beside.by} held back", right=(1, 2, 3, 4))
+    if beside.warning:
+        write(f"warning: the model {beside.warning}")
 
 
 @app.command()
@@ -228,9 +227,9 @@ def judge(
 ) -> None:
     """Report how well a model predicts stances: rank correlation, AUC of slips over twice flat, its 80 % intervals."""
     from surefoot.errors import SurefootError
+    from surefoot.services.footholds.learning.quality import prediction_quality
 
     from .campaign import read
-    from .quality import prediction_quality
 
     use_json(json)
     found = [each for path in samples for each in read(path)[0]]
@@ -251,7 +250,8 @@ def judge(
 def score(
     map: Annotated[Path, typer.Argument(help="Height map: .npz, .asc or .png.")],
     model: Model,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Layers z, k1, k2, cos_k3, p, mask as .npz.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Layers z, k1, k2, cos_k3, p, mask, spread, support: .npz.")],
+    picture: Annotated[Path | None, typer.Option("--picture", help="Draw heights, P, support and free cells.")] = None,
     heading: Annotated[float, typer.Option(help="Of the walk, rad: the feet move the other way.")] = 0.0,
     json: Json = False,
 ) -> None:
@@ -267,6 +267,11 @@ def score(
     stroke = (-0.025 * math.cos(heading), -0.025 * math.sin(heading), 0.0)
     scored = score_map(heights, found, found.conditions.foot_radius, stroke, found.conditions.smooth)
     save_scored(scored, heights, found, out)
+    if picture is not None:
+        from .picture import draw_scored
+        from .scored import LAYERS
+
+        draw_scored(dict(zip(LAYERS, scored.layers, strict=True)), heights.cell, heights.origin, picture)
     counts = dict(zip((*REASONS, "free"), scored.counts, strict=True))
     if json:
         write_json({"out": str(out), "model": found.name, "cells": counts})

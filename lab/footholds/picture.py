@@ -1,5 +1,6 @@
 """Drawing of a slip model: P over (K1, K2), and the samples of its bins."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -43,5 +44,37 @@ def draw(model: LearnedModel, path: Path) -> Path:
         dots = right.scatter(centres[:, 0], centres[:, 1], c=np.log10(count), s=8, cmap="magma_r")
         figure.colorbar(dots, ax=right, label="samples of a bin, log10")
         right.set(title="bins, all cos K3", xlabel="K1, mm", ylabel="K2, mm")
+        figure.savefig(path)
+    return path
+
+
+def draw_scored(layers: Mapping[str, np.ndarray], cell: float, origin: tuple[float, float], path: Path) -> Path:
+    """Draw heights, P, support and what is masked of a scored map; returns the path.
+
+    Args:
+        layers: z, p, support, mask, (ny, nx) each.
+        cell: edge of a cell, m.
+        origin: centre of the first cell, m.
+        path: a PNG, or another kind of picture by its ending.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from ..report.drawing import STYLE
+
+    ny, nx = layers["z"].shape
+    ends = (origin[0], origin[0] + cell * (nx - 1), origin[1], origin[1] + cell * (ny - 1))
+    p = np.where(layers["p"] >= 0.0, layers["p"], np.nan)
+    shown = (("z", layers["z"], "height, m"), ("p", p, "P, slip per stroke"), ("support", layers["support"], "support"))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+        axes = figure.subplots(2, 2).ravel()
+        for one, (_, values, label) in zip(axes, shown, strict=False):
+            image = one.imshow(values, origin="lower", extent=ends, cmap="viridis")
+            figure.colorbar(image, ax=one, label=label)
+        axes[3].imshow(layers["mask"] == 0, origin="lower", extent=ends, cmap="gray", vmin=0, vmax=1)
+        axes[3].set_title("free cells (white), without a leg")
+        for one in axes:
+            one.set(xlabel="x, m", ylabel="y, m")
         figure.savefig(path)
     return path

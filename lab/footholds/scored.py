@@ -13,7 +13,7 @@ from surefoot.services.footholds.masks import REASONS
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.select import SelectParams
 
-LAYERS = ("z", "k1", "k2", "cos_k3", "p", "mask")
+LAYERS = ("z", "k1", "k2", "cos_k3", "p", "mask", "spread", "support")
 
 
 def read_map(path: Path) -> HeightMap:

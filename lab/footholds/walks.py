@@ -10,11 +10,12 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.footholds import select as chooser
 from surefoot.services.footholds.ground import FootholdGround, build_ground
-from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
+from surefoot.services.simulator.ground.terrain import Terrain, make_terrain, observed_map
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.walker.interface import FootholdReply, FootholdRequest, LandingRequest, MotionCommand
@@ -204,11 +205,15 @@ class RuleSelector:
 class JoinedWalk(JoinedLoop):
     """One walk over a terrain, tick by tick; without a rule feet land on their nominal footholds."""
 
-    def __init__(self, seed: int, setting: Setting, rule: Rule | None) -> None:
+    def __init__(
+        self, seed: int, setting: Setting, rule: Rule | None, ground: tuple[Terrain, HeightMap] | None = None
+    ) -> None:
         self.seed, self.setting = seed, setting
         self.robot = load_robot(setting.robot)
-        terrain = make_terrain(setting.terrain, seed=seed, amp=setting.amplitude)
-        heights = observed_map(terrain, setting.profile, seed)
+        if ground is None:
+            made = make_terrain(setting.terrain, seed=seed, amp=setting.amplitude)
+            ground = made, observed_map(made, setting.profile, seed)
+        terrain, heights = ground
         config = WorldConfig(physics=Physics(friction=setting.friction))
         world = PhysicsWorld(self.robot, terrain, seed=seed, config=config)
         self.stances = StanceObserver(world)
@@ -260,6 +265,15 @@ class JoinedWalk(JoinedLoop):
         )  # fmt: skip
 
 
-def walk(seed: int, setting: Setting, rule: Rule | None = None) -> WalkVerdict:
-    """Walk to the end, a refusal, a fall or the time limit; returns the verdict."""
-    return JoinedWalk(seed, setting, rule).run().verdict()
+def walk(
+    seed: int, setting: Setting, rule: Rule | None = None, ground: tuple[Terrain, HeightMap] | None = None
+) -> WalkVerdict:
+    """Walk to the end, a refusal, a fall or the time limit; returns the verdict.
+
+    Args:
+        seed: of ground, map and sensors.
+        setting: conditions.
+        rule: choice of footholds; None = nominal landings.
+        ground: terrain and the map of it that the robot gets; None = those of the setting.
+    """
+    return JoinedWalk(seed, setting, rule, ground).run().verdict()

@@ -55,7 +55,7 @@ def _new(title: str, columns: int = 1) -> tuple[Figure, list[Axes]]:
 
 def _cloud(samples: Sequence[StanceSample], model: LearnedModel, title: str) -> Figure:
     figure, (left, right) = _new(title, 2)
-    found = gather(samples)
+    found = gather(samples, relief=False)
     u = inputs(found.x)
     bins = filled(model.lattice, found.x, found.r)
     centres = inputs(model.lattice.centres(bins))
@@ -77,7 +77,7 @@ def _surface(model: LearnedModel, samples: Sequence[StanceSample], title: str) -
     p = np.array([[predicted(model, x, y) if abs(x) <= y + 1e-9 else np.nan for x in a] for y in b])
     image = axes.pcolormesh(a, b, p, shading="nearest", cmap="viridis", rasterized=True)
     figure.colorbar(image, ax=axes, label="P, slip per stroke")
-    u = inputs(gather(samples).x)
+    u = inputs(gather(samples, relief=False).x)
     axes.plot(u[:, 0], u[:, 1], ".", color="white", markersize=1.5)
     axes.set(xlabel="K1 / (8 cell)", ylabel="K2 / (8 cell)", xlim=(a[0], a[-1]), ylim=(0.0, b[-1]))
     return figure

@@ -20,8 +20,9 @@ from surefoot.lab.footholds.rules import model_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.robot.reader import load_robot
 from surefoot.services.footholds.learning.samples import StanceSample
-from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.select import SelectParams
+
+from .finders import kept
 
 ROBOT = "ragno"
 GROUND = Setting("mixed", 0.9, None, 0.5, profile="exact")
@@ -45,7 +46,7 @@ class WalkKey:
     def rule(self) -> Rule | None:
         """Return the rule of the walk: the paper's choice (least Q of single cells), random, or None for nominal."""
         if self.model:
-            return model_rule(load(self.model), SelectParams(robust=False, distance_weight=self.weight))
+            return model_rule(kept(self.model), SelectParams(robust=False, distance_weight=self.weight))
         return random_rule(self.seed) if self.case.startswith("random") else None
 
 

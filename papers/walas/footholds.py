@@ -5,7 +5,6 @@ The paper prints orders, not numbers: each is checked over seeds with 95 % inter
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +18,12 @@ from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, le
 from surefoot.services.footholds.learning.relearn import relearned
 from surefoot.services.footholds.learning.samples import StanceSample, gather
 from surefoot.services.footholds.masks import REASONS
-from surefoot.services.footholds.models.files import save
 from surefoot.services.footholds.models.lattice import filled, inputs
 from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.select import SelectParams
 from surefoot.services.simulator.ground.terrain import make_terrain
 
+from .finders import finder, keep
 from .foothold_runs import FLAT, NOISE, Runs, WalkKey, WalkResult
 from .foothold_study import FootholdStudy, predicted
 
@@ -41,8 +40,10 @@ WEIGHT = 0.5
 PRINTED_WEIGHT = 8.0
 """k as printed in the paper, 1/m: one case walks with it."""
 TERMS = 12
-ELEMENTARY = Candidate(TERMS, 0.0, 1e-5, family="elementary", search="evolution", evaluations=1500)
-GAUSSIANS = Candidate(TERMS, 0.0, 1e-5, search="swarm", evaluations=1500)
+EVALUATIONS = 1500
+ELEMENTARY = Candidate(TERMS, 0.0, 1e-5, find=finder("elementary", TERMS, EVALUATIONS))
+BLIND = Candidate(TERMS, 0.0, 1e-5, find=finder("elementary", TERMS, EVALUATIONS, blind=True))
+GAUSSIANS = Candidate(TERMS, 0.0, 1e-5, find=finder("gaussian", TERMS, EVALUATIONS))
 WALKED = Candidate(60, 0.1, 1e-4)
 NOTES = (
     "Erratum, 3.2: points 'lie on the plane K2 = |K1| or K2 = 0' must read K2 = |K1| or K1 = 0: K2 = 0 is flat alone.",
@@ -70,12 +71,12 @@ def study(folder: Path, seeds: int, tell: Callable[[str], None], jobs: int | Non
     walked = [s for each in collected for s in each.samples]
     models = {
         "terrain": _learned("terrain", walked, WALKED),
-        "primitives K1, K2": _learned("primitives K1, K2", exact, replace(ELEMENTARY, blind=True)),
+        "primitives K1, K2": _learned("primitives K1, K2", exact, BLIND),
         "primitives K1..K3": _learned("primitives K1..K3", exact, ELEMENTARY),
         # with those without noise: rough primitives alone put flat ground outside what was learned, and nothing is free
         "Gaussian": _learned("Gaussian", [*exact, *noisy], GAUSSIANS),
     }
-    files = {name: str(save(model, folder / f"{_plain(name)}.json")) for name, model in models.items()}
+    files = {name: keep(model, folder / f"{_plain(name)}.model") for name, model in models.items()}
     numbers = [WALKS + k for k in range(seeds)]
     keys = {
         "flat": [WalkKey("flat", k, FLAT) for k in numbers],
@@ -101,14 +102,14 @@ def _relearning(
         if weight is not None:
             outcomes = [s for each in list(out.values())[-1] for s in each.samples]
             model = relearned(model, outcomes, "paper", weight)
-        file = str(save(model, runs.folder / f"{_plain(name)}.json"))
+        file = keep(model, runs.folder / f"{_plain(name)}.model")
         out[name] = runs.walks([WalkKey(name, k, model=file, weight=WEIGHT) for k in numbers], tell)
     return out
 
 
 def _learned(title: str, samples: Sequence[StanceSample], candidate: Candidate) -> LearnedModel:
     options = LearnOptions(title=title, candidates=(candidate,), folds=3, distance_weight=WEIGHT, landing_error=0.0)
-    return learn(gather(samples), options)
+    return learn(gather(samples, relief=False), options)
 
 
 def _plain(name: str) -> str:
@@ -132,12 +133,12 @@ def findings(s: FootholdStudy) -> tuple[Finding, ...]:
 
 
 def _figure_7(s: FootholdStudy) -> list[Finding]:
-    found = gather(s.exact)
+    found = gather(s.exact, relief=False)
     u = inputs(found.x)
     near = np.minimum(u[:, 1] - np.abs(u[:, 0]), np.abs(u[:, 0])) < 0.03
     bins = filled(next(iter(s.models.values())).lattice, found.x, found.r)
     inside = sum(each.m2 for each in bins.values()) / float(np.sum((found.r - found.r.mean()) ** 2))
-    wedge = gather(s.noisy)
+    wedge = gather(s.noisy, relief=False)
     v = inputs(wedge.x)
     filled_in = np.minimum(v[:, 1] - np.abs(v[:, 0]), np.abs(v[:, 0])) >= 0.03
     return [

@@ -58,7 +58,9 @@ def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[Fi
         covariance=_list(pose.covariance[PLANAR].ravel()),
         pose_covariance=_list(pose.covariance.ravel()),
         initialised=initialised,
-        stances=tuple(StanceEnd(foot=s.leg, slip=s.slip, begin=s.begin, samples=s.samples) for s in stances),
+        stances=tuple(
+            StanceEnd(foot=s.leg, slip=s.slip, begin=s.begin, samples=s.samples, healthy=s.healthy) for s in stances
+        ),
     )
 
 

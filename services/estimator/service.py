@@ -22,6 +22,7 @@ from surefoot.schemas.topics import (
 
 from .config import EstimatorConfig
 from .feet.contact import touch_rows
+from .feet.faulty import leg_faults
 from .feet.mount import foot_mount
 from .feet.slip import FinishedStance, StanceSlip, feet_in_odom
 from .inputs.results import InputResult
@@ -50,15 +51,16 @@ class EstimatorService(Service[EstimatorConfig]):
     outputs = (STATE_VELOCITY, STATE_ODOMETRY, *VARIANTS.values())
 
     def on_start(self) -> None:
-        robot = load_robot(self.config.robot)
-        self.estimator = self.config.estimator(robot)
-        self._mount = foot_mount(robot)
+        self._robot = load_robot(self.config.robot)
+        self.estimator = self.config.estimator(self._robot)
+        self._mount = foot_mount(self._robot)
         self._begin()
 
     def _begin(self) -> None:
         self._contacts: FootContacts | None = None
         self._first = True
         self._slip = StanceSlip(len(self._mount.radius), self._mount.radius)
+        self._faults = leg_faults(self._robot)
         self._stances: list[FinishedStance] = []
 
     def rehearse(self) -> None:
@@ -98,8 +100,9 @@ class EstimatorService(Service[EstimatorConfig]):
         self._log("kinematics", result)
         behind_s = 1e-9 * (e.stamp_ns - joints.stamp_ns)
         if result is InputResult.OK and e.initialised and -TICK_S < behind_s < LATE_JOINTS_S:
-            feet = feet_in_odom(self._mount, q, e.pose(), behind_s)
-            self._stances += self._slip.update(np.asarray(touch.any(axis=1)), *feet)
+            feet, closed = feet_in_odom(self._mount, q, e.pose(), behind_s), np.asarray(touch.any(axis=1))
+            faulty = self._faults.update(q, joints.stamp_ns, closed, self._slip.risen(feet[0]))
+            self._stances += self._slip.update(closed, *feet, faulty)
 
     def _log(self, source: str, result: InputResult) -> None:
         """Log the first refusal of its kind; the rest is in the counters."""

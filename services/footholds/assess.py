@@ -1,19 +1,19 @@
 """Layers of the scored ground, as the choice of footholds uses them: for people and planners."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from surefoot.geometry.heightmap_cells import patch
 
-from .features import Features, Layer, distance, map_features, window_features
-from .ground import FootholdGround
+from .features import Layer
+from .ground import FootholdGround, ground_features
 from .masks import REASONS, Placement, count_reasons, mask_window
 from .models.protocol import SlipModel
-from .select import SelectParams
+from .select import SelectParams, window_costs
 
-LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask")
+LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,38 +71,28 @@ def assess(
         params: limits of a foothold, and k of Q = P + k K4.
         placement: the leg for the reach and collision tests; None tests the ground alone.
     """
-    surface = ground.surface
-    push = np.asarray(stroke, dtype=np.float64)
-    features = _features(surface.z, window, push, surface.cell)
-    slip = model.predict(features, surface.cell)
-    mask = mask_window(ground, window.row, window.col, slip, params.limits, placement)
+    surface, cell = ground.surface, ground.surface.cell
+    push, cells = np.asarray(stroke, dtype=np.float64), (window.row, window.col, window.rows, window.cols)
+    costs = window_costs(ground, model, cells, push, nominal, params)
+    mask = mask_window(ground, window.row, window.col, costs.slip, params.limits, placement)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     count_reasons(mask, counts)
-    away = np.zeros(slip.shape, dtype=np.float32)
-    if nominal is not None:
-        xs = surface.origin[0] + surface.cell * (window.col + np.arange(window.cols, dtype=np.float64))
-        ys = surface.origin[1] + surface.cell * (window.row + np.arange(window.rows, dtype=np.float64))
-        away = distance(xs, ys, *nominal).astype(np.float32)
+    own = ground_features(ground, model.relief, cells, push)
+    paper = ground_features(ground, False, cells, push)
+    made: dict[str, Callable[[], Layer]] = {
+        "z": lambda: _patch(surface.z, window), "centre": lambda: _patch(ground.centres.z, window),
+        "p": lambda: costs.mean, "q": lambda: costs.q(mask), "k4": lambda: costs.away,
+        "mask": lambda: mask.astype(np.float32), "spread": lambda: model.spread(own, cell),
+        "support": lambda: model.support_of(own, cell),
+    }  # fmt: skip
     out = np.empty((len(names), window.rows, window.cols), dtype=np.float32)
     for k, name in enumerate(names):
-        if name == "z":
-            patch(surface.z, window.row, window.col, out[k])
-        elif name == "centre":
-            patch(ground.centres.z, window.row, window.col, out[k])
-        elif name == "p":
-            out[k] = slip
-        elif name == "q":
-            out[k] = slip + np.float32(params.weight(model)) * away
-        elif name == "k4":
-            out[k] = away
-        elif name == "mask":
-            out[k] = mask
-        else:
-            out[k] = getattr(features, name)
+        out[k] = made[name]() if name in made else getattr(paper, name)
     return Assessment(out, tuple(int(value) for value in counts))
 
 
-def _features(z: Layer, window: Window, stroke: np.ndarray, cell: float) -> Features:
-    if window == Window(0, 0, z.shape[0], z.shape[1]):
-        return map_features(z, stroke, cell)
-    return window_features(z, window.row, window.col, window.rows, window.cols, stroke, cell)
+def _patch(z: Layer, window: Window) -> Layer:
+    """Return the cells of a window, NaN outside the map."""
+    out = np.empty((window.rows, window.cols), dtype=np.float32)
+    patch(z, window.row, window.col, out)
+    return out

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.kernels.jit import row_kernel
 
+from .features import Features, map_features, window_features
+from .relief import Relief, relief_features, relief_of, scale_of, update_relief
+
 Layer = NDArray[np.float32]
 MOST_CHANGED = 0.5
 """Share of the map in the changed rectangle above which all layers are made again."""
@@ -23,8 +26,12 @@ class FootholdGround:
     """Heights of a foot CENTRE whose sphere rests on the surface, m; a foot is sent there."""
     foot_radius: float
     """Radius of the foot sphere, m."""
-    smooth: bool = True
+    smooth: bool
     """True if the surface went through the 3 x 3 median."""
+    relief: Relief
+    """Planes fitted about every cell."""
+    scale: int
+    """Cells on each side of a plane, by the noise of the map."""
 
     @property
     def version(self) -> int:
@@ -58,6 +65,12 @@ def updated_ground(ground: FootholdGround, raw: HeightMap, heights: HeightMap) -
             layer.flags.writeable = True
         heights.smooth_part(ground.surface.z, *_grown(rows, cols, 1, heights.shape))
         ground.surface.dilate_part(ground.foot_radius, ground.centres.z, *_grown(rows, cols, reach, heights.shape))
+        scale = scale_of(heights, ground.surface)
+        every = (slice(0, heights.shape[0]), slice(0, heights.shape[1]))
+        moved = (rows, cols) if scale == ground.scale else every
+        near = _grown(*moved, 1 + scale, heights.shape)
+        update_relief(ground.surface.z, heights.cell, scale, ground.relief, near)
+        ground = replace(ground, scale=scale)
     return replace(ground, surface=heights.derived(ground.surface.z), centres=heights.derived(ground.centres.z))
 
 
@@ -103,4 +116,25 @@ def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) ->
             edge; the filter leaves 7 mm, and straight edges stay. False suits exact maps.
     """
     surface = heights.smoothed() if smooth else heights
-    return FootholdGround(surface=surface, centres=surface.dilated(foot_radius), foot_radius=foot_radius, smooth=smooth)
+    scale = scale_of(heights, surface)
+    relief = relief_of(surface.z, surface.cell, scale)
+    return FootholdGround(surface, surface.dilated(foot_radius), foot_radius, smooth, relief, scale)
+
+
+def ground_features(
+    ground: FootholdGround, relief: bool, window: tuple[int, int, int, int], stroke: NDArray[np.float64]
+) -> Features:
+    """Return the coefficients of a window: of planes, or those of Walas & Belter.
+
+    Args:
+        ground: the prepared map.
+        relief: of planes at the scale of the map.
+        window: first row, first column, rows and columns; may leave the map, its coefficients are NaN there.
+        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
+    """
+    surface = ground.surface
+    if relief:
+        return relief_features(ground.relief, *window, stroke, surface.cell)
+    if window == (0, 0, *surface.shape):
+        return map_features(surface.z, stroke, surface.cell)
+    return window_features(surface.z, *window, stroke, surface.cell)

@@ -8,10 +8,7 @@ from surefoot.geometry.heightmap_cells import patch
 
 from .features import window_features
 from .ground import FootholdGround
-from .learning.samples import PATCH, StanceSample
-
-UNKNOWN_UM = -(2**31)
-"""Height of an unknown cell in a sample, micrometres."""
+from .learning.samples import PATCH, UNKNOWN_UM, StanceSample
 
 
 def sample_at(
@@ -50,5 +47,6 @@ def sample_at(
         stroke=stroke, sliding=sliding, displacement=sliding if displacement is None else displacement, load=load,
         friction=math.nan, cell=surface.cell, smooth=ground.smooth, foot_radius=ground.foot_radius,
         robot="", robot_hash="", source="",
+        scale=ground.scale,
         heights_um=tuple(UNKNOWN_UM if math.isnan(value) else round(value) for value in rise.ravel().tolist()),
     )  # fmt: skip

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 
-from .features import Layer, window_features
-from .ground import build_ground
+from .features import Layer
+from .ground import build_ground, ground_features
 from .masks import REASONS, Limits, count_reasons, mask_window
 from .models.protocol import SlipModel
-from .select import ALONE, choose, landing_weights
+from .select import SelectParams, best_cell, window_costs
 
 MAX_SIDE = 301
 """Largest number of cells along an edge of a patch."""
@@ -70,29 +70,24 @@ def choose_on_patch(
     if unfit:
         raise SurefootError("unfit", f"{model.name}: {unfit}", "model")
     ground = build_ground(surface, foot_radius, smooth)
-    (ny, nx), blur = heights.shape, landing_weights(model.landing_error, cell)
-    b = blur.shape[0] // 2
+    ny, nx = heights.shape
     push = np.array(stroke, dtype=np.float64)
-    features = window_features(ground.surface.z, -b, -b, ny + 2 * b, nx + 2 * b, push, cell)
-    around = model.predict(features, cell)
-    slip = np.ascontiguousarray(around[b : b + ny, b : b + nx])
-    mask = mask_window(ground, 0, 0, slip, limits or Limits(), None)
+    costs = window_costs(ground, model, (0, 0, ny, nx), push, nominal, SelectParams(distance_weight=distance_weight))
+    mask = mask_window(ground, 0, 0, costs.slip, limits or Limits(), None)
     if allowed is not None:
         mask[~allowed] |= 1
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     count_reasons(mask, counts)
     cells = dict(zip((*REASONS, "free"), counts.tolist(), strict=True))
-    offset = (cell, surface.origin[0] - nominal[0], surface.origin[1] - nominal[1])
-    weight = model.distance_weight if distance_weight is None else distance_weight
-    at = choose(mask, slip, around, blur, offset, weight, blur is ALONE, np.zeros(2))
+    at = best_cell(mask, costs)
     if at < 0:
         return PatchFoothold(None, math.nan, math.nan, None, cells)
     row, col = divmod(at, nx)
     x, y = surface.centre(row, col)
-    lone = window_features(ground.surface.z, row, col, 1, 1, push, cell)
+    lone = ground_features(ground, model.relief, (row, col, 1, 1), push)
     return PatchFoothold(
         foothold=(x, y, float(ground.centres.z[row, col])),
-        slip=float(slip[row, col]),
+        slip=float(costs.mean[row, col]),
         spread=float(model.spread(lone, cell)[0, 0]),
         rectangle=_metres(surface, largest_rectangle(mask == 0, row, col)),
         counts=cells,

@@ -1,5 +1,6 @@
 """Slip models of a service: the one that was asked for, the one in force, and those that are learned meanwhile."""
 
+import hashlib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -136,8 +137,10 @@ class SlipModels:
             return "unknown_leg"
         if not ground.near(*outcome.foothold):
             return "off_the_map"
-        assert self.learner is not None
-        name = ("own", self.robot.leg_names.index(outcome.leg), self.learner.taken)
+        if not outcome.healthy:
+            return "unhealthy"
+        content = hashlib.sha256(outcome.model_dump_json().encode()).hexdigest()
+        name = (f"own {content}", self.robot.leg_names.index(outcome.leg), 0)
         sample = sample_at(ground, outcome.foothold, outcome.nominal, outcome.stroke, outcome.slip, name)
         source = f"own slip of {self.robot.name}"
         return replace(sample, source=source, robot=self.robot.name, robot_hash=self.robot.hash)

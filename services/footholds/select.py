@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 
-from .features import Layer, window_features
-from .ground import FootholdGround
+from .features import Layer
+from .ground import FootholdGround, ground_features
 from .masks import (
     REASONS,
     Limits,
@@ -38,6 +38,8 @@ Point = tuple[float, float, float]
 Status = Literal["ok", "raise_trunk", "infeasible"]
 BY_MODEL = np.uint8(Reason.SLIP | Reason.UNLEARNED)
 """Bits of a mask that the slip model alone sets."""
+TIE = 1e-7
+"""Difference of Q below which the nearer cell is taken, and of K4, m."""
 MAX_BORDER = 6
 """Largest number of cells on each side over which P is averaged."""
 
@@ -141,37 +143,21 @@ def select_leg(
     surface, n = ground.surface, params.size
     row, col = surface.index(x0, y0)
     row, col = row - n // 2, col - n // 2
-    blur = landing_weights(model.landing_error, surface.cell) if params.robust else ALONE
-    border = blur.shape[0] // 2
-    wide = n + 2 * border
-    features = window_features(surface.z, row - border, col - border, wide, wide, placed.stroke, surface.cell)
-    around = model.predict(features, surface.cell)
-    slip = around if border == 0 else np.ascontiguousarray(around[border:-border, border:-border])
-    weight = params.weight(model)
-    block = params.robust and border == 0
-    x, y = surface.centre(row, col)
-    offset = (surface.cell, x - x0, y - y0)
+    costs = window_costs(ground, model, (row, col, n, n), placed.stroke, (x0, y0), params)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     first: tuple[int, ...] = ()
     known = not math.isnan(placed.leg[0])  # the reach of other legs is left to the walker
     steps = round(params.trunk_range / params.trunk_step) if params.trunk_step > 0.0 else 0
-    best = np.zeros(2)  # Q of the block, Q of the cell
     for change in _changes(steps):
         shift = change * params.trunk_step
         at = placed if shift == 0.0 else placed._replace(base=placed.base + np.array((0.0, 0.0, shift)))
-        mask = mask_window(ground, row, col, slip, params.limits, at if known else None)
+        mask = mask_window(ground, row, col, costs.slip, params.limits, at if known else None)
         if not first:
             count_reasons(mask, counts)
             first = tuple(int(value) for value in counts)
-        if params.seed is None:
-            index = choose(mask, slip, around, blur, offset, weight, block, best)
-        else:
-            index = draw(mask, (params.seed, landing.leg))
-            away = (offset[1] + index % n * surface.cell, offset[2] + index // n * surface.cell)
-            best[1] = slip.flat[index] + weight * math.sqrt(away[0] ** 2 + away[1] ** 2)
+        index = best_cell(mask, costs) if params.seed is None else draw(mask, (params.seed, landing.leg))
         if index >= 0:
-            found = (row + index // n, col + index % n)
-            return _answer(ground, landing, found, shift, model, float(slip.flat[index]), best, first)
+            return _answer(ground, landing, (row, col, index), shift, model, costs, mask, first)
         if not _hopeful(mask):
             break  # no trunk height frees a cell that the ground itself excludes
     return Foothold("infeasible", counts=first, reason=_why(first, params))
@@ -188,62 +174,118 @@ def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) 
     )
 
 
-@kernel
-def choose(
-    mask: Mask, slip: Layer, around: Layer, blur: Array, offset: Point, weight: float, block: bool, best: Array
-) -> int:
-    """Return the index of the best free cell (row by row), -1 if there is none.
+class WindowCosts(NamedTuple):
+    """Values that the choice in a window rests on, (rows, cols) each but the last two."""
+
+    slip: Layer
+    """P of the cell itself, which the masks use."""
+    mean: Layer
+    """P over the cells the foot may land on; that of the cell where there is no landing error."""
+    away: Layer
+    """K4, distance from the nominal foothold, m."""
+    weight: float
+    """k of Q = P + k K4, 1/m."""
+    block: bool
+    """Q is the mean of P + k K4 over the free cells of 3 x 3."""
+
+    def q(self, mask: Mask) -> Layer:
+        """Return Q of every cell, (rows, cols): the choice is the free cell of the least one."""
+        out = np.empty(self.slip.shape, dtype=np.float32)
+        _q(mask, self.mean, self.away, self.weight, self.block, out)
+        return out
+
+
+def window_costs(
+    ground: FootholdGround, model: SlipModel, window: tuple[int, int, int, int], stroke: Array,
+    nominal: tuple[float, float] | None, params: SelectParams,
+) -> WindowCosts:  # fmt: skip
+    """Return the costs of a window of the ground.
 
     Args:
-        mask: reasons per cell, (n, n); 0 = free.
-        slip: P per cell, (n, n).
-        around: P of the window and a border of b cells, (n + 2 b, n + 2 b).
-        blur: weights of the landings about a cell, (2 b + 1, 2 b + 1); P of a cell is their mean where known.
-        offset: edge of a cell, and x and y of the first cell's centre minus those of the nominal foothold, (3,) m.
-        weight: k, 1/m.
-        block: mean of Q over the free cells of the 3 x 3 block instead of Q.
-        best: receives the value that decided and Q of the cell, (2,).
+        ground: the prepared map.
+        model: the slip model.
+        window: first row, first column, rows and columns; may leave the map.
+        stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
+        nominal: x, y of the nominal foothold, map frame, m; None: K4 is 0.
+        params: of the choice.
     """
+    surface, (row, col, rows, cols) = ground.surface, window
+    blur = landing_weights(model.landing_error, surface.cell) if params.robust else ALONE
+    b = blur.shape[0] // 2
+    features = ground_features(ground, model.relief, (row - b, col - b, rows + 2 * b, cols + 2 * b), stroke)
+    around = model.predict(features, surface.cell)
+    slip = around if b == 0 else np.ascontiguousarray(around[b:-b, b:-b])
+    mean = slip if b == 0 else np.empty_like(slip)
+    if b > 0:
+        _landings(around, blur, mean)
+    away = np.zeros((rows, cols), dtype=np.float32)
+    if nominal is not None:
+        x, y = surface.centre(row, col)
+        _distances((surface.cell, x - nominal[0], y - nominal[1]), away)
+    return WindowCosts(slip, mean, away, params.weight(model), params.robust and b == 0)
+
+
+def best_cell(mask: Mask, costs: WindowCosts) -> int:
+    """Return the index of the free cell of the least Q, then of the least K4; -1 if no cell is free."""
+    return _least(mask, costs.q(mask), costs.away)
+
+
+@kernel
+def _distances(offset: Point, away: Layer) -> None:
+    """Write K4; `offset` is the edge of a cell, x and y of the first cell minus those of the nominal foothold, m."""
     cell, shift_x, shift_y = offset
-    rows, cols = mask.shape
-    size = blur.shape[0]
-    away = np.empty((rows, cols))  # K4
-    q = np.empty((rows, cols))
-    for i in range(rows):
+    for i in range(away.shape[0]):
         y = shift_y + i * cell
-        for j in range(cols):
+        for j in range(away.shape[1]):
             x = shift_x + j * cell
             away[i, j] = math.sqrt(x * x + y * y)
-            p = float(slip[i, j])
-            if size > 1 and mask[i, j] == 0:
-                p, known = 0.0, 0.0
-                for r in range(size):
-                    for c in range(size):
-                        near = around[i + r, j + c]
-                        if near >= 0.0:
-                            p += blur[r, c] * min(near, 1.0)
-                            known += blur[r, c]
-                p /= known
-            q[i, j] = p + weight * away[i, j]
-    found = -1
-    best_value, best_distance = math.inf, math.inf
+
+
+@kernel
+def _landings(around: Layer, blur: Array, mean: Layer) -> None:
+    """Write the mean of P over landings, where it is known; `around` has the border of the weights `blur`."""
+    size = blur.shape[0]
+    for i in range(mean.shape[0]):
+        for j in range(mean.shape[1]):
+            p, known = 0.0, 0.0
+            for r in range(size):
+                for c in range(size):
+                    near = around[i + r, j + c]
+                    if near >= 0.0:
+                        p += blur[r, c] * min(near, 1.0)
+                        known += blur[r, c]
+            mean[i, j] = p / known if known > 0.0 else around[i + size // 2, j + size // 2]
+
+
+@kernel
+def _q(mask: Mask, mean: Layer, away: Layer, weight: float, block: bool, out: Layer) -> None:
+    """Write Q of every cell; that of a masked cell counts in no block."""
+    rows, cols = mask.shape
     for i in range(rows):
         for j in range(cols):
-            if mask[i, j] != 0:
-                continue
-            value, n = q[i, j], 1
-            if block:
+            value, n = float(mean[i, j]) + weight * float(away[i, j]), 1
+            if block and mask[i, j] == 0:
                 value, n = 0.0, 0
                 for r in range(max(0, i - 1), min(rows, i + 2)):
                     for c in range(max(0, j - 1), min(cols, j + 2)):
                         if mask[r, c] == 0:
-                            value += q[r, c]
+                            value += float(mean[r, c]) + weight * float(away[r, c])
                             n += 1
-                value /= n
-            tie = abs(value - best_value) <= 1e-9 and away[i, j] < best_distance - 1e-9
-            if value < best_value - 1e-9 or tie:
-                best_value, best_distance, found = value, away[i, j], i * cols + j
-                best[0], best[1] = value, q[i, j]
+            out[i, j] = value / n
+
+
+@kernel
+def _least(mask: Mask, q: Layer, away: Layer) -> int:
+    """Return the index of the free cell of the least Q, row by row; -1 if no cell is free."""
+    found, best_value, best_distance = -1, math.inf, math.inf
+    for i in range(mask.shape[0]):
+        for j in range(mask.shape[1]):
+            if mask[i, j] != 0:
+                continue
+            value, distance = float(q[i, j]), float(away[i, j])
+            tie = abs(value - best_value) <= TIE and distance < best_distance - TIE
+            if value < best_value - TIE or tie:
+                found, best_value, best_distance = i * mask.shape[1] + j, value, distance
     return found
 
 
@@ -283,11 +325,14 @@ def _hopeful(mask: Mask) -> bool:
 
 
 def _answer(
-    ground: FootholdGround, landing: Landing, at: tuple[int, int], shift: float, model: SlipModel, slip: float,
-    best: Array, counts: tuple[int, ...],
+    ground: FootholdGround, landing: Landing, at: tuple[int, int, int], shift: float, model: SlipModel,
+    costs: WindowCosts, mask: Mask, counts: tuple[int, ...],
 ) -> Foothold:  # fmt: skip
-    surface, (row, col) = ground.surface, at
-    alone = window_features(surface.z, row, col, 1, 1, np.array(landing.stroke, dtype=np.float64), surface.cell)
+    index, n = at[2], mask.shape[1]
+    row, col = at[0] + index // n, at[1] + index % n
+    slip, score = float(costs.mean.flat[index]), float(costs.q(mask).flat[index])
+    surface, stroke = ground.surface, np.array(landing.stroke, dtype=np.float64)
+    alone = ground_features(ground, model.relief, (row, col, 1, 1), stroke)
     x, y = surface.centre(row, col)
     if (row, col) == surface.index(landing.nominal[0], landing.nominal[1]):
         x, y = float(landing.nominal[0]), float(landing.nominal[1])  # the nominal cell: no reason to move within it
@@ -304,7 +349,7 @@ def _answer(
         contact=(x - r * normal[0], y - r * normal[1], z - r * normal[2]),
         normal=normal,
         trunk_shift=shift,
-        score=float(best[1]) if slip >= 0.0 else math.nan,
+        score=score if slip >= 0.0 else math.nan,
         slip=slip if slip >= 0.0 else math.nan,
         spread=float(model.spread(alone, surface.cell)[0, 0]),
         counts=counts,

@@ -25,8 +25,8 @@ class Outcomes:
         else:
             self._chosen.pop(asked.leg, None)
 
-    def ended(self, leg: str, slip: float) -> None:
-        """Take the end of a stance of a leg, in which the foot slid by `slip`, m."""
+    def ended(self, leg: str, slip: float, healthy: bool = True) -> None:
+        """Take the end of a stance of a leg, in which the foot slid by `slip`, m, and if its sensors were sound."""
         standing = self._standing.pop(leg, None)
         if leg in self._chosen:
             self._standing[leg] = self._chosen.pop(leg)
@@ -34,7 +34,9 @@ class Outcomes:
             return
         asked, foothold = standing
         nominal = (asked.nominal[0], asked.nominal[1])
-        outcome = StanceOutcome(leg=leg, foothold=foothold, nominal=nominal, stroke=asked.stroke, slip=slip)
+        outcome = StanceOutcome(
+            leg=leg, foothold=foothold, nominal=nominal, stroke=asked.stroke, slip=slip, healthy=healthy
+        )
         self._ended = [*self._ended, outcome][-MOST:]
 
     def take(self) -> tuple[StanceOutcome, ...]:

@@ -114,7 +114,7 @@ class Walker(Service[WalkerConfig]):
         self.commander.begin(inputs.tick.epoch, inputs.number)
         velocity, odometry, order = inputs.get(STATE_VELOCITY), inputs.get(STATE_ODOMETRY), inputs.get(NAVIGATOR_ORDER)
         for stance in () if odometry is None else odometry.stances:
-            self.advisors.outcomes.ended(self.robot.leg_names[stance.foot], stance.slip)
+            self.advisors.outcomes.ended(self.robot.leg_names[stance.foot], stance.slip, stance.healthy)
         if order is not None:
             self.commander.obey(order)
         if velocity is not None and odometry is not None:  # one may be left out in paced time

@@ -58,6 +58,8 @@ class FinishedStance:
     """Samples from its first contact to its last."""
     since: int
     """Samples since its last contact."""
+    healthy: bool = True
+    """False: an encoder or switch of the leg was at fault."""
 
 
 def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float = 0.0) -> tuple[Array, Array]:
@@ -135,22 +137,29 @@ class StanceSlip:
         self._feet = FootWays(slip, samples, switched, last, np.zeros((n, 2)), height, farthest, begin, centre, rot)
         self.slip = self._feet.slip
 
-    def update(self, contact: Flags, centre: Array, rot_odom_from_foot: Array) -> list[FinishedStance]:
+    def risen(self, centre: Array) -> Array:
+        """Return the height of each foot over the begin of its stance, (L,) m; 0 in swing."""
+        return np.where(self._feet.samples > 0, centre[:, 2] - self._feet.begin[:, 2], 0.0)
+
+    def update(
+        self, contact: Flags, centre: Array, rot_odom_from_foot: Array, faulty: Flags | None = None
+    ) -> list[FinishedStance]:
         """Take one sample of all feet; return the stances that have ended.
 
         Args:
             contact: foot switches, (L,).
             centre: foot centres in `odom`, (L, 3) m; a row that is not finite leaves its foot as it was.
             rot_odom_from_foot: rotation of each foot's link, (L, 3, 3).
+            faulty: legs whose stance is spoilt if it ends now, (L,); None = none.
         """
         ended: list[FinishedStance] = []
         for leg in np.flatnonzero(_followed(self._feet, contact, centre, rot_odom_from_foot, self.radius)).tolist():
             feet = self._feet
             x, y, z = feet.begin[leg].tolist()
+            healthy = faulty is None or not faulty[leg]
             if feet.last[leg] >= LEAST:
-                ended.append(
-                    FinishedStance(leg, float(feet.slip[leg]), (x, y, z), int(feet.last[leg]), int(feet.open[leg]))
-                )
+                counts = int(feet.last[leg]), int(feet.open[leg])
+                ended.append(FinishedStance(leg, float(feet.slip[leg]), (x, y, z), *counts, healthy))
             feet.samples[leg], feet.slip[leg] = 0, 0.0
         return ended
 

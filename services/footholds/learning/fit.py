@@ -1,23 +1,21 @@
 """From samples to a slip model: bins, terms fitted to their means, and the choice of size by folds of whole trials."""
 
+import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 
-from ..models.bases import POWER, Basis, Elementary, Gaussians, Warp, warped
+from ..models.bases import Basis, Gaussians, Warp, warped
 from ..models.lattice import Bins, Lattice, filled, inputs
-from ..models.learned import Conditions, LearnedModel, Terms
-from .evolution import evolve
-from .samples import SampleSet
-from .solve import cost, weights
-from .swarm import swarm
-from .varpro import Bounds, refine
+from ..models.learned import Conditions, LearnedModel, Terms, rule_columns
+from .quality import HeldOutFigures, compared, folds_of, slip_interval, spread
+from .samples import SampleSet, StanceSample
+from .solve import weights
 
 Array = NDArray[np.float64]
 Report = Callable[[float], bool]
@@ -28,78 +26,44 @@ class LearnError(SurefootError):
     """No model can be learned from the samples, or the job was cancelled."""
 
 
-Family = Literal["gaussian", "elementary"]
-Search = Literal["drawn", "swarm", "evolution"]
-FAMILIES: tuple[Family, ...] = ("gaussian", "elementary")
-SEARCHES: tuple[Search, ...] = ("drawn", "swarm", "evolution")
-WIDEST = 3.0
-"""Largest lambda of a search, on inputs divided by their deviation."""
+IDENTITY = 12
+"""Hexadecimal digits of the identity of a trial."""
+LEAST_SLIP = 0.01
+"""Slip below which errors count as those of this slip, strokes."""
+Finder = Callable[[Array, Array, Array, float, int], Basis]
+"""Finds terms from inputs (n, 3), targets (n,), weights (n,), ridge and seed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """Size and search of one fit."""
+    """Size of one fit."""
 
     terms: int
-    """Number of terms of the sum."""
+    """Number of Gaussians of the sum."""
     width: float
-    """Rate lambda of Gaussians that are drawn, on inputs divided by their deviation."""
+    """Rate lambda of the Gaussians, on inputs divided by their deviation."""
     ridge: float
     """Ridge rho per sample."""
     warp: Warp = "identity"
     """Map of the inputs."""
-    refined: int = 0
-    """Number of evaluations of variable projection after the start (Gaussians); 0 = none."""
-    family: Family = "gaussian"
-    search: Search = "drawn"
-    """Origin of the terms: Gaussians about bins drawn at random, a swarm (Gaussians), or the evolution."""
-    evaluations: int = 0
-    """Budget of swarm and evolution, computed costs."""
-    blind: bool = False
-    """True leaves cos K3 out, as in Fig. 8 of Walas & Belter."""
-
-    def __post_init__(self) -> None:
-        if self.family == "elementary" and (self.search != "evolution" or self.refined):
-            raise LearnError("invalid", "elementary terms are found by evolution alone", "search")
-        if self.search != "drawn" and self.evaluations < 1:
-            raise LearnError("invalid", f"search {self.search!r} needs a budget, got {self.evaluations}", "evaluations")
+    enough: float = math.inf
+    """Samples about a point at which terms and simple rule weigh the same, see `LearnedModel`."""
+    find: Finder | None = None
+    """Search for the terms; None: Gaussians about bins drawn at random. Models of a search are not learned again."""
 
 
 CANDIDATES = (
-    Candidate(15, 0.1, 1e-6),
-    Candidate(15, 0.1, 1e-6, "asinh"),
-    Candidate(30, 0.1, 1e-5),
-    Candidate(60, 0.1, 1e-4),
-    Candidate(60, 0.1, 1e-5),
-    Candidate(60, 0.3, 1e-5),
-    Candidate(60, 0.3, 1e-4, "asinh"),
+    Candidate(1, 0.1, 1e-6),
+    Candidate(30, 0.1, 1e-5, enough=300.0),
+    Candidate(30, 0.1, 1e-5, enough=30.0),
+    Candidate(60, 0.1, 1e-4, "asinh", enough=100.0),
 )
+"""The simple rule alone, and sums of terms that it goes over into where samples are few."""
 
 
-def candidates(
-    family: Family = "gaussian", search: Search = "drawn", terms: int | None = None, evaluations: int = 2000,
-    refined: int = 0,
-) -> tuple[Candidate, ...]:  # fmt: skip
-    """Return the candidates of a family and a search; the folds choose among them.
-
-    Args:
-        family: family of the terms.
-        search: origin of the terms, see `Candidate`.
-        terms: number of terms; None = several sizes.
-        evaluations: budget of swarm and evolution, for each fit.
-        refined: evaluations of variable projection after the search.
-
-    Raises:
-        LearnError: family and search do not go together.
-    """
-    if search == "drawn" and family == "gaussian":
-        found = CANDIDATES if terms is None else tuple(replace(each, terms=terms) for each in CANDIDATES)
-        return tuple(dict.fromkeys(replace(each, refined=refined) for each in found))
-    sizes = (8, 15) if terms is None else (terms,)
-    budget = 0 if search == "drawn" else evaluations
-    return tuple(
-        Candidate(m, 0.0, 1e-5, warp, refined, family, search, budget) for m in sizes for warp in ("identity", "asinh")
-    )
+def candidates(terms: int | None = None) -> tuple[Candidate, ...]:
+    """Return the candidates of a number of terms, or of several; the folds choose among them."""
+    return CANDIDATES if terms is None else tuple(replace(each, terms=terms) for each in CANDIDATES[1:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,10 +82,21 @@ class LearnOptions:
     support: int = 0
     """Number of samples that a cell's bin needs; 0: only the ranges count."""
     lattice: Lattice = field(default_factory=Lattice)
+    relief: bool = True
+    """Coefficients of planes, see `SampleSet`; `learn` takes it from the samples."""
+    trials: tuple[str, ...] = ()
+    """Identities of the trials, see `identities`; `learn` takes them from the samples."""
 
 
 def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda share: True) -> LearnedModel:
-    """Return the model of the candidate that fits best on trials held back, fitted to all samples.
+    """Return the model of `learn_and_compare` alone."""
+    return learn_and_compare(samples, options, report)[0]
+
+
+def learn_and_compare(
+    samples: SampleSet, options: LearnOptions, report: Report = lambda share: True
+) -> tuple[LearnedModel, HeldOutFigures]:
+    """Return the model of the candidate that orders stances best on ground held back, and how it compares there.
 
     Args:
         samples: samples of one robot, cell, filter and foot.
@@ -137,24 +112,42 @@ def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda sha
     found = np.unique(samples.trial).size
     if found < options.folds:
         raise LearnError("too_few_trials", f"{found} trials, at least one for each of {options.folds} folds is needed")
-    fold = samples.trial % options.folds
+    fold, by = folds_of(samples, options.folds)
+    options = replace(options, relief=samples.relief, trials=identities(samples))
+
+    def made(candidate: Candidate, kept: NDArray[np.bool_], figures: Mapping[str, float]) -> LearnedModel:
+        bins, u = filled(options.lattice, samples.x[kept], samples.r[kept]), inputs(samples.x[kept])
+        ranges = tuple(zip(u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True))
+        return built(options, conditions, bins, ranges, candidate, figures, sources_of(samples))
+
+    tried: list[HeldOutFigures] = []
     errors: list[float] = []
     for k, candidate in enumerate(options.candidates):
-        rest, total = 0.0, 0
-        for f in range(options.folds):
+        p, within = np.empty(len(samples)), 0.0
+        for f in np.unique(fold):
             if not report((k + f / options.folds) / (len(options.candidates) + 1)):
                 raise LearnError("cancelled", "the job was cancelled")
-            held = fold == f
-            bins = filled(options.lattice, samples.x[~held], samples.r[~held])
-            terms = fit_terms(options.lattice, bins, candidate, options.seed)
-            away = np.clip(terms.values(inputs(samples.x[held])), 0.0, 1.0) - np.minimum(samples.r[held], 1.0)
-            rest, total = rest + float(away @ away), total + int(held.sum())
-        errors.append(math.sqrt(rest / total))
-    best = int(np.argmin(errors))
-    bins = filled(options.lattice, samples.x, samples.r)
-    u = inputs(samples.x)
-    ranges = tuple(zip(u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True))
-    return built(options, conditions, bins, ranges, options.candidates[best], errors[best], sources_of(samples))
+            own = fold == f
+            model = made(candidate, ~own, {})
+            p[own] = np.minimum(model.exact(samples.x[own]), 1.0)
+            low, high = slip_interval(p[own], spread(model, samples.x[own]))
+            within += float(((samples.r[own] >= low) & (samples.r[own] <= high)).sum())
+        tried.append(compared(samples, fold, p, within / len(samples), by))
+        errors.append(float(np.sqrt(np.mean((p - np.minimum(samples.r, 1.0)) ** 2))))
+    best = max(range(len(tried)), key=lambda k: tried[k].rows[0].rank)
+    own = tried[best].rows[0]
+    figures = {"error": errors[best], "r2": own.r2, "rank": own.rank, "auc": own.auc, "held": own.held}
+    return made(options.candidates[best], np.ones(len(samples), dtype=np.bool_), figures), tried[best]
+
+
+def identities(samples: SampleSet) -> tuple[str, ...]:
+    """Return the identities of the trials of samples, sorted."""
+    return tuple(sorted({identity(each) for each in samples.kept}))
+
+
+def identity(sample: StanceSample) -> str:
+    """Return what names the trial of a sample: a hash of robot and trial."""
+    return hashlib.sha256(f"{sample.robot_hash}/{sample.trial}".encode()).hexdigest()[:IDENTITY]
 
 
 def sources_of(samples: SampleSet) -> list[str]:
@@ -168,7 +161,7 @@ def sources_of(samples: SampleSet) -> list[str]:
 
 def built(
     options: LearnOptions, conditions: Conditions, bins: Bins, ranges: tuple[tuple[float, float], ...],
-    candidate: Candidate, error: float, sources: Sequence[str],
+    candidate: Candidate, figures: Mapping[str, float], sources: Sequence[str],
 ) -> LearnedModel:  # fmt: skip
     """Return the model of bins with the terms of one candidate."""
     return LearnedModel(
@@ -181,23 +174,32 @@ def built(
         distance_weight=options.distance_weight,
         landing_error=options.landing_error,
         support=options.support,
+        relief=options.relief,
+        enough=candidate.enough,
+        base=base_rule(options.lattice, bins),
+        trials=options.trials,
         seed=options.seed,
         choice={
             "terms": float(candidate.terms), "width": candidate.width, "ridge": candidate.ridge,
-            "asinh": float(candidate.warp == "asinh"), "refined": float(candidate.refined), "error": error,
-            **searched_by(candidate),
+            "asinh": float(candidate.warp == "asinh"), **figures,
         },
         provenance=tuple(sources),
     )  # fmt: skip
 
 
-def searched_by(candidate: Candidate) -> dict[str, float]:
-    """Return family, search and budget as the numbers a model keeps; nothing for Gaussians that were drawn."""
-    numbers = {
-        "family": float(FAMILIES.index(candidate.family)), "search": float(SEARCHES.index(candidate.search)),
-        "evaluations": float(candidate.evaluations), "blind": float(candidate.blind),
-    }  # fmt: skip
-    return {name: value for name, value in numbers.items() if value}
+def base_rule(lattice: Lattice, bins: Bins) -> tuple[float, ...]:
+    """Return the weights >= 0 of the simple rule (`rule_columns`) of bins, by least squares of relative errors."""
+    from scipy.optimize import nnls
+
+    columns = rule_columns(lattice.centres(bins)[:, 1])
+    count = np.array([each.count for each in bins.values()])
+    mean = np.array([each.mean for each in bins.values()])
+    found, level = np.zeros(columns.shape[1]), np.full(len(mean), float(count @ mean) / float(count.sum()))
+    for _ in range(3):
+        w = np.sqrt(count) / (LEAST_SLIP + level)
+        found = np.asarray(nnls(w[:, None] * columns, w * mean)[0], dtype=np.float64)
+        level = (columns * found).sum(axis=1)
+    return tuple(found.tolist())
 
 
 def fit_terms(lattice: Lattice, bins: Bins, candidate: Candidate, seed: int) -> Terms:
@@ -210,41 +212,13 @@ def fit_terms(lattice: Lattice, bins: Bins, candidate: Candidate, seed: int) -> 
     warps: tuple[Warp, ...] = (candidate.warp,) * 3
     v = warped(u, warps, scales)
     w, ridge = np.sqrt(count), candidate.ridge * float(count.sum())
-    basis = _searched(candidate, v, y, w, ridge, seed)
-    if candidate.refined and isinstance(basis, Gaussians):
-        bounds = Bounds(low=float(v.min()) - 1.0, high=float(v.max()) + 1.0, width=3.0)
-        found = refine(basis, v, y, w, bounds, ridge, candidate.refined)
-        return Terms(found.basis, found.weights, warps, scales)
-    return Terms(basis, weights(basis.columns(v), y, w, ridge), warps, scales)
-
-
-def _searched(candidate: Candidate, v: Array, y: Array, w: Array, ridge: float, seed: int) -> Basis:
-    """Return the terms at the end of a candidate's search, before variable projection."""
-
-    def seen(basis: Basis) -> Basis:
-        return _blind(basis) if candidate.blind else basis
-
-    m, spans = min(candidate.terms, len(v)), (float(v.min()), float(v.max()))
-    if candidate.search == "drawn":
+    if candidate.find is not None:
+        basis = candidate.find(v, y, w, ridge, seed)
+    else:
+        m = min(candidate.terms, len(v))
         centres = v[np.sort(np.random.default_rng(seed).choice(len(v), m, replace=False))]
-        return seen(Gaussians(centres, np.full((m, 3), candidate.width), constant=True))
-
-    def of(basis: Basis) -> float:
-        return cost(seen(basis).columns(v), y, w, ridge)
-
-    if candidate.search == "swarm":
-        return seen(swarm(of, m, 3, spans, (0.0, WIDEST), candidate.evaluations, seed).basis)
-    return seen(evolve(of, candidate.family, m, 3, spans, (0.0, WIDEST), candidate.evaluations, seed).basis)
-
-
-def _blind(basis: Basis) -> Basis:
-    """Return the terms without their third input."""
-    if isinstance(basis, Gaussians):
-        return replace(basis, widths=basis.widths * np.array([1.0, 1.0, 0.0]))
-    assert isinstance(basis, Elementary)
-    kinds, rates = basis.kinds.copy(), basis.rates.copy()
-    kinds[:, 2], rates[:, 2] = POWER, 0.0
-    return replace(basis, kinds=kinds, rates=rates)
+        basis = Gaussians(centres, np.full((m, 3), candidate.width), constant=True)
+    return Terms(basis, weights(basis.columns(v), y, w, ridge), warps, scales)
 
 
 def _conditions(samples: SampleSet) -> Conditions:

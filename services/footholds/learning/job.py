@@ -9,7 +9,7 @@ from surefoot.schemas.footholds import LearnReply, LearnRequest
 
 from ..models.files import save
 from ..models.learned import LearnedModel
-from .fit import LearnOptions, candidates, learn
+from .fit import LearnOptions, candidates, learn_and_compare
 from .samples import SampleSet, gather, read_lines
 
 MAX_SAMPLE_BYTES = 2_000_000_000
@@ -87,7 +87,7 @@ class LearnJob:
         try:
             samples = read_samples(Path(request.samples))
             self._set(samples=len(samples), refused=samples.refused)
-            tried = candidates(request.family, request.search, request.terms, request.evaluations, request.refined)
+            tried = candidates(request.terms)
             options = replace(
                 LearnOptions(), title=request.title, folds=request.folds, seed=request.seed, candidates=tried,
                 distance_weight=request.distance_weight, landing_error=request.landing_error,
@@ -97,12 +97,15 @@ class LearnJob:
                 self._set(progress=share)
                 return not cancel.is_set()
 
-            model = learn(samples, options, report)
+            model, beside = learn_and_compare(samples, options, report)
             if request.out:
                 save(model, request.out)
             with self._lock:
                 self._finished = model if request.use and number > self._past else None
-            self._set(state="done", progress=1.0, model=model.name, error=model.choice["error"])
+            self._set(
+                state="done", progress=1.0, model=model.name, error=model.choice["error"],
+                better=not beside.warning, warning=beside.warning,
+            )  # fmt: skip
         except SurefootError as error:
             ended = "cancelled" if error.code == "cancelled" else "failed"
             self._set(state=ended, code=error.code, reason=error.message)

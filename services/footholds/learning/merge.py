@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..models.files import encode
 from ..models.lattice import Bins, merged
 from ..models.learned import LearnedModel
-from .fit import FAMILIES, SEARCHES, Candidate, LearnError, LearnOptions, built
+from .fit import Candidate, LearnError, LearnOptions, built
 
 
 def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel:
@@ -26,9 +26,15 @@ def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel
         raise LearnError("other_lattice", f"lattices differ: {a.lattice} and {b.lattice}", "lattice")
     if a.conditions != b.conditions:
         raise LearnError("mixed_conditions", f"models of different conditions: {a.conditions} and {b.conditions}")
-    if encode(a) == encode(b):
-        raise LearnError("same_model", f"{a.name} is merged with itself: its samples would count twice")
-    return refitted(a, merged(a.bins, b.bins, weight), b.ranges, sorted({*a.provenance, *b.provenance}))
+    if a.relief != b.relief:
+        raise LearnError("mixed_conditions", f"{a.name} and {b.name} have other inputs: planes and 3 x 3 cells")
+    twice = len({*a.trials} & {*b.trials})
+    if twice or encode(a) == encode(b):
+        raise LearnError(
+            "twice", f"{b.name} shares {twice} of its {len(b.trials)} trials with {a.name}: they count twice"
+        )
+    trials = tuple(sorted({*a.trials, *b.trials}))
+    return refitted(a, merged(a.bins, b.bins, weight), b.ranges, sorted({*a.provenance, *b.provenance}), trials)
 
 
 def check_weight(weight: float) -> None:
@@ -38,8 +44,9 @@ def check_weight(weight: float) -> None:
 
 
 def refitted(
-    model: LearnedModel, bins: Bins, ranges: Sequence[tuple[float, float]], sources: Sequence[str]
-) -> LearnedModel:
+    model: LearnedModel, bins: Bins, ranges: Sequence[tuple[float, float]], sources: Sequence[str],
+    trials: tuple[str, ...],
+) -> LearnedModel:  # fmt: skip
     """Return a model with terms fitted to other bins; its size of fit, k and landing error stay.
 
     Args:
@@ -47,28 +54,24 @@ def refitted(
         bins: outcomes, on the lattice of the model.
         ranges: smallest and largest inputs of the outcomes that were added; the model then holds for these as well.
         sources: provenance of all outcomes, one line each.
+        trials: identities of the trials of all outcomes, sorted.
 
     Raises:
         LearnError: the model does not record its size of fit.
     """
     options = LearnOptions(
         title=model.title, seed=model.seed, distance_weight=model.distance_weight, landing_error=model.landing_error,
-        support=model.support, lattice=model.lattice,
+        support=model.support, lattice=model.lattice, relief=model.relief, trials=trials,
     )  # fmt: skip
     joined = tuple((min(x[0], y[0]), max(x[1], y[1])) for x, y in zip(model.ranges, ranges, strict=True))
-    error = model.choice.get("error", 0.0)
-    return built(options, model.conditions, bins, joined, candidate_of(model), error, sources)
+    kept = {name: value for name, value in model.choice.items() if name not in ("terms", "width", "ridge", "asinh")}
+    return built(options, model.conditions, bins, joined, candidate_of(model), kept, sources)
 
 
 def candidate_of(model: LearnedModel) -> Candidate:
     """Return the size of fit that a model was made with."""
     c = model.choice
     try:
-        warp = "asinh" if c["asinh"] else "identity"
-        family, search = FAMILIES[int(c.get("family", 0.0))], SEARCHES[int(c.get("search", 0.0))]
-        return Candidate(
-            int(c["terms"]), c["width"], c["ridge"], warp, int(c["refined"]), family, search,
-            int(c.get("evaluations", 0.0)), bool(c.get("blind", 0.0)),
-        )  # fmt: skip
-    except (KeyError, IndexError) as error:
+        return Candidate(int(c["terms"]), c["width"], c["ridge"], "asinh" if c["asinh"] else "identity", model.enough)
+    except KeyError as error:
         raise LearnError("invalid", f"{model.name} does not record how it was fitted: {error}", "choice") from None

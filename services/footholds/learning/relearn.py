@@ -17,7 +17,7 @@ from typing import Literal
 
 from ..models.lattice import faded, filled, inputs, merged
 from ..models.learned import ROUNDS, LearnedModel
-from .fit import LearnError
+from .fit import LearnError, identities, identity
 from .merge import check_weight, refitted
 from .samples import SampleSet, StanceSample, gather
 
@@ -39,15 +39,22 @@ def relearned(
         LearnError: no sample is left, or samples and model do not go together.
     """
     check_weight(weight)
-    found = gather(samples)
+    found = gather(unseen(model, samples), model.relief)
     if not len(found):
         raise LearnError("no_samples", f"there is no outcome to learn from ({found.why_refused})")
     _check(model, found)
     fresh, u = filled(model.lattice, found.x, found.r), inputs(found.x)
     bins = merged(model.bins, fresh, weight) if form == "counted" else faded(model.bins, fresh, weight)
     ranges = tuple(zip(u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True))
-    out = refitted(model, bins, ranges, _with(model.provenance, f"re-learned ({form}, c = {weight:g})", found))
+    sources = _with(model.provenance, f"re-learned ({form}, c = {weight:g})", found)
+    out = refitted(model, bins, ranges, sources, tuple(sorted({*model.trials, *identities(found)})))
     return replace(out, choice=out.choice | {ROUNDS: model.choice.get(ROUNDS, 0.0) + 1.0})
+
+
+def unseen(model: LearnedModel, samples: Sequence[StanceSample]) -> list[StanceSample]:
+    """Return the samples of trials that a model has not learned from."""
+    known = {*model.trials}
+    return [each for each in samples if identity(each) not in known]
 
 
 def _check(model: LearnedModel, found: SampleSet) -> None:

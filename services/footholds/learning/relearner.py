@@ -46,6 +46,8 @@ class Relearner:
     refused: dict[str, int] = field(default_factory=dict)
     """Number of outcomes left out and of rounds that failed, by reason."""
     _waiting: list[StanceSample] = field(default_factory=list)
+    _known: set[str] = field(default_factory=set)
+    """Trials of the outcomes taken: one each."""
     _due: int = 0
     _thread: threading.Thread | None = None
     _made: LearnedModel | None = None
@@ -55,10 +57,12 @@ class Relearner:
         """Take outcomes; those that cannot be learned from are counted."""
         for each in samples:
             problem = each.problem or ("too_many" if len(self._waiting) >= MOST else "")
+            problem = problem or ("twice" if each.trial in self._known else "")
             if problem:
                 self.refuse(problem)
             else:
                 self._waiting.append(each)
+                self._known.add(each.trial)
                 self.taken += 1
 
     def refuse(self, reason: str) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, fields
 from typing import Any
@@ -9,13 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.lattice import coordinates
+from ..features import Layer
+from ..models.lattice import LARGEST, coordinates
+from ..relief import SCALES, patch_features
 
 Array = NDArray[np.float64]
-PATCH = 7
+PATCH = 13
 """Number of cells along an edge of the heights that a sample keeps."""
-LARGEST_SLIP = 20.0
-"""Largest slip of a sample, in strokes: a foot that slides farther was carried, not placed."""
+UNKNOWN_UM = -(2**31)
+"""Height of an unknown cell in a sample, micrometres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +58,18 @@ class StanceSample:
     robot_hash: str
     source: str
     """Origin of the sample: ground, map, rule."""
+    scale: int = SCALES[0]
+    """Cells on each side of the planes of the map, by its noise."""
     heights_um: tuple[int, ...] = ()
-    """Heights about the chosen cell relative to it, `PATCH` x `PATCH` row by row, micrometres; -2^31 = unknown."""
+    """Heights about the chosen cell relative to it, row by row, micrometres; -2^31 = unknown."""
+
+    def around(self) -> Layer | None:
+        """Return the heights about the chosen cell, (n, n) m, NaN = unknown; None without them."""
+        edge = math.isqrt(len(self.heights_um))
+        if edge * edge != len(self.heights_um) or edge < 3:
+            return None
+        rise = np.array(self.heights_um, dtype=np.float64).reshape(edge, edge)
+        return np.where(rise == UNKNOWN_UM, np.nan, 1e-6 * rise).astype(np.float32)
 
     @property
     def length(self) -> float:
@@ -78,7 +91,7 @@ class StanceSample:
             return "no_stroke"
         if self.sliding < 0.0 or self.displacement < 0.0 or self.k2 < 0.0 or self.k4 < 0.0:
             return "negative"
-        return "huge" if self.slip > LARGEST_SLIP else ""
+        return "huge" if self.slip > LARGEST else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +106,10 @@ class SampleSet:
     """Number of each sample's trial, (n,)."""
     kept: tuple[StanceSample, ...]
     refused: dict[str, int]
-    """Number of samples left out, by reason: not_finite, no_stroke, negative, huge, twice."""
+    """Number of samples left out, by reason: not_finite, no_stroke, negative, huge, twice, no_heights, unknown_ground,
+    unhealthy."""
+    relief: bool = True
+    """True if the points are coefficients of planes, False if those of Walas & Belter."""
 
     def __len__(self) -> int:
         return len(self.r)
@@ -104,29 +120,45 @@ class SampleSet:
         return ", ".join(f"{name} {n}" for name, n in sorted(self.refused.items())) or "none came"
 
 
-def gather(samples: Iterable[StanceSample]) -> SampleSet:
-    """Return the samples that can be learned from, each stance once, in an order that does not depend on theirs."""
-    refused: dict[str, int] = {}
+def gather(samples: Iterable[StanceSample], relief: bool = True) -> SampleSet:
+    """Return the samples that can be learned from, each stance once, in an order that does not depend on theirs.
+
+    Args:
+        samples: of one robot, cell, filter and foot.
+        relief: coefficients of planes at the scale of each map; False: those of Walas & Belter.
+    """
+    refused: Counter[str] = Counter()
     found: dict[tuple[str, int, int], StanceSample] = {}
+    points: dict[tuple[str, int, int], Array] = {}
     for each in samples:
         key, problem = (each.trial, each.leg, each.step), each.problem
         if not problem and key in found:
             problem = "twice"
+        if not problem:
+            points[key], problem = _point(each, relief)
         if problem:
-            refused[problem] = refused.get(problem, 0) + 1
+            refused[problem] += 1
         else:
             found[key] = each
     kept = tuple(found[key] for key in sorted(found))
     trials = {name: k for k, name in enumerate(sorted({each.trial for each in kept}))}
-    x = np.zeros((len(kept), 3))
-    for cell in {each.cell for each in kept}:
-        rows = np.array([k for k, each in enumerate(kept) if each.cell == cell])
-        k1, k2, c = np.array([(kept[k].k1, kept[k].k2, kept[k].cos_k3) for k in rows]).T
-        x[rows] = coordinates(k1, k2, c, cell)
     return SampleSet(
-        x, np.array([each.slip for each in kept]), np.array([trials[each.trial] for each in kept], dtype=np.int64),
-        kept, refused,
+        np.array([points[key] for key in sorted(found)]).reshape(-1, 3), np.array([each.slip for each in kept]),
+        np.array([trials[each.trial] for each in kept], dtype=np.int64), kept, dict(refused), relief,
     )  # fmt: skip
+
+
+def _point(sample: StanceSample, relief: bool) -> tuple[Array, str]:
+    """Return the point of a sample on the axes of the lattice, (3,), and why there is none; empty if there is."""
+    k = np.array([[sample.k1, sample.k2, sample.cos_k3]])
+    if relief:
+        around = sample.around()
+        if around is None:
+            return np.zeros(3), "no_heights"
+        k = np.array([[layer[0, 0] for layer in patch_features(around, sample.scale, sample.stroke, sample.cell, 0)]])
+    if not np.isfinite(k).all():
+        return np.zeros(3), "unknown_ground"
+    return coordinates(k[:, 0], k[:, 1], k[:, 2], sample.cell)[0], ""
 
 
 # --- lines of a file --------------------------------------------------------------------------------------------------
@@ -184,9 +216,10 @@ def trial_lines(trial: str, samples: Iterable[StanceSample]) -> Iterator[str]:
 def _sample(entry: dict[str, Any]) -> StanceSample:
     entry = dict(entry)
     stroke = tuple(float(value) for value in entry["stroke"])
+    entry.setdefault("scale", SCALES[0])  # files of before planes were fitted
     if len(stroke) != 3 or set(entry) != set(_NAMES):
         raise ValueError("not the fields of a sample")
     numbers = ("k1", "k2", "cos_k3", "k4", "sliding", "displacement", "load", "friction", "cell", "foot_radius")
     entry |= {name: float(entry[name]) for name in numbers}
-    entry |= {"leg": int(entry["leg"]), "step": int(entry["step"]), "stroke": stroke}
+    entry |= {"leg": int(entry["leg"]), "step": int(entry["step"]), "stroke": stroke, "scale": int(entry["scale"])}
     return StanceSample(**{**entry, "heights_um": tuple(int(value) for value in entry["heights_um"])})

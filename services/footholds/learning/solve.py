@@ -1,27 +1,9 @@
 """Weights of terms by least squares with a ridge, without the Gram matrix."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.bases import Basis
-
 Array = NDArray[np.float64]
-Cost = Callable[[Basis], float]
-"""Returns the weighted residual norm of a basis with its best weights."""
-
-
-@dataclass(frozen=True, eq=False)
-class Searched:
-    """Best basis of a search without derivatives."""
-
-    basis: Basis
-    cost: float
-    """Weighted residual norm of the basis."""
-    evaluations: int
-    """Number of costs that were computed."""
 
 
 def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
@@ -44,11 +26,3 @@ def stack(columns: Array, y: Array, w: Array, ridge: float) -> tuple[Array, Arra
     """Return W V over sqrt(ridge) I, (n + m, m), and W y over zeros, (n + m,)."""
     m = columns.shape[1]
     return np.vstack((w[:, None] * columns, np.sqrt(ridge) * np.eye(m))), np.concatenate((w * y, np.zeros(m)))
-
-
-def cost(columns: Array, y: Array, w: Array, ridge: float) -> float:
-    """Return the smallest |W (V c - y)|^2 + ridge |c|^2 over all c."""
-    stacked, target = stack(columns, y, w, ridge)
-    found = np.linalg.lstsq(stacked, target, rcond=1e-13)[0]
-    rest = target - stacked @ found
-    return float(rest @ rest)

@@ -1,9 +1,9 @@
-"""Families of functions of the ground coefficients, of which a slip model is a weighted sum.
+"""Functions of the ground coefficients, of which a slip model is a weighted sum.
 
     P(u) = sum_q c_q phi_q(u)                                                        (Walas & Belter 2011, Eq. 6)
 
-u are scaled inputs, (n, d). Two families: Gaussians (15) with lambda >= 0, and products (10) of elementary functions
-(11)-(13) of one input each. The printed (15) has no minus sign and would grow without bound.
+u are scaled inputs, (n, d). The terms are Gaussians (15) with lambda >= 0; the printed (15) has no minus sign and would
+grow without bound. The elementary functions (11)-(13) are in `papers/walas`.
 """
 
 from dataclasses import dataclass
@@ -13,13 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-POWER, SINE, DECAY = 0, 1, 2
-MAX_POWER = 4
-"""Largest n of (11), on scaled inputs."""
-LARGEST = 1e12
-"""Largest value of a term: a power far outside its data is cut, so that it does not end a search."""
 
 
 class Basis(Protocol):
@@ -46,34 +39,6 @@ class Gaussians:
         away = u[:, None, :] - self.centres[None]
         found = np.exp(-(self.widths[None] * away * away).sum(axis=2))
         return np.column_stack((found, np.ones(len(u)))) if self.constant else found
-
-
-@dataclass(frozen=True, eq=False)
-class Elementary:
-    """Elementary terms (10): phi_q = prod_i f_iq(u_i).
-
-    f is one of (u - a)^round(lambda), sin(lambda u - a), exp(-lambda u). a of the sine is a phase, not a centre; in the
-    exponential it would only scale c, so it is left out.
-    """
-
-    kinds: Ints
-    """Kind of each function, `POWER`, `SINE` or `DECAY`, (m, d)."""
-    centres: Array
-    """Centres a, (m, d)."""
-    rates: Array
-    """Rates lambda, (m, d)."""
-
-    def columns(self, u: Array) -> Array:
-        """Return phi_q(u_b), (n, m)."""
-        x, a, rate = u[:, None, :], self.centres[None], self.rates[None]
-        n = np.clip(np.rint(rate), 0.0, MAX_POWER)
-        with np.errstate(over="ignore", invalid="ignore"):
-            power = np.where(n == 0.0, 1.0, (x - a) ** n)
-            decay = np.exp(np.clip(-rate * x, -60.0, 60.0))
-            sine = np.sin(rate * x - a)
-            each = np.where(self.kinds == POWER, power, np.where(self.kinds == SINE, sine, decay))
-            found = each.prod(axis=2)
-        return np.clip(np.nan_to_num(found, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST)
 
 
 Warp = Literal["identity", "log", "asinh"]

@@ -11,15 +11,23 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from surefoot.disk import regular_size, whole
 from surefoot.errors import SurefootError
 
-from .bases import DECAY, Basis, Elementary, Gaussians
-from .lattice import Bin, Key, Lattice, LatticeError
-from .learned import Conditions, LearnedModel, Terms
+from .bases import Gaussians
+from .lattice import ROUGHEST, Bin, Key, Lattice, LatticeError, inputs
+from .learned import KNOTS, Conditions, LearnedModel, Terms
 
-SCHEMA = "surefoot.slip/1"
+SCHEMA = "surefoot.slip/2"
+OLD = "surefoot.slip/1"
+"""Files of coefficients of 3 x 3 cells, without identities of trials; they are read."""
 MAX_BYTES = 16_000_000
 """Largest file that is read, bytes."""
 MAX_TERMS = 1000
 MAX_BINS = 200_000
+MAX_TRIALS = 500_000
+"""Most identities of trials: one for each outcome that a walking robot has learned from."""
+MAX_COUNT = 1e9
+"""Most samples of a bin."""
+LEAST_ERROR = 1e-4
+"""Mean square error below which predictions of own bins are good enough, whatever the bins."""
 MAX_SPAN = 2_000_000
 """Most bins between the smallest and the largest key on all axes: what is looked up is a dense array, 8 MB."""
 DIGITS = 10
@@ -44,10 +52,9 @@ class _LatticePart(_FilePart):
 
 
 class _TermsPart(_FilePart):
-    family: Literal["gaussian", "elementary"]
+    family: Literal["gaussian"]
     scales: tuple[Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)]]
     warps: tuple[Literal["identity", "log", "asinh"], Literal["identity", "log", "asinh"], Literal["identity", "asinh"]]
-    kinds: Annotated[list[tuple[int, int, int]], Field(max_length=MAX_TERMS)] = []
     centres: Rows
     rates: Rows
     constant: bool
@@ -55,7 +62,7 @@ class _TermsPart(_FilePart):
 
 
 class _ModelFile(_FilePart):
-    schema_: Literal["surefoot.slip/1"] = Field(alias="schema")
+    schema_: Literal["surefoot.slip/1", "surefoot.slip/2"] = Field(alias="schema")
     title: Annotated[str, Field(min_length=1, max_length=64)]
     robot: str
     robot_hash: str
@@ -67,6 +74,10 @@ class _ModelFile(_FilePart):
     distance_weight_unit: Literal["1/m"]
     landing_error: Annotated[Finite, Field(ge=0, le=0.1)]
     support: Annotated[int, Field(ge=0)]
+    relief: bool = False
+    enough: Annotated[Finite, Field(ge=0)] | None = None
+    base: Annotated[list[Annotated[Finite, Field(ge=0, le=10)]], Field(max_length=1 + len(KNOTS))] = []
+    trials: Annotated[list[Annotated[str, Field(pattern=r"^[0-9a-f]{12}$")]], Field(max_length=MAX_TRIALS)] = []
     seed: Annotated[int, Field(ge=0)]
     lattice: _LatticePart
     ranges: tuple[tuple[Finite, Finite], tuple[Finite, Finite], tuple[Finite, Finite]]
@@ -79,26 +90,22 @@ class _ModelFile(_FilePart):
 def encode(model: LearnedModel) -> bytes:
     """Return a model as the bytes of its file; equal models give equal bytes."""
     basis, c = model.terms.basis, model.conditions
-    gaussian = isinstance(basis, Gaussians)
+    if not isinstance(basis, Gaussians):
+        raise ModelError("invalid", f"{model.name}: only Gaussians are written, got {type(basis).__name__}", "terms")
     terms: dict[str, Any] = {
-        "family": "gaussian" if gaussian else "elementary",
-        "scales": _rounded(model.terms.scales),
-        "warps": list(model.terms.warps),
-        "constant": basis.constant if gaussian else False,
-        "weights": _rounded(model.terms.weights),
-    }
-    if isinstance(basis, Gaussians):
-        terms |= {"centres": _rounded(basis.centres), "rates": _rounded(basis.widths)}
-    elif isinstance(basis, Elementary):
-        terms |= {"centres": _rounded(basis.centres), "rates": _rounded(basis.rates), "kinds": basis.kinds.tolist()}
+        "family": "gaussian", "scales": _rounded(model.terms.scales), "warps": list(model.terms.warps),
+        "constant": basis.constant, "weights": _rounded(model.terms.weights), "centres": _rounded(basis.centres),
+        "rates": _rounded(basis.widths),
+    }  # fmt: skip
     head = {
         "schema": SCHEMA, "title": model.title, "robot": c.robot, "robot_hash": c.robot_hash, "cell": c.cell,
         "smooth": c.smooth, "foot_radius": c.foot_radius, "outcome": "sliding / |f|",
         "distance_weight": model.distance_weight, "distance_weight_unit": "1/m", "landing_error": model.landing_error,
-        "support": model.support, "seed": model.seed,
+        "support": model.support, "relief": model.relief, "base": _rounded(np.array(model.base)),
+        "enough": None if math.isinf(model.enough) else model.enough, "seed": model.seed,
         "lattice": {"origin": list(model.lattice.origin), "width": list(model.lattice.width)},
         "ranges": _rounded(np.array(model.ranges)), "choice": dict(sorted(model.choice.items())),
-        "provenance": list(model.provenance), "terms": terms,
+        "provenance": list(model.provenance), "trials": list(model.trials), "terms": terms,
     }  # fmt: skip
     lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
     bins = ",\n".join(
@@ -120,17 +127,14 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
     except (ValueError, RecursionError) as error:
         raise ModelError("invalid", f"{source} is no JSON: {error}") from None
     schema = raw.get("schema") if isinstance(raw, dict) else None
-    if schema != SCHEMA:
-        raise ModelError("schema", f"{source} must be {SCHEMA!r}, got {schema!r}", "schema")
+    if schema not in (SCHEMA, OLD):
+        raise ModelError("schema", f"{source} must be {SCHEMA!r} or {OLD!r}, got {schema!r}", "schema")
     try:
         entries = _ModelFile.model_validate_json(data)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ModelError("invalid", f"{source}: {where}: {first['msg']}, got {first['input']!r:.80}", where) from None
-    for (low, high), axis in zip(entries.ranges, ("K1", "K2", "cos K3"), strict=True):
-        if not low <= high:
-            raise ModelError("invalid", f"{source}: the range of {axis} is empty: {low} to {high}", "ranges")
     try:
         lattice = Lattice(entries.lattice.origin, entries.lattice.width)
     except LatticeError as error:
@@ -138,9 +142,10 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
     bins: dict[Key, Bin] = {(i, j, k): Bin(count, total, squares) for i, j, k, count, total, squares in entries.bins}
     if len(bins) != len(entries.bins):
         raise ModelError("invalid", f"{source}: a bin is given twice", "bins")
-    span = math.prod(max(axis) - min(axis) + 1 for axis in zip(*bins, strict=True))
-    if bins and span > MAX_SPAN:
-        raise ModelError("invalid", f"{source}: its keys span {span} bins, at most {MAX_SPAN} are allowed", "bins")
+    if entries.relief and len(entries.base) != 1 + len(KNOTS):
+        raise ModelError("invalid", f"{source}: base needs {1 + len(KNOTS)} weights, got {len(entries.base)}", "base")
+    _check_outcomes(lattice, bins, source)
+    _check_ranges(lattice, bins, entries.ranges, source)
     scales, warps = np.array(entries.terms.scales), tuple(entries.terms.warps)
     terms = Terms(_basis(entries.terms, source), np.array(entries.terms.weights), warps, scales)
     model = LearnedModel(
@@ -148,18 +153,54 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
         conditions=Conditions(entries.cell, entries.smooth, entries.foot_radius, entries.robot, entries.robot_hash),
         terms=terms,
         lattice=lattice, bins=bins, ranges=entries.ranges, distance_weight=entries.distance_weight,
-        landing_error=entries.landing_error, support=entries.support, seed=entries.seed, choice=entries.choice,
+        landing_error=entries.landing_error, support=entries.support, relief=entries.relief, base=tuple(entries.base),
+        enough=math.inf if entries.enough is None else entries.enough,
+        trials=tuple(entries.trials), seed=entries.seed, choice=entries.choice,
         provenance=tuple(entries.provenance),
     )  # fmt: skip
     check(model, source)
     return model
 
 
+def _check_outcomes(lattice: Lattice, bins: dict[Key, Bin], source: str) -> None:
+    """Raise ModelError for bins that no samples can make: none, beyond all ground, or of impossible slips."""
+    if not bins:
+        raise ModelError("useless", f"{source}: it has no bins, at least one is needed", "bins")
+    first, last = np.array(lattice.origin), np.array(lattice.width)
+    keys = np.array(list(bins), dtype=np.float64)
+    low, high = first + keys * last, first + (keys + 1.0) * last
+    ends = np.array([[-1.0, 1.0], [0.0, ROUGHEST], [-1.0, 1.0]])
+    if (high < ends[:, 0]).any() or (low > ends[:, 1]).any():
+        worst = list(bins)[int(np.argmax(np.abs(keys).max(axis=1)))]
+        raise ModelError("invalid", f"{source}: the bin {worst} lies beyond any ground {ends.tolist()}", "bins")
+    span = math.prod(int(n) + 1 for n in np.ptp(keys, axis=0))
+    if span > MAX_SPAN:
+        raise ModelError("invalid", f"{source}: its keys span {span} bins, at most {MAX_SPAN} are allowed", "bins")
+    for key, each in bins.items():
+        if each.count > MAX_COUNT or not each.possible:
+            facts = f"count {each.count:g}, mean slip {each.mean:g}"
+            raise ModelError("invalid", f"{source}: no samples can make the bin {key} with {facts}", "bins")
+
+
+def _check_ranges(lattice: Lattice, bins: dict[Key, Bin], ranges: tuple[tuple[float, float], ...], source: str) -> None:
+    """Raise ModelError for ranges that are empty or do not belong to the bins: each end lies within a bin's width."""
+    centres = lattice.centres(bins)
+    u, slack = inputs(centres), np.array(lattice.width)
+    slack[0] = ROUGHEST * lattice.width[0] + lattice.width[1]
+    names = ("K1 / (8 cell)", "K2 / (8 cell)", "cos K3")
+    for (low, high), axis, seen, near in zip(ranges, names, u.T, slack, strict=True):
+        if not low <= high:
+            raise ModelError("invalid", f"{source}: the range of {axis} is empty: {low} to {high}", "ranges")
+        if abs(low - seen.min()) > near or abs(high - seen.max()) > near:
+            found = f"{low:g} to {high:g}, its bins have {seen.min():g} to {seen.max():g}"
+            raise ModelError("invalid", f"{source}: the range of {axis} is {found}", "ranges")
+
+
 def check(model: LearnedModel, source: str = "model") -> None:
-    """Raise ModelError for a model without any usable prediction.
+    """Raise ModelError for a model that does not predict its own outcomes.
 
     Raises:
-        ModelError: all predictions are NaN or beyond 1.
+        ModelError: all predictions are NaN or beyond 1, or they are worse than the mean of all outcomes.
     """
     try:
         values = model.table[0]
@@ -168,6 +209,14 @@ def check(model: LearnedModel, source: str = "model") -> None:
     usable = np.isfinite(values) & (values <= 1.0)
     if not usable.any():
         raise ModelError("useless", f"{source}: no prediction lies between 0 and 1", "terms")
+    count = np.array([each.count for each in model.bins.values()])
+    mean = np.minimum(np.array([each.mean for each in model.bins.values()]), 1.0)
+    found = np.minimum(model.exact(model.lattice.centres(model.bins)), 1.0)
+    left, all_ = (float(count @ (of - mean) ** 2) for of in (found, float(count @ mean) / float(count.sum())))
+    if not left <= max(all_, LEAST_ERROR * float(count.sum())):
+        raise ModelError(
+            "useless", f"{source}: its terms predict its own {len(mean)} bins worse than their mean does", "terms"
+        )
 
 
 def load(path: str | Path) -> LearnedModel:
@@ -202,21 +251,16 @@ def save(model: LearnedModel, path: str | Path) -> Path:
     return target
 
 
-def _basis(terms: _TermsPart, source: str) -> Basis:
+def _basis(terms: _TermsPart, source: str) -> Gaussians:
     m = len(terms.centres)
-    wanted = m + (terms.constant and terms.family == "gaussian")
+    wanted = m + terms.constant
     if len(terms.rates) != m or len(terms.weights) != wanted or wanted == 0:
         found = f"{m} centres, {len(terms.rates)} rates, {len(terms.weights)} weights"
         raise ModelError("invalid", f"{source}: terms do not fit together: {found}", "terms")
     centres, rates = np.array(terms.centres).reshape(m, 3), np.array(terms.rates).reshape(m, 3)
-    if terms.family == "gaussian":
-        if (rates < 0.0).any():
-            raise ModelError("invalid", f"{source}: a Gaussian needs rates >= 0, got {rates.min()!r}", "terms.rates")
-        return Gaussians(centres, rates, terms.constant)
-    kinds = np.array(terms.kinds, dtype=np.int64).reshape(-1, 3)
-    if kinds.shape != (m, 3) or (kinds < 0).any() or (kinds > DECAY).any():
-        raise ModelError("invalid", f"{source}: kinds must be {m} x 3 numbers from 0 to {DECAY}", "terms.kinds")
-    return Elementary(kinds, centres, rates)
+    if (rates < 0.0).any():
+        raise ModelError("invalid", f"{source}: a Gaussian needs rates >= 0, got {rates.min()!r}", "terms.rates")
+    return Gaussians(centres, rates, terms.constant)
 
 
 def _rounded(values: np.ndarray) -> Any:

@@ -22,6 +22,8 @@ FLAT = 1e-6
 """Value of K2 / (8 cell) below which ground is flat: K1 / K2 is 0 there."""
 ROUGHEST = 4.0
 """Largest K2 / (8 cell) of a sample; that of a cliff has no upper end and is cut."""
+LARGEST = 20.0
+"""Largest slip of a sample, in strokes: a foot that slides farther was carried, not placed."""
 
 
 class LatticeError(InvalidField):
@@ -68,6 +70,15 @@ class Bin:
     def m2(self) -> float:
         """Sum of (r - mean)^2."""
         return max(0.0, (self.squares * UNIT * UNIT) - self.total * UNIT * self.mean)
+
+    @property
+    def possible(self) -> bool:
+        """True if slips r of 0 to `LARGEST` can have these sums: (sum r)^2 <= n sum r^2 <= n LARGEST sum r."""
+        if not 0.0 <= self.mean <= LARGEST:
+            return False
+        total, squares = self.total * UNIT, self.squares * UNIT * UNIT
+        slack = UNIT * (1.0 + total) * (1.0 + self.count)
+        return total * total <= self.count * squares + slack and squares <= LARGEST * total + slack
 
     @property
     def sd(self) -> float:

@@ -16,7 +16,7 @@ from surefoot.kernels.jit import row_kernel
 
 from ..features import Features, Layer
 from .bases import Basis, Warp, warped
-from .lattice import FLAT, Bin, Key, Lattice, inputs
+from .lattice import FLAT, Bin, Key, Lattice, coordinates, inputs
 from .protocol import UNLEARNED
 
 Array = NDArray[np.float64]
@@ -26,12 +26,19 @@ CELL_TOLERANCE = 0.01
 """Largest relative difference of cell and foot radius at which a model still holds."""
 ROUNDS = "rounds"
 """Entry of `LearnedModel.choice` that counts rounds of re-learning."""
+HALF_SUPPORT = 10.0
+"""Number of samples about a point with which its support is one half."""
+KNOTS = (0.0, 0.1, 0.2, 0.3, 0.5)
+"""K2 / (8 cell) where the simple rule may bend."""
+BROAD = 10
+"""Weight, in samples, of the spread of all bins beside that of one bin."""
 LEAST_RANGE = 1e-3
 """Least range of an axis of the table, for samples that are all alike."""
 
 
-Table = tuple[Layer, Layer, Layer]
-"""P at the nodes, `NODES`; first value and steps per unit of each axis, (3, 2); ranges of the model, (3, 2)."""
+Table = tuple[Layer, Layer, Layer, float]
+"""P at the nodes, `NODES`; first value and steps per unit of each axis, (3, 2); ranges of the model, (3, 2); rise of P
+per K2 / (8 cell) above its range, negative: P is unknown outside the ranges."""
 Support = tuple[NDArray[np.int32], NDArray[np.int64], Layer, int]
 """Samples of each bin, (a, b, c); key of its element [0, 0, 0], (3,); origin of the lattice and bins per unit of each
 axis, (3, 2); samples that a bin needs, 0 = none."""
@@ -69,6 +76,14 @@ class Terms:
             return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
 
 
+def rule_columns(steep: Array) -> Array:
+    """Return 1 and max(K2 / (8 cell) - knot, 0) for each of `KNOTS`, (n, 1 + knots).
+
+    With weights >= 0 their sum is the simple rule that the flattest cell is the best, bent upwards as slips are.
+    """
+    return np.column_stack((np.ones(len(steep)), *(np.maximum(steep - knot, 0.0) for knot in KNOTS)))
+
+
 @dataclass(frozen=True, eq=False)
 class LearnedModel:
     """Slip model learned from stances of one robot."""
@@ -85,6 +100,14 @@ class LearnedModel:
     landing_error: float
     support: int = 0
     """Number of samples that a cell's bin needs; 0: only the ranges count."""
+    relief: bool = False
+    """True: the coefficients are those of planes, and P goes over into `base` where there are few samples or none."""
+    enough: float = math.inf
+    """Number of samples about a point at which terms and simple rule weigh the same; infinite: the rule alone."""
+    base: tuple[float, ...] = ()
+    """Simple rule, see `rule_columns`: weights >= 0."""
+    trials: tuple[str, ...] = ()
+    """Identities of the trials that the samples are from, sorted."""
     seed: int = 0
     choice: dict[str, float] = field(default_factory=dict)
     """Numbers of the fit: terms, ridge, error of the folds."""
@@ -130,48 +153,100 @@ class LearnedModel:
         return out
 
     def spread(self, features: Features, cell: float) -> Layer:
-        """Return the standard deviation of the slip in each cell's bin, (ny, nx) float32; NaN without samples."""
-        out = np.full(features.k1.shape, np.nan, dtype=np.float32)
-        for index in np.ndindex(out.shape):
-            k1, k2, c = float(features.k1[index]), float(features.k2[index]), float(features.cos_k3[index])
-            if not math.isfinite(k1 + k2 + c):
-                continue
-            b = k2 * 0.125 / cell
-            key = self.lattice.keys(np.array([[k1 / k2 if b >= FLAT else 0.0, b, c]]))[0]
-            found = self.bins.get((int(key[0]), int(key[1]), int(key[2])))
-            if found is not None:
-                out[index] = found.sd
-        return out
+        """Return the standard deviation of single stances in each cell, (ny, nx) float32; NaN where P is none.
+
+        Bins with few samples lean on the spread of all bins:
+
+        sd^2 = (M2 + m (c P)^2) / (n - 1 + m),   m = `BROAD`,   c^2 = sum M2 / sum (n - 1) mean^2 over all bins
+        """
+        p = self.predict(features, cell).astype(np.float64)
+        n, m2 = (values[self._places(features, cell)] for values in self._outcomes)
+        sd = np.sqrt((m2 + BROAD * self._c2 * p * p) / (np.maximum(n, 1.0) - 1.0 + BROAD))
+        return np.where(p >= 0.0, sd, np.nan).astype(np.float32)
+
+    def support_of(self, features: Features, cell: float) -> Layer:
+        """Return n / (n + `HALF_SUPPORT`), n the samples about each cell's point of the lattice, (ny, nx) float32."""
+        k1, k2, cos_k3 = (layer.astype(np.float64).ravel() for layer in features)
+        x = coordinates(k1, k2, cos_k3, cell)
+        known = np.isfinite(x).all(axis=1)
+        out = np.full(len(x), np.nan)
+        n = self._near(x[known])
+        out[known] = n / (n + HALF_SUPPORT)
+        return out.reshape(features.k1.shape).astype(np.float32)
+
+    def _places(self, features: Features, cell: float) -> tuple[NDArray[np.int64], ...]:
+        """Return the element of `_outcomes` of every cell, three arrays of (ny, nx)."""
+        k1, k2, cos_k3 = (np.nan_to_num(layer.astype(np.float64)).ravel() for layer in features)
+        counts, first, _, _ = self._support
+        at = self.lattice.keys(coordinates(k1, k2, cos_k3, cell)) - first + 1
+        at = np.clip(at, 0, np.array(counts.shape) + 1).reshape(*features.k1.shape, 3)
+        return tuple(np.moveaxis(at, -1, 0))
+
+    @cached_property
+    def _outcomes(self) -> tuple[Array, Array]:
+        """Numbers of samples and M2 of the bins as dense arrays with an empty border."""
+        counts, first, _, _ = self._support
+        n, m2 = np.zeros(np.array(counts.shape) + 2), np.zeros(np.array(counts.shape) + 2)
+        for key, each in self.bins.items():
+            at = tuple(np.array(key) - first + 1)
+            n[at], m2[at] = each.count, each.m2
+        return n, m2
+
+    @cached_property
+    def _c2(self) -> float:
+        freedom = sum((each.count - 1.0) * each.mean**2 for each in self.bins.values() if each.count > 1.0)
+        return sum(each.m2 for each in self.bins.values()) / max(1e-12, freedom)
+
+    def _near(self, x: Array) -> Array:
+        """Return the number of samples about points on the axes of the lattice, (n,), between the centres of bins."""
+        counts, first, _, _ = self._support
+        n = np.pad(counts.astype(np.float64), 1)
+        at = (x - np.array(self.lattice.origin)) / np.array(self.lattice.width) - 0.5 - first + 1.0
+        at = np.clip(at, 0.0, np.array(n.shape) - 1.0)
+        low = np.minimum(at.astype(np.int64), np.array(n.shape) - 2)
+        rest, found = at - low, np.zeros(len(x))
+        for corner in np.ndindex(2, 2, 2):
+            share = np.prod(np.where(corner, rest, 1.0 - rest), axis=1)
+            found += share * n[tuple((low + corner).T)]
+        return found
 
     @cached_property
     def table(self) -> Table:
         """Values that predictions are interpolated in."""
         axes = self._nodes()
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        low, high = np.array(self.ranges).T
-        values = self.terms.values(np.clip(inputs(points), low, high)).reshape(NODES)
         steps = [[axis[0], (len(axis) - 1) / (axis[-1] - axis[0])] for axis in axes]
         with np.errstate(over="ignore"):
-            found = np.maximum(values, 0.0).astype(np.float32)
-        return found, np.array(steps, dtype=np.float32), np.array(self.ranges, dtype=np.float32)
+            found = self.exact(points).reshape(NODES).astype(np.float32)
+        rise = sum(self.base[1:]) if self.relief else -1.0
+        return found, np.array(steps, dtype=np.float32), np.array(self.ranges, dtype=np.float32), rise
+
+    def exact(self, x: Array) -> Array:
+        """Return P of points on the axes of the lattice, (n,), without the table; inputs are brought into the ranges.
+
+        With `relief` P = t (terms) + (1 - t) (simple rule) with t = n / (n + enough), n the samples about x.
+        """
+        low, high = np.array(self.ranges).T
+        values = self.terms.values(np.clip(inputs(x), low, high))
+        if self.relief:
+            n = self._near(x)
+            trust = n / (n + self.enough)
+            values = trust * np.clip(values, 0.0, 1.0) + (1.0 - trust) * (rule_columns(x[:, 1]) * self.base).sum(axis=1)
+        return np.maximum(values, 0.0)
 
     def table_error(self, count: int = 2000, seed: int = 0) -> float:
         """Return the largest error of the table at random points within the ranges, as P."""
         rng = np.random.default_rng(seed)
         low, high = np.array(self.ranges).T
         b = rng.uniform(max(low[1], FLAT), high[1], count)
-        t, c = rng.uniform(-1.0, 1.0, count), rng.uniform(low[2], high[2], count)
-        x = np.column_stack((t, b, c))
+        x = np.column_stack((rng.uniform(-1.0, 1.0, count), b, rng.uniform(low[2], high[2], count)))
         u = inputs(x)
         inside = ((u >= low) & (u <= high)).all(axis=1)
-        exact = np.maximum(self.terms.values(u), 0.0)[inside]
-        layers = (u[inside, 0], u[inside, 1], u[inside, 2])
-        cell = self.conditions.cell
-        k1, k2, cos = (layers[0] * 8.0 * cell, layers[1] * 8.0 * cell, layers[2])
-        features = Features(*(np.ascontiguousarray(v[None], dtype=np.float32) for v in (k1, k2, cos)))
-        found = self.predict(features, cell)[0]
+        k = u[inside] * np.array([8.0 * self.conditions.cell, 8.0 * self.conditions.cell, 1.0])
+        features = Features(*(np.ascontiguousarray(v[None], dtype=np.float32) for v in k.T))
+        found = self.predict(features, self.conditions.cell)[0]
         known = found != UNLEARNED
-        return float(np.abs(found[known] - exact[known]).max()) if known.any() else math.nan
+        return float(np.abs(found[known] - self.exact(x[inside])[known]).max()) if known.any() else math.nan
 
     def _nodes(self) -> tuple[Array, Array, Array]:
         spans = [(-1.0, 1.0)]
@@ -201,7 +276,7 @@ def _interpolated(
     k1: Layer, k2: Layer, cos_k3: Layer, scale: np.float32, table: Table, held: Support, out: Layer
 ) -> None:
     """Write the trilinear P of every cell, (ny, nx); `scale` is 1 / (8 cell), 1/m."""
-    values, axes, ranges = table
+    values, axes, ranges, rise = table
     counts, first, lattice, support = held
     zero, one, flat, unlearned = np.float32(0.0), np.float32(1.0), np.float32(FLAT), np.float32(UNLEARNED)
     nt, nb, nc = values.shape
@@ -217,10 +292,13 @@ def _interpolated(
             if math.isnan(b + c):
                 target[j] = np.float32(np.nan)
                 continue
-            if a < low1 or a > high1 or b < low2 or b > high2 or c < low3 or c > high3:
+            t = a / b if b >= flat else zero
+            beyond = zero
+            if rise >= zero:
+                beyond = np.float32(rise) * max(b - high2, zero)
+            elif a < low1 or a > high1 or b < low2 or b > high2 or c < low3 or c > high3:
                 target[j] = unlearned
                 continue
-            t = a / b if b >= flat else zero
             if support > 0:
                 x = math.floor((t - lattice[0, 0]) * lattice[0, 1]) - first[0]
                 y = math.floor((b - lattice[1, 0]) * lattice[1, 1]) - first[1]
@@ -239,4 +317,5 @@ def _interpolated(
             e01 = values[p, q + 1, r] * (one - w) + values[p, q + 1, r + 1] * w
             e10 = values[p + 1, q, r] * (one - w) + values[p + 1, q, r + 1] * w
             e11 = values[p + 1, q + 1, r] * (one - w) + values[p + 1, q + 1, r + 1] * w
-            target[j] = (e00 * (one - v) + e01 * v) * (one - u) + (e10 * (one - v) + e11 * v) * u
+            found = (e00 * (one - v) + e01 * v) * (one - u) + (e10 * (one - v) + e11 * v) * u + beyond
+            target[j] = min(found, one) if rise >= zero else found

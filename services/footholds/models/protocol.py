@@ -29,6 +29,11 @@ class SlipModel(Protocol):
         """
         ...
 
+    @property
+    def relief(self) -> bool:
+        """True if the coefficients are those of planes at the scale of the map, False for the paper's 3 x 3 cells."""
+        ...
+
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
         """Return the reason why the model does not hold on a map, empty if it does.
 
@@ -54,4 +59,8 @@ class SlipModel(Protocol):
 
     def spread(self, features: Features, cell: float) -> Layer:
         """Return the standard deviation of the slip of single stances, (ny, nx) float32; NaN where it is unknown."""
+        ...
+
+    def support_of(self, features: Features, cell: float) -> Layer:
+        """Return how much of P was learned, (ny, nx) float32: 1 from stances alike, 0 by the simple rule; NaN as P."""
         ...

@@ -66,6 +66,11 @@ class HandScore:
         """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
         return 0.0
 
+    @property
+    def relief(self) -> bool:
+        """Return False: the score is made of the paper's coefficients."""
+        return False
+
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
         """Return nothing: the score holds for any cell, filter and foot."""
         return ""
@@ -73,6 +78,10 @@ class HandScore:
     def spread(self, features: Features, cell: float) -> Layer:
         """Return NaN for every cell: the score knows no spread."""
         return np.full(features.k1.shape, np.nan, dtype=np.float32)
+
+    def support_of(self, features: Features, cell: float) -> Layer:
+        """Return 0 for every cell: nothing was learned."""
+        return np.zeros(features.k1.shape, dtype=np.float32)
 
     def predict(self, features: Features, cell: float) -> Layer:
         """Return P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; any cell size."""

@@ -25,8 +25,12 @@ def ground_of(
     z: np.ndarray, origin: tuple[float, float] = (-0.5, -0.4), version: int = 1, smooth: bool = False
 ) -> FootholdGround:
     """Prepared ground from heights (ny, nx)."""
-    heights = HeightMap(z=z.astype(np.float32), cell=CELL, origin=origin, version=version)
-    return build_ground(heights, ragno().foot_radius, smooth)
+    return build_ground(heights_of(z, origin, version), ragno().foot_radius, smooth)
+
+
+def heights_of(z: np.ndarray, origin: tuple[float, float] = (-0.5, -0.4), version: int = 1) -> HeightMap:
+    """The map of heights (ny, nx)."""
+    return HeightMap(z=z.astype(np.float32), cell=CELL, origin=origin, version=version)
 
 
 def flat(ny: int = 160, nx: int = 200) -> np.ndarray:
@@ -48,3 +52,11 @@ def landing(leg: int, x: float = 0.0, y: float = 0.0, stroke: tuple[float, float
     """A landing at the leg's neutral foothold with the base at (x, y)."""
     at = neutral(leg)
     return Landing(leg, (x + float(at[0]), y + float(at[1]), 0.0), stroke)
+
+
+def rough(seed: int, amplitude: float = 0.01) -> np.ndarray:
+    """Hills and steps under the robot."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(CELL * np.arange(200), CELL * np.arange(160))
+    z = amplitude * np.sin(x / rng.uniform(0.02, 0.1) + rng.uniform(0, 6)) * np.cos(y / rng.uniform(0.02, 0.1))
+    return z + amplitude * (rng.random((20, 25)).repeat(8, 0).repeat(8, 1) > 0.6)

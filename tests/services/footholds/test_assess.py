@@ -5,9 +5,11 @@ import pytest
 
 from surefoot.services.footholds.assess import LAYERS, Window, assess, whole_map, window_about
 from surefoot.services.footholds.masks import Reason
+from surefoot.services.footholds.models.files import load, shipped
+from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
-from surefoot.services.footholds.select import SelectParams, placement
-from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
+from surefoot.services.footholds.select import Landing, SelectParams, placement, select
+from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, rough, standing
 from tests.services.footholds.numpy_features import map_features_numpy
 
 MODEL = HandScore()
@@ -29,7 +31,8 @@ def test_whole_map() -> None:
     expected = map_features_numpy(ground.surface.z, np.array(STROKE), CELL)
     np.testing.assert_allclose(got["k1"], expected.k1, atol=1e-6)
     np.testing.assert_allclose(got["cos_k3"], expected.cos_k3, atol=1e-6)
-    np.testing.assert_array_equal(got["q"], got["p"])
+    assert np.isnan(got["spread"]).all()
+    np.testing.assert_array_equal(got["support"], 0.0)
     np.testing.assert_array_equal(got["k4"], 0.0)
     np.testing.assert_array_equal(got["z"], ground.surface.z)
     np.testing.assert_array_equal(got["centre"], ground.centres.z)
@@ -44,7 +47,10 @@ def test_window_is_a_part_of_the_map() -> None:
     cut = (slice(window.row, window.row + 15), slice(window.col, window.col + 15))
     for name in ("z", "centre", "k1", "k2", "cos_k3", "p", "mask"):
         np.testing.assert_array_equal(part[name], whole[name][cut])
-    np.testing.assert_allclose(part["q"], part["p"] + 8.0 * part["k4"], atol=1e-6)
+    q, free = part["p"] + 8.0 * part["k4"], part["mask"] == 0
+    assert free[7, 7]
+    assert part["q"][7, 7] == pytest.approx(float(q[6:9, 6:9][free[6:9, 6:9]].mean()), abs=1e-6)
+    np.testing.assert_allclose(part["q"][~free], q[~free], atol=1e-6)
     assert part["k4"][7, 7] == pytest.approx(0.0, abs=1e-6)
     assert part["k4"][7, 9] == pytest.approx(2 * CELL, abs=1e-6)
 
@@ -56,3 +62,24 @@ def test_leg_adds_reach() -> None:
     found = assess(ground, MODEL, window, None, STROKE, ("mask",), SelectParams(), placed)
     assert 0 < found.counts[0] < 61 * 61
     assert found.counts[0] == np.count_nonzero(found.layers[0].astype(int) & Reason.REACH)
+
+
+@pytest.mark.parametrize("model", [HandScore(), load(shipped("ragno") or "")], ids=lambda model: model.name)
+@pytest.mark.parametrize("seed", range(4))
+def test_the_free_cell_of_the_least_q_is_the_choice_and_its_q_the_score(model: SlipModel, seed: int) -> None:
+    ground, foot, params = ground_of(rough(seed)), neutral(0), SelectParams()
+    at = (float(foot[0]) + 0.003, float(foot[1]))
+    (chosen,) = select(ground, ragno(), model, standing(), [Landing(0, (*at, 0.0), STROKE)], params)
+    placed = placement(ragno(), 0, standing(), STROKE)
+    window = window_about(ground, *at, params.size)
+    q, p, k4, mask, spread, support = assess(
+        ground, model, window, at, STROKE, ("q", "p", "k4", "mask", "spread", "support"), params, placed
+    ).layers
+    best = np.unravel_index(int(np.argmin(np.where(mask == 0, q, np.inf))), q.shape)
+    assert chosen.foothold is not None
+    assert ground.surface.index(*chosen.foothold[:2]) == (window.row + best[0], window.col + best[1])
+    assert (chosen.score, chosen.slip) == (pytest.approx(float(q[best])), pytest.approx(float(p[best])))
+    if model.relief:
+        assert chosen.score == pytest.approx(float(p[best] + model.distance_weight * k4[best]), abs=1e-6)
+        assert chosen.spread == pytest.approx(float(spread[best]))
+        assert ((support[mask == 0] >= 0.0) & (support[mask == 0] < 1.0)).all()

@@ -55,7 +55,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, thr
         assert released.wait(20.0)
         return learn(gather(samples(300)), options, report)
 
-    monkeypatch.setattr(job, "learn", slow)
+    monkeypatch.setattr(job, "learn_and_compare", slow)
     yield entered, released
     released.set()
 
@@ -75,7 +75,7 @@ def test_the_shipped_model_answers_and_is_named(mapped: Footholds) -> None:
     assert 0.0 <= (reply.legs[0].slip or 0.0) < 0.1
     told = mapped.use_model(ModelRequest())
     assert (told.model, told.robot) == (reply.model, "ragno")
-    assert told.samples > 10_000
+    assert told.samples > 1000
     assert told.provenance
 
 
@@ -105,7 +105,7 @@ def test_a_model_takes_the_place_of_another_and_a_bad_one_does_not(mapped: Footh
     ("changes", "code"),
     [
         ({"robot": "messor"}, "other_robot"),
-        ({"schema": "surefoot.slip/2"}, "schema"),
+        ({"schema": "surefoot.slip/3"}, "schema"),
         ({"cell": "wide"}, "invalid"),
         ({"ranges": [[0.0, 1.0], [float("nan"), 1.0], [0.0, 1.0]]}, "invalid"),
         ({"distance_weight": -0.5}, "invalid"),

@@ -16,17 +16,18 @@ from surefoot.services.footholds.masks import REASONS, Limits, mask_window
 from surefoot.services.footholds.models.protocol import UNLEARNED
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import (
-    ALONE,
     Foothold,
     Landing,
     SelectParams,
     TrunkPose,
-    choose,
+    WindowCosts,
+    _landings,
+    best_cell,
     landing_weights,
     placement,
     select,
 )
-from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, landing, neutral, ragno, standing
+from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, landing, neutral, ragno, rough, standing
 from tests.surefoot.robot.test_legs import changed, skewed
 
 NAN = float("nan")
@@ -38,14 +39,6 @@ def ask(
     ground: FootholdGround, base: TrunkPose, *landings: Landing, params: SelectParams | None = None
 ) -> tuple[Foothold, ...]:
     return select(ground, ragno(), MODEL, base, landings, params or SelectParams())
-
-
-def rough(seed: int, amplitude: float = 0.01) -> np.ndarray:
-    """Hills and steps under the robot."""
-    rng = np.random.default_rng(seed)
-    x, y = np.meshgrid(CELL * np.arange(200), CELL * np.arange(160))
-    z = amplitude * np.sin(x / rng.uniform(0.02, 0.1) + rng.uniform(0, 6)) * np.cos(y / rng.uniform(0.02, 0.1))
-    return z + amplitude * (rng.random((20, 25)).repeat(8, 0).repeat(8, 1) > 0.6)
 
 
 def test_flat_ground_picks_the_nominal_footholds() -> None:
@@ -138,6 +131,12 @@ def test_legs_of_another_kind_are_offered_ground_without_regard_to_reach() -> No
     assert found.status == "ok"
 
 
+def distances(sx: float, sy: float) -> np.ndarray:
+    """K4 of a window of 15 x 15 cells whose first cell lies at (sx, sy) from the nominal foothold."""
+    steps = CELL * np.arange(15)
+    return np.hypot(sx + steps[None, :], sy + steps[:, None]).astype(np.float32)
+
+
 def reference(mask: np.ndarray, slip: np.ndarray, sx: float, sy: float, weight: float, robust: bool) -> int:
     """The choice in plain loops."""
     n, best = mask.shape[0], []
@@ -158,18 +157,17 @@ def test_choice_equals_plain_loops(seed: int, robust: bool, share: float) -> Non
     mask = (rng.random((15, 15)) < share).astype(np.uint8)
     slip = rng.uniform(0.0, 0.5, (15, 15)).astype(np.float32)
     sx, sy = rng.uniform(-8 * CELL, -6 * CELL, 2)
-    got = choose(mask, slip, slip, ALONE, (CELL, sx, sy), 8.0, robust, np.zeros(2))
+    got = best_cell(mask, WindowCosts(slip, slip, distances(sx, sy), 8.0, robust))
     assert got == reference(mask, slip, sx, sy, 8.0, robust)
 
 
 def test_equal_cells_go_to_the_nearer_then_to_the_first() -> None:
     slip, mask = np.zeros((15, 15), dtype=np.float32), np.zeros((15, 15), dtype=np.uint8)
-    best = np.zeros(2)
-    offset = (CELL, -7 * CELL, -7 * CELL)
-    assert choose(mask, slip, slip, ALONE, offset, 0.0, False, best) == 7 * 15 + 7  # K4, though k = 0
+    costs = WindowCosts(slip, slip, distances(-7 * CELL, -7 * CELL), 0.0, False)
+    assert best_cell(mask, costs) == 7 * 15 + 7  # K4, though k = 0
     mask[7, 7] = 1
-    assert choose(mask, slip, slip, ALONE, offset, 0.0, False, best) == 6 * 15 + 7
-    assert choose(np.ones_like(mask), slip, slip, ALONE, offset, 0.0, True, best) == -1
+    assert best_cell(mask, costs) == 6 * 15 + 7
+    assert best_cell(np.ones_like(mask), costs._replace(block=True)) == -1
 
 
 @pytest.mark.parametrize(("error", "border"), [(0.0, 0), (0.002, 0), (0.003, 1), (0.005, 2), (1.0, 6)])
@@ -198,8 +196,11 @@ def test_choice_over_landings_equals_plain_loops(seed: int, share: float) -> Non
         part = around[i : i + 5, j : j + 5].astype(np.float64)
         known = part >= 0.0
         means[i, j] = (blur * np.minimum(part, 1.0))[known].sum() / blur[known].sum()
-    got = choose(mask, slip, around, blur, (CELL, sx, sy), 2.0, False, np.zeros(2))
-    assert got == reference(mask, means, sx, sy, 2.0, False)
+    mean = np.empty_like(slip)
+    _landings(around, blur, mean)
+    np.testing.assert_allclose(mean[mask == 0], means[mask == 0], rtol=1e-6)
+    got = best_cell(mask, WindowCosts(slip, mean, distances(sx, sy), 2.0, False))
+    assert got == reference(mask, mean, sx, sy, 2.0, False)
 
 
 def test_random_cells_are_free_seeded_and_different_for_each_leg() -> None:

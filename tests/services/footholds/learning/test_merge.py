@@ -6,14 +6,19 @@ import pytest
 
 from surefoot.services.footholds.learning.fit import Candidate, LearnError, LearnOptions, learn
 from surefoot.services.footholds.learning.merge import merge
-from surefoot.services.footholds.learning.samples import gather
 from surefoot.services.footholds.models.files import decode, encode
 from surefoot.services.footholds.models.lattice import Lattice
 from surefoot.services.footholds.models.learned import LearnedModel
-from tests.services.footholds.learning.made import samples
+from tests.services.footholds.learning.made import gather, samples, spoiled
 from tests.services.refusals import refused
 
 ONE = LearnOptions(candidates=(Candidate(12, 0.1, 1e-6),))
+
+
+def two() -> tuple[LearnedModel, LearnedModel]:
+    """Models of different trials."""
+    second = [spoiled(each, trial=f"other {each.trial}") for each in samples(400, 1)]
+    return learn(gather(samples(400)), ONE), learn(gather(second), ONE)
 
 
 def bins_of(model: LearnedModel) -> bytes:
@@ -33,15 +38,17 @@ def test_merged_models_equal_learning_from_both_sets() -> None:
 
 
 def test_less_weight_counts_for_less() -> None:
-    a, b = (learn(gather(samples(400, seed)), ONE) for seed in (0, 1))
+    a, b = two()
     half = merge(a, b, 0.5)
     assert sum(each.count for each in half.bins.values()) == pytest.approx(600.0)
 
 
 def test_what_does_not_go_together() -> None:
-    a, b = (learn(gather(samples(400, seed)), ONE) for seed in (0, 1))
+    a, b = two()
     for other, code in (
-        (a, "same_model"),
+        (a, "twice"),
+        (merge(a, b), "twice"),
+        (replace(b, relief=True), "mixed_conditions"),
         (replace(b, lattice=Lattice(width=(0.1, 0.1, 0.1))), "other_lattice"),
         (replace(b, conditions=replace(b.conditions, cell=0.01)), "mixed_conditions"),
     ):

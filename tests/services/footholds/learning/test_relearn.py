@@ -6,10 +6,9 @@ import pytest
 from surefoot.services.footholds.learning.fit import Candidate, LearnError, LearnOptions, learn
 from surefoot.services.footholds.learning.merge import merge
 from surefoot.services.footholds.learning.relearn import relearned
-from surefoot.services.footholds.learning.samples import gather
 from surefoot.services.footholds.models.lattice import filled
 from surefoot.services.footholds.models.learned import LearnedModel
-from tests.services.footholds.learning.made import law, samples, spoiled
+from tests.services.footholds.learning.made import gather, law, samples, spoiled
 from tests.services.refusals import refused
 
 ONE = LearnOptions(candidates=(Candidate(12, 0.3, 1e-6),))

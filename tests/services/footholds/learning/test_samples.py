@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.footholds.learning.samples import end_of, gather, line_of, read_lines, trial_lines
-from tests.services.footholds.learning.made import CELL, samples, spoiled
+from surefoot.services.footholds.learning.samples import end_of, line_of, read_lines, trial_lines
+from tests.services.footholds.learning.made import CELL, gather, samples, spoiled
 
 
 @pytest.mark.parametrize(

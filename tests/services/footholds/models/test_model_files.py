@@ -4,13 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
-from surefoot.services.footholds.learning.samples import gather
-from surefoot.services.footholds.models.bases import DECAY
 from surefoot.services.footholds.models.files import MAX_BYTES, ModelError, decode, encode, load, save
-from tests.services.footholds.learning.made import samples
+from tests.services.footholds.learning.made import gather, samples
 from tests.services.refusals import refused
 
 
@@ -66,14 +65,67 @@ def test_refusals_name_the_field(data: bytes, changes: dict[str, Any], field: st
         decode(changed(data, **changes))
 
 
-@pytest.mark.parametrize("rate", [1e6, -1e6])
-def test_terms_that_overflow_predict_nothing(data: bytes, rate: float) -> None:
-    terms = {"terms__family": "elementary", "terms__kinds": [[DECAY, DECAY, DECAY]], "terms__constant": False}
-    terms |= {"terms__centres": [[1e3, 1e3, 1e3]], "terms__rates": [[rate] * 3], "terms__weights": [1e300]}
-    if rate < 0.0:
-        terms["terms__centres"] = [[-1e3, -1e3, -1e3]]
-    with refused(ModelError, "useless"):
-        decode(changed(data, **terms))
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        (lambda raw: raw["terms"].update(weights=[-w for w in raw["terms"]["weights"]]), "terms"),
+        (lambda raw: raw["terms"].update(weights=[-1.0] * len(raw["terms"]["weights"])), "terms"),
+        (lambda raw: raw["terms"].update(weights=[1e300] * len(raw["terms"]["weights"])), "terms"),
+        (lambda raw: raw.update(bins=[]), "bins"),
+        (lambda raw: raw.update(ranges=[[5.0, 6.0]] * 3), "ranges"),
+        (lambda raw: raw.update(ranges=[[-1e300, 1e300]] * 3), "ranges"),
+        (lambda raw: raw.update(bins=[[10**9, *each[1:]] for each in raw["bins"][:1]]), "bins"),
+        (lambda raw: raw["bins"][0].__setitem__(4, -5), "bins"),
+        (lambda raw: raw["bins"][0].__setitem__(3, 1e30), "bins"),
+        (lambda raw: raw["bins"][0].__setitem__(5, 10**40), "bins"),
+        (lambda raw: raw.update(relief=True, base=[0.1]), "base"),
+        (lambda raw: raw["terms"].update(family="elementary"), "terms.family"),
+    ],
+)
+def test_models_that_are_of_no_use_are_refused_by_name(data: bytes, change: Any, field: str) -> None:
+    raw = json.loads(data)
+    change(raw)
+    with refused(ModelError, field=field):
+        decode(json.dumps(raw).encode())
+
+
+def test_a_file_of_the_version_before_is_read(data: bytes) -> None:
+    raw = json.loads(data)
+    raw |= {"schema": "surefoot.slip/1"}
+    for name in ("relief", "base", "enough", "trials"):
+        raw.pop(name)
+    assert decode(json.dumps(raw).encode()).name == "learned/300"
+
+
+def mutated(raw: Any, rng: Any) -> None:
+    """Change one number, text or list of a model in place."""
+    while True:
+        keys = list(raw) if isinstance(raw, dict) else list(range(len(raw)))
+        if not keys:
+            return
+        key = keys[int(rng.integers(len(keys)))]
+        if isinstance(raw[key], (dict, list)) and raw[key] and rng.random() < 0.9:
+            raw = raw[key]
+            continue
+        values = (0, -1, 1e300, -1e300, 1e-300, 10**9, None, "x", [], {}, True, 0.5, -0.5, 1e6)
+        raw[key] = values[int(rng.integers(len(values)))]
+        return
+
+
+def test_mutations_are_refused_or_still_predict_their_outcomes(data: bytes) -> None:
+    rng, accepted = np.random.default_rng(0), 0
+    for _ in range(150):
+        raw = json.loads(data)
+        mutated(raw, rng)
+        try:
+            model = decode(json.dumps(raw).encode())
+        except ModelError:
+            continue
+        accepted += 1
+        steep = np.array([[0.0, b, 0.0] for b in (0.05, 0.7)])
+        flat, rough = model.exact(steep)
+        assert flat < rough
+    assert accepted < 100
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"schema": "x"}'])

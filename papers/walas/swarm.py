@@ -6,8 +6,9 @@ that leaves the bounds stops there.
 
 import numpy as np
 
-from ..models.bases import Gaussians
-from .solve import Cost, Searched
+from surefoot.services.footholds.models.bases import Gaussians
+
+from .searches import Cost, Searched
 
 PARTICLES = 30
 INERTIA = 0.729

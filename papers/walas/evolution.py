@@ -8,8 +8,10 @@ here both use the same norm.
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.bases import DECAY, MAX_POWER, POWER, SINE, Basis, Elementary, Gaussians
-from .solve import Cost, Searched
+from surefoot.services.footholds.models.bases import Basis, Gaussians
+
+from .elementary import DECAY, MAX_POWER, POWER, SINE, Elementary
+from .searches import Cost, Searched
 
 Array = NDArray[np.float64]
 POPULATION = 30

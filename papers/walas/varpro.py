@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.bases import Gaussians
-from .solve import stack
+from surefoot.services.footholds.learning.solve import stack
+from surefoot.services.footholds.models.bases import Gaussians
 
 Array = NDArray[np.float64]
 RIDGE = 1e-12

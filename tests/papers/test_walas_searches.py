@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
-from surefoot.services.footholds.learning.evolution import evolve
-from surefoot.services.footholds.learning.solve import cost, weights
-from surefoot.services.footholds.learning.swarm import swarm
-from surefoot.services.footholds.learning.varpro import Bounds, _Problem, refine
-from surefoot.services.footholds.models.bases import DECAY, POWER, SINE, Basis, Elementary, Gaussians, warped
+from surefoot.papers.walas.elementary import DECAY, POWER, SINE, Elementary
+from surefoot.papers.walas.evolution import evolve
+from surefoot.papers.walas.finders import finder
+from surefoot.papers.walas.searches import cost
+from surefoot.papers.walas.swarm import swarm
+from surefoot.papers.walas.varpro import Bounds, _Problem, refine
+from surefoot.services.footholds.learning.solve import weights
+from surefoot.services.footholds.models.bases import Basis, Gaussians, warped
 from tests.services.footholds.learning.made import random_start
 
 BOX = (-1.0, 1.0)
@@ -106,3 +109,12 @@ def test_swarm_improves_within_its_budget_and_bounds() -> None:
     assert isinstance(long.basis, Gaussians)
     assert ((long.basis.centres >= -1.0) & (long.basis.centres <= 1.0)).all()
     assert ((long.basis.widths >= 0.0) & (long.basis.widths <= 2.0)).all()
+
+
+def test_a_search_leaves_the_third_coefficient_out_where_it_is_blind() -> None:
+    rng = np.random.default_rng(0)
+    v, y = rng.normal(size=(60, 3)), rng.random(60)
+    for family in ("gaussian", "elementary"):
+        basis = finder(family, 5, 60, blind=True)(v, y, np.ones(60), 1e-6, 0)
+        other = v * np.array([1.0, 1.0, -1.0])
+        np.testing.assert_allclose(basis.columns(v), basis.columns(other), atol=1e-12)

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from surefoot.lab.footholds.quality import auc, expected, prediction_quality, slip_interval
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
-from surefoot.services.footholds.learning.samples import PATCH, gather
-from surefoot.services.footholds.outcomes import UNKNOWN_UM
-from tests.services.footholds.learning.made import samples, spoiled
+from surefoot.services.footholds.learning.quality import auc, expected, prediction_quality, slip_interval
+from surefoot.services.footholds.learning.samples import PATCH, UNKNOWN_UM
+from tests.services.footholds.learning.made import gather, samples, spoiled
 
 
 def drawn(count: int, seed: int) -> list:
     """Slips that scatter about the law as a gamma distribution with a deviation of .7 of the mean."""
     rng = np.random.default_rng(seed)
-    return [spoiled(s, sliding=s.sliding * float(rng.gamma(2.0, 0.5))) for s in samples(count, seed)]
+    made = samples(count, seed)
+    return [spoiled(s, sliding=s.sliding * float(rng.gamma(2.0, 0.5)), heights_um=()) for s in made]
 
 
 def test_a_model_of_the_law_orders_warns_and_knows_its_spread() -> None:
@@ -43,7 +43,7 @@ def test_what_is_expected_is_the_mean_over_where_the_foot_may_land() -> None:
     model = learn(gather(drawn(4000, 1)), LearnOptions(candidates=(Candidate(15, 0.1, 1e-6),)))
     flat = spoiled(drawn(1, 3)[0], k1=0.0, k2=0.0, cos_k3=0.0)
     rise = np.zeros((PATCH, PATCH), dtype=np.int64)
-    rise[:, -2:] = 8_000
+    rise[:, PATCH // 2 + 2 :] = 8_000
     unknown = np.full((PATCH, PATCH), UNKNOWN_UM, dtype=np.int64)
     heights = (np.zeros_like(rise), rise, unknown)
     stances = [spoiled(flat, leg=leg, heights_um=tuple(z.ravel().tolist())) for leg, z in enumerate(heights)]

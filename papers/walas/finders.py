@@ -1,0 +1,67 @@
+"""Searches for terms as Walas & Belter (2011), section 3.2, and files of the models that they find."""
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.footholds.learning.fit import Finder
+from surefoot.services.footholds.models.bases import Basis, Gaussians
+from surefoot.services.footholds.models.learned import LearnedModel
+
+from .elementary import POWER, Elementary
+from .evolution import evolve
+from .searches import cost
+from .swarm import swarm
+
+Array = NDArray[np.float64]
+WIDEST = 3.0
+"""Largest lambda of a search, on inputs divided by their deviation."""
+
+
+def finder(family: str, terms: int, evaluations: int, blind: bool = False) -> Finder:
+    """Return the search of the paper: evolution of elementary terms, or a swarm of Gaussians.
+
+    Args:
+        family: elementary or gaussian.
+        terms: number of terms.
+        evaluations: costs to compute.
+        blind: leave cos K3 out, as in Fig. 8.
+    """
+
+    def find(v: Array, y: Array, w: Array, ridge: float, seed: int) -> Basis:
+        def seen(basis: Basis) -> Basis:
+            return _blind(basis) if blind else basis
+
+        def of(basis: Basis) -> float:
+            return cost(seen(basis).columns(v), y, w, ridge)
+
+        m, spans, rates = min(terms, len(v)), (float(v.min()), float(v.max())), (0.0, WIDEST)
+        if family == "gaussian":
+            return seen(swarm(of, m, 3, spans, rates, evaluations, seed).basis)
+        return seen(evolve(of, family, m, 3, spans, rates, evaluations, seed).basis)
+
+    return find
+
+
+def _blind(basis: Basis) -> Basis:
+    """Return the terms without their third input."""
+    if isinstance(basis, Gaussians):
+        return replace(basis, widths=basis.widths * np.array([1.0, 1.0, 0.0]))
+    assert isinstance(basis, Elementary)
+    kinds, rates = basis.kinds.copy(), basis.rates.copy()
+    kinds[:, 2], rates[:, 2] = POWER, 0.0
+    return replace(basis, kinds=kinds, rates=rates)
+
+
+def keep(model: LearnedModel, path: Path) -> str:
+    """Write a model of any terms for the walks of a study; returns the path."""
+    path.write_bytes(pickle.dumps(model))
+    return str(path)
+
+
+def kept(path: str) -> LearnedModel:
+    """Return a model that this study has written."""
+    return pickle.loads(Path(path).read_bytes())

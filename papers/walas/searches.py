@@ -1,0 +1,33 @@
+"""Costs of a search for terms without derivatives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.footholds.learning.solve import stack
+from surefoot.services.footholds.models.bases import Basis
+
+Array = NDArray[np.float64]
+Cost = Callable[[Basis], float]
+"""Returns the weighted residual norm of a basis with its best weights."""
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """Best basis of a search without derivatives."""
+
+    basis: Basis
+    cost: float
+    """Weighted residual norm of the basis."""
+    evaluations: int
+    """Number of costs that were computed."""
+
+
+def cost(columns: Array, y: Array, w: Array, ridge: float) -> float:
+    """Return the smallest |W (V c - y)|^2 + ridge |c|^2 over all c."""
+    stacked, target = stack(columns, y, w, ridge)
+    found = np.linalg.lstsq(stacked, target, rcond=1e-13)[0]
+    rest = target - stacked @ found
+    return float(rest @ rest)

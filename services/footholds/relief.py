@@ -1,0 +1,178 @@
+"""Relief of the ground at the scale of a foot: planes fitted to the known cells about each cell.
+
+The plane z = h + g . x of the (2 s + 1)^2 cells about a cell, by least squares over those that are known, leaves
+
+    u^2 = 2 r^2 / S,   S = sum (x - mean x)^2 + sum (y - mean y)^2 over 2,
+
+as the variance of its slope g, r the deviation of the heights from it. Coefficients like those of Walas & Belter:
+
+    K2 = 8 cell sqrt(|g|^2 + u^2),   K1 = K2 r / (r + cell |g|),   cos K3 = n . f,
+
+with the unit normal n and the push f. A cell of noise moves K2 of 3 x 3 cells by its own height; here it is one of 25.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap_cells import patch
+from surefoot.kernels.jit import row_kernel
+
+from .features import Features, Layer, push_direction
+
+SCALES = (2, 3, 4)
+"""Cells on each side of a plane. The first whose slope the noise of the map moves by less than `SURE` is taken."""
+SURE = 0.03
+"""Deviation of a slope by the noise of the map, rise per way."""
+LEAST_KNOWN = 0.4
+"""Share of known cells of a plane below which it counts as unknown."""
+
+
+class Relief(NamedTuple):
+    """Layers of planes, (ny, nx) float32; NaN where the cell or too much about it is unknown, and at the border."""
+
+    slope_x: Layer
+    """Rise per way along x."""
+    slope_y: Layer
+    """Rise per way along y."""
+    rough: Layer
+    """Deviation of the heights from the plane, m."""
+    unsure: Layer
+    """Deviation u of the slope, rise per way."""
+
+
+def scale_of(raw: HeightMap, surface: HeightMap) -> int:
+    """Return the scale s for a map: the larger, the noisier the map, by how much the median filter has moved cells."""
+    moved = np.abs(raw.z[::3, ::3] - surface.z[::3, ::3])
+    moved = moved[np.isfinite(moved)]
+    noise = float(np.sort(moved)[moved.size // 2]) if moved.size else 0.0
+    for s in SCALES:
+        sum_x2 = s * (s + 1) * (2 * s + 1) ** 2 / 3.0
+        if noise / (surface.cell * math.sqrt(sum_x2)) < SURE:
+            return s
+    return SCALES[-1]
+
+
+def relief_of(z: Layer, cell: float, scale: int) -> Relief:
+    """Return the planes of all cells of a map, (ny, nx) m, NaN = unknown."""
+    out = Relief(*(np.empty(z.shape, dtype=np.float32) for _ in Relief._fields))
+    update_relief(z, cell, scale, out, (0, z.shape[0], 0, z.shape[1]))
+    return out
+
+
+def update_relief(z: Layer, cell: float, scale: int, out: Relief, part: tuple[int, int, int, int]) -> None:
+    """Fit the planes of the cells from first to last row and column (end not included) again."""
+    _planes(z, cell, scale, part, (out.slope_x, out.slope_y, out.rough, out.unsure))
+
+
+def relief_features(
+    relief: Relief, row: int, col: int, rows: int, cols: int, stroke: NDArray[np.float64], cell: float
+) -> Features:
+    """Return the coefficients of the window of rows x cols cells that starts at (row, col); it may leave the map.
+
+    Args:
+        relief: planes of the map.
+        row: first row.
+        col: first column.
+        rows: number of rows.
+        cols: number of columns.
+        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
+        cell: edge of a cell, m.
+    """
+    window = tuple(np.empty((rows, cols), dtype=np.float32) for _ in relief)
+    for layer, part in zip(relief, window, strict=True):
+        patch(layer, row, col, part)
+    out = Features(*(np.empty((rows, cols), dtype=np.float32) for _ in Features._fields))
+    _coefficients(window, push_direction(stroke), cell, out.k1, out.k2, out.cos_k3)  # type: ignore[arg-type]
+    return out
+
+
+def patch_features(z: Layer, scale: int, stroke: Sequence[float], cell: float, border: int) -> Features:
+    """Return the coefficients of the middle of a patch of heights and `border` cells about it, (2 b + 1, 2 b + 1).
+
+    Args:
+        z: heights, (n, n) m, NaN = unknown.
+        scale: cells on each side of a plane.
+        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
+        cell: edge of a cell, m.
+        border: cells on each side of the middle.
+    """
+    first, edge = z.shape[0] // 2 - border, 2 * border + 1
+    relief = Relief(*(np.full(z.shape, np.nan, dtype=np.float32) for _ in Relief._fields))
+    update_relief(z, cell, scale, relief, (first, first + edge, first, first + edge))
+    return relief_features(relief, first, first, edge, edge, np.array(stroke, dtype=np.float64), cell)
+
+
+@row_kernel
+def _coefficients(
+    window: tuple[Layer, Layer, Layer, Layer], push: tuple[float, float, float], cell: float, k1: Layer, k2: Layer,
+    cos_k3: Layer,
+) -> None:  # fmt: skip
+    """Write K1, K2, cos K3 of planes, (rows, cols)."""
+    slope_x, slope_y, rough, unsure = window
+    fx, fy, fz = push
+    for i in range(k1.shape[0]):
+        for j in range(k1.shape[1]):
+            gx, gy, r, u = float(slope_x[i, j]), float(slope_y[i, j]), float(rough[i, j]), float(unsure[i, j])
+            slope2 = gx * gx + gy * gy
+            steep, lost = 8.0 * cell * math.sqrt(slope2 + u * u), r + cell * math.sqrt(slope2)
+            k1[i, j] = steep * r / lost if lost > 1e-9 else steep
+            k2[i, j] = steep
+            cos_k3[i, j] = (fz - gx * fx - gy * fy) / math.sqrt(slope2 + 1.0)
+
+
+@row_kernel
+def _planes(
+    z: Layer, cell: float, scale: int, part: tuple[int, int, int, int], out: tuple[Layer, Layer, Layer, Layer]
+) -> None:
+    """Write the planes of a part of a map: sums over the rows of a window first, then over its columns."""
+    ny, nx = z.shape
+    first_row, last_row, first_col, last_col = part
+    slope_x, slope_y, rough, unsure = out
+    left, right = max(0, first_col - scale), min(nx, last_col + scale)
+    sums = np.empty((6, right - left))  # of 1, y, y^2, z, y z, z^2 over the rows of each column
+    full = (2 * scale + 1) * (2 * scale + 1)
+    for i in range(first_row, last_row):
+        sums[:] = 0.0
+        for p in range(max(0, i - scale), min(ny, i + scale + 1)):
+            y = float(p - i)
+            for k in range(right - left):
+                height = float(z[p, left + k])
+                one = 0.0 if math.isnan(height) else 1.0
+                height = height if one > 0.0 else 0.0
+                sums[0, k] += one
+                sums[1, k] += one * y
+                sums[2, k] += one * y * y
+                sums[3, k] += height
+                sums[4, k] += height * y
+                sums[5, k] += height * height
+        for j in range(first_col, last_col):
+            n, sx, sy, sxx, sxy, syy, sz, sxz, syz, szz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for q in range(max(left, j - scale), min(right, j + scale + 1)):
+                x, k = float(q - j), q - left
+                n += sums[0, k]
+                sx += x * sums[0, k]
+                sxx += x * x * sums[0, k]
+                sy += sums[1, k]
+                sxy += x * sums[1, k]
+                syy += sums[2, k]
+                sz += sums[3, k]
+                sxz += x * sums[3, k]
+                syz += sums[4, k]
+                szz += sums[5, k]
+            edge = i == 0 or j == 0 or i == ny - 1 or j == nx - 1
+            if edge or n < LEAST_KNOWN * full or math.isnan(z[i, j]):
+                slope_x[i, j] = slope_y[i, j] = rough[i, j] = unsure[i, j] = math.nan
+                continue
+            cxx, cyy, cxy = sxx - sx * sx / n, syy - sy * sy / n, sxy - sx * sy / n
+            cxz, cyz, czz = sxz - sx * sz / n, syz - sy * sz / n, szz - sz * sz / n
+            area = max(cxx * cyy - cxy * cxy, 1e-9)
+            gx, gy = (cxz * cyy - cyz * cxy) / area, (cyz * cxx - cxz * cxy) / area
+            left_over = max(czz - gx * cxz - gy * cyz, 0.0) / n
+            slope_x[i, j], slope_y[i, j] = gx / cell, gy / cell
+            rough[i, j] = math.sqrt(left_over)
+            unsure[i, j] = math.sqrt(4.0 * left_over / (cxx + cyy)) / cell
