@@ -79,6 +79,11 @@ class Topic(Generic[M]):
         """True if participants get it inside the frame its owner publishes once a tick (``surefoot.bus.frame``)."""
         return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == TICK_KEY
 
+    @property
+    def signed(self) -> bool:
+        """True if its messages name the process that published them; participants obey the one they are bound to."""
+        return self.framed or self.kind is Kind.LATCHED
+
     def due(self, tick: int) -> bool:
         """Return whether a topic with a period in ticks carries a message in ``tick``."""
         return self.period_ticks > 0 and tick % self.period_ticks == 0

@@ -9,9 +9,13 @@ Length 0 is a prime: it has no place in the array.
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
+from surefoot.bus.codec import MAX_JSON_BYTES
 from surefoot.bus.interface import Delivery, Raw, Stamp
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import Topic
+
+MAX_FRAME_BYTES = 8 * MAX_JSON_BYTES
+"""A frame or batch beyond 8 MiB is refused: those of ours have some 100 kB, with a camera."""
 
 _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the checks of its class
 
@@ -51,16 +55,20 @@ class Frame:
         """The messages in it that the reader takes, in the order they were published.
 
         Raises:
-            Refusal: malformed, the index is not one or does not fit the payload.
+            Refusal: malformed, the index is not one or does not fit the payload; too_large, the frame or a message is.
         """
         found: list[Delivery] = []
         payload, topics = self._payload, self._topics
+        if self.size > MAX_FRAME_BYTES:
+            raise Refusal("too_large", f"frame of {self.size} bytes; at most {MAX_FRAME_BYTES} are accepted")
         try:
             begin = 1
             for entry in self._index.decode("ascii").split(";"):
                 key, size, tick, epoch, stamp_ns, seq = entry.split(",")
                 length = int(size)
                 topic = topics.get(key)
+                if length > MAX_JSON_BYTES:
+                    raise Refusal("too_large", f"{key} of {length} bytes; at most {MAX_JSON_BYTES} are accepted")
                 if topic is not None:
                     raw = _new(Raw, (payload[begin : begin + length], None, ""))  # Raw itself takes twice as long
                     found.append(Delivery(topic, None, raw, (tick, epoch, stamp_ns, seq)))

@@ -60,6 +60,11 @@ class Delivery:
         self._raw = raw
         self._stamp = stamp
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Delivery) and self.key == other.key and self.raw()[:2] == other.raw()[:2]
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType] - its content is made when it is asked for
+
     @property
     def key(self) -> str:
         """Key of the topic."""
@@ -86,6 +91,10 @@ class Delivery:
             assert self._raw is not None
             self._message = decode(self.topic.model, *self._raw)
         return self._message
+
+    def under(self, topic: Topic[Any]) -> "Delivery":
+        """The same message under the row of its family."""
+        return Delivery(topic, self._message, self._raw, self._stamp, self.sender)
 
     def header(self) -> Any:
         """The header alone, without reading the rest (raises as ``message``)."""
@@ -203,6 +212,7 @@ class Bus(Protocol):
         query: Query[Any, Any],
         sink: Callable[[Incoming], Any],
         participants: Callable[[Incoming], Any] | None = None,
+        instance: str = "",
     ) -> None:
         """Delivers the queries of a key; a sink that returns False has no room, and some queries are dropped.
 
@@ -210,27 +220,27 @@ class Bus(Protocol):
             query: row of the table.
             sink: gets the queries of any client.
             participants: gets those of participants (see ``call``), without loss; None = they are not served apart.
+            instance: process that serves; participants ask it by that name.
         """
         ...
 
-    def call(
-        self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, participant: bool = False
-    ) -> Rep:
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
         """Asks and waits.
 
         Args:
             query: row of the table.
             request: what is asked.
             timeout_s: limit on the wait, s; None = that of the row.
-            participant: take the way that no flood of other clients' queries fills.
+            instance: process that shall answer, on the way of participants, which no flood of other clients' queries
+                fills; empty = whichever serves the key.
 
         Raises:
             CallError: absent, timeout, or the server's refusal under the server's code.
         """
         ...
 
-    def probe(self, query: Query[Any, Any], *, participant: bool = False) -> bool:
-        """Return whether the server of a query answers, on the way of ``participant`` or the common one."""
+    def probe(self, query: Query[Any, Any], *, instance: str = "") -> bool:
+        """Return whether a query is answered, by the process ``instance`` or by whichever serves the key."""
         ...
 
     def announce(self, service: str, instance: str) -> None:

@@ -75,7 +75,8 @@ class MemoryBus:
     def __init__(self) -> None:
         self._sinks: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._families: list[tuple[str, Callable[[Delivery], Any]]] = []
-        self._servers: dict[str, tuple[Callable[[Incoming], Any], Callable[[Incoming], Any]]] = {}
+        self._servers: dict[str, dict[str, Callable[[Incoming], Any]]] = {}
+        """Sinks by key and process, "" = that of whoever is no participant, of the last that served."""
         self._pumps: dict[str, Callable[[], bool]] = {}
         self._routes: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._watchers: list[Callable[[Life], Any]] = []
@@ -94,7 +95,7 @@ class MemoryBus:
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
         self._routes.clear()
         if topic.key.endswith("/*"):
-            self._families.append((topic.key[:-1], sink))
+            self._families.append((topic.key[:-1], lambda delivery: sink(delivery.under(topic))))
         else:
             self._sinks.setdefault(topic.key, []).append(sink)
 
@@ -113,21 +114,20 @@ class MemoryBus:
         query: Query[Any, Any],
         sink: Callable[[Incoming], Any],
         participants: Callable[[Incoming], Any] | None = None,
+        instance: str = "",
     ) -> None:
-        self._servers[query.key] = (sink, participants or sink)
+        self._servers.setdefault(query.key, {}).update({instance: participants or sink, "": sink})
 
     def pump_with(self, query: Query[Any, Any], pump: Callable[[], bool]) -> None:
         """Set the function that makes the server of ``query`` work and returns whether it did anything."""
         self._pumps[query.key] = pump
 
-    def call(
-        self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, participant: bool = False
-    ) -> Rep:
-        servers = self._servers.get(query.key)
-        if servers is None:
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
+        server = self._servers.get(query.key, {}).get(instance)
+        if server is None:
             raise CallError("absent", f"nobody serves {query.key!r}")
         incoming = MemoryIncoming(query, request)
-        servers[participant](incoming)
+        server(incoming)
         pump = self._pumps.get(query.key)
         while incoming.answer is None and incoming.error is None:
             if pump is None or not pump():
@@ -139,8 +139,8 @@ class MemoryBus:
         assert isinstance(answer, query.reply)
         return answer
 
-    def probe(self, query: Query[Any, Any], *, participant: bool = False) -> bool:
-        return query.key in self._servers
+    def probe(self, query: Query[Any, Any], *, instance: str = "") -> bool:
+        return instance in self._servers.get(query.key, {})
 
     def announce(self, service: str, instance: str) -> None:
         life = Life(service, instance, True)

@@ -42,9 +42,14 @@ FRAME, BATCH = "@frame/{}", "@batch/{}"
 A chunk that begins with ``@`` is matched by itself only: whoever subscribes to ``**`` does not get frames."""
 
 
-def participants_key(row: Topic[Any] | Query[Any, Any]) -> str:
-    """Return the key of an unframed topic or a query that participants use among themselves."""
-    return f"@{row.key}"
+def participants_key(row: Topic[Any] | Query[Any, Any], instance: str) -> str:
+    """Return the key of an unframed topic or a query that participants use among themselves.
+
+    That of a query or a latched topic ends with the process that serves or publishes it (``*``: any), so that its
+    readers know which one it is: they obey the one they are bound to.
+    """
+    named = isinstance(row, Query) or row.kind is Kind.LATCHED
+    return f"@{row.key}/{instance}" if named else f"@{row.key}"
 
 
 def apart(topic: Topic[Any]) -> bool:
@@ -57,13 +62,14 @@ class ZenohPublisher(Generic[M]):
 
     watched = True
 
-    def __init__(self, session: zenoh.Session, topic: Topic[M]) -> None:
+    def __init__(self, session: zenoh.Session, topic: Topic[M], instance: str = "") -> None:
         self.topic = topic
         encoding = encoding_of(topic.model)
         self._publisher = _declare(session, topic.key, encoding, *_QOS[topic.kind])
         self._all = [self._publisher]
-        if apart(topic):
-            self._all.append(_declare(session, participants_key(topic), encoding, *_TO_PARTICIPANTS[topic.kind]))
+        if apart(topic) and (instance or topic.kind is not Kind.LATCHED):
+            key = participants_key(topic, instance)
+            self._all.append(_declare(session, key, encoding, *_TO_PARTICIPANTS[topic.kind]))
 
     def put(self, message: M) -> tuple[bytes, bytes | None]:
         token = encode(message)

@@ -24,7 +24,7 @@ from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPub
 from surefoot.bus.replies import LARGE, WAITING, Replies
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Message, Request, Wire
-from surefoot.schemas.topics import Query, Topic
+from surefoot.schemas.topics import Kind, Query, Topic
 
 M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
@@ -175,7 +175,7 @@ class ZenohBus:
     ) -> ZenohPublisher[M] | FramedPublisher[M]:
         """See ``Bus``; without ``framed`` only for observers, as a recording is played."""
         if not (framed and topic.framed):
-            return ZenohPublisher(self.session, topic)
+            return ZenohPublisher(self.session, topic, instance if framed else "")
         framer = self._framers.get(topic.owner)
         if framer is None:
             framer = self._framers[topic.owner] = Framer(self.session, topic.owner, instance)
@@ -191,7 +191,7 @@ class ZenohBus:
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
         keep, most_hz = (BOUNDED_KEEP, MOST_HZ) if bounded else (KEEP, 0.0)
-        key = participants_key(topic) if bounded and apart(topic) else topic.key
+        key = participants_key(topic, "*") if bounded and apart(topic) else topic.key
         subscriber = self.session.declare_subscriber(key, RingChannel(keep))
         self._keep.append(subscriber)
         self._pours.append(pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz))
@@ -205,7 +205,7 @@ class ZenohBus:
                 owners.setdefault(topic.owner, {})[topic.key] = topic
             else:
                 handler = Callback(_delivery_sink(topic, sink), indirect=True)
-                self._keep.append(self.session.declare_subscriber(participants_key(topic), handler))
+                self._keep.append(self.session.declare_subscriber(participants_key(topic, "*"), handler))
         for owner, wanted in owners.items():
             handler = Callback(_frame_sink(owner, wanted, sink), indirect=False)
             self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
@@ -215,6 +215,7 @@ class ZenohBus:
         query: Query[Any, Any],
         sink: Callable[[Incoming], Any],
         participants: Callable[[Incoming], Any] | None = None,
+        instance: str = "",
     ) -> None:
         queryable = self.session.declare_queryable(query.key, RingChannel(BOUNDED_KEEP), complete=True)
         self._keep.append(queryable)
@@ -224,14 +225,13 @@ class ZenohBus:
             pour(queryable.handler, partial(_from_stranger, self._replies, query), sink, most_hz=MOST_HZ)
         )
         if participants is not None:
-            handler = Callback(_query_sink(query, participants), indirect=False)
-            self._keep.append(self.session.declare_queryable(participants_key(query), handler, complete=True))
+            key = participants_key(query, instance)
+            handler = Callback(_query_sink(query, key, participants), indirect=False)
+            self._keep.append(self.session.declare_queryable(key, handler, complete=True))
 
-    def call(
-        self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, participant: bool = False
-    ) -> Rep:
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
         timeout = query.timeout_s if timeout_s is None else timeout_s
-        querier = self._querier(query, timeout, participant)
+        querier = self._querier(query, timeout, instance)
         reply = _ask(querier, timeout, encoding_of(query.request), *encode(request))
         if reply is None:
             status: Any = querier.matching_status  # typed bool in the stubs
@@ -252,13 +252,13 @@ class ZenohBus:
         except Refusal as refusal:
             raise CallError(refusal.code, refusal.message, refusal.field) from None
 
-    def probe(self, query: Query[Any, Any], *, participant: bool = False) -> bool:
-        querier = self._querier(query, PROBE_S, participant)
+    def probe(self, query: Query[Any, Any], *, instance: str = "") -> bool:
+        querier = self._querier(query, PROBE_S, instance)
         reply = _ask(querier, PROBE_S, encoding_of(query.request), b"", PROBE)
         return reply is not None and reply.ok is not None
 
-    def _querier(self, query: Query[Any, Any], timeout: float, participant: bool) -> zenoh.Querier:
-        key = participants_key(query) if participant else query.key
+    def _querier(self, query: Query[Any, Any], timeout: float, instance: str) -> zenoh.Querier:
+        key = participants_key(query, instance) if instance else query.key
         querier = self._queriers.get((key, timeout))
         if querier is None:
             encoding_of(query.reply)
@@ -337,7 +337,8 @@ def _delivery(topic: Topic[Any], sample: zenoh.Sample) -> Delivery:
         None if attachment is None else attachment.to_bytes(),
         "" if encoding == encoding_of(topic.model) else str(encoding),
     )
-    return Delivery(topic, None, raw)
+    sender = str(sample.key_expr).rpartition("/")[2] if topic.kind is Kind.LATCHED else ""  # of the participants' key
+    return Delivery(topic, None, raw, None, sender)
 
 
 def _delivery_sink(topic: Topic[Any], sink: Callable[[Any], Any]) -> Callable[[zenoh.Sample], None]:
@@ -362,9 +363,7 @@ def _from_stranger(replies: Replies, query: Query[Any, Any], asked: zenoh.Query)
     return ZenohIncoming(query, query.key, asked, replies)
 
 
-def _query_sink(query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> Callable[[zenoh.Query], None]:
-    key = participants_key(query)
-
+def _query_sink(query: Query[Any, Any], key: str, sink: Callable[[Incoming], Any]) -> Callable[[zenoh.Query], None]:
     def on_query(asked: zenoh.Query) -> None:
         _keep_thread_state()
         sink(ZenohIncoming(query, key, asked))

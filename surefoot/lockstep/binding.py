@@ -14,18 +14,28 @@ class Bindings:
     """
 
     def __init__(self) -> None:
-        self._visible: dict[str, set[str]] = {}
+        self._visible: dict[str, dict[str, None]] = {}
         self.bound: dict[str, str] = {}
         """Process of each service that has proved its links."""
 
-    def on_life(self, life: Life) -> None:
-        """Note that a process appeared or went out of sight."""
-        seen = self._visible.setdefault(life.service, set())
-        (seen.add if life.alive else seen.discard)(life.instance)
+    def on_life(self, life: Life) -> str:
+        """Note that a process appeared or went out of sight; return the bound one where another appears beside it."""
+        seen = self._visible.setdefault(life.service, {})
+        if not life.alive:
+            seen.pop(life.instance, None)
+            return ""
+        seen[life.instance] = None
+        bound = self.bound.get(life.service, "")
+        return bound if bound in seen and bound != life.instance else ""
 
     def visible(self, service: str, instance: str) -> bool:
         """Return whether a process shows a liveliness token of a service."""
         return instance in self._visible.get(service, ())
+
+    def candidates(self, service: str) -> tuple[str, ...]:
+        """Return the processes that may answer for a service: the bound one, or those that may take its place."""
+        seen, bound = self._visible.get(service, {}), self.bound.get(service)
+        return (bound,) if bound is not None and (bound in seen or not seen) else tuple(seen)
 
     def bind(self, service: str, instance: str) -> bool:
         """Note that a process proves its links; return whether the service is bound to it now."""

@@ -25,6 +25,10 @@ class Commands:
         """Return whether a command of a tick was accepted."""
         return self._by_tick.get(tick) is not None
 
+    def holds(self, command: JointCommand) -> bool:
+        """Return whether a command is the one that was accepted of its tick."""
+        return self._by_tick.get(command.tick) == command
+
     def answered(self, tick: int) -> bool:
         """Return whether a command of a tick came, accepted or refused."""
         return tick in self._by_tick

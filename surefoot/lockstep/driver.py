@@ -95,6 +95,7 @@ class DriverNode(Node):
         self._since = 0.0
         self._resends = 0
         self._awaited: set[str] = set()
+        self._commander = ""
         self._next_status = 0.0
 
     def start(self) -> None:
@@ -156,7 +157,7 @@ class DriverNode(Node):
         try:
             message: Any = delivery.message()
             if isinstance(message, JointCommand):
-                self._on_command(message)
+                self._on_command(message, delivery.sender)
             elif isinstance(message, Done):
                 self._on_done(message)
             else:
@@ -164,12 +165,15 @@ class DriverNode(Node):
         except Refusal as refusal:
             self.refuse(refusal.code, f"{topic.key}: {refusal.message}")
 
-    def _on_command(self, command: JointCommand) -> None:
+    def _on_command(self, command: JointCommand, sender: str) -> None:
         leader = self.leader
         if command.epoch != leader.epoch:
             self.refuse("stale_epoch")
             return
         if self.commands.known(command.tick):
+            if sender == self._commander and not self.commands.holds(command):
+                text = f"a second {CMD_JOINTS.key} of tick {command.tick} by process {sender!r}, with other content"
+                self.refuse("conflict", text)
             leader.on_command(command.tick)  # of a walker that came back: what the lost one sent holds
             return
         try:
@@ -179,12 +183,16 @@ class DriverNode(Node):
                 raise
             leader.on_command(command.tick)
             raise
+        self._commander = sender
         leader.on_command(command.tick)
 
     def _on_done(self, done: Done) -> None:
         if done.epoch != self.leader.epoch:
             return
-        if not done.ready:
+        if done.tick > self.leader.tick:
+            text = f"done of tick {done.tick} by {done.source} {done.instance!r}; the last one is {self.leader.tick}"
+            self.refuse("too_far_ahead", text)
+        elif not done.ready:
             self.leader.on_done(done.source, done.instance, done.tick)
         elif self.bindings.bind(done.source, done.instance):
             self.leader.on_ready(done.source, done.instance)
@@ -192,7 +200,7 @@ class DriverNode(Node):
             self.refuse("unbound", f"{done.source} {done.instance!r} is ready, but is not the one that runs")
 
     def on_life(self, life: Life) -> None:
-        self.bindings.on_life(life)
+        super().on_life(life)
         leader = self.leader
         if not life.alive:
             leader.on_gone(life.service, life.instance)

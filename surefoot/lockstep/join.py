@@ -17,8 +17,11 @@ M = TypeVar("M", bound=Message)
 
 DRIVER = "driver"
 _TICK = HW_TICK.key
-NOT_YET = ("epoch_ahead", "stale_epoch", "too_far_ahead", "stamp")
-"""Refusals of inputs by their place in time, which a log names with key and process."""
+NAMED = ("epoch_ahead", "stale_epoch", "too_far_ahead", "stamp", "conflict", "too_much")
+"""Refusals of inputs, which a log names with key and process."""
+
+SENDER_BYTES, SMALL_BYTES = 16 << 20, 4096
+"""Most bytes that one service's inputs of ticks to come may hold; an input up to the second size is not counted."""
 
 MISLED_PRIMES = 3
 """Primes of a run that has not begun, without a tick between them, after which a service that has done ticks of that
@@ -98,7 +101,9 @@ class Join:
         self.epoch = -1
         self.last = -1
         self.on_roster = False
-        self._newest = -1
+        self.begun = 0
+        """Times that a run began, or began again for a service that was misled."""
+        self._newest = self._admitted = -1
         self._first_ns, self._last_ns = -math.inf, math.inf
         """Stamps from the first on are accepted, and up to the last beyond that of their tick since tick 0, ns."""
         self._announced = -1
@@ -112,16 +117,26 @@ class Join:
         self._lockstep = False
         self._cycle = math.lcm(*(max(1, topic.period_ticks) for topic in self.same_tick))
         self._wanted_of: dict[tuple[tuple[str, ...], tuple[str, ...], int], list[str]] = {}
+        self._large: dict[tuple[int, int, str], int] = {}
+        """Bytes of large inputs in `_slots` by epoch, tick and key; some may have been taken."""
+        self._senders: dict[str, str] = {}
+        """Process that published the last accepted message of a key."""
+        self._taken: dict[str, Any] = {}
+        """Inputs of the tick that was handed out last."""
         self._lacking: set[str] | None = None
         """Inputs that tick ``last + 1`` still waits for; None = not computed yet."""
 
-    def offer(self, topic: Topic[Any], message: Header, value: Any = None) -> str | None:
+    def offer(
+        self, topic: Topic[Any], message: Header, value: Any = None, sender: str = "", size: int = 0
+    ) -> str | None:
         """Takes an input; returns the reason when it is refused.
 
         Args:
             topic: the row it came under.
             message: the message, or its header alone.
             value: what ``TickInputs.get`` shall return, default the message.
+            sender: process that published it, "" = unknown.
+            size: its bytes on the wire, 0 = it is already an object.
         """
         if value is None:
             value = message
@@ -148,21 +163,38 @@ class Join:
             awaited = self.last if key in self._delayed_keys else self.last + 1
             """The tick whose message the next one wants; what is older has been used."""
             if tick < awaited:
-                return "duplicate"
+                return self._again(key, value, sender, self._taken if tick == awaited - 1 else {})
             if tick > self._newest + MAX_AHEAD and tick > self.last + MAX_AHEAD and self.on_roster:
                 return "too_far_ahead"
             if tick == awaited and self._lacking:
                 self._lacking.discard(key)
         slot = self._slots.get((epoch, tick))
+        if slot is not None and key in slot:
+            return self._again(key, value, sender, slot)
+        if size > SMALL_BYTES and not self._has_room(epoch, tick, key, size):
+            return "too_much"
+        self._senders[key] = sender
         if slot is None:
             self._slots[(epoch, tick)] = {key: value}
             if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
                 del self._slots[(max if self.on_roster else min)(self._slots)]
-        elif key in slot:
-            return "duplicate"
         else:
             slot[key] = value
         return None
+
+    def _again(self, key: str, value: Any, sender: str, known: dict[str, Any]) -> str:
+        """Return `conflict` for a message that its process published before with another content."""
+        same = key not in known or sender != self._senders.get(key) or known[key] == value
+        return "duplicate" if same else "conflict"
+
+    def _has_room(self, epoch: int, tick: int, key: str, size: int) -> bool:
+        """Note a large input, unless those of its owner that wait hold too much."""
+        self._large = {at: n for at, n in self._large.items() if at[2] in self._slots.get(at[:2], ())}
+        owner = self.owners[key]
+        if sum(n for at, n in self._large.items() if self.owners[at[2]] == owner) + size > SENDER_BYTES:
+            return False
+        self._large[epoch, tick, key] = size
+        return True
 
     def place(self, key: str, message: Header, sender: str) -> str:
         """Describe a refused input: key, place in time, process, and where this service is."""
@@ -185,16 +217,25 @@ class Join:
             if self._unbegun < MISLED_PRIMES:
                 return False
             self._begin(epoch)
+            self._forget(epoch)
+        elif prime.roster_version == 0:
+            self._forget(epoch)
         return True
+
+    def _forget(self, epoch: int) -> None:
+        """Drop inputs of a run that the driver has yet to begin: it has none, whoever sent them."""
+        self._slots = {key: slot for key, slot in self._slots.items() if key[0] != epoch}
 
     def _begin(self, epoch: int) -> None:
         self.epoch = epoch
+        self.begun += 1
         self._first_ns, self._last_ns = -math.inf, math.inf  # until the first tick
-        self.last = self._newest = -1
+        self.last = self._newest = self._admitted = -1
         self.on_roster = False
         self._unbegun = 0
         self._lacking = None
         self._ticks.clear()
+        self._taken = {}
         allowed = (epoch, epoch + 1)
         self._slots = {key: slot for key, slot in self._slots.items() if key[0] in allowed}
         self._latched = {key: value for key, value in self._latched.items() if key[1] in allowed}
@@ -206,10 +247,16 @@ class Join:
         if self.service not in tick.roster:
             self.on_roster = False
             return "not_on_roster"
-        if tick.tick <= self.last:
+        if tick.tick < self._admitted and tick.roster_version <= 1:
+            self._begin(
+                tick.epoch
+            )  # no service was admitted after the start of this run, so the driver did not admit this one later
+            self._forget(tick.epoch)
+        elif tick.tick <= self.last:
             return "replay"
         if not self.on_roster:
             self.on_roster = True
+            self._admitted = tick.tick
             self.last = tick.tick - 1  # a new participant begins with the first tick whose roster names it
             self._previous_roster = ()  # what was published while it was away is not awaited
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
@@ -221,6 +268,8 @@ class Join:
             self._first_ns, self._last_ns = zero - STAMP_SLACK_NS, zero + STAMP_SLACK_NS
         self._lockstep = tick.mode == "lockstep"
         held = self._ticks.get(tick.tick)
+        if held is not None and tick.roster_version == held.roster_version and tick != held:
+            return "conflict"
         if held is None or tick.roster_version >= held.roster_version:
             self._ticks[tick.tick] = tick
         return None
@@ -318,6 +367,7 @@ class Join:
         for topic in self.latched:
             if (topic.key, tick.epoch) in self._latched:
                 messages[topic.key] = self._latched[topic.key, tick.epoch]
+        self._taken = messages
         skipped = tick.tick - self.last > 1
         self.last = tick.tick
         self._previous_roster = tick.roster

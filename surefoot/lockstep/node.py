@@ -22,7 +22,7 @@ from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.answers import Answers, LateAnswer
 from surefoot.lockstep.binding import Bindings, is_prime
 from surefoot.lockstep.health import health_of, join_request
-from surefoot.lockstep.join import DRIVER, NOT_YET, Delayed, Join, TickInputs
+from surefoot.lockstep.join import DRIVER, NAMED, Delayed, Join, TickInputs
 from surefoot.lockstep.leader import KEEP_TICKS
 from surefoot.lockstep.links import Links
 from surefoot.lockstep.service import Service
@@ -56,16 +56,18 @@ class Node:
         self._bound = self.bindings.bound
         self.ages = Ages(() if service.raw else service.inputs)
         self.refused: Counter[str] = Counter()
+        self._logged: set[tuple[str, str]] = set()
         self.tick_us: deque[float] = deque(maxlen=2000)
         self.state, self.stopping = "starting", False
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
         self._raw = service.raw
         self._observed = {topic.key for topic in service.observes}
-        self.links = Links(bus)
+        self.links = Links(bus, self.bindings)
         self._answers = Answers(self.inbox.put, self.refuse, clock)
         self._tick: TickInputs | None = None
-        self.epoch = -1
+        self.epoch: int = -1
+        self._begun: int = -1
         self._primed_at = self._next_health = self._next_join = 0.0
         self._counts_as_done = any(topic.key == CMD_JOINTS.key for topic in service.outputs)
         self._done = TICK_DONE.of(self.name)
@@ -93,7 +95,7 @@ class Node:
         for topic in service.observes:
             self.bus.subscribe(topic, self.inbox.put_observed, bounded=True)
         for query in service.serves:
-            self.bus.serve(query, self.inbox.put_query, participants=put)
+            self.bus.serve(query, self.inbox.put_query, put, self.instance)
         self.bus.watch(put)
         self.links.need((*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls))
         self.state = "joining"
@@ -189,10 +191,12 @@ class Node:
         return max(0.0, min(self._next_health, self._next_join) - self.clock())
 
     def _ask_to_join(self) -> None:
-        try:
-            self.bus.call(SIM_JOIN, join_request(self), 0.3, participant=True)
-        except CallError as error:
-            self.refused[f"join_{error.code}"] += 1
+        for driver in self.bindings.candidates(DRIVER):
+            try:
+                if self.bus.call(SIM_JOIN, join_request(self), 0.3, instance=driver).accepted:
+                    return
+            except CallError as error:
+                self.refused[f"join_{error.code}"] += 1
 
     # -- what arrives ------------------------------------------------------------------------------------------
 
@@ -200,7 +204,7 @@ class Node:
         """One item of the inbox."""
         if isinstance(item, Delivery):
             owner, by = item.topic.owner, item.sender
-            if not by or self._bound.get(owner) == by or not item.topic.framed or self._speaks(owner, by, item):
+            if not by or self._bound.get(owner) == by or not item.topic.signed or self._speaks(owner, by, item):
                 if item.prime:
                     self.links.note(item.topic.key)
                 else:
@@ -235,11 +239,12 @@ class Node:
         if before == instance or owner == "*":
             return True
         if not is_prime(last) or not self.bindings.bind(owner, instance):
-            self.refuse("unbound", f"{owner}: a message of process {instance!r}; {before or 'none'!r} is bound")
+            text = f"{last.key} by process {instance!r}, which is not the {owner} that is bound, {before or 'none'!r}"
+            self.refuse("unbound", text, last.key)
             return False
         if owner == DRIVER and before:  # a new driver begins a new count of epochs
             self.join = Join(self.name, self.service.inputs, self.service.batched)
-            self.epoch = -1
+            self.epoch, self._begun = -1, -1
             self._outbox.clear()
         return True
 
@@ -258,18 +263,19 @@ class Node:
         if key == _TICK and message.tick < 0:
             self._on_prime(message)
             return
-        reason = self.join.offer(topic, message, delivery if raw else message)
+        reason = self.join.offer(topic, message, delivery if raw else message, delivery.sender, delivery.size)
         if reason is None:
             return
         if reason == "replay":
             self._replay(message.epoch, message.tick)
         elif reason != "duplicate":
-            self.refuse(reason, self.join.place(key, message, delivery.sender) if reason in NOT_YET else "")
+            self.refuse(reason, self.join.place(key, message, delivery.sender) if reason in NAMED else "", key)
 
-    def refuse(self, reason: str, detail: str = "") -> None:
-        """Count a refusal; the first of each kind is logged."""
+    def refuse(self, reason: str, detail: str = "", about: str = "") -> None:
+        """Count a refusal; the first of each kind, and about each key or service, is logged."""
         self.refused[reason] += 1
-        if detail and self.refused[reason] == 1:
+        if detail and (reason, about) not in self._logged:
+            self._logged.add((reason, about))
             self.log("warning", f"refused ({reason}): {detail}")
 
     def _on_prime(self, prime: Tick) -> None:
@@ -292,7 +298,9 @@ class Node:
 
     def on_life(self, life: Life) -> None:
         """A process came or went."""
-        self.bindings.on_life(life)
+        bound = self.bindings.on_life(life)
+        if bound:
+            self.refuse("second", f"process {life.instance!r} is {life.service}, too; {bound!r} is bound", life.service)
 
     def _on_query(self, incoming: Incoming) -> None:
         request = self._answers.request(incoming)
@@ -328,8 +336,8 @@ class Node:
         began = time.perf_counter_ns()
         self._tick = inputs
         tick = inputs.tick
-        if tick.epoch != self.epoch:
-            self.epoch = tick.epoch
+        if self.join.begun != self._begun:
+            self.epoch, self._begun = tick.epoch, self.join.begun
             self._outbox.clear()
             self.ages.begin(self.service.limits)
             self.service.on_reset()
@@ -384,7 +392,10 @@ class Node:
             raise ValueError(f"{self.name} calls {query.key!r} but does not declare it in calls")
         if self._tick is not None and query.owner != DRIVER and query.owner not in self._tick.tick.roster:
             raise CallError("absent", f"{query.owner} is not on the roster")
-        return self.bus.call(query, request, timeout_s, participant=True)
+        server = self.links.server(query)
+        if not server:
+            raise CallError("absent", f"no process that is {query.owner} answers {query.key!r}")
+        return self.bus.call(query, request, timeout_s, instance=server)
 
     def log(self, level: str, text: str) -> None:
         sys.stderr.write(log_line(level, self.name, text, self.join.last) + "\n")

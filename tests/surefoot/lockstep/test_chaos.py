@@ -79,11 +79,11 @@ def test_what_a_slow_reader_lost_a_window_ago_is_sent_again(monkeypatch: pytest.
     """Its last report was of tick 9, so the others are 21 ticks on before anybody notices."""
     original, lost = join.Join.offer, list[int]()
 
-    def offer(self: join.Join, topic: Topic[Any], message: Any, value: Any = None) -> str | None:
+    def offer(self: join.Join, topic: Topic[Any], message: Any, *rest: Any) -> str | None:
         if self.service == "recorder" and topic.key == "state/velocity" and message.tick == 10 and not lost:
             lost.append(message.tick)
             return None
-        return original(self, topic, message, value)
+        return original(self, topic, message, *rest)
 
     monkeypatch.setattr(join.Join, "offer", offer)
     history, system = run(0, 0)

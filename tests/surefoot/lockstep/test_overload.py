@@ -191,11 +191,11 @@ def test_a_participant_is_answered_while_strangers_flood_its_query(net: Net) -> 
     node.start()
     asker, asked = net.open(), CancelRequest(goal_id="a")
     with spinning(node):
-        wait_until(lambda: asker.probe(NAVIGATOR_CANCEL, participant=True))
+        wait_until(lambda: asker.probe(NAVIGATOR_CANCEL, instance=node.instance))
         with running([sys.executable, "-c", ASKER, net.address, f"{net.namespace}/{NAVIGATOR_CANCEL.key}"]):
             wait_until(lambda: len(node.inbox.queries) > QUERY_ITEMS // 2)
             for _ in range(20):
-                asker.call(NAVIGATOR_CANCEL, asked, 0.5, participant=True)  # half of theirs: 0.64 s
+                asker.call(NAVIGATOR_CANCEL, asked, 0.5, instance=node.instance)  # half of theirs: 0.64 s
             assert len(node.inbox.queries) > QUERY_ITEMS // 2
 
 

@@ -115,7 +115,7 @@ def offer_again(self: join.Join, tick: Any) -> Any:
     return OFFER_TICK(self, tick)
 
 
-def raise_malformed(self: node.Node, reason: str, detail: str = "") -> None:
+def raise_malformed(self: node.Node, reason: str, detail: str = "", about: str = "") -> None:
     self.refused[reason] += 1
     if reason == "malformed":
         raise ValueError(detail)
