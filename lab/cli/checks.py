@@ -17,6 +17,7 @@ MIN_PYTHON = (3, 11)
 MIN_STEPS_PER_S = 20_000.0  # of a hexapod on a plane; below it the demo is slower than about 4x real time
 MAX_JITTER_MS = 5.0  # p99 of a 1 ms sleep; above it paced runs stutter
 MAX_ROUND_TRIP_US = 2000.0  # of an empty query on loopback
+SOON_DAYS = 30  # a certificate that ends within so many days is named
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,43 @@ def _port() -> Diagnosis:
             "WARN", "port", f"{endpoint} is taken by {owner}", "fine if that is your system; else --listen"
         )
     return Diagnosis("PASS", "port", f"{endpoint} is free")
+
+
+def _exposure() -> Diagnosis:
+    """Find systems that listen beyond loopback without asking for certificates, and who else listens there."""
+    from surefoot.bus.endpoint import is_secure, to_listen
+    from surefoot.services.supervisor.processes.ports import ports_of
+    from surefoot.services.supervisor.processes.rundir import run_folders
+
+    found = [] if is_secure((to_listen(),)) or _is_loopback(to_listen()) else [f"{to_listen()} (to be)"]
+    for folder in run_folders():
+        endpoint = folder.endpoint(orphaned=True)
+        if endpoint is not None and not is_secure((endpoint.connect,)):
+            supervisor = folder.supervisor()
+            pids = [one.pid for one in (*folder.processes().values(), *([supervisor] if supervisor else []))]
+            found += [f"{folder.name}: port {port}" for pid in pids for port in ports_of(pid, beyond_loopback=True)]
+    if found:
+        what = f"open beyond loopback without certificates: {', '.join(found)}"
+        return Diagnosis("WARN", "exposure", what, "surefoot security init, surefoot up --secure")
+    return Diagnosis("PASS", "exposure", "nothing is open beyond loopback without certificates")
+
+
+def _certificates() -> Diagnosis:
+    """Find certificates that end soon."""
+    from surefoot.bus.certificates import held
+    from surefoot.bus.endpoint import security_folder
+
+    folders = {path.parent for path in security_folder("").rglob("ca.pem")}
+    found = [(folder.name, one) for folder in sorted(folders) for one in held(folder)]
+    ending = [f"{one.identity} of {robot} in {one.days} days" for robot, one in found if one.days < SOON_DAYS]
+    if ending:
+        return Diagnosis("WARN", "certificates", f"end: {', '.join(ending)}", "surefoot security renew, then restart")
+    return Diagnosis("PASS", "certificates", f"{len(found)}, none ends within {SOON_DAYS} days" if found else "none")
+
+
+def _is_loopback(endpoint: str) -> bool:
+    host = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    return host in ("localhost", "::1") or host.startswith("127.")
 
 
 def _run_folders() -> Diagnosis:
@@ -212,6 +250,8 @@ CHECKS: tuple[Callable[[], Diagnosis], ...] = (
     _kernels,
     _run_folders,
     _port,
+    _exposure,
+    _certificates,
     _timer,
     _zenoh,
     _simulator,

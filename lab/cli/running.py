@@ -35,7 +35,8 @@ class RunningSystem(NamedTuple):
         from surefoot.services.supervisor.processes.ports import ports_of
 
         processes = {} if self.folder is None else self.folder.processes()
-        return tuple(f"tcp/127.0.0.1:{port}" for found in processes.values() for port in ports_of(found.pid))
+        kind = self.connect.partition("/")[0]
+        return tuple(f"{kind}/127.0.0.1:{port}" for found in processes.values() for port in ports_of(found.pid))
 
     def orphans(self) -> str:
         """Return what to do about services that a supervisor left behind, empty when there are none."""

@@ -87,7 +87,7 @@ def answers(connect: str) -> bool:
     """Report at once whether a router listens at an endpoint; True where that cannot be found out."""
     kind, _, place = connect.partition("/")
     host, _, port = place.rpartition(":")
-    if kind != "tcp" or not port.isdigit():
+    if kind not in ("tcp", "tls") or not port.isdigit():
         return True
     try:
         address: Any = host.strip("[]").encode()  # bytes: no codec for international names is imported

@@ -31,6 +31,7 @@ from .output import (
 if TYPE_CHECKING:
     from surefoot.services.supervisor.processes.rundir import RunFolder
 
+OPEN = "without certificates, loopback is trust in every local user: see `surefoot up --secure`"
 System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
 
 
@@ -44,11 +45,12 @@ def up(
     record: Annotated[Path | None, typer.Option(help="MCAP file to write [no recording].")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
     listen: Listen = None,
+    secure: Annotated[bool, typer.Option("--secure", help="Ask for certificates (`surefoot security init`).")] = False,
     json: Json = False,
     log: Annotated[bool, typer.Option("--log", hidden=True, help="Write lines of a log, each with its time.")] = False,
 ) -> None:
     """Start the services of a compose file and keep them running."""
-    from surefoot.bus.endpoint import to_listen
+    from surefoot.bus.endpoint import is_secure, secured, to_listen
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.keep import StartOrder, keep, start_detached
     from surefoot.services.supervisor.processes.startable import startable
@@ -59,6 +61,9 @@ def up(
     use_json(json)
     state.log = log
     endpoint = to_listen(listen)  # a wrong endpoint is reported before anything starts
+    listen = secured(endpoint) if secure else listen
+    if not is_secure((listen or endpoint,)) and not log:
+        tell(OPEN)
     if record is not None:
         refuse_existing(record, force=force)
     compose = startable(system, environ=os.environ, robot=robot)

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
+from surefoot.bus.endpoint import any_port, is_secure, settings_file
+
 STOP, STATUS = "cmd/estop", "sim/status"
 FIRST_S, MOST_S = 0.005, 0.1
 """A stop that is not confirmed is repeated after 5 ms, then after twice as long each time, at most 0.1 s."""
@@ -40,21 +42,22 @@ class Stopper:
 
     Raises:
         zenoh.ZError: no endpoint answers.
+        ConfigError: a secure endpoint, and no certificate of an operator.
     """
 
     def __init__(self, ways: Sequence[str], namespace: str) -> None:
         import zenoh
 
-        several = len(ways) > 1  # a client has one connection, a peer as many as it asks for
+        secure, several = is_secure(ways), len(ways) > 1  # a client has one connection, a peer as many as it asks for
         settings: dict[str, Any] = {
             "mode": "peer" if several else "client",
             "connect/endpoints": list(ways),
             "connect/timeout_ms": 1000,
-            "listen/endpoints": ["tcp/127.0.0.1:0"] if several else [],
+            "listen/endpoints": [any_port(secure)] if several else [],
             "scouting/multicast/enabled": False,
             "scouting/delay": 0,
         }
-        config = zenoh.Config()
+        config = zenoh.Config.from_file(str(settings_file(namespace, ""))) if secure else zenoh.Config()
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
         self._heard: SimpleQueue[Any] = SimpleQueue()

@@ -1,12 +1,17 @@
-"""Where the router is: endpoints as the command line and the environment give them."""
+"""Where the router is: endpoints as the command line and the environment give them, and settings of secure ones."""
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 from surefoot.errors import ConfigError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+SETTINGS = ".json"
+"""Suffix of the Zenoh settings of an identity, in the folder of its robot's certificates."""
+OPERATOR = "operator"
+"""Identity of tools, unless SUREFOOT_IDENTITY names another."""
 _FORM = re.compile(r"(?:tcp|tls|ws)/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})([?#].*)?")
 _NAMESPACE = re.compile(r"[^/*$#?]+(/[^/*$#?]+)*")
 _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
@@ -53,3 +58,34 @@ def to_connect() -> str:
 def without_source(text: str) -> str:
     """A message of the network library without the places in its own source code."""
     return _SOURCE.sub("", text)
+
+
+def is_secure(endpoints: Iterable[str]) -> bool:
+    """Return whether an endpoint asks for certificates."""
+    return any(endpoint.startswith("tls/") for endpoint in endpoints)
+
+
+def secured(endpoint: str) -> str:
+    """Return the endpoint that asks for certificates, at the same place."""
+    return f"tls/{endpoint.partition('/')[2]}"
+
+
+def any_port(secure: bool) -> str:
+    """Return the endpoint of a listener on loopback that no other process has to find."""
+    return f"{'tls' if secure else 'tcp'}/127.0.0.1:0"
+
+
+def security_folder(namespace: str) -> Path:
+    """Return the folder of a robot's certificates and settings: below SUREFOOT_SECURITY or the user's configuration."""
+    given, base = os.environ.get("SUREFOOT_SECURITY", ""), os.environ.get("XDG_CONFIG_HOME", "")
+    home = Path(base) if os.path.isabs(base) else Path.home() / ".config"
+    return (Path(given) if given else home / "surefoot" / "security") / namespace
+
+
+def settings_file(namespace: str, identity: str) -> Path:
+    """Return the Zenoh settings of an identity (raises ConfigError: there are none; the sentence names the remedy)."""
+    path = security_folder(namespace) / f"{identity or os.environ.get('SUREFOOT_IDENTITY') or OPERATOR}{SETTINGS}"
+    if not path.is_file():
+        text = f"no certificate of {path.stem!r} in {path.parent}; `surefoot security init` makes those of a system"
+        raise ConfigError("not_found", text)
+    return path

@@ -3,11 +3,9 @@
 # (the stubs of zenoh leave return types out)
 
 import ctypes
-import json
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
@@ -16,9 +14,12 @@ import zenoh
 from zenoh.handlers import Callback, RingChannel
 
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
-from surefoot.bus.endpoint import DEFAULT_ENDPOINT, checked_namespace, without_source
+from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
+from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
+from surefoot.bus.options import ZenohOptions as ZenohOptions
+from surefoot.bus.options import why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
@@ -30,16 +31,6 @@ M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
-DEFAULT_FLEET = "surefoot"
-LEASE_MS = 1000
-"""A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
-CONNECT_TIMEOUT_MS = 8000
-QUEUE_BATCHES = 16
-"""Most batches (one frame, or 64 KiB of a map) that wait for the thread that sends them; Zenoh's limit. Of its default
-of two the third message within 1 ms is dropped when that thread waits for a processor."""
-DROP_AFTER_US = 20_000
-"""Time for which a message waits once for room on a link before it and those after it are dropped, until there is room
-again: longer than a busy machine holds up a thread that sends, shorter than a robot feels."""
 KEEP = 10_000
 """Newest messages of a key that are kept for an observer that does not read."""
 BOUNDED_KEEP = 64
@@ -51,52 +42,6 @@ LIVE = "alive"
 _TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that was not ended in time
 
 _BLOCK = zenoh.CongestionControl.BLOCK
-
-
-@dataclass(frozen=True)
-class ZenohOptions:
-    """Where and as what a session joins the network."""
-
-    mode: str = "peer"
-    """router (the supervisor), peer (services), client (tools)."""
-    connect: tuple[str, ...] = (DEFAULT_ENDPOINT,)
-    listen: tuple[str, ...] = ()
-    namespace: str = f"{DEFAULT_FLEET}/ragno"
-
-
-def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
-    """Zenoh settings of a session: no multicast, gossip between peers, no start-up delay, quick loss detection."""
-    listen = endpoint.listen
-    if endpoint.mode == "peer" and not listen:
-        listen = ("tcp/127.0.0.1:0",)  # a peer that does not listen gets no data from other peers
-    settings: dict[str, Any] = {
-        "mode": endpoint.mode,
-        "namespace": checked_namespace(endpoint.namespace),
-        "connect/endpoints": list(endpoint.connect) if endpoint.mode != "router" else [],
-        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
-        "connect/exit_on_failure": endpoint.mode == "client",
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
-        "listen/endpoints": list(listen),
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": endpoint.mode != "client",
-        "scouting/delay": 0,
-        "transport/link/tx/lease": LEASE_MS,
-        "transport/link/tx/queue/size/real_time": QUEUE_BATCHES,
-        "transport/link/tx/queue/size/interactive_low": QUEUE_BATCHES,
-        "transport/link/tx/queue/size/data": QUEUE_BATCHES,
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": DROP_AFTER_US,
-        # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
-        # is given back when that peer is gone: 20 MB in every survivor for each restart.
-        "transport/shared_memory/enabled": False,
-    }
-    if endpoint.mode != "client":
-        settings["scouting/gossip/autoconnect_strategy"] = {
-            "peer": {"to_router": "always", "to_peer": "greater-zid"},
-        }
-    config = zenoh.Config()
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
 
 
 class ZenohIncoming:
@@ -163,7 +108,7 @@ class ZenohBus:
         try:
             self.session = zenoh.open(zenoh_config(endpoint))
         except zenoh.ZError as error:
-            raise BusError("no_bus", _why_not_open(endpoint, without_source(str(error)))) from None
+            raise BusError("no_bus", why_not_open(endpoint, without_source(str(error)))) from None
         self._replies = Replies()
         self._keep: list[Any] = []
         self._pours: list[threading.Thread] = []
@@ -379,17 +324,3 @@ def _call_error(payload: bytes, key: str, timeout: float) -> CallError:
             return CallError("timeout", f"{key!r} did not answer within {timeout:g} s")
         return CallError("error", payload[:200].decode("utf-8", "replace"))
     return CallError(error.code, error.message, error.field)
-
-
-def _why_not_open(endpoint: ZenohOptions, error: str) -> str:
-    addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
-    where = ", ".join(addresses)
-    if endpoint.mode == "router" and "in use" in error:
-        return f"cannot listen on {where}: another router holds it (stop it, or choose another with --listen)"
-    if endpoint.mode == "router":
-        return f"cannot open a router on {where} for {endpoint.namespace!r}: {error}"
-    why = "" if error.startswith("Unable to connect") else f": {error}"
-    return (
-        f"no router answers at {where} (start one with `surefoot up`, or name another with --connect or "
-        f"SUREFOOT_CONNECT){why}"
-    )

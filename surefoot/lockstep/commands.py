@@ -20,26 +20,28 @@ class Commands:
         self._obeyed = -1
         self._offered = False
         self._accepted_at = -1
+        self._sender = ""
 
     def known(self, tick: int) -> bool:
         """Return whether a command of a tick was accepted."""
         return self._by_tick.get(tick) is not None
 
-    def holds(self, command: JointCommand) -> bool:
-        """Return whether a command is the one that was accepted of its tick."""
-        return self._by_tick.get(command.tick) == command
-
     def answered(self, tick: int) -> bool:
         """Return whether a command of a tick came, accepted or refused."""
         return tick in self._by_tick
 
-    def offer(self, command: JointCommand, tick: int, check: Callable[[JointCommand], None]) -> None:
-        """Accept a command at a tick of the driver.
+    def offer(self, command: JointCommand, tick: int, check: Callable[[JointCommand], None], sender: str = "") -> None:
+        """Accept a command at a tick of the driver, unless one of its tick was accepted: of a walker that was lost.
 
         Raises:
-            Refusal: stale (of another time than the last 100 ms), stamp (its stamp is not of its tick), or why the
-                hardware must not obey it.
+            Refusal: conflict (the same process, ``sender``, commanded something else in that tick), stale (of another
+                time than the last 100 ms), stamp (its stamp is not of its tick), or why the hardware must not obey it.
         """
+        if self.known(command.tick):
+            if sender == self._sender and self._by_tick[command.tick] != command:
+                text = f"a second command of tick {command.tick} by process {sender!r}, with other content"
+                raise Refusal("conflict", text)
+            return
         self._offered = True
         if command.tick > tick or command.tick < tick - STALE_TICKS:
             raise Refusal("stale", f"command of tick {command.tick} at tick {tick}", "tick")
@@ -51,7 +53,7 @@ class Commands:
         check(command)
         self._by_tick[command.tick] = command
         self._by_tick.pop(command.tick - KEEP_TICKS, None)
-        self._accepted_at = tick
+        self._accepted_at, self._sender = tick, sender
 
     def take(self, wanted: int, *, exact: bool) -> JointCommand | None:
         """Return the command of tick ``wanted``; unless ``exact`` the newest until then that was not obeyed yet."""

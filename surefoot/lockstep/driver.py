@@ -95,7 +95,6 @@ class DriverNode(Node):
         self._since = 0.0
         self._resends = 0
         self._awaited: set[str] = set()
-        self._commander = ""
         self._next_status = 0.0
 
     def start(self) -> None:
@@ -170,20 +169,12 @@ class DriverNode(Node):
         if command.epoch != leader.epoch:
             self.refuse("stale_epoch")
             return
-        if self.commands.known(command.tick):
-            if sender == self._commander and not self.commands.holds(command):
-                text = f"a second {CMD_JOINTS.key} of tick {command.tick} by process {sender!r}, with other content"
-                self.refuse("conflict", text)
-            leader.on_command(command.tick)  # of a walker that came back: what the lost one sent holds
-            return
         try:
-            self.commands.offer(command, leader.tick, self.driver.check)
+            self.commands.offer(command, leader.tick, self.driver.check, sender)
         except Refusal as refusal:
-            if refusal.code == "stale":
-                raise
-            leader.on_command(command.tick)
+            if refusal.code != "stale":
+                leader.on_command(command.tick)
             raise
-        self._commander = sender
         leader.on_command(command.tick)
 
     def _on_done(self, done: Done) -> None:

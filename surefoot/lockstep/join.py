@@ -101,7 +101,7 @@ class Join:
         self.epoch = -1
         self.last = -1
         self.on_roster = False
-        self.begun = 0
+        self.begun: int = 0
         """Times that a run began, or began again for a service that was misled."""
         self._newest = self._admitted = -1
         self._first_ns, self._last_ns = -math.inf, math.inf

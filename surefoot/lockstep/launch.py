@@ -65,7 +65,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
     from surefoot.lockstep.local import node_of
 
     endpoint = ZenohOptions(
-        mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace
+        options.mode, tuple(options.connect), tuple(options.listen), options.namespace, identity=service.name
     )
     if options.mode != "router":
         os.environ.setdefault("ZENOH_RUNTIME", ZENOH_RUNTIME)  # read when the process opens its first session

@@ -1,15 +1,22 @@
 """The links a service needs: inputs that their publishers have primed, queries that their owners answer."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 from surefoot.bus.interface import Bus
+from surefoot.errors import CallError
 from surefoot.lockstep.binding import Bindings
 from surefoot.lockstep.join import DRIVER
+from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import Tick
-from surefoot.schemas.topics import Query, Topic
+from surefoot.schemas.system import JoinRequest
+from surefoot.schemas.topics import SIM_JOIN, Query, Topic
 
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
 Row = Topic[Any] | Query[Any, Any]
+
+JOIN_S = 0.3  # s, limit on the wait for one driver's answer
 
 
 class Links:
@@ -45,6 +52,24 @@ class Links:
 
     def _is_proved(self, row: Row) -> bool:
         return bool(self.server(row)) if isinstance(row, Query) else row.key in self._proved
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
+        """Ask the process that a query's owner is bound to (raises CallError)."""
+        server = self.server(query)
+        if not server:
+            raise CallError("absent", f"no process that is {query.owner} answers {query.key!r}")
+        return self._bus.call(query, request, timeout_s, instance=server)
+
+    def join(self, request: JoinRequest) -> list[str]:
+        """Ask the driver, or whoever may be it, for a place on the roster; return the codes of failures."""
+        failed: list[str] = []
+        for driver in self._bindings.candidates(DRIVER):
+            try:
+                if self._bus.call(SIM_JOIN, request, JOIN_S, instance=driver).accepted:
+                    break
+            except CallError as error:
+                failed.append(error.code)
+        return failed
 
     def server(self, query: Query[Any, Any]) -> str:
         """Return the process that answers a query: the one its service is bound to, which binds it; "" = there is none.

@@ -30,7 +30,7 @@ from surefoot.logline import log_line, sendable
 from surefoot.schemas.base import Message, Request, TickRequest, Wire
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.system import Done, Health, HealthReply, LogRecord
-from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOIN, TICK_DONE, Query, Topic
+from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, TICK_DONE, Query, Topic
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
@@ -61,12 +61,11 @@ class Node:
         self.state, self.stopping = "starting", False
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
-        self._raw = service.raw
         self._observed = {topic.key for topic in service.observes}
         self.links = Links(bus, self.bindings)
         self._answers = Answers(self.inbox.put, self.refuse, clock)
         self._tick: TickInputs | None = None
-        self.epoch: int = -1
+        self.epoch = -1
         self._begun: int = -1
         self._primed_at = self._next_health = self._next_join = 0.0
         self._counts_as_done = any(topic.key == CMD_JOINTS.key for topic in service.outputs)
@@ -191,12 +190,8 @@ class Node:
         return max(0.0, min(self._next_health, self._next_join) - self.clock())
 
     def _ask_to_join(self) -> None:
-        for driver in self.bindings.candidates(DRIVER):
-            try:
-                if self.bus.call(SIM_JOIN, join_request(self), 0.3, instance=driver).accepted:
-                    return
-            except CallError as error:
-                self.refused[f"join_{error.code}"] += 1
+        for code in self.links.join(join_request(self)):
+            self.refused[f"join_{code}"] += 1
 
     # -- what arrives ------------------------------------------------------------------------------------------
 
@@ -255,7 +250,7 @@ class Node:
             if key in self._observed:
                 self.service.on_message(topic, delivery.message())
                 return
-            raw = self._raw and key != _TICK
+            raw = self.service.raw and key != _TICK
             message: Any = delivery.header() if raw else delivery.message()
         except Refusal as refusal:
             self.refuse(refusal.code, f"{key}: {refusal.message}")
@@ -298,8 +293,7 @@ class Node:
 
     def on_life(self, life: Life) -> None:
         """A process came or went."""
-        bound = self.bindings.on_life(life)
-        if bound:
+        if bound := self.bindings.on_life(life):
             self.refuse("second", f"process {life.instance!r} is {life.service}, too; {bound!r} is bound", life.service)
 
     def _on_query(self, incoming: Incoming) -> None:
@@ -392,10 +386,7 @@ class Node:
             raise ValueError(f"{self.name} calls {query.key!r} but does not declare it in calls")
         if self._tick is not None and query.owner != DRIVER and query.owner not in self._tick.tick.roster:
             raise CallError("absent", f"{query.owner} is not on the roster")
-        server = self.links.server(query)
-        if not server:
-            raise CallError("absent", f"no process that is {query.owner} answers {query.key!r}")
-        return self.bus.call(query, request, timeout_s, instance=server)
+        return self.links.call(query, request, timeout_s)
 
     def log(self, level: str, text: str) -> None:
         sys.stderr.write(log_line(level, self.name, text, self.join.last) + "\n")

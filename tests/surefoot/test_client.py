@@ -71,7 +71,7 @@ def test_without_an_endpoint_the_environment_names_the_router(
     monkeypatch.delenv("SUREFOOT_CONNECT", raising=False)
     monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:9")
     monkeypatch.setenv(variable, f"tcp/127.0.0.1:{port}")
-    monkeypatch.setattr("surefoot.bus.zenoh.CONNECT_TIMEOUT_MS", 100)
+    monkeypatch.setattr("surefoot.bus.options.CONNECT_TIMEOUT_MS", 100)
     told = f"no router answers at tcp/127.0.0.1:{port} (start one with `surefoot up`"
     with expect_error(BusError, text=told, without=".rs"):
         connect()

@@ -8,6 +8,7 @@ from pathlib import Path
 from surefoot.errors import BusError
 
 _LISTEN = "0A"  # state of a listening socket in /proc/net/tcp
+_LOOPBACK = ("7F", f"{0:024}01000000")  # ends of 127.x.y.z, also in IPv6, and ::1, in the kernel's order of bytes
 
 
 def port_of(endpoint: str) -> int | None:
@@ -35,14 +36,14 @@ def refuse_taken(endpoint: str, advice: str = "stop it, or choose another endpoi
         raise BusError("busy", f"{endpoint} is taken by {owner}; {advice}")
 
 
-def ports_of(pid: int) -> tuple[int, ...]:
-    """Return the TCP ports that a process of this user listens on."""
-    sockets = _sockets(Path(f"/proc/{pid}"))
-    return tuple(sorted(port for inode, port in _listening().items() if f"socket:[{inode}]" in sockets))
+def ports_of(pid: int, *, beyond_loopback: bool = False) -> tuple[int, ...]:
+    """Return the TCP ports that a process of this user listens on, or those that other hosts can reach."""
+    sockets, found = _sockets(Path(f"/proc/{pid}")), _listening(beyond_loopback=beyond_loopback)
+    return tuple(sorted(port for inode, port in found.items() if f"socket:[{inode}]" in sockets))
 
 
-def _listening() -> dict[str, int]:
-    """Return the ports that are listened on, by the inode of the socket."""
+def _listening(*, beyond_loopback: bool = False) -> dict[str, int]:
+    """Return the ports that are listened on, or those that other hosts can reach, by the inode of the socket."""
     ports: dict[str, int] = {}
     for table in ("tcp", "tcp6"):
         try:
@@ -51,8 +52,9 @@ def _listening() -> dict[str, int]:
             continue
         for line in lines:
             fields = line.split()
-            if fields[3] == _LISTEN:
-                ports[fields[9]] = int(fields[1].rpartition(":")[2], 16)
+            address, _, port = fields[1].rpartition(":")
+            if fields[3] == _LISTEN and not (beyond_loopback and address.endswith(_LOOPBACK)):
+                ports[fields[9]] = int(port, 16)
     return ports
 
 

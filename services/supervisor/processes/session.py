@@ -40,6 +40,11 @@ Rep = TypeVar("Rep", bound=Wire)
 STEP_S = 0.05  # s, how often the main thread looks at the processes, and at once when one has ended
 
 
+def namespace_of(robot: str) -> str:
+    """Return the prefix of the keys of a robot: SUREFOOT_NAMESPACE, else the default fleet's."""
+    return os.environ.get("SUREFOOT_NAMESPACE") or f"{DEFAULT_FLEET}/{Path(robot).name}"
+
+
 class Session:
     """Running system of `run`, `up` and `supervise`: a context manager that leaves no process behind."""
 
@@ -57,7 +62,7 @@ class Session:
         self.name = compose.name
         self.listen = to_listen(listen)
         self.robot = compose.robot
-        self.namespace = os.environ.get("SUREFOOT_NAMESPACE") or f"{DEFAULT_FLEET}/{Path(self.robot).name}"
+        self.namespace = namespace_of(self.robot)
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
         self._tell = tell
@@ -139,7 +144,7 @@ class Session:
 
     def _open_router(self) -> ZenohBus:
         try:
-            return ZenohBus(BusEndpoint(mode="router", connect=(), listen=(self.listen,), namespace=self.namespace))
+            return ZenohBus(BusEndpoint("router", (), (self.listen,), self.namespace, SELF))
         except BusError:
             refuse_taken(self.listen)
             raise

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from surefoot.bus import zenoh as zenoh_bus
+from surefoot.bus import options
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.interface import Delivery, Incoming, Life
 from surefoot.bus.publish import FramedPublisher
@@ -352,7 +352,7 @@ def test_busy_port_is_one_sentence_with_the_flag(net: Net) -> None:
 
 
 def test_no_router_is_one_sentence_with_the_flag(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zenoh_bus, "CONNECT_TIMEOUT_MS", 200)
+    monkeypatch.setattr(options, "CONNECT_TIMEOUT_MS", 200)
     address = free_address()
     with expect_error(BusError, text=address, without="\n") as caught:
         ZenohBus(ZenohOptions("client", (address,), (), "test/nobody"))

@@ -134,12 +134,12 @@ def take_what_is_there(self: node.Node, delivery: Any) -> None:
         self.join._lacking.clear()
 
 
-def offer_as_next(self: join.Join, topic: Any, message: Any, value: Any = None) -> str | None:
+def offer_as_next(self: join.Join, topic: Any, message: Any, value: Any = None, *rest: Any) -> str | None:
     """Take a message of a later tick for the next one."""
     if topic.key != "hw/tick" and message.epoch == self.epoch and message.tick > self.last + 1:
         message = message.model_copy(update={"tick": self.last + 1})
         value = message
-    return OFFER(self, topic, message, value)
+    return OFFER(self, topic, message, value, *rest)
 
 
 def repeat_undone(self: Any) -> None:

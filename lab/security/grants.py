@@ -1,0 +1,127 @@
+"""Grants: what each identity may do on which key, made from the table of topics and the declarations of the services.
+
+The owner of a topic publishes it, its reader subscribes to it, the caller of a query sends it, its server answers;
+nothing else is granted. Keys are relative to the namespace of the robot; ``*`` stands for one word.
+"""
+
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from typing import Any, NamedTuple
+
+from surefoot.bus.codec import MAX_BULK_BYTES, MAX_JSON_BYTES
+from surefoot.bus.frame import MAX_FRAME_BYTES
+from surefoot.bus.publish import BATCH, FRAME, apart, participants_key
+from surefoot.bus.zenoh import LIVE
+from surefoot.lockstep.driver import Driver
+from surefoot.lockstep.join import DRIVER, Delayed
+from surefoot.lockstep.service import Service
+from surefoot.schemas.base import Bulk, BulkRequest
+from surefoot.schemas.topics import (
+    CMD_ESTOP,
+    CMD_JOINTS,
+    HEALTH,
+    HEALTH_GET,
+    HW_TICK,
+    LOG,
+    QUERIES,
+    SIM_JOIN,
+    TICK_DONE,
+    TOPICS,
+    Query,
+    Topic,
+)
+
+ROUTER = "supervisor"
+"""Identity of the router. Peers get what clients send from it, so they trust it with every key."""
+TOKENS = f"{LIVE}/*/*"
+
+
+class Verb(Enum):
+    """Use of a key by an identity."""
+
+    PUBLISH = "publish"
+    READ = "read"
+    ASK = "ask"
+    SERVE = "serve"
+    SHOW = "show"  # its liveliness token
+    WATCH = "watch"  # the tokens of others
+
+
+class Role(Enum):
+    """Kinds of people."""
+
+    OPERATOR = "operator"  # reads every topic, sends every query, stops the robot
+    GUEST = "guest"  # reads every topic, sends the queries that change nothing
+
+
+class Grant(NamedTuple):
+    """Permission of one identity."""
+
+    identity: str
+    verb: Verb
+    key: str
+
+
+def grants(services: Iterable[type[Service[Any]]], people: dict[str, Role]) -> tuple[Grant, ...]:
+    """Return the grants of the services of a system and of people by name; the router, which has all, is left out."""
+    found = [Grant(service.name, *one) for service in services if service.name != ROUTER for one in _of(service)]
+    found += [Grant(name, *one) for name, role in people.items() for one in _of_role(role)]
+    return tuple(dict.fromkeys(found))
+
+
+def _of(service: type[Service[Any]]) -> Iterator[tuple[Verb, str]]:
+    drives = issubclass(service, Driver)
+    for owner in (service.name, DRIVER) if drives else (service.name,):
+        yield Verb.PUBLISH, FRAME.format(owner)
+        yield Verb.PUBLISH, BATCH.format(owner)
+        yield Verb.SHOW, f"{LIVE}/{owner}/*"
+    yield Verb.WATCH, TOKENS
+    own = (*service.outputs, *(family.of(service.name) for family in (TICK_DONE, HEALTH, LOG)))
+    for topic in (*own, HW_TICK) if drives else own:
+        yield Verb.PUBLISH, topic.key
+        if apart(topic):
+            yield Verb.PUBLISH, participants_key(topic, "*")
+    inputs = [item.topic if isinstance(item, Delayed) else item for item in service.inputs]
+    for topic in (TICK_DONE, CMD_JOINTS) if drives else (HW_TICK, *inputs):
+        family = BATCH if service.batched else FRAME
+        yield Verb.READ, family.format(topic.owner) if topic.framed else participants_key(topic, "*")
+    for topic in service.observes:
+        yield Verb.READ, participants_key(topic, "*") if apart(topic) else topic.key
+    for query in (*service.serves, HEALTH_GET.of(service.name)):
+        yield Verb.SERVE, query.key
+        yield Verb.SERVE, participants_key(query, "*")
+    for query in (*service.calls, SIM_JOIN):
+        yield Verb.ASK, participants_key(query, "*")
+    yield Verb.ASK, SIM_JOIN.key  # of participants in other languages
+
+
+def _of_role(role: Role) -> Iterator[tuple[Verb, str]]:
+    yield Verb.WATCH, TOKENS
+    for topic in TOPICS:
+        yield Verb.READ, topic.key
+    for query in QUERIES:
+        if role is Role.OPERATOR or not query.acts:
+            yield Verb.ASK, query.key
+    if role is Role.OPERATOR:
+        yield Verb.PUBLISH, CMD_ESTOP.key
+
+
+def areas(granted: Iterable[Grant]) -> tuple[str, ...]:
+    """Return key expressions that hold every granted key: a word that begins with ``@`` is matched by itself only."""
+    words = {grant.key.partition("/")[0] for grant in granted}
+    return ("**", *sorted(f"{word}/**" for word in words if word.startswith("@")))
+
+
+def limits() -> dict[int, tuple[str, ...]]:
+    """Return the keys of each size limit, bytes of a payload."""
+    found: dict[int, list[str]] = {MAX_FRAME_BYTES: [FRAME.format("*"), BATCH.format("*")]}
+    rows: list[Topic[Any] | Query[Any, Any]] = [*TOPICS, *QUERIES]
+    bulky = {row.key for row in rows if any(issubclass(model, (Bulk, BulkRequest)) for model in _models(row))}
+    for row in rows:
+        keys = found.setdefault(MAX_BULK_BYTES if row.key in bulky else MAX_JSON_BYTES, [])
+        keys += [row.key, participants_key(row, "*")]
+    return {size: tuple(dict.fromkeys(keys)) for size, keys in found.items()}
+
+
+def _models(row: Topic[Any] | Query[Any, Any]) -> tuple[type[Any], ...]:
+    return (row.model,) if isinstance(row, Topic) else (row.request, row.reply)

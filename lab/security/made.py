@@ -1,0 +1,83 @@
+"""The folder of a robot's certificates and settings: made, renewed, and shown."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from surefoot.bus.certificates import AUTHORITY, Held, held, hosts_of, issue, make_authority
+from surefoot.bus.endpoint import SETTINGS, security_folder
+from surefoot.disk import whole
+from surefoot.errors import SurefootError
+from surefoot.lockstep.discover import service_class
+from surefoot.lockstep.service import Service
+from surefoot.services.supervisor.processes.compose import Compose
+
+from .grants import ROUTER, Role, grants
+from .settings import settings_of
+
+AUTHORITY_DAYS = 3650
+
+
+class Membership(NamedTuple):
+    """Content of a folder beside the services of its system.
+
+    Attributes:
+        operators: names of people who may command.
+        guests: names of people who may look.
+        hosts: names and addresses of the processes, besides loopback.
+        days: validity of the certificates.
+    """
+
+    operators: tuple[str, ...]
+    guests: tuple[str, ...]
+    hosts: tuple[str, ...]
+    days: int
+
+
+def make(compose: Compose, namespace: str, wanted: Membership) -> Path:
+    """Write authority, certificates and settings of a system; an authority that is there stays.
+
+    Raises:
+        SurefootError: `cryptography` is not installed, a name is that of a service, or a service has no class here.
+    """
+    services = classes(compose)
+    people = {**dict.fromkeys(wanted.operators, Role.OPERATOR), **dict.fromkeys(wanted.guests, Role.GUEST)}
+    names = [ROUTER, *(service.name for service in services if service.name != ROUTER)]
+    taken = sorted(set(people) & {*names, AUTHORITY})
+    if taken:
+        raise SurefootError("invalid", f"{', '.join(taken)}: is the name of a service; people need other names")
+    folder = security_folder(namespace)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not (folder / f"{AUTHORITY}.key").exists():
+        make_authority(folder, namespace, AUTHORITY_DAYS)
+    granted = grants(services, people)
+    for identity in (*names, *people):
+        issue(folder, identity, wanted.days, wanted.hosts)
+        with whole(folder / f"{identity}{SETTINGS}") as part:
+            content = settings_of(folder, identity, namespace, granted)
+            part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    return folder
+
+
+def classes(compose: Compose) -> list[type[Service[Any]]]:
+    """Return the classes of a system's services."""
+    found: list[type[Service[Any]]] = []
+    for name in compose.service_names:
+        try:
+            found.append(service_class(name))
+        except KeyError:
+            text = f"service {name!r} of {compose.path} is no installed one, so what it may do is not known"
+            raise SurefootError("invalid", text) from None
+    return found
+
+
+def renew(folder: Path, identities: Iterable[str], days: int) -> list[Held]:
+    """Issue certificates anew, under the same authority and for the same hosts; each takes effect at a restart."""
+    known = {one.identity for one in held(folder)}
+    for identity in tuple(identities) or tuple(sorted(known - {AUTHORITY})):
+        if identity not in known or identity == AUTHORITY:
+            there = ", ".join(sorted(known - {AUTHORITY})) or "none"
+            raise SurefootError("invalid", f"{folder} holds no certificate of {identity!r}; there are {there}")
+        issue(folder, identity, days, hosts_of(folder, identity))
+    return held(folder)

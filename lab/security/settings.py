@@ -1,0 +1,96 @@
+"""Zenoh settings of an identity: its certificate, mutual TLS, and the rules made of the grants, the same for all.
+
+A rule is about the process at the other end of a link, known by the common name of its certificate: what it may send
+to us (ingress), and what we send to it (egress). All that no rule allows is dropped.
+"""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from surefoot.bus.certificates import AUTHORITY
+
+from .grants import ROUTER, Grant, Verb, areas, limits
+
+_INGRESS = {
+    Verb.PUBLISH: ("put",),
+    Verb.READ: ("declare_subscriber",),
+    Verb.ASK: ("query",),
+    Verb.SERVE: ("declare_queryable", "reply"),
+    Verb.SHOW: ("liveliness_token",),
+    Verb.WATCH: ("liveliness_query", "declare_liveliness_subscriber"),
+}
+_EGRESS = {
+    Verb.READ: ("put",),
+    Verb.SERVE: ("query",),
+    Verb.ASK: ("reply",),
+    Verb.WATCH: ("liveliness_token",),
+}
+_DECLARED = ("declare_subscriber", "declare_queryable", "liveliness_query", "declare_liveliness_subscriber")
+"""Everybody learns who reads and serves what: a publisher whose readers are hidden from it would not publish."""
+_ALL = ("put", "delete", "query", "reply", "liveliness_token", *_DECLARED)
+
+
+def settings_of(folder: Path, identity: str, namespace: str, granted: Sequence[Grant]) -> dict[str, Any]:
+    """Return the settings of one identity, whose key and certificate are in a folder."""
+    key, certificate = str(folder / f"{identity}.key"), str(folder / f"{identity}.pem")
+    return {
+        "transport": {
+            "link": {
+                "protocols": ["tls"],
+                "tls": {
+                    "root_ca_certificate": str(folder / f"{AUTHORITY}.pem"),
+                    "enable_mtls": True,
+                    "verify_name_on_connect": True,
+                    "close_link_on_expiration": False,  # a robot that walks is not stopped by a date; doctor warns
+                    "listen_private_key": key,
+                    "listen_certificate": certificate,
+                    "connect_private_key": key,
+                    "connect_certificate": certificate,
+                },
+            }
+        },
+        "access_control": access_control(namespace, granted),
+        "low_pass_filter": [
+            {
+                "id": f"most-{size}",
+                "flows": ["ingress"],
+                "messages": ["put", "query", "reply"],
+                "key_exprs": _under(namespace, keys),
+                "size_limit": size,
+            }
+            for size, keys in limits().items()
+        ],
+    }
+
+
+def access_control(namespace: str, granted: Sequence[Grant]) -> dict[str, Any]:
+    """Return the rules by which every process of a system lets others send and get."""
+    everything = _under(namespace, areas(granted))
+    rules = [
+        _rule("everything", _ALL, ("ingress", "egress"), everything),
+        _rule("declared", _DECLARED, ("egress",), everything),
+    ]
+    policies = [{"rules": ["everything"], "subjects": [ROUTER]}]
+    identities = sorted({grant.identity for grant in granted})
+    for identity in identities:
+        made = ["declared"]
+        for flow, verbs in (("ingress", _INGRESS), ("egress", _EGRESS)):
+            for verb, messages in verbs.items():
+                keys = [grant.key for grant in granted if (grant.identity, grant.verb) == (identity, verb)]
+                if keys:
+                    made.append(f"{identity}-{verb.value}-{flow}")
+                    rules.append(_rule(made[-1], messages, (flow,), _under(namespace, keys)))
+        policies.append({"rules": made, "subjects": [identity]})
+    subjects = [{"id": name, "cert_common_names": [name]} for name in (ROUTER, *identities)]
+    return {
+        "enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies,
+    }  # fmt: skip
+
+
+def _rule(name: str, messages: Iterable[str], flows: Iterable[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "messages": list(messages), "flows": list(flows), "permission": "allow", "key_exprs": keys}
+
+
+def _under(namespace: str, keys: Iterable[str]) -> list[str]:
+    return [f"{namespace}/{key}" for key in keys]

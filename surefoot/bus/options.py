@@ -1,0 +1,89 @@
+"""Where and as what a session joins the network, and the Zenoh settings that follow."""
+
+# pyright: reportUnknownMemberType=false
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from surefoot.bus.endpoint import DEFAULT_ENDPOINT, any_port, checked_namespace, is_secure, settings_file
+
+DEFAULT_FLEET = "surefoot"
+LEASE_MS = 1000
+"""A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
+CONNECT_TIMEOUT_MS = 8000
+QUEUE_BATCHES = 16
+"""Most batches (one frame, or 64 KiB of a map) that wait for the thread that sends them; Zenoh's limit. Of its default
+of two the third message within 1 ms is dropped when that thread waits for a processor."""
+DROP_AFTER_US = 20_000
+"""Time for which a message waits once for room on a link before it and those after it are dropped, until there is room
+again: longer than a busy machine holds up a thread that sends, shorter than a robot feels."""
+
+
+@dataclass(frozen=True)
+class ZenohOptions:
+    """Where and as what a session joins the network."""
+
+    mode: str = "peer"
+    """router (the supervisor), peer (services), client (tools)."""
+    connect: tuple[str, ...] = (DEFAULT_ENDPOINT,)
+    listen: tuple[str, ...] = ()
+    namespace: str = f"{DEFAULT_FLEET}/ragno"
+    identity: str = ""
+    """Whose certificate is shown at a secure endpoint, empty = that of tools."""
+
+
+def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
+    """Zenoh settings of a session: no multicast, gossip between peers, no start-up delay, quick loss detection."""
+    listen = endpoint.listen
+    secure = is_secure((*endpoint.connect, *listen))
+    if endpoint.mode == "peer" and not listen:
+        listen = (any_port(secure),)  # a peer that does not listen gets no data from other peers
+    settings: dict[str, Any] = {
+        "mode": endpoint.mode,
+        "namespace": checked_namespace(endpoint.namespace),
+        "connect/endpoints": list(endpoint.connect) if endpoint.mode != "router" else [],
+        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
+        "connect/exit_on_failure": endpoint.mode == "client",
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": endpoint.mode != "client",
+        "scouting/delay": 0,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/queue/size/real_time": QUEUE_BATCHES,
+        "transport/link/tx/queue/size/interactive_low": QUEUE_BATCHES,
+        "transport/link/tx/queue/size/data": QUEUE_BATCHES,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": DROP_AFTER_US,
+        # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
+        # is given back when that peer is gone: 20 MB in every survivor for each restart.
+        "transport/shared_memory/enabled": False,
+    }
+    if endpoint.mode != "client":
+        settings["scouting/gossip/autoconnect_strategy"] = {
+            "peer": {"to_router": "always", "to_peer": "greater-zid"},
+        }
+    config = zenoh.Config()
+    if secure:
+        config = zenoh.Config.from_file(str(settings_file(endpoint.namespace, endpoint.identity)))
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def why_not_open(endpoint: ZenohOptions, error: str) -> str:
+    """Return why a session could not be opened, and what to do."""
+    addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
+    where = ", ".join(addresses)
+    if endpoint.mode == "router" and "in use" in error:
+        return f"cannot listen on {where}: another router holds it (stop it, or choose another with --listen)"
+    if endpoint.mode == "router":
+        return f"cannot open a router on {where} for {endpoint.namespace!r}: {error}"
+    why = "" if error.startswith("Unable to connect") else f": {error}"
+    return (
+        f"no router answers at {where} (start one with `surefoot up`, or name another with --connect or "
+        f"SUREFOOT_CONNECT){why}"
+    )
