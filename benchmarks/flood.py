@@ -24,7 +24,9 @@ BENCH = Bench("flood")
 SERVICES = ("simulator", "estimator", "walker", "stability", "footholds", "recorder", "supervisor")
 FLOOD_HZ = 50_000
 SPAN_S = 3.0
-ROUNDS, READERS, CLIENTS = 5, 8, 200
+ROUNDS, CLIENTS = 5, 200
+READERS = ((8, "**"), (1, "*/*/@frame/*"), (8, "*/*/@frame/*"))
+"""Readers that never read: how many, of which key."""
 OUTPUTS = ("state/velocity", "state/gait", "cmd/joints")
 """One output of every tick of the services that take part in each tick."""
 
@@ -54,7 +56,7 @@ READER = """
 import json, sys, time, zenoh
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
 session = zenoh.open(config)
-subscriber = session.declare_subscriber("**", zenoh.handlers.FifoChannel(1))
+subscriber = session.declare_subscriber(sys.argv[2], zenoh.handlers.FifoChannel(1))
 print("subscribed", flush=True)
 time.sleep(600)
 """
@@ -149,26 +151,27 @@ def _flood(
 def readers() -> None:
     """Times between two ticks in lockstep, with and without readers that never read and clients that come and go.
 
-    The system runs as fast as it goes, in turns without and with eight readers of `**` and with 200 clients in all, as
-    a client gets the ticks.
+    The system runs as fast as it goes, in turns without and with readers of `**` and of frames and with 200 clients in
+    all, as a client gets the ticks.
     """
     with tempfile.TemporaryDirectory() as name, up(Path(name)) as machine, machine.session() as session:
         _in_lockstep(machine)
         ticks = Ticks(session, machine.namespace)
-        found: dict[str, list[tuple[float, float, float]]] = {"alone": [], "readers": [], "visitors": []}
+        found: dict[str, list[tuple[float, float, float]]] = {"alone": []}
         time.sleep(SPAN_S)
         for _ in range(ROUNDS):
             found["alone"].append(_span(ticks))
-            with ExitStack() as stack:
-                for _ in range(READERS):
-                    command = [sys.executable, "-c", READER, machine.address]
-                    reader = stack.enter_context(running(command, stdout=subprocess.PIPE, text=True))
-                    assert reader.stdout is not None
-                    reader.stdout.readline()
-                found["readers"].append(_span(ticks))
+            for count, key in READERS:
+                with ExitStack() as stack:
+                    for _ in range(count):
+                        command = [sys.executable, "-c", READER, machine.address, key]
+                        reader = stack.enter_context(running(command, stdout=subprocess.PIPE, text=True))
+                        assert reader.stdout is not None
+                        reader.stdout.readline()
+                    found.setdefault(f"{count} readers of {key}", []).append(_span(ticks))
             visits = [sys.executable, "-c", VISITOR, machine.address, str(CLIENTS // ROUNDS), machine.namespace]
             with running(visits) as visitor:
-                found["visitors"].append(_span(ticks))
+                found.setdefault("visitors", []).append(_span(ticks))
                 visitor.wait(60.0)
         shown: list[tuple[object, ...]] = []
         for what, rows in found.items():
@@ -179,6 +182,7 @@ def readers() -> None:
                     middle_and_ends(p99, 2), max(row[2] for row in rows),
                 )
             )  # fmt: skip
+        print(f"restarts: { {row['service']: row['restarts'] for row in machine.status()['services']} }")
         table("ticks", ("beside", "ticks/s", "p99 ms", "p99 of its neighbour alone", "longest gap s"), shown)
 
 

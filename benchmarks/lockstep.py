@@ -27,10 +27,10 @@ BENCH = Bench("lockstep")
 SCENARIO = "rough-terrain"
 
 
-def zenoh_run(folder: Path, *flags: str) -> dict[str, Any]:
+def zenoh_run(folder: Path, *flags: str, listen: str = "") -> dict[str, Any]:
     """Return the result of one `surefoot run` as a user types it."""
     command = [sys.executable, "-m", "surefoot.lab.cli.main", "run", SCENARIO, "--seed", "0", "--json", *flags]
-    environment = dict(os.environ, SUREFOOT_LISTEN=free_address(), XDG_STATE_HOME=str(folder / "state"))
+    environment = dict(os.environ, SUREFOOT_LISTEN=listen or free_address(), XDG_STATE_HOME=str(folder / "state"))
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if not done.stdout.strip().startswith("{"):
         raise RuntimeError(f"{' '.join(command)} printed no JSON: {done.stderr[-2000:]}")

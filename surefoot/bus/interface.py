@@ -93,8 +93,8 @@ class Delivery:
         return self._message
 
     def under(self, topic: Topic[Any]) -> "Delivery":
-        """The same message under the row of its family."""
-        return Delivery(topic, self._message, self._raw, self._stamp, self.sender)
+        """The same message under the row that was subscribed to, of its family."""
+        return self if topic is self.topic else Delivery(topic, self._message, self._raw, self._stamp, self.sender)
 
     def header(self) -> Any:
         """The header alone, without reading the rest (raises as ``message``)."""

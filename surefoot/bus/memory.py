@@ -95,7 +95,7 @@ class MemoryBus:
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
         self._routes.clear()
         if topic.key.endswith("/*"):
-            self._families.append((topic.key[:-1], lambda delivery: sink(delivery.under(topic))))
+            self._families.append((topic.key[:-1], sink))
         else:
             self._sinks.setdefault(topic.key, []).append(sink)
 

@@ -92,7 +92,7 @@ class Node:
                 raise ValueError(f"{self.name} declares {query.key!r} but registered no handler in on_start")
         self.bus.take(self._subscriptions(), put, batched=service.batched)
         for topic in service.observes:
-            self.bus.subscribe(topic, self.inbox.put_observed, bounded=True)
+            self.bus.subscribe(topic, lambda one, row=topic: self.inbox.put_observed(one.under(row)), bounded=True)
         for query in service.serves:
             self.bus.serve(query, self.inbox.put_query, put, self.instance)
         self.bus.watch(put)
