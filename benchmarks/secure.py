@@ -16,7 +16,7 @@ from benchmarks.lockstep import zenoh_run
 from benchmarks.report import Bench, goal
 from surefoot.bus.endpoint import secured
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
-from surefoot.lab.security.made import Membership, make
+from surefoot.lab.security.made import Membership, classes, make
 from surefoot.schemas.hw import JointState
 from surefoot.schemas.topics import CMD_JOINTS, HW_JOINTS, Kind, Topic
 from surefoot.services.supervisor.processes.compose import load_compose
@@ -35,7 +35,7 @@ def certificates(namespace: str) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["SUREFOOT_SECURITY"] = folder
         try:
-            make(load_compose("ragno"), namespace, Membership(("operator",), (), (), 2))
+            make(classes(load_compose("ragno")), namespace, Membership(("operator",), (), (), 2))
             yield
         finally:
             del os.environ["SUREFOOT_SECURITY"]

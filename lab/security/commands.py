@@ -28,12 +28,12 @@ def init(
     """Make a private authority, a certificate for each service and person, and the Zenoh settings of each."""
     from surefoot.bus.certificates import held
 
-    from .made import Membership, make
+    from .made import Membership, classes, make
 
     use_json(json)
     compose = _load(system)
     people = tuple(operator or ["operator"]), tuple(guest or ["guest"])
-    folder = make(compose, _namespace(compose), Membership(*people, tuple(host or ()), days))
+    folder = make(classes(compose), _namespace(compose), Membership(*people, tuple(host or ()), days))
     found = held(folder)
     if json:
         write_json({"folder": str(folder), "identities": [one.identity for one in found]})

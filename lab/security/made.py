@@ -1,7 +1,7 @@
 """The folder of a robot's certificates and settings: made, renewed, and shown."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,13 +35,12 @@ class Membership(NamedTuple):
     days: int
 
 
-def make(compose: Compose, namespace: str, wanted: Membership) -> Path:
-    """Write authority, certificates and settings of a system; an authority that is there stays.
+def make(services: Sequence[type[Service[Any]]], namespace: str, wanted: Membership) -> Path:
+    """Write authority, certificates and settings of services and people; an authority that is there stays.
 
     Raises:
-        SurefootError: `cryptography` is not installed, a name is that of a service, or a service has no class here.
+        SurefootError: `cryptography` is not installed, or the name of a person is that of a service.
     """
-    services = classes(compose)
     people = {**dict.fromkeys(wanted.operators, Role.OPERATOR), **dict.fromkeys(wanted.guests, Role.GUEST)}
     names = [ROUTER, *(service.name for service in services if service.name != ROUTER)]
     taken = sorted(set(people) & {*names, AUTHORITY})
@@ -61,7 +60,7 @@ def make(compose: Compose, namespace: str, wanted: Membership) -> Path:
 
 
 def classes(compose: Compose) -> list[type[Service[Any]]]:
-    """Return the classes of a system's services."""
+    """Return the classes of a system's services (raises SurefootError: one has no class here)."""
     found: list[type[Service[Any]]] = []
     for name in compose.service_names:
         try:

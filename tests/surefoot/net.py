@@ -23,14 +23,14 @@ WAIT_S = 40.0  # s wall, bound of every wait; all come in milliseconds
 class Net:
     """A router and sessions that join it."""
 
-    def __init__(self, namespace: str = "test/net") -> None:
-        self.address, self.namespace = free_address(), namespace
+    def __init__(self, namespace: str = "test/net", address: str = "") -> None:
+        self.address, self.namespace = address or free_address(), namespace
         self.buses: list[ZenohBus] = []
-        self.router = self.open("router")
+        self.router = self.open("router", identity="supervisor")
 
-    def open(self, mode: str = "peer", namespace: str | None = None) -> ZenohBus:
+    def open(self, mode: str = "peer", namespace: str | None = None, identity: str = "") -> ZenohBus:
         listen = (self.address,) if mode == "router" else ()
-        bus = ZenohBus(ZenohOptions(mode, (self.address,), listen, namespace or self.namespace))
+        bus = ZenohBus(ZenohOptions(mode, (self.address,), listen, namespace or self.namespace, identity))
         self.buses.append(bus)
         return bus
 

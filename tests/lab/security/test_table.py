@@ -24,7 +24,7 @@ FEW = ("guest", "walker")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SUREFOOT_SECURITY", str(tmp_path_factory.mktemp("security")))
-        return make(SYSTEM, NAMESPACE, Membership(("operator",), ("guest", "mallory"), (), 30))
+        return make(classes(SYSTEM), NAMESPACE, Membership(("operator",), ("guest", "mallory"), (), 30))
 
 
 def tls() -> str:
@@ -58,7 +58,7 @@ def test_a_certificate_of_no_role_another_authority_and_none_at_all_do_nothing(
     address = tls()
     rules = settings_in(folder, ROUTER, rules=True)
     monkeypatch.setenv("SUREFOOT_SECURITY", str(tmp_path))
-    foreign = make(SYSTEM, NAMESPACE, Membership(("operator",), ("guest",), (), 30))
+    foreign = make(classes(SYSTEM), NAMESPACE, Membership(("operator",), ("guest",), (), 30))
     plain = address.replace("tls/", "tcp/")
     known = [subject for subject in rules["access_control"]["subjects"] if subject["id"] != "mallory"]
     rules["access_control"]["subjects"] = known

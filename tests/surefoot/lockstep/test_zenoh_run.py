@@ -26,7 +26,7 @@ class Threads:
         self.observer: Any = services[3]
         self.stack = ExitStack()
         for place in order:
-            node = node_of(services[place], net.open())
+            node = node_of(services[place], net.open(identity=services[place].name))
             node.start()
             if isinstance(node, DriverNode):
                 node.begin(("estimator", "walker", "recorder"), "lockstep", 0.0, 1, "hold", 0)
