@@ -6,6 +6,9 @@ from contextlib import contextmanager
 from errno import ESPIPE
 from pathlib import Path
 
+PACKAGE = Path(__file__).resolve().parent
+"""Folder of the package; in a checkout its floors are links to the folders beside it."""
+
 
 def regular_size(path: Path) -> int:
     """Return the bytes of a file.

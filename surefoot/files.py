@@ -5,12 +5,10 @@ import stat
 import sys
 from pathlib import Path
 
-from surefoot.disk import regular_size
+from surefoot.disk import PACKAGE, regular_size
 from surefoot.nearest import did_you_mean
 from surefoot.tables import TableError
 
-PACKAGE = Path(__file__).resolve().parent
-"""Folder of the package; in a checkout its floors are links to the folders beside it."""
 MAX_FILE_BYTES = 256 * 1024  # written by hand; more is a mistake
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from surefoot.files import PACKAGE
+from surefoot.disk import PACKAGE
 
 INSTALL_PAPERS = "pip install ./papers"
 """Command, in a checkout, that adds the papers to an installation without them."""

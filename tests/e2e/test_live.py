@@ -13,7 +13,7 @@ import pytest
 from surefoot.lab.runs.local import run_local
 from surefoot.lockstep.join import DRIVER, Delayed
 from surefoot.record.recording import read_recording, recording_info
-from surefoot.schemas.topics import HW_EXTERNAL, HW_LANDMARKS, HW_RANGE, TERRAIN_LANDMARKS, Kind
+from surefoot.schemas.topics import HW_EXTERNAL, HW_LANDMARKS, HW_MAKER, HW_RANGE, TERRAIN_LANDMARKS, Kind
 from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 from tests.e2e.live import SERVICES, Conducted, Live
 
@@ -91,7 +91,7 @@ def declared() -> set[str]:
         service = importlib.import_module(f"services.{name}.service").SERVICE
         topics |= {item.topic if isinstance(item, Delayed) else item for item in (*service.inputs, *service.outputs)}
     nao_has = {HW_LANDMARKS, HW_RANGE, TERRAIN_LANDMARKS}
-    nobody_has = {HW_EXTERNAL}  # a camera or motion capture beside the robot
+    nobody_has = {HW_EXTERNAL, HW_MAKER}  # a camera or motion capture beside the robot; its maker's own estimate
     mine = {topic for topic in topics - nao_has - nobody_has if topic.owner in (*SERVICES, DRIVER)}
     return {topic.key for topic in mine if topic.deterministic and topic.kind is not Kind.STATUS}
 

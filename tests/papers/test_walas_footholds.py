@@ -8,6 +8,7 @@ import pytest
 
 from surefoot.lab.footholds import primitives
 from surefoot.papers.walas import foothold_runs, footholds
+from surefoot.papers.walas.finders import finder
 from surefoot.papers.walas.foothold_runs import Runs, WalkKey, WalkResult
 from surefoot.services.footholds.learning.fit import Candidate
 from surefoot.services.footholds.models.files import load
@@ -46,8 +47,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[WalkKey]:
     monkeypatch.setattr(foothold_runs, "own_worker", lambda robot: worker())
     monkeypatch.setattr(primitives, "HEIGHTS", (0.02,))
     monkeypatch.setattr(primitives, "SYMMETRY", dict.fromkeys(primitives.PRIMITIVES, 1))
-    monkeypatch.setattr(footholds, "ELEMENTARY", replace(footholds.ELEMENTARY, terms=4, evaluations=60))
-    monkeypatch.setattr(footholds, "GAUSSIANS", replace(footholds.GAUSSIANS, terms=4, evaluations=60))
+    monkeypatch.setattr(footholds, "ELEMENTARY", Candidate(4, 0.0, 1e-5, find=finder("elementary", 4, 60)))
+    monkeypatch.setattr(footholds, "GAUSSIANS", Candidate(4, 0.0, 1e-5, find=finder("gaussian", 4, 60)))
     monkeypatch.setattr(footholds, "WALKED", Candidate(12, 0.1, 1e-4))
     return asked
 

@@ -218,4 +218,5 @@ def _standing(name: str, samples: SampleSet, fold: NDArray[np.int64], p: Array, 
         areas.append(auc(p[own], r[own] > 2.0 * np.median(r[own])))
         alike = np.ptp(p[own]) == 0.0 or np.ptp(r[own]) == 0.0
         ranks.append(0.0 if alike else float(spearmanr(p[own], r[own]).statistic))  # pyright: ignore
-    return PredictorFigures(name, 1.0 - left / max(all_, 1e-12), float(np.mean(ranks)), float(np.nanmean(areas)), held)
+    known = [area for area in areas if area == area] or [0.5]  # no stance of a trial slides: as good as chance
+    return PredictorFigures(name, 1.0 - left / max(all_, 1e-12), float(np.mean(ranks)), float(np.mean(known)), held)

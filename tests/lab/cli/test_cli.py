@@ -328,7 +328,7 @@ def test_a_damaged_recording_is_told_without_a_traceback(in_process, tmp_path):
     assert code == 1
     assert not found["ok"]
     assert 0 < found["readable"] < 9000
-    for words in (("bag", "info", bag), ("bag", "play", bag), ("report", bag)):
+    for words in (("bag", "info", bag), ("bag", "play", bag)):
         code, _, err = in_process(*words)
         assert (code, len(err.splitlines())) == (2, 1)
         assert "no summary at its end" in err

@@ -11,7 +11,7 @@ from surefoot.errors import Refusal
 from surefoot.lockstep.local import LocalSystem
 from surefoot.schemas.footholds import LearnReply, LearnRequest, ModelRequest, SelectRequest
 from surefoot.services.footholds.config import FootholdsConfig
-from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, Report, learn
+from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, Report, learn, learn_and_compare
 from surefoot.services.footholds.learning.samples import gather, trial_lines
 from surefoot.services.footholds.models.files import ModelError, encode, load, save, shipped
 from surefoot.services.footholds.models.score import HandScore
@@ -53,7 +53,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, thr
     def slow(found: object, options: LearnOptions, report: Report) -> object:
         entered.set()
         assert released.wait(20.0)
-        return learn(gather(samples(300)), options, report)
+        return learn_and_compare(gather(samples(300)), options, report)
 
     monkeypatch.setattr(job, "learn_and_compare", slow)
     yield entered, released
@@ -150,7 +150,8 @@ def test_a_job_of_a_past_epoch_writes_its_file_and_changes_nothing(
     give(service, message(flat()))
     released.set()
     service.models.job.wait()
-    assert service.models.job.answer(LearnRequest()).state == "done"
+    done = service.models.job.answer(LearnRequest())
+    assert done.state == "done", done
     assert out.exists()
     assert service.select(asked("lf")).model == before
     assert finished(service, request).state == "done"  # a job of this epoch is put in force

@@ -191,7 +191,7 @@ def test_world_is_built_as_asked(bench: Bench) -> None:
 def test_every_announced_fault_can_be_asked_for(bench: Bench) -> None:
     bench.reset(ticks=4)
     for kind in FAULTS:
-        size = {"value": 0.5} if sim.FAULT_FIELDS[kind] else {}
+        size = {"value": 2.0 if kind == "sensor_slow" else 0.5} if sim.FAULT_FIELDS[kind] else {}
         request = sim.FaultRequest.model_validate({"kind": kind, "duration": 0.02, **size})
         assert bench.ask(topics.SIM_FAULT, request).accepted
     bench.finish()
