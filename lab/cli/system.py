@@ -62,8 +62,6 @@ def up(
     state.log = log
     endpoint = to_listen(listen)  # a wrong endpoint is reported before anything starts
     listen = secured(endpoint) if secure else listen
-    if not is_secure((listen or endpoint,)) and not log:
-        tell(OPEN)
     if record is not None:
         refuse_existing(record, force=force)
     compose = startable(system, environ=os.environ, robot=robot)
@@ -71,6 +69,8 @@ def up(
     if "simulator" in compose.service_names:
         check_ground(order.world, seed)
     warm_if_cold(compose, endpoint, tell)
+    if not is_secure((listen or endpoint,)) and not log:
+        tell(OPEN)
 
     def show(report: dict[str, Any]) -> None:
         if log:

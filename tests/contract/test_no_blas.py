@@ -13,7 +13,6 @@ ALLOWED = {
     "services/footholds/learning/fit.py": "fits on request: a score of held-out samples",
     "services/footholds/learning/quality.py": "scores of a fit, on request",
     "services/footholds/learning/solve.py": "fits on request; re-learning in a run uses it, too: not equal everywhere",
-    "services/footholds/learning/varpro.py": "fits on request",
     "services/footholds/models/files.py": "whether a file's terms predict its own bins, when it is read",
     "services/stability/programs/clarabel_tools.py": "sparse matrices for clarabel, only stored",
     "services/stability/programs/reduced.py": "singular values of sets with unlimited friction, which no service sends",
