@@ -70,7 +70,7 @@ def test_every_figure_has_its_claims_and_a_drawing(quick: list[WalkKey], tmp_pat
     assert footholds.reproduce(tmp_path, seeds=3, jobs=1).findings == found.findings
     assert quick == []  # the folder has all of it
     model = kept(str(tmp_path / "primitives-K1--K2.model"))
-    assert not model.basis.rates[:, 2].any()  # the third input is left out
+    assert not model.terms.basis.rates[:, 2].any()  # the third input is left out
     assert len(kept(str(tmp_path / "re-learned--c---0-5.model")).provenance) >= 3
 
 
