@@ -60,6 +60,12 @@ class Execution:
             last = self.pieces[-1]
             last.end = max(now + ends_in + self.lag, last.start + 1e-3)
 
+    def settle(self, now: float) -> None:
+        """Record that the walker stands: every action has landed, though its duration may not be over."""
+        for piece in self.pieces:
+            piece.end = min(piece.end, max(now + self.lag, piece.start + 1e-3))
+            piece.start = min(piece.start, now)
+
     def advance(self, now: float) -> list[Motion]:
         """Return the motions since the last call."""
         moved: list[Motion] = []

@@ -38,6 +38,8 @@ class Orders:
     def take_up(self, now: float, gait: GaitView) -> None:
         """Record what the walker took up, and its forecast of the end."""
         given = self.given
+        if gait.state == "standing" and gait.ends_in is None:
+            self.execution.settle(now)
         if self.number and gait.order == self.number and given is not None:
             self.given, self.doing = None, given
             if given.kind != "stand" and not gait.refused:
