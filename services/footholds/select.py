@@ -339,7 +339,7 @@ def _answer(
     z = ground.centres.height_at(x, y)
     if math.isnan(z):
         z = float(ground.centres.z[row, col])
-    gx, gy = gradient(surface.z, surface.cell, row, col)
+    gx, gy = (g if math.isfinite(g) else 0.0 for g in gradient(surface.z, surface.cell, row, col))  # level at gaps
     length = math.sqrt(gx * gx + gy * gy + 1.0)
     normal = (-gx / length, -gy / length, 1.0 / length)
     r = ground.foot_radius
