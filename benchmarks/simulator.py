@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Bench, seconds_of, table
 from surefoot.bus.codec import decode
-from surefoot.bus.interface import Delivery
 from surefoot.client import connect
 from surefoot.errors import SurefootError
 from surefoot.files import find
@@ -26,6 +25,7 @@ from surefoot.lockstep.launch import main as serve
 from surefoot.record.recording import read_recording
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
+from surefoot.schemas.base import Message
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.system import Health
@@ -146,8 +146,7 @@ def _watch(endpoint: str, seen: list[tuple[int, float]], run: "subprocess.Popen[
     """Collect ticks and CPU seconds of the simulator's process, every 100 ticks until the run ends."""
     pids: list[int] = []
 
-    def take(delivery: Delivery) -> None:
-        message = None if delivery.prime else delivery.message()
+    def take(message: Message) -> None:
         if isinstance(message, Health):
             pids.append(message.pid)
         elif isinstance(message, SimStatus) and pids:

@@ -49,7 +49,7 @@ def reproduce(
         raise SurefootError("invalid", f"got {paper!r}, which takes no live runs; {', '.join(WITH_LIVE)} does", "live")
     module = importlib.import_module(PAPERS[paper], __package__)
     if getattr(module, "SYSTEM", DEFAULT_SYSTEM) is not None:
-        warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], tell)
+        warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], None, tell)
     more = {} if live is None else {"live": live}
     found: Reproduction = module.reproduce((out or Path("runs") / paper) if figures else None, tell, **more)
     if json:

@@ -120,8 +120,8 @@ def _csv(recording: Path, out: Path, robot: Robot) -> None:
 
 def _parquet(recording: Path, out: Path, robot: Robot) -> None:
     try:
-        import pyarrow
-        from pyarrow import parquet
+        import pyarrow  # pyright: ignore[reportMissingImports] - optional
+        from pyarrow import parquet  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
         raise SurefootError("not_installed", "Parquet needs: pip install 'surefoot[parquet]'", "to") from None
     parquet.write_table(pyarrow.table(_table(recording, robot)), out)

@@ -109,7 +109,7 @@ def is_cold(jobs: Iterable[Job]) -> bool:
     return any(not job.stamp.exists() for job in jobs)
 
 
-def warm_if_cold(system: Compose, listen: str, tell: Callable[[str], None]) -> None:
+def warm_if_cold(system: Compose, listen: str | None, tell: Callable[[str], None]) -> None:
     """Compile the kernels of a system unless that was done before.
 
     Raises:
@@ -117,7 +117,8 @@ def warm_if_cold(system: Compose, listen: str, tell: Callable[[str], None]) -> N
     """
     jobs = jobs_of([system])
     if is_cold(jobs):
-        refuse_taken(listen)
+        if listen is not None:
+            refuse_taken(listen)
         warm(jobs, tell)
 
 

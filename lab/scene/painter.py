@@ -158,7 +158,7 @@ class Painter:
         self._line(draw, np.array([tail, neck]), colour, r)
         draw.polygon([tuple(p) for p in (tip, neck + aside, neck - aside)], fill=colour)
 
-    def _line(self, draw: Any, seen: Array, colour: str, width: float) -> None:
+    def _line(self, draw: Any, seen: Array, colour: str | tuple[int, int, int], width: float) -> None:
         places = [tuple(p) for p in seen[:, :2].tolist()]
         draw.line(places, fill=colour, width=max(1, round(width)), joint="curve")
         if width > 2.0 * FINER:
@@ -187,7 +187,13 @@ class Painter:
         parts += [(seen[list(p.corners), 2].mean(), p) for p in body.faces]
         for _, part in sorted(parts, key=lambda entry: entry[0]):
             if hasattr(part, "at"):
-                self._ball(draw, *seen[part.at, :2], max(1.5, part.radius * self.scale), part.colour)
+                self._ball(
+                    draw,
+                    float(seen[part.at, 0]),
+                    float(seen[part.at, 1]),
+                    max(1.5, part.radius * self.scale),
+                    part.colour,
+                )
             elif hasattr(part, "corners"):
                 self._face(draw, camera, shown, part, seen)
             else:

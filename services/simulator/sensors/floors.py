@@ -167,7 +167,9 @@ def paint(terrain: Terrain, name: str, width: float, light: float, seed: int) ->
         grey = painter((rows, cols), random_stream(seed, f"texture/{name}"))
     xs, ys = x0 + TEXEL * (np.arange(cols) + 0.5), y0 + TEXEL * (np.arange(rows) + 0.5)
     if terrain.floor:
-        grey[~inside(terrain.floor, xs[None], ys[:, None])] = WALL_GREY
+        grey[
+            ~inside(terrain.floor, np.asarray(xs[None], dtype=np.float64), np.asarray(ys[:, None], dtype=np.float64))
+        ] = WALL_GREY
     lamps = [_lamp(along, middle) for along, middle in ((xs, 0.5 * (x0 + x1)), (ys, 0.5 * (y0 + y1)))]
     shade = (1.0 - LAMP_GREY) + LAMP_GREY * lamps[1][:, None] * lamps[0][None]
     return _sizes(np.clip(light * shade * grey, 0.0, 1.0), (x0, y0, TEXEL, float(not terrain.floor)))
