@@ -20,7 +20,8 @@ HELPERS = {
 SLOW = {
     "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "navigator filters",
     "policies trainings", "queries stability", "soak commands", "soak restarts", "soak stops", "flood floods",
-    "stability adaptive", "studies scenarios", "walker actions", "walker held",
+    "stability adaptive", "studies scenarios", "walker actions", "walker held", "secure demo", "vision anywhere",
+    "vision speed", "vision blur", "accidents causes", "accuracy fuzzed", "policies controllers",
 }  # fmt: skip
 """Smallest runs of more than 3 s; those that start processes are in no quick test."""
 
