@@ -19,7 +19,7 @@ def plain(monkeypatch):
     """No colours, no JSON of a test before, no kernels."""
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr(state, "json", False)
-    monkeypatch.setattr(warming, "warm_if_cold", lambda system, tell: None)
+    monkeypatch.setattr(warming, "warm_if_cold", lambda system, listen, tell: None)
 
 
 @pytest.mark.parametrize(("rows", "code"), [((GOOD,), 0), ((GOOD, BAD), 1)])
