@@ -80,7 +80,7 @@ def _words(text: str | None) -> tuple[str, ...]:
 @bag.command("export")
 def export_recording(
     file: Annotated[Path, typer.Argument(help="Recording (MCAP).")],
-    to: Annotated[str, typer.Option(help="rosbag2, csv, parquet or tum.")],
+    to: Annotated[str, typer.Option(help="rosbag2, csv, parquet, tum or foxglove.")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File or folder to write [the recording's name].")
     ] = None,

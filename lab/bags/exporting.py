@@ -26,6 +26,8 @@ from surefoot.record.recording import read_recording, recording_info
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 
+from ..scene.foxglove import write_foxglove
+
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
 """Topics of a rosbag2; those of the import unless it is asked for others."""
 VERSION = 9
@@ -164,7 +166,7 @@ def _rosbag2(recording: Path, out: Path, robot: Robot) -> None:
 
 
 FORMATS: dict[str, Callable[[Path, Path, Robot], None]] = {
-    "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum,
+    "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum, "foxglove": write_foxglove,
 }  # fmt: skip
 """Writers by name."""
-SUFFIXES = {"rosbag2": "", "csv": ".csv", "parquet": ".parquet", "tum": ".tum"}
+SUFFIXES = {"rosbag2": "", "csv": ".csv", "parquet": ".parquet", "tum": ".tum", "foxglove": "-foxglove.mcap"}

@@ -21,6 +21,7 @@ from . import (
     stop,
     system,
     topic,
+    view,
     warm,
 )
 from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
@@ -45,6 +46,7 @@ app.command("health")(system.health)
 app.command("supervise")(system.supervise)
 app.command("report")(report.report)
 app.command("render")(render.render)
+app.command("view")(view.view)
 app.command("warm")(warm.warm)
 app.command("call")(service.call)
 app.command("doctor")(doctor.doctor)

@@ -60,21 +60,24 @@ def robot_of(recording: ReadableRecording) -> Robot:
     return load_robot(name)
 
 
-def film_of_recording(recording: ReadableRecording, robot: Robot) -> Film:
-    """Return the film of a recording."""
+def film_of_recording(
+    recording: ReadableRecording, robot: Robot, *, rate_hz: float = FRAMES_HZ, most: int = MOST_FRAMES
+) -> Film:
+    """Return the film of a recording, with so many frames a second, and at most so many."""
     messages = ((item.stamp_ns * NS, item) for item in recording.messages(KEYS))
-    return film_of(robot, messages, (recording.end_ns - recording.start_ns) * NS)
+    duration_s = (recording.end_ns - recording.start_ns) * NS
+    return film_of(robot, messages, max(1.0 / rate_hz, duration_s / most))
 
 
-def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], duration_s: float) -> Film:
+def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], period_s: float) -> Film:
     """Return the film of one epoch, the last one.
 
     Args:
         robot: the robot that was recorded.
         messages: each with its simulated time, s, in the order of time.
-        duration_s: how long the recording is, for the distance of the frames.
+        period_s: simulated time between two frames.
     """
-    scene, period_s = RobotScene(robot), max(1.0 / FRAMES_HZ, duration_s / MOST_FRAMES)
+    scene = RobotScene(robot)
     shown, due, epoch = list[Snapshot](), -np.inf, -1
 
     def show() -> None:
