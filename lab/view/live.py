@@ -61,9 +61,9 @@ class LiveFrames:
         self._closed = threading.Event()
         for topic in TOPICS:
             if topic.key in KEYS:
-                client.subscribe(topic, self._take)
+                client.bus.subscribe(topic, self._take)
         for topic, sink in ((HEALTH, self._take_health), (SIM_STATUS, self._take_status), (LOG, self._take_log)):
-            client.subscribe(topic, sink)
+            client.bus.subscribe(topic, sink)
         for key in ("terrain/map", "terrain/landmarks"):
             with suppress(SurefootError):  # a driver without a map
                 reply = client.call(key, 2.0)
