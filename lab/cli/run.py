@@ -22,6 +22,7 @@ from .output import (
     write_json,
     write_table,
 )
+from .viewing import View, viewer
 
 if TYPE_CHECKING:
     from ..runs.live import RunOutcome, RunProgress
@@ -36,6 +37,7 @@ def run(
         float | None, typer.Option(min=0.01, help="Pace at this real-time factor instead of lockstep at full speed.")
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Lockstep without actuation delay.")] = False,
+    view: View = False,
     listen: Listen = None,
     out: Annotated[Path | None, typer.Option(help="Folder for recording and report [a new one under runs/].")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is in that folder.")] = False,
@@ -43,6 +45,7 @@ def run(
 ) -> None:
     """Run a scenario with every service live, check its limits, write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
+    from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
@@ -64,7 +67,7 @@ def run(
     warm_if_cold(compose, endpoint, tell)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
-    with line:
+    with viewer(endpoint, namespace_of(compose.robot), compose.robot, wanted=view), line:
         outcome = conduct(loaded, compose, options, line.tell, line.show)
     _show(outcome, json=json)
     if outcome.interrupted:

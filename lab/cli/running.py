@@ -38,6 +38,12 @@ class RunningSystem(NamedTuple):
         kind = self.connect.partition("/")[0]
         return tuple(f"{kind}/127.0.0.1:{port}" for found in processes.values() for port in ports_of(found.pid))
 
+    @property
+    def robot(self) -> str | None:
+        """Robot that it was started with, a name or a folder; None where it runs elsewhere."""
+        place = None if self.folder is None else self.folder.endpoint(orphaned=True)
+        return None if place is None else place.robot or None
+
     def orphans(self) -> str:
         """Return what to do about services that a supervisor left behind, empty when there are none."""
         return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")

@@ -27,6 +27,8 @@ from .output import (
     write_json,
     write_table,
 )
+from .view import view_system
+from .viewing import View, viewer
 
 if TYPE_CHECKING:
     from surefoot.services.supervisor.processes.rundir import RunFolder
@@ -44,6 +46,7 @@ def up(
     rtf: Annotated[float, typer.Option(min=0.0, help="Real-time factor, 0 = as fast as it goes.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="MCAP file to write [no recording].")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
+    view: View = False,
     listen: Listen = None,
     secure: Annotated[bool, typer.Option("--secure", help="Ask for certificates (`surefoot security init`).")] = False,
     json: Json = False,
@@ -53,6 +56,7 @@ def up(
     from surefoot.bus.endpoint import is_secure, secured, to_listen
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.keep import StartOrder, keep, start_detached
+    from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import startable
 
     from .before import check_ground
@@ -78,10 +82,13 @@ def up(
         else:
             _show_up(compose.name, report, json=json)
 
+    place = listen or endpoint, namespace_of(compose.robot), compose.robot
     if detach:
         show(start_detached(compose, system, order, listen, tell))
+        if view:
+            view_system(*place)
         return
-    with _until_signal() as stop:
+    with viewer(*place, wanted=view), _until_signal() as stop:
         keep(compose, order, stop, listen=listen, tell=tell, ready=show)
 
 
@@ -242,6 +249,7 @@ def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
     """Show a system that has just come up, and what can be done with it."""
     hints = (
         "Watch it from another shell:",
+        "  surefoot view",
         "  surefoot topic echo state/velocity",
         f"From any Zenoh client: connect to {content['connect']}, subscribe to {content['namespace']}/state/velocity "
         "(JSON)",

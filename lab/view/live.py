@@ -1,73 +1,117 @@
-"""Frames of a running system: the latest messages as the page draws them, 30 times a second while somebody looks."""
+"""Frames of a running system: the newest messages as the page draws them, 30 times a second while a page looks."""
 
 import json
+import math
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, cast
 
-from surefoot.bus.emergency import Stopper
 from surefoot.bus.interface import Delivery
 from surefoot.client import Client
 from surefoot.errors import CallError, SurefootError
-from surefoot.robot.description import Robot
+from surefoot.geometry.constants import GRAVITY
+from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.reader import load_robot
+from surefoot.schemas.sim import SIZED_FAULTS, SimStatus
+from surefoot.schemas.system import Health
 from surefoot.schemas.topics import HEALTH, LOG, SIM_STATUS, TOPICS
 from surefoot.services.supervisor.processes.status import health_row, time_row
 
 from ..scene.film import frame, header, mark
-from ..scene.scene import KEYS, RobotScene
+from ..scene.scene import KEYS, RobotScene, Snapshot
 
 FRAME_S = 1.0 / 30.0
 STATUS_S, STALE_S = 0.5, 3.0
-"""Wall time between two reports on health, and after which a service that is silent is left out."""
-LOG_LINES = 8
-STOP_S = 2.0
-"""Wall time that the driver gets to confirm a stop."""
+"""Wall time between two reports on health, and after which a service without a report counts as silent."""
+LOG_LINES = 12
+ASK_S = 2.0
+"""Wall time that a driver gets for its maps, features and description."""
+PUSH_SHARE = 0.3
+"""Force of a push that the page proposes, share of the robot's weight."""
 QUERIES = {
     "pause": "sim/pause", "resume": "sim/step", "step": "sim/step", "speed": "sim/speed", "push": "sim/push",
-    "fault": "sim/fault",
+    "fault": "sim/fault", "reset": "sim/reset",
 }  # fmt: skip
 """Queries behind the buttons of the page; `stop` is the emergency stop."""
+Stop = Callable[[str], tuple[bool, str]]
+"""Emergency stop: takes the reason, returns whether a driver confirmed it, and a sentence."""
 
 
-def robot_behind(client: Client, name: str | None = None) -> Robot:
+def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) -> Robot:
     """Return the robot of a running system: the one named, else its driver's, else that of the keys' prefix.
 
+    Args:
+        client: of the system.
+        name: name or folder; None = as the driver reports.
+        warn: gets a sentence when the driver was built from another description.
+
     Raises:
-        RobotError: it is not known here.
+        SurefootError: it is not known here.
     """
-    if name is None:
-        try:
-            name = client.call("hw/description", 2.0).robot
-        except CallError:
-            name = client.bus.endpoint.namespace.rpartition("/")[2]
-    return load_robot(name or "")
+    try:
+        driver = client.call("hw/description", ASK_S)
+    except CallError:
+        driver = None
+    wanted = name or (client.bus.endpoint.namespace.rpartition("/")[2] if driver is None else driver.robot)
+    try:
+        robot = load_robot(wanted)
+    except RobotError as error:
+        raise SurefootError(error.code, f"{error}; --robot names the folder of another", "robot") from None
+    if driver is not None and driver.hash != robot.hash:
+        warn(f"the driver was built from another description of {driver.robot} than {wanted}; --robot names its folder")
+    return robot
+
+
+@dataclass(frozen=True)
+class Shown:
+    """State of the view at one time, as parts of JSON that all pages share.
+
+    Attributes:
+        number: counts up.
+        epoch, marks: of the scene: its epoch, and how many items stay so far.
+        world: counts changes of the ground and of the services that live; a page asks for the head again.
+        frame: the frame, JSON; "null" before the first joint angles.
+        report: number of the report on health, with its JSON.
+        at_ms: wall time at which it was made, ms since 1970.
+    """
+
+    number: int = 0
+    epoch: int = -1
+    marks: int = 0
+    world: int = 0
+    frame: str = "null"
+    report: tuple[int, str] = (0, "null")
+    at_ms: float = 0.0
 
 
 class LiveFrames:
-    """Collects messages and makes frames of them on a thread of its own, which rests while no page waits."""
+    """Collects the newest messages and makes frames of them on a thread of its own, which rests while no page looks.
 
-    def __init__(self, client: Client, robot: Robot) -> None:
+    Args:
+        client: of the system.
+        robot: its description.
+        stop: the emergency stop.
+    """
+
+    def __init__(self, client: Client, robot: Robot, stop: Stop) -> None:
         self.client, self.scene = client, RobotScene(robot)
-        self._lock, self._news = threading.Lock(), threading.Condition()
-        self._arrived = 0.0
+        self._stop = stop
+        self._scene_lock, self._news = threading.Lock(), threading.Condition()
         self._health: dict[str, tuple[float, Delivery]] = {}
-        self._status: Delivery | None = None
-        self._log: deque[str] = deque(maxlen=LOG_LINES)
-        self._text, self._number, self._readers = "", 0, 0
-        self._marks, self._epoch, self._told_s = 0, -1, 0.0
+        self._log: deque[tuple[str, str]] = deque(maxlen=LOG_LINES)
+        self._shown, self._readers, self._heading = Shown(), 0, 0.0
+        self._marks: list[str] = []
+        self._ground, self._world = self.scene.ground, 0
+        self._reported_s, self._status, self._alive = 0.0, None, set[str]()
         self._closed = threading.Event()
-        for topic in TOPICS:
-            if topic.key in KEYS:
-                client.bus.subscribe(topic, self._take)
-        for topic, sink in ((HEALTH, self._take_health), (SIM_STATUS, self._take_status), (LOG, self._take_log)):
+        self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
+        self._newest_status = client.bus.newest(SIM_STATUS)
+        for topic, sink in ((HEALTH, self._take_health), (LOG, self._take_log)):
             client.bus.subscribe(topic, sink)
-        for key in ("terrain/map", "terrain/landmarks"):
-            with suppress(SurefootError):  # a driver without a map
-                reply = client.call(key, 2.0)
-                self.scene.feed(key, lambda reply=reply: reply)
         self._thread = threading.Thread(target=self._run, name="view", daemon=True)
         self._thread.start()
 
@@ -83,102 +127,185 @@ class LiveFrames:
         """There will be no more frames."""
         return self._closed.is_set()
 
-    def _take(self, delivery: Delivery) -> None:
-        if not delivery.prime:
-            with self._lock:
-                self._arrived = time.monotonic()
-                self.scene.feed(delivery.key, delivery.message)
+    def _snapshot(self) -> Snapshot | None:
+        """Return the scene now, which the caller holds, and count its grounds."""
+        snapshot = self.scene.snapshot()
+        if self.scene.ground is not self._ground:
+            self._ground, self._world = self.scene.ground, self._world + 1
+        return snapshot
+
+    def head(self) -> dict[str, Any]:
+        """Return what holds for all frames: the robot, its ground, and what can be asked of the driver."""
+        self._ask_for_maps()
+        offered = self._offered()
+        with self._scene_lock:
+            self._collect()
+            self._snapshot()
+            return {"head": header(self.scene), "world": self._world, **offered}
+
+    def _offered(self) -> dict[str, Any]:
+        """Return the actions that the driver offers, its faults, and where they can be."""
+        robot = self.scene.robot
+        content: dict[str, Any] = {
+            "actions": [], "faults": [], "sized": SIZED_FAULTS, "push_n": round(PUSH_SHARE * robot.mass * GRAVITY, 1),
+            "targets": [*robot.joint_names, *robot.leg_names],
+        }  # fmt: skip
+        with suppress(SurefootError):  # the driver of a real robot has no features
+            features = self.client.call("sim/features", ASK_S)
+            content["actions"] = [action for action, key in QUERIES.items() if key in features.queries]
+            content["faults"] = features.faults
+        return content
+
+    def _ask_for_maps(self) -> None:
+        """Request the latched maps, which may have been published before the view began."""
+        keys = ["terrain/map"] if self.scene.ground is None else []
+        keys += ["terrain/landmarks"] if self.scene.robot.camera and not self.scene.marks else []
+        for key in keys:
+            with suppress(SurefootError):  # a driver without a map
+                reply = self.client.call(key, ASK_S)
+                with self._scene_lock:
+                    self.scene.feed(key, lambda reply=reply: reply)
+
+    def reader(self) -> "Reader":
+        """Return the state of one more page."""
+        return Reader(self)
+
+    def unseen(self) -> Shown:
+        """Return the state of a page that lacks everything; what was made while no page looked is old by now."""
+        return Shown(self._shown.number)
+
+    def wait_newer(self, number: int, timeout_s: float) -> Shown:
+        """Return the state once it is newer than `number`, or as it is after so long."""
+        with self._news:
+            self._readers += 1
+            try:
+                self._news.wait_for(lambda: self._shown.number > number or self.closed, timeout_s)
+                return self._shown
+            finally:
+                self._readers -= 1
+
+    def marks(self, begin: int, end: int) -> list[str]:
+        """Return items that stay, JSON, by their numbers in this epoch."""
+        return self._marks[begin:end]
 
     def _take_health(self, delivery: Delivery) -> None:
         if not delivery.prime:
             with suppress(SurefootError):
                 self._health[delivery.header().source] = time.monotonic(), delivery
 
-    def _take_status(self, delivery: Delivery) -> None:
-        self._status = delivery
-
     def _take_log(self, delivery: Delivery) -> None:
-        with suppress(SurefootError):
-            line: Any = delivery.message()
-            self._log.append(f"{line.source} {line.level}: {line.text}")
+        if not delivery.prime:
+            with suppress(SurefootError):
+                line: Any = delivery.message()
+                self._log.append((line.level, f"{line.source}: {line.text}"))
 
-    def head(self) -> dict[str, Any]:
-        """Return what holds for all frames, and the marks so far."""
-        with self._lock:
-            self.scene.snapshot()
-            return {"head": header(self.scene), "marks": [mark(each) for each in self.scene.marks]}
-
-    def next_after(self, number: int, timeout_s: float) -> tuple[int, str]:
-        """Return the number and JSON of a frame newer than `number`; the same number when none comes in time."""
-        with self._news:
-            self._readers += 1
-            try:
-                self._news.wait_for(lambda: self._number > number or self.closed, timeout_s)
-                return self._number, self._text
-            finally:
-                self._readers -= 1
+    def _collect(self) -> bool:
+        """Hand the newest messages to the scene, which the caller holds; return whether there were any."""
+        came = False
+        for newest in self._newest:
+            delivery = newest()
+            if delivery is not None and not delivery.prime:
+                self.scene.feed(delivery.key, delivery.message)
+                came = True
+        return came
 
     def _run(self) -> None:
-        seen, due = 0.0, time.monotonic()
+        due = time.monotonic()
         while not self._closed.wait(max(0.0, due - time.monotonic())):
             due = max(due + FRAME_S, time.monotonic())
-            now = time.monotonic()
-            quiet = self._arrived == seen and now - self._told_s < STATUS_S
-            if not self._readers or quiet:
-                continue
-            seen = self._arrived
-            content = self._content(now)
-            with self._news:
-                self._text, self._number = json.dumps(content, separators=(",", ":"), allow_nan=False), self._number + 1
-                self._news.notify_all()
+            if self._readers:
+                shown = self._next()
+                if shown is not self._shown:
+                    with self._news:
+                        self._shown = shown
+                        self._news.notify_all()
 
-    def _content(self, now: float) -> dict[str, Any]:
-        with self._lock:
-            shown = self.scene.snapshot()
-            if self.scene.epoch != self._epoch:
-                self._epoch, self._marks = self.scene.epoch, 0
-            fresh, self._marks = self.scene.marks[self._marks :], len(self.scene.marks)
-            content: dict[str, Any] = {} if shown is None else frame(shown)
-            age_ms = 1000.0 * (now - self._arrived) if self._arrived else None
-        content |= {"epoch": self._epoch, "new": [mark(each) for each in fresh], "age_ms": age_ms}
-        if now - self._told_s >= STATUS_S:
-            self._told_s = now
-            content["status"] = self._report(now)
-        return content
+    def _next(self) -> Shown:
+        """Return the state now; the same object when nothing came."""
+        now, before = time.monotonic(), self._shown
+        reported = before.report
+        if now - self._reported_s >= STATUS_S:
+            self._reported_s = now
+            reported = reported[0] + 1, _json(self._report(now))
+        with self._scene_lock:
+            if not self._collect() and reported is before.report:
+                return before
+            snapshot, epoch = self._snapshot(), self.scene.epoch
+            if epoch != before.epoch or len(self.scene.marks) < len(self._marks):
+                self._marks = []
+            self._marks += [_json(mark(each)) for each in self.scene.marks[len(self._marks) :]]
+        if snapshot is not None:
+            self._heading = math.atan2(snapshot.rot[1, 0], snapshot.rot[0, 0])
+        content = "null" if snapshot is None else _json(frame(snapshot))
+        return Shown(before.number + 1, epoch, len(self._marks), self._world, content, reported, 1000.0 * time.time())
 
     def _report(self, now: float) -> dict[str, Any]:
-        """Return services and time in words."""
+        """Return services, time and log in words."""
         services: list[dict[str, Any]] = []
-        for name, (heard, delivery) in sorted(self._health.items()):
+        for name, (came, delivery) in sorted(self._health.items()):
             with suppress(SurefootError):
-                row = health_row(delivery.message())
-                row["service"], row["silent"] = name, now - heard > STALE_S
-                services.append(row)
-        words = "no simulated time is reported"
-        if self._status is not None:
+                health = cast("Health", delivery.message())
+                services.append({**health_row(health), "service": name, "silent": now - came > STALE_S})
+        alive = {row["service"] for row in services if not row["silent"]}
+        if alive != self._alive:  # another driver offers other actions
+            self._alive, self._world = alive, self._world + 1
+        delivery = self._newest_status()
+        if delivery is not None and not delivery.prime:
             with suppress(SurefootError):
-                words = time_row(self._status.message())["words"]
-        return {"services": services, "time": words, "log": list(self._log)}
+                self._status = time_row(cast("SimStatus", delivery.message()))
+        return {"services": services, "time": self._status, "log": list(self._log)}
 
     def act(self, action: str, fields: dict[str, Any]) -> dict[str, Any]:
         """Carry out what a button asks for; return `accepted` and a reason.
+
+        Args:
+            action: `stop`, or a key of `QUERIES`.
+            fields: of the request. Of `push` the force is along the robot's heading, to its left and up, N.
 
         Raises:
             SurefootError: no such action, a field it does not have, or the refusal of the service.
         """
         if action == "stop":
-            return self._stop()
+            accepted, reason = self._stop("the live view")
+            return {"accepted": accepted, "reason": reason}
         query = QUERIES.get(action)
         if query is None:
             raise SurefootError("invalid", f"got {action!r}, allowed are {', '.join(QUERIES)}, stop", "action")
-        reply = self.client.call(query, 3.0, **fields)
-        return {"accepted": reply.accepted, "reason": reply.reason}
+        if action == "push":
+            fields = {**fields, "force": self._turned(fields.get("force"))}
+        reply = self.client.call(query, None, **fields)
+        return {"accepted": getattr(reply, "accepted", True), "reason": getattr(reply, "reason", "")}
 
-    def _stop(self) -> dict[str, Any]:
-        endpoint = self.client.bus.endpoint
-        stopper = Stopper(endpoint.connect, endpoint.namespace)
-        try:
-            done = stopper.stop("the live view", STOP_S)
-        finally:
-            stopper.close()
-        return {"accepted": done is not None, "reason": done.stopped if done else "the driver has not confirmed it"}
+    def _turned(self, force: Any) -> Any:
+        """Return a force along and across the heading in world axes; what is no force as it is, to be refused."""
+        match force:
+            case [int() | float() as ahead, int() | float() as left, int() | float() as up]:
+                cos, sin = math.cos(self._heading), math.sin(self._heading)
+                return [cos * ahead - sin * left, sin * ahead + cos * left, up]
+            case _:
+                return force
+
+
+class Reader:
+    """State of one page: each next text holds the newest frame, and all marks and reports it lacks."""
+
+    def __init__(self, live: LiveFrames) -> None:
+        self._live, self._seen = live, live.unseen()
+
+    def next(self, timeout_s: float) -> str | None:
+        """Return the next text for the page, JSON; None when nothing is new in that time."""
+        shown, seen = self._live.wait_newer(self._seen.number, timeout_s), self._seen
+        if shown.number == seen.number:
+            return None
+        self._seen = shown
+        same = shown.epoch == seen.epoch and shown.marks >= seen.marks
+        fresh = ",".join(self._live.marks(seen.marks if same else 0, shown.marks))
+        report = shown.report[1] if shown.report[0] != seen.report[0] else "null"
+        return (
+            f'{{"epoch":{shown.epoch},"world":{shown.world},"at":{shown.at_ms:.1f},"new":[{fresh}],'
+            f'"status":{report},"frame":{shown.frame}}}'
+        )
+
+
+def _json(content: Any) -> str:
+    return json.dumps(content, separators=(",", ":"), allow_nan=False)

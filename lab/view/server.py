@@ -20,8 +20,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from surefoot.errors import BusError, SurefootError
 
-from ..scene.pages import page, stage
+from ..scene.pages import asset
 from .live import LiveFrames
+from .page import LAYOUT
 
 HOST = "127.0.0.1"
 PORT = 7480
@@ -29,19 +30,12 @@ READERS = 8
 """Pages that may look at the same time."""
 SEND_S = 5.0
 """Wall time after which a page that does not read is given up."""
+END_S = 0.1
+"""Wall time after which the server notices that it is to end."""
+IDLE_S = 1.0
+"""Wall time without news after which a page gets a sign of life."""
 BODY_BYTES = 4096
 FIELDS = TypeAdapter(dict[str, Any])
-
-LIVE_BAR = """<button data-do="pause">pause</button><button data-do="resume">go on</button>
-<button data-do="step" data-fields='{"ticks":1}'>1 tick</button>
-<button data-do="step" data-fields='{"ticks":20}'>20 ticks</button>
-<select id="speed" aria-label="speed"><option value="0.25">0.25x</option><option value="0.5">0.5x</option>
-<option value="1" selected>1x</option><option value="2">2x</option>
-<option value="0">as fast as it goes</option></select>
-<button data-do="push" data-fields='{"force":[0,5,0],"duration":0.2}'>push left, 5 N</button>
-<button data-do="push" data-fields='{"force":[0,-5,0],"duration":0.2}'>push right</button>
-<select id="fault" aria-label="fault"></select><button id="break">break for 2 s</button>
-<button data-do="stop" class="stop">STOP</button><span id="answer"></span>"""
 
 
 class ViewServer:
@@ -52,22 +46,40 @@ class ViewServer:
         token: what every request must carry.
     """
 
-    def __init__(self, page_text: Callable[[], str], live: LiveFrames | None = None, port: int = PORT) -> None:
+    def __init__(
+        self,
+        page_text: str,
+        live: LiveFrames | None = None,
+        port: int | None = None,
+        warn: Callable[[str], None] = lambda text: None,
+    ) -> None:
         """Begin to serve.
+
+        Args:
+            page_text: the page, HTML.
+            live: frames of a running system, None = the page is all.
+            port: where to listen, 0 = any; None = `PORT`, or any when that is taken.
+            warn: gets a sentence on a page that was given up.
 
         Raises:
             BusError: the port is taken.
         """
-        self.page_text, self.live, self.token = page_text, live, secrets.token_urlsafe(16)
+        self.page, self.live, self.warn, self.token = page_text.encode(), live, warn, secrets.token_urlsafe(16)
         self.readers = BoundedSemaphore(READERS)
+        self._http = self._listen(PORT, 0) if port is None else self._listen(port)
+        self.port = int(self._http.server_address[1])
+        self._thread = Thread(target=self._http.serve_forever, args=(END_S,), name="http", daemon=True)
+        self._thread.start()
+
+    def _listen(self, port: int, *others: int) -> "_Http":
+        """Listen on a port, or on the next one where it is taken (raises BusError: the last one is taken, too)."""
         try:
-            self._http = _Http((HOST, port), self)
+            return _Http((HOST, port), self)
         except OSError as error:
+            if error.errno == EADDRINUSE and others:
+                return self._listen(*others)
             taken = f"port {port} of {HOST} is taken; choose another with --port, 0 = any"
             raise BusError("busy", taken if error.errno == EADDRINUSE else f"port {port}: {error.strerror}") from None
-        self.port = int(self._http.server_address[1])
-        self._thread = Thread(target=self._http.serve_forever, name="http", daemon=True)
-        self._thread.start()
 
     @property
     def url(self) -> str:
@@ -104,7 +116,7 @@ class _Http(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Http
+    server: _Http  # pyright: ignore[reportIncompatibleVariableOverride] - it has no other
     protocol_version = "HTTP/1.1"
     timeout = SEND_S
 
@@ -117,13 +129,15 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._allowed():
             return
         if path == "/":
-            self._answer(view.page_text().encode(), "text/html; charset=utf-8")
+            self._answer(view.page, "text/html; charset=utf-8")
+        elif path == f"/{LAYOUT}":
+            self._answer(asset(LAYOUT).encode(), "application/json")
         elif path == "/head" and view.live is not None:
             self._json(view.live.head())
         elif path == "/events" and view.live is not None:
             self._stream(view.live)
         else:
-            self._refuse(HTTPStatus.NOT_FOUND, "there is /, /head, /events and, by POST, /do")
+            self._refuse(HTTPStatus.NOT_FOUND, f"there are /, /head, /events, /{LAYOUT} and, by POST, /do")
 
     def do_POST(self) -> None:
         """Carry out what a button asks for."""
@@ -178,7 +192,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def _stream(self, live: LiveFrames) -> None:
-        """Send frames as they come; one that is overtaken while the page does not read is left out."""
+        """Send frames as they come; while a page does not read, frames are left out, marks and reports are not."""
         if not self.server.view.readers.acquire(blocking=False):
             self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, f"{READERS} pages look already")
             return
@@ -189,23 +203,14 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Type", "text/event-stream")
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
-            number = 0
+            reader = live.reader()
             while not live.closed:
-                newer, text = live.next_after(number, 1.0)
-                self.wfile.write(f"data: {text}\n\n".encode() if newer > number else b": waiting\n\n")
+                text = reader.next(IDLE_S)
+                self.wfile.write(b": waiting\n\n" if text is None else f"data: {text}\n\n".encode())
                 self.wfile.flush()
-                number = newer
-        except OSError:  # gone, or it has not read for SEND_S
-            pass
+        except TimeoutError:
+            self.server.view.warn(f"a page has not read for {SEND_S:g} s and was given up; it may be opened again")
+        except OSError:
+            pass  # it was closed
         finally:
             self.server.view.readers.release()
-
-
-def live_page(title: str) -> str:
-    """Return the page that shows a running system."""
-    body = (
-        f'<main><header><span class="chip" id="state">...</span><h1></h1></header>{stage("live", LIVE_BAR)}'
-        '<div id="charts" class="plots"></div><section><h2>Services</h2><table id="services"></table>'
-        '<ul class="events" id="log"></ul></section></main>'
-    )
-    return page(title, body, ("scene.js", "charts.js", "replay.js", "live.js"), "startLive();")

@@ -141,6 +141,20 @@ class ZenohBus:
         self._keep.append(subscriber)
         self._pours.append(pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz))
 
+    def newest(self, topic: Topic[Any]) -> Callable[[], Delivery | None]:
+        """Return a function that returns the newest message of a key since its last call, None when none came.
+
+        Older ones are dropped without a thread or a call in Python: for a reader that looks now and then.
+        """
+        subscriber = self.session.declare_subscriber(topic.key, RingChannel(1))
+        self._keep.append(subscriber)
+
+        def look() -> Delivery | None:
+            sample = subscriber.handler.try_recv()
+            return None if sample is None else _delivery(topic, sample)
+
+        return look
+
     def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], Any], *, batched: bool = False) -> None:
         family = BATCH if batched else FRAME
         owners: dict[str, dict[str, Topic[Any]]] = {}

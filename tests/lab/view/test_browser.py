@@ -1,46 +1,89 @@
-"""The pages in a real browser, headless; skipped where there is no Chromium."""
+"""The pages in a real browser, headless: no page asks for anything from outside, and their numbers are the bus's."""
 
-import re
-import shutil
-import subprocess
+import json
+from urllib.parse import urlsplit
 
 import pytest
 
 from surefoot.lab.report.recorded import report_recording
+from surefoot.lab.scene.scene import VALUES
+from tests.browser import CHROMIUM, MISSING, Browser
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--virtual-time-budget=3000",
-)  # fmt: skip
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
+READY = "document.body?.dataset.ready == '1'"
 
 
-@pytest.fixture
-def seen(tmp_path):
-    """Return the document of a page after its scripts have run, and the addresses that the browser asked for."""
-
-    def look(url):
-        log = tmp_path / "net.json"
-        command = [
-            CHROMIUM,
-            *FLAGS,
-            f"--user-data-dir={tmp_path / 'profile'}",
-            f"--log-net-log={log}",
-            "--dump-dom",
-            url,
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-        return done.stdout, set(re.findall(r'"url":"(https?://[^"]*)"', log.read_text(errors="replace")))
-
-    return look
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("profile")) as running:
+        yield running
 
 
-def test_a_report_replays_and_asks_for_nothing(recorded, tmp_path, seen):
+def numbers(browser):
+    """Return the numbers beside the picture, by title."""
+    rows = "[...document.querySelectorAll('.numbers div')]"
+    return dict(json.loads(browser.run(f"JSON.stringify({rows}.map(d => [...d.children].map(e => e.textContent)))")))
+
+
+def outside(browser):
+    """Return the addresses of other machines that the page asked for."""
+    return [url for url in browser.asked if urlsplit(url).hostname not in (None, "127.0.0.1")]
+
+
+def test_a_report_replays_and_asks_for_nothing(recorded, tmp_path, browser):
     path, _ = report_recording(recorded, None, tmp_path / "report.html")
-    document, asked = seen(f"{path.as_uri()}#t=2.5")
-    assert 'data-ready="1"' in document
-    assert ">2.50 s<" in document
-    assert document.count("<figcaption>") > 8
-    assert not [url for url in asked if "127.0.0.1" not in url and "localhost" not in url]
+    browser.asked.clear()
+    browser.go(f"{path.as_uri()}#t=2.5")
+    browser.wait(READY)
+    assert browser.run("document.querySelector('.clock').textContent") == "2.50 s"
+    assert browser.run("document.querySelectorAll('figcaption').length") > 8
+    assert path.as_uri() in browser.asked
+    assert not outside(browser)
+    assert not browser.faults
+
+
+def test_the_live_page_shows_the_numbers_of_the_bus(server, client, recorded, browser):
+    browser.asked.clear()
+    browser.go(server.url)
+    browser.wait("window.live")
+    last = client.hand_over(recorded)
+    browser.wait(READY)
+    shown = numbers(browser)
+    expected = {
+        "margin": 1000.0 * last["state/stability"].margin_planned,
+        "margin_measured": 1000.0 * last["state/stability"].margin_measured,
+        "speed": last["state/velocity"].velocity[0],
+        "remaining": last["state/gait"].remaining,
+        "nis": last["state/velocity"].nis,
+    }
+    for name, value in expected.items():
+        title, unit, digits = VALUES[name]
+        number, _, its_unit = shown[title].partition(" ")
+        assert its_unit == unit
+        assert float(number) == pytest.approx(value, abs=0.51 * 10.0**-digits), name
+    assert browser.run("document.querySelector('.words').textContent").startswith(last["state/gait"].state)
+    assert browser.asked
+    assert not outside(browser)
+    assert not browser.faults
+
+
+def test_buttons_of_the_page_ask_the_driver(server, client, stops, recorded, browser):
+    browser.go(server.url)
+    browser.wait("window.live")
+    shown = "[...document.querySelectorAll('[data-needs]')].filter(e => !e.hidden).map(e => e.dataset.needs).join()"
+    assert browser.run(shown) == "pause,push"
+    for words, asked in (("[data-do=pause]", "sim/pause"), ("[data-push]", "sim/push")):
+        browser.run(f"document.querySelector('{words}').click()")
+        browser.wait("document.getElementById('answer').textContent.endsWith('done')")
+        assert client.calls[-1][0] == asked
+        browser.run("document.getElementById('answer').textContent = ''")
+    browser.run("document.querySelector('.stop').click()")
+    browser.wait("document.getElementById('answer').textContent == 'stop: done, held'")
+    assert stops
+
+
+def test_a_page_of_an_ended_view_reports_it(server, browser):
+    browser.go(server.url)
+    browser.wait("window.live")
+    server.close()
+    browser.wait("['no connection', 'the view has ended; start it again'].includes(state.textContent)")

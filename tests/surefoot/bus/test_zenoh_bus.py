@@ -56,6 +56,19 @@ def test_message_arrives_as_it_was(net: Net) -> None:
     assert inbox.get().raw() == delivery.raw()
 
 
+def test_a_reader_that_looks_now_and_then_gets_the_newest(net: Net) -> None:
+    inbox, tool = Inbox(), net.open("client")
+    look = tool.newest(HW_IMU)
+    tool.subscribe(HW_IMU, inbox.put)
+    publisher = matched(net.open(), HW_IMU)
+    for seq in range(5):
+        publisher.put(IMU.model_copy(update={"seq": seq}))
+    assert [inbox.get().message().seq for _ in range(5)] == [*range(5)]  # type: ignore[attr-defined]
+    found: list[Delivery] = []
+    wait_until(lambda: (one := look()) is not None and not found.append(one) and one.header().seq == 4)
+    assert look() is None
+
+
 def test_message_says_what_it_is(net: Net) -> None:
     inbox = Inbox()
     with net.plain() as stranger:

@@ -1,0 +1,35 @@
+"""A client without a network, for tests of the view."""
+
+from types import SimpleNamespace
+
+from surefoot.bus.interface import Delivery
+from surefoot.errors import CallError
+from surefoot.lab.scene.scene import KEYS
+from surefoot.record.recording import read_recording, topic_of
+
+
+class QuietClient:
+    """A client of a system whose messages a test hands over, and that answers nothing but what it is given."""
+
+    def __init__(self, answers=()):
+        self.newest, self.sinks, self.calls, self.answers = {}, {}, [], dict(answers)
+        self.bus = SimpleNamespace(
+            endpoint=SimpleNamespace(namespace="surefoot/ragno"),
+            newest=lambda topic: lambda: self.newest.pop(topic.key, None),
+            subscribe=lambda topic, sink: self.sinks.update({topic.key: sink}),
+        )
+
+    def call(self, key, timeout_s=None, **fields):
+        self.calls.append((key, fields))
+        if key not in self.answers:
+            raise CallError("absent", f"no service answers {key}")
+        return self.answers[key]
+
+    def hand_over(self, recording, until_s=2.0, without=()):
+        """Deliver the messages of a recording up to a time; return the last of each key."""
+        last = {}
+        for item in read_recording(recording, KEYS):
+            if item.stamp_ns < until_s * 1e9 and item.key not in without:
+                last[item.key] = item.message()
+        self.newest = {key: Delivery(topic_of(key), message, None) for key, message in last.items()}
+        return last
