@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .connect import joined
-from .output import Connect, Namespace, tell, write
+from .output import Connect, Json, Namespace, state, tell, use_json, write, write_json
 
 if TYPE_CHECKING:
     from ..view.server import ViewServer
@@ -29,8 +29,10 @@ def view(
     duration: Annotated[float, typer.Option(min=0.0, help="End after so many s of wall time, 0 = Ctrl-C.")] = 0.0,
     connect: Connect = None,
     namespace: Namespace = None,
+    json: Json = False,
 ) -> None:
     """Show a running system, or a recording, in a browser on this machine; over SSH by a tunnel. Ends with Ctrl-C."""
+    use_json(json)
     if file is not None:
         from ..view.server import ViewServer
 
@@ -87,8 +89,11 @@ def _recorded(file: Path) -> str:
 
 def _serve(server: "ViewServer", duration_s: float) -> None:
     """Serve until Ctrl-C, or for so long."""
-    for line in server.hints(os.environ):
-        write(line)
+    tunnel = server.tunnel(os.environ)
+    if state.json:
+        write_json({"url": server.url, "tunnel": tunnel})
+    else:
+        write((f"on your own machine: {tunnel}\n" if tunnel else "") + f"view: {server.url}")
     end = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
     try:
         while (left := end - time.monotonic()) > 0.0:

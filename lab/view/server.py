@@ -28,6 +28,8 @@ HOST = "127.0.0.1"
 PORT = 7480
 READERS = 8
 """Pages that may look at the same time."""
+SSH_WORDS = 4
+"""Words of SSH_CONNECTION: address and port of the client, then of this machine."""
 SEND_S = 5.0
 """Wall time after which a page that does not read is given up."""
 END_S = 0.1
@@ -86,14 +88,12 @@ class ViewServer:
         """Address of the page, with the token."""
         return f"http://{HOST}:{self.port}/?token={self.token}"
 
-    def hints(self, environ: Mapping[str, str]) -> list[str]:
-        """Return what to do to see the page: its address, and over SSH the tunnel to it."""
-        lines = [f"view: {self.url}"]
+    def tunnel(self, environ: Mapping[str, str]) -> str:
+        """Return the command that makes the page reachable from where one came by SSH; empty without SSH."""
         connection = environ.get("SSH_CONNECTION", "").split()
-        if len(connection) == 4:
-            tunnel = f"ssh -N -L {self.port}:{HOST}:{self.port} {environ.get('USER', 'user')}@{connection[2]}"
-            lines.insert(0, f"on your own machine: {tunnel}")
-        return lines
+        if len(connection) != SSH_WORDS:
+            return ""
+        return f"ssh -N -L {self.port}:{HOST}:{self.port} {environ.get('USER', 'user')}@{connection[2]}"
 
     def close(self) -> None:
         """Stop serving."""

@@ -84,9 +84,9 @@ def test_the_usual_port_gives_way_to_any(server, monkeypatch):
 
 
 def test_over_ssh_it_prints_the_tunnel(server):
-    lines = server.hints({"SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22", "USER": "ann"})
-    assert f"-L {server.port}:127.0.0.1:{server.port} ann@10.0.0.2" in lines[0]
-    assert server.hints({}) == [f"view: {server.url}"]
+    tunnel = server.tunnel({"SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22", "USER": "ann"})
+    assert tunnel == f"ssh -N -L {server.port}:127.0.0.1:{server.port} ann@10.0.0.2"
+    assert not server.tunnel({})
 
 
 @pytest.mark.parametrize("body", ["", "[]", "{", '{"action": 1, "fields": []}', "x" * (BODY_BYTES + 1)])
