@@ -100,6 +100,27 @@ def test_never_picks_a_masked_cell(seed: int, leg: int, robust: bool, height: fl
     assert math.dist(found.contact or (), found.foothold) == pytest.approx(RADIUS)
 
 
+class PlaneScore(HandScore):
+    """The score over coefficients of planes, which are known beside unknown cells."""
+
+    relief = True
+
+
+def test_beside_unknown_cells_contact_and_normal_are_numbers() -> None:
+    beside = 0
+    for seed in range(4):
+        z = rough(seed, 0.004)
+        z[np.random.default_rng(seed).random(z.shape) < 0.1] = np.nan
+        ground = ground_of(z)
+        for found in select(ground, ragno(), PlaneScore(), standing(), [landing(leg) for leg in range(6)]):
+            assert found.foothold is not None
+            row, col = ground.surface.index(*found.foothold[:2])
+            beside += bool(np.isnan(ground.surface.z[row - 1 : row + 2, col - 1 : col + 2]).any())
+            assert math.hypot(*(found.normal or ())) == pytest.approx(1.0)
+            assert math.dist(found.contact or (), found.foothold) == pytest.approx(RADIUS)
+    assert beside > 4
+
+
 def quadruped(edit=lambda data: None) -> tuple[Robot, np.ndarray, TrunkPose]:
     """A quadruped with a changed description, its neutral feet (L, 3) m and its base over flat ground."""
     robot = changed(edit)
