@@ -37,9 +37,9 @@ lint: style ## style, layers, types (types take two minutes)
 check: style ## style, layers and the quick tests (< 1 min)
 	$(BIN)/pytest -n 2 --dist loadfile tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
 
-# By file: the tests of a file share the live system that its fixture starts.
+# By file: the tests of a file share the live system that its fixture starts. In the order of tests/conftest.py.
 test: warm ## all tests but the long ones (< 8 min)
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow"
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-all: warm ## all tests
 	$(BIN)/pytest

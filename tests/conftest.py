@@ -12,7 +12,9 @@ settings.load_profile("surefoot")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give marked tests their time limit."""
+    """Give marked tests their time limit, and run files of live systems first: short files fill the end of a run."""
+    live = {item.path for item in items if item.get_closest_marker("e2e")}
+    items.sort(key=lambda item: item.path not in live)
     for item in items:
         marked = [seconds for name, seconds in LIMITS_S.items() if item.get_closest_marker(name)]
         if marked and not item.get_closest_marker("timeout"):

@@ -47,8 +47,7 @@ def test_the_hash_is_the_same_with_the_oldest_code_and_that_of_this_processor() 
     assert_one_hash_a_walk(found)
 
 
-@pytest.mark.e2e
-@pytest.mark.timeout(1200)
+@pytest.mark.slow
 def test_the_hash_is_the_same_under_every_processor_setting() -> None:
     possible = [setting for setting in settings() if not setting.obstacle()]
     found: dict[str, dict[str, str]] = {}

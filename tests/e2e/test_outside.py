@@ -12,9 +12,7 @@ import pytest
 
 from surefoot.client import connect
 from surefoot.errors import BusError
-from surefoot.lab.runs.local import run_local
 from surefoot.schemas.topics import STATE_VELOCITY
-from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 from tests.ports import free_address
 from tests.processes import end_systems, run_process, running
 
@@ -120,14 +118,3 @@ def test_example_runs(endpoint: str, name: str, tmp_path: Path) -> None:
     done = run_process(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout
-
-
-def test_a_run_in_one_process_has_the_hash_of_the_run_over_zenoh(tmp_path: Path) -> None:
-    where = free_address()
-    environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(tmp_path))
-    command = [sys.executable, "-m", "surefoot.lab.cli.main", "run", "stand", "--seed", "5", "--json"]
-    done = run_process(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    result = json.loads(done.stdout)
-    assert result["comparable"], result
-    local = run_local(load_scenario(find_scenario("stand")), 5)
-    assert local.run_hash == result["message_hash"]
