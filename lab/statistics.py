@@ -67,11 +67,6 @@ def deviation(values: ArrayLike) -> float:
     return float(x.std(ddof=1)) if x.size > 1 else math.nan
 
 
-def plus_minus(values: ArrayLike, digits: int = 2) -> str:
-    """Return the mean and half of its 95 % interval as text, `1.23 +- 0.04`."""
-    return f"{np.asarray(values, dtype=np.float64).mean():.{digits}f} +- {half_width(values):.{digits}f}"
-
-
 def middle_and_ends(values: ArrayLike, digits: int = 3, unit: str = "") -> str:
     """Return the median and the extremes as text, `median 1.234 (1.100 to 1.300)`."""
     x = np.asarray(values, dtype=np.float64)
@@ -165,16 +160,6 @@ def mean_ratio(pairs: Sequence[tuple[Array, Array]], rng: np.random.Generator | 
         drawn += a[pick].mean(axis=1) / b[pick].mean(axis=1) / len(pairs)
     low, high = np.percentile(drawn, [2.5, 97.5])
     return Ranged(float(np.mean([a.mean() / b.mean() for a, b in pairs])), float(low), float(high))
-
-
-def linear_ratio(a: ArrayLike, b: ArrayLike) -> tuple[float, float]:
-    """Return the ratio r of the means of paired values, and half of its 95 % interval by linearisation.
-
-    The interval is that of the mean of (a - r b) / mean(b); NaN for one pair.
-    """
-    x, y = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    value = float(x.mean() / y.mean())
-    return value, half_width((x - value * y) / y.mean())
 
 
 def resampled(groups: Sequence[Any], statistic: Callable[[Sequence[Any]], float], count: int = 2000) -> Ranged:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-EXIT_OK, EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 0, 1, 2, 130
+EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 1, 2, 130
 USAGE = ("unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed")
 """Codes of errors in the user's own words or files, which end with `EXIT_USAGE`."""
 
@@ -163,13 +163,6 @@ def _write_error(code: str, message: str, field: str | None) -> None:
 
 def _is_usage(error: Exception) -> bool:
     """Return whether the user's own words or files are at fault, not the system."""
-    if getattr(error, "code", "") in (
-        "unknown_topic",
-        "unknown_query",
-        "malformed",
-        "invalid",
-        "unknown_key",
-        "not_installed",
-    ):
-        return True
-    return any(kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__)
+    return getattr(error, "code", "") in USAGE or any(
+        kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__
+    )

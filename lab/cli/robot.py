@@ -1,17 +1,19 @@
 """`surefoot robot list|import|check|show|export`."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, near, refuse_existing, use_json, write, write_json, write_table
+from .output import Json, near, refuse_existing, state, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
     from surefoot.robot.description import Robot
 
 app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
+Named = Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite that file.")]
 
 
 @app.command("list")
@@ -63,42 +65,30 @@ def import_file(
 
 @app.command()
 def export(
-    name: Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.")],
+    name: Named,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="MJCF file to write [NAME.xml].")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write a robot as an MJCF file, for other programs."""
-    from surefoot.robot.reader import load_robot
-
     from ..robots.export import mjcf_of
 
     use_json(json)
-    robot = load_robot(name)
-    out = out or Path(f"{robot.name}.xml")
-    refuse_existing(out, force=force)
-    out.write_text(mjcf_of(robot), encoding="utf-8")
-    _wrote(out, json=json)
+    _write(name, out, ".xml", force, lambda robot, path: path.write_text(mjcf_of(robot), encoding="utf-8"))
 
 
 @app.command()
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.")],
+    name: Named,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file to write [NAME.png].")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Draw a robot at its neutral posture: links, feet, frames and centre of mass, as a PNG."""
-    from surefoot.robot.reader import load_robot
-
     from ..report.robot_drawing import draw_robot
 
     use_json(json)
-    robot = load_robot(name)
-    out = out or Path(f"{robot.name}.png")
-    refuse_existing(out, force=force)
-    draw_robot(robot, out)
-    _wrote(out, json=json)
+    _write(name, out, ".png", force, draw_robot)
 
 
 @app.command()
@@ -125,8 +115,14 @@ def check(
         write_table(("quantity", "value"), rows)
 
 
-def _wrote(out: Path, *, json: bool) -> None:
-    if json:
+def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], object]) -> None:
+    from surefoot.robot.reader import load_robot
+
+    robot = load_robot(name)
+    out = out or Path(f"{robot.name}{suffix}")
+    refuse_existing(out, force=force)
+    make(robot, out)
+    if state.json:
         write_json({"out": near(out)})
     else:
         write(f"wrote {near(out)}")

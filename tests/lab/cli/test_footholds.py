@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.geometry.heightmap_exchange import save_png
 from surefoot.services.footholds.learning.samples import trial_lines
 from surefoot.services.footholds.models.files import load
 from tests.services.footholds.learning.made import samples
@@ -51,8 +51,11 @@ def test_learn_merge_show_and_score(tmp_path: Path, answer: Any) -> None:
 def test_a_png_is_scored_as_the_grid_it_came_from(tmp_path: Path, answer: Any) -> None:
     x = 0.02 * np.sin(0.3 * np.arange(40.0))
     heights = HeightMap(z=np.add.outer(x[:30], x).astype(np.float32), cell=0.005)
+    pixels = np.rint((heights.z[::-1] + 0.05) / 0.1 * 65535.0).astype(np.uint16)  # the top row is y-max
+    Image.fromarray(pixels).save(tmp_path / "m.png")
+    (tmp_path / "m.json").write_text('{"cell": 0.005, "z_low": -0.05, "z_high": 0.05}')
     found = []
-    for path in (save_asc(heights, tmp_path / "m.asc"), save_png(heights, tmp_path / "m.png")):
+    for path in (save_asc(heights, tmp_path / "m.asc"), tmp_path / "m.png"):
         out = tmp_path / f"{path.suffix[1:]}.npz"
         answer("footholds", "score", path, "--model", "ragno", "-o", out)
         with np.load(out) as layers:

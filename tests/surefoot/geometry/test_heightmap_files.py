@@ -9,7 +9,7 @@ from PIL import Image
 
 from surefoot.geometry import heightmap_files
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
-from surefoot.geometry.heightmap_exchange import load_any, load_own_png, save_png
+from surefoot.geometry.heightmap_exchange import load_any
 from surefoot.geometry.heightmap_files import load_asc, save
 from tests.surefoot.expect import expect_error
 from tests.surefoot.geometry.maps import CELL, same, save_asc, with_hole
@@ -107,20 +107,6 @@ def made(seed: int = 0) -> HeightMap:
     return HeightMap(z=z, cell=0.005, origin=(-0.31, 0.12), version=4)
 
 
-def test_png_keeps_grid_and_heights_to_a_65534th(tmp_path: Path) -> None:
-    heights = made()
-    again = load_own_png(save_png(heights, tmp_path / "m.png"))
-    assert (again.cell, again.origin, again.version) == (heights.cell, heights.origin, 4)
-    assert np.array_equal(np.isnan(again.z), np.isnan(heights.z))
-    np.testing.assert_allclose(again.z, heights.z, atol=0.15 / 65534)
-
-
-@pytest.mark.parametrize("z", [np.full((2, 3), np.nan), np.full((2, 3), 0.25)])
-def test_png_of_nothing_known_and_of_a_plane(z: np.ndarray, tmp_path: Path) -> None:
-    heights = HeightMap(z=z.astype(np.float32), cell=0.01)
-    np.testing.assert_array_equal(load_own_png(save_png(heights, tmp_path / "m.png")).z, heights.z)
-
-
 def test_text_grid_comes_back_exactly(tmp_path: Path) -> None:
     heights = made()
     again = load_asc(save_asc(heights, tmp_path / "m.asc"), version=4)
@@ -138,21 +124,10 @@ def test_a_text_grid_of_no_size_is_refused(key: str, word: str, tmp_path: Path) 
         load_asc(path)
 
 
-def test_a_png_of_others_without_a_scale_or_without_an_image_is_refused(tmp_path: Path) -> None:
-    Image.fromarray(np.zeros((2, 2), dtype=np.uint16)).save(tmp_path / "bare.png")
-    (tmp_path / "text.png").write_text("no image")
-    for name in ("bare.png", "text.png"):
-        with pytest.raises(HeightMapError):
-            load_own_png(tmp_path / name)
-
-
 def test_any_format_comes_back(tmp_path: Path) -> None:
     heights = made()
     for path in (save(heights, tmp_path / "a.npz"), save_asc(heights, tmp_path / "b.asc")):
         np.testing.assert_array_equal(load_any(path).z, heights.z)
-    png = load_any(save_png(heights, tmp_path / "c.png"))
-    np.testing.assert_allclose(png.z, heights.z, atol=0.15 / 65534)
-    assert png.origin == heights.origin
 
 
 def grey(path: Path, scale: str | None) -> Path:

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import quat_from_matrix
-
-from .log import Log
+from surefoot.lab.estimation.log import Log
 
 Array = NDArray[np.float64]
 
