@@ -1,4 +1,4 @@
-"""Walk 20 cm, and tell when it is done. Start a system first: `surefoot up ragno`."""
+"""Walk 20 cm, and report when it is done. Start a system first: `surefoot up ragno`."""
 
 import sys
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import EXIT_CHECK, Json, tell, use_json, write, write_json, write_table
+from surefoot.lab.cli.output import EXIT_CHECK, Json, notify, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
     from surefoot.lab.report.findings import Reproduction
@@ -16,7 +16,7 @@ PAPERS = {
     "walas-stability": ".walas.stability",
     "wawrzynski": ".wawrzynski.velocity",
 }
-"""Name: module with `reproduce(folder, tell)`, and with `SYSTEM = None` if no system's kernels are needed."""
+"""Name: module with `reproduce(folder, notify)`, and with `SYSTEM = None` if no system's kernels are needed."""
 WITH_LIVE = ("osswald",)
 """Papers whose `reproduce` also takes `live`, a file of results."""
 
@@ -49,9 +49,9 @@ def reproduce(
         raise SurefootError("invalid", f"got {paper!r}, which takes no live runs; {', '.join(WITH_LIVE)} does", "live")
     module = importlib.import_module(PAPERS[paper], __package__)
     if getattr(module, "SYSTEM", DEFAULT_SYSTEM) is not None:
-        warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], None, tell)
+        warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], None, notify)
     more = {} if live is None else {"live": live}
-    found: Reproduction = module.reproduce((out or Path("runs") / paper) if figures else None, tell, **more)
+    found: Reproduction = module.reproduce((out or Path("runs") / paper) if figures else None, notify, **more)
     if json:
         write_json(
             {

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..cli.output import EXIT_CHECK, Json, near, refuse_existing, tell, use_json, write, write_json, write_table
+from ..cli.output import EXIT_CHECK, Json, near, notify, refuse_existing, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
     from .bisect import FirstDifference
@@ -44,7 +44,7 @@ def verify(file: Recording, out: Keep = None, json: Json = False) -> None:
     use_json(json)
     if out is not None:
         refuse_existing(out, force=False)
-    tell(f"surefoot: repeating the run of {near(file)}")
+    notify(f"surefoot: repeating the run of {near(file)}")
     found = repeat(file, out)
     if json:
         write_json({"same": found.same, **vars(found)})
@@ -100,7 +100,7 @@ def whatif(
     if out is not None:
         refuse_existing(out, force=False)
     run = RecordedRun.of(file)
-    tell(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
+    notify(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
     with TemporaryDirectory() as folder:
         target = out or Path(folder) / "whatif.mcap"
         found = changed(run, at, changes, target)

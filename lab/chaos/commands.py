@@ -12,8 +12,8 @@ from ..cli.output import (
     Json,
     Listen,
     near,
+    notify,
     refuse_existing,
-    tell,
     use_json,
     write,
     write_json,
@@ -118,13 +118,13 @@ def _in_memory(
             run = run_chaos(scenario, seed, draw.events, draw.kinds, draw.ticks, paced=paced)
             found.append(run)
             what = f"{len(run.outcomes)} events, {run.ticks} ticks, {run.unbound} forged refused"
-            tell(f"{_named(run)}: {what}: {'; '.join(run.violations) or 'ok'}")
+            notify(f"{_named(run)}: {what}: {'; '.join(run.violations) or 'ok'}")
             if seed < seeds.start + len(seeds) // 2:
                 half = set(marks.taken)
     taken, late = len(marks.taken), len(marks.taken - half)
     never = ", ".join(name for name in MARKS if name not in marks.taken) or "none"
-    tell(f"{taken} of {len(MARKS)} recoveries taken, {late} of them first in the second half of the seeds")
-    tell(f"never taken: {never}")
+    notify(f"{taken} of {len(MARKS)} recoveries taken, {late} of them first in the second half of the seeds")
+    notify(f"never taken: {never}")
     for run in found:
         if run.violations:
             _shrink(path, scenario, run, draw, out, paced=paced)
@@ -147,7 +147,7 @@ def _shrink(path: Path, scenario: "Scenario", run: "MemoryRun", draw: _Draw, out
     target.write_text(
         as_test(path.read_text(encoding="utf-8"), scenario.name, len(events), found, run.seed, paced=paced)
     )
-    tell(
+    notify(
         f"seed {run.seed}: {len(found.events)} of {len(events)} events make it fail ({found.runs} runs); {near(target)}"
     )
 
@@ -167,7 +167,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     compose = system_of(scenario, os.environ)
     if "simulator" in compose.service_names:
         check_ground(scenario.world, scenario.seed)
-    warm_if_cold(compose, endpoint, tell)
+    warm_if_cold(compose, endpoint, notify)
     return seeds
 
 
@@ -180,11 +180,11 @@ def _live(scenario: "Scenario", seed: int, draw: _Draw, options: "Options") -> "
 
     if options.out is not None:
         options = replace(options, out=_folder(options.out, seed))
-    run = run_live(scenario, seed, draw.events, options, kinds=draw.kinds, ticks=draw.ticks, tell=tell)
+    run = run_live(scenario, seed, draw.events, options, kinds=draw.kinds, ticks=draw.ticks, notify=notify)
     state = "; ".join(run.violations) or "ok"
     bags = ", ".join(f"{name} {count} messages" for name, count in run.bags.items())
     where = "" if run.report is None else f"; {near(run.report)}"
-    tell(f"{_named(run)}: {len(run.outcomes)} events, {run.ticks} ticks, {bags}: {state}{where}")
+    notify(f"{_named(run)}: {len(run.outcomes)} events, {run.ticks} ticks, {bags}: {state}{where}")
     return run
 
 

@@ -60,7 +60,7 @@ def run_live(
     *,
     kinds: Sequence[Kind] = (),
     ticks: int | None = None,
-    tell: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
     show: Callable[[RunProgress], None] = lambda progress: None,
 ) -> LiveRun:
     """Start the system, let the events happen while it conducts the scenario, check its limits, stop everything.
@@ -72,13 +72,13 @@ def run_live(
         options: as of a run.
         kinds: to draw from; empty = those that the seed leaves on.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
-        tell: called with each message on what the system does.
+        notify: called with each message on what the system does.
         show: gets how far the run is.
     """
     made: list[Chaos] = []
 
     def say(text: str) -> None:
-        tell(text)
+        notify(text)
         for chaos in made:
             chaos.sign("supervisor", text)
 
@@ -105,7 +105,7 @@ def run_live(
         tick = max((o.event.tick for o in chaos.outcomes if o.event.tick <= fell_at), default=None)
         excused = tick is not None and options.rtf is not None and falls_when_held(scenario, tick)
         why = f"; it falls, too, when it is held in tick {tick}" if excused else ""
-        tell(f"the robot fell in tick {fell_at}{why}")
+        notify(f"the robot fell in tick {fell_at}{why}")
         violations += [] if excused else [f"the robot fell in tick {fell_at}"]
     return LiveRun(
         seed=seed, outcomes=tuple(chaos.outcomes), violations=tuple(violations), ticks=chaos.session.supervisor.ticks,

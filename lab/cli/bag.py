@@ -12,8 +12,8 @@ from .output import (
     Json,
     Listen,
     Namespace,
+    notify,
     refuse_existing,
-    tell,
     use_json,
     write,
     write_json,
@@ -94,7 +94,7 @@ def record(
     use_json(json)
     refuse_existing(file, force=force)
     with client(connect, namespace) as robot:
-        tell(f"recording to {file}; end with Ctrl-C")
+        notify(f"recording to {file}; end with Ctrl-C")
         count = record_bag(robot, file, key or [], duration)
         still = "" if count else robot.standing_still()
     if json:

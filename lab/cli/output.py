@@ -54,7 +54,7 @@ def write(text: str) -> None:
     sys.stdout.flush()
 
 
-def tell(text: str, level: str = "info") -> None:
+def notify(text: str, level: str = "info") -> None:
     """Write one line for people beside the output."""
     if state.log:
         from surefoot.logline import log_line
@@ -141,7 +141,7 @@ def fail(error: Exception) -> int:
     if state.json:
         _write_error(code, message, getattr(error, "field", None) or None)
     else:
-        tell(f"surefoot: {message}", "error")
+        notify(f"surefoot: {message}", "error")
     return exit_code
 
 
@@ -158,7 +158,7 @@ def _write_error(code: str, message: str, field: str | None) -> None:
     try:
         write_json({"error": {"code": code, "message": message, "field": field}})
     except OSError:  # a full disk behind the output
-        tell(f"surefoot: {message}", "error")
+        notify(f"surefoot: {message}", "error")
 
 
 def _is_usage(error: Exception) -> bool:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .output import Json, near, refuse_existing, tell, use_json, write, write_json
+from .output import Json, near, notify, refuse_existing, use_json, write, write_json
 
 
 def render(
@@ -33,7 +33,7 @@ def render(
         nonlocal shown
         if int(10 * share) > shown and not json:
             shown = int(10 * share)
-            tell(f"{out.name}: {100 * share:.0f} %")
+            notify(f"{out.name}: {100 * share:.0f} %")
 
     shot = Shot((width, 2 * round(width * 9 / 32)), fps, speed, start, end, still, quality)
     frames = paint(file, out, shot, progress)

@@ -15,8 +15,8 @@ from .output import (
     Listen,
     RobotChoice,
     near,
+    notify,
     refuse_existing,
-    tell,
     use_json,
     write,
     write_json,
@@ -64,11 +64,11 @@ def run(
     compose = system_of(loaded, os.environ)
     if "simulator" in compose.service_names:
         check_ground(loaded.world, loaded.seed if seed is None else seed)
-    warm_if_cold(compose, endpoint, tell)
+    warm_if_cold(compose, endpoint, notify)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
     with viewer(endpoint, namespace_of(compose.robot), compose.robot, wanted=view), line:
-        outcome = conduct(loaded, compose, options, line.tell, line.show)
+        outcome = conduct(loaded, compose, options, line.notify, line.show)
     _show(outcome, json=json)
     if outcome.interrupted:
         raise typer.Exit(EXIT_INTERRUPT)
@@ -156,7 +156,7 @@ class _ProgressLine:
         if self._status is not None:
             self._status.stop()
 
-    def tell(self, text: str) -> None:
+    def notify(self, text: str) -> None:
         """Show a message of the system."""
         if self._status is not None:
             self._status.update(f"{self._name}: {text}")

@@ -19,9 +19,9 @@ from .output import (
     Listen,
     Namespace,
     RobotChoice,
+    notify,
     refuse_existing,
     state,
-    tell,
     use_json,
     write,
     write_json,
@@ -72,24 +72,24 @@ def up(
     order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot)
     if "simulator" in compose.service_names:
         check_ground(order.world, seed)
-    warm_if_cold(compose, endpoint, tell)
+    warm_if_cold(compose, endpoint, notify)
     if not is_secure((listen or endpoint,)) and not log:
-        tell(OPEN)
+        notify(OPEN)
 
     def show(report: dict[str, Any]) -> None:
         if log:
-            tell("everything is ready")
+            notify("everything is ready")
         else:
             _show_up(compose.name, report, json=json)
 
     place = listen or endpoint, namespace_of(compose.robot), compose.robot
     if detach:
-        show(start_detached(compose, system, order, listen, tell))
+        show(start_detached(compose, system, order, listen, notify))
         if view:
             view_system(*place)
         return
     with viewer(*place, wanted=view), _until_signal() as stop:
-        keep(compose, order, stop, listen=listen, tell=tell, ready=show)
+        keep(compose, order, stop, listen=listen, notify=notify, ready=show)
 
 
 def supervise(
@@ -107,7 +107,7 @@ def supervise(
 
     compose = load_compose(system)
     with _until_signal() as stop:
-        keep(compose, StartOrder(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
+        keep(compose, StartOrder(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, notify=notify)
 
 
 def down(
@@ -130,7 +130,7 @@ def down(
         supervisor = folder.supervisor() if folder.held() else None
         if supervisor is not None:
             if not end(supervisor, grace_s=30.0):
-                tell(f"surefoot: process {supervisor.pid} could not be ended")
+                notify(f"surefoot: process {supervisor.pid} could not be ended")
                 raise typer.Exit(EXIT_CHECK)
             stopped.append(folder.name)
         folder.acquire()

@@ -13,7 +13,7 @@ from .output import (
     Connect,
     Json,
     Namespace,
-    tell,
+    notify,
     use_json,
     write,
     write_fields,
@@ -102,7 +102,7 @@ def echo(
                 else:
                     write(readable(message, field))
             except Refusal as refusal:
-                tell(f"surefoot: {key}: {refusal.message}")
+                notify(f"surefoot: {key}: {refusal.message}")
             if number == count or once:
                 return
     raise typer.Exit(EXIT_CHECK)
@@ -196,7 +196,7 @@ def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any"
             silence = time.monotonic() - last
             if not silent and silence >= min(SILENCE_S, timeout_s or SILENCE_S):
                 silent = True
-                tell(f"surefoot: nothing on {topic.key} for {silence:.1f} s" + _why(robot))
+                notify(f"surefoot: nothing on {topic.key} for {silence:.1f} s" + _why(robot))
             if 0.0 < timeout_s <= silence:
                 return
             continue

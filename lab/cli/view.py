@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .connect import joined
-from .output import Connect, Json, Namespace, state, tell, use_json, write, write_json
+from .output import Connect, Json, Namespace, notify, state, use_json, write, write_json
 
 if TYPE_CHECKING:
     from ..view.server import ViewServer
@@ -103,4 +103,4 @@ def _serve(server: "ViewServer", duration_s: float) -> None:
 
 
 def _warn(text: str) -> None:
-    tell(f"surefoot: {text}")
+    notify(f"surefoot: {text}")

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from .output import Json, tell, use_json, write, write_json
+from .output import Json, notify, use_json, write, write_json
 
 
 def warm(
@@ -23,7 +23,7 @@ def warm(
     use_json(json)
     chosen = warming.all_systems() if every else warming.systems_of(system or [warming.DEFAULT_SYSTEM])
     jobs = warming.jobs_of(chosen, rare=every)
-    found = warming.warm(jobs, tell) if force or warming.is_cold(jobs) else []
+    found = warming.warm(jobs, notify) if force or warming.is_cold(jobs) else []
     if json:
         write_json({"compiled": bool(found), "services": [asdict(each) for each in found]})
         return

@@ -109,7 +109,7 @@ def is_cold(jobs: Iterable[Job]) -> bool:
     return any(not job.stamp.exists() for job in jobs)
 
 
-def warm_if_cold(system: Compose, listen: str | None, tell: Callable[[str], None]) -> None:
+def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], None]) -> None:
     """Compile the kernels of a system unless that was done before.
 
     Raises:
@@ -119,16 +119,16 @@ def warm_if_cold(system: Compose, listen: str | None, tell: Callable[[str], None
     if is_cold(jobs):
         if listen is not None:
             refuse_taken(listen)
-        warm(jobs, tell)
+        warm(jobs, notify)
 
 
-def warm(jobs: tuple[Job, ...], tell: Callable[[str], None] = lambda text: None) -> list[Warmed]:
+def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: None) -> list[Warmed]:
     """Let the services rehearse, as many side by side as there are cores.
 
     A process takes one service after the other: what numba compiles for itself is then compiled once a process. A
     service rehearses with the next robot when all have with one: it has most kernels in common with itself.
     """
-    progress = _WarmProgress(len(jobs), tell)
+    progress = _WarmProgress(len(jobs), notify)
     found: list[Warmed] = []
 
     def work(ask: Callable[[Job], Warmed], todo: Queue[Job]) -> None:
@@ -151,7 +151,7 @@ def warm(jobs: tuple[Job, ...], tell: Callable[[str], None] = lambda text: None)
             job.stamp.parent.mkdir(parents=True, exist_ok=True)
             job.stamp.touch()
     except OSError as error:
-        tell(f"  nothing can be kept in {_stamps()}: {error.strerror}; kernels are compiled again at each start")
+        notify(f"  nothing can be kept in {_stamps()}: {error.strerror}; kernels are compiled again at each start")
     place = {(job.service, job.robot): i for i, job in enumerate(jobs)}
     return sorted(found, key=lambda each: place[each.service, each.robot])
 
@@ -171,16 +171,16 @@ def _turns(jobs: Iterable[Job]) -> list[list[Job]]:
 class _WarmProgress:
     """Reports each service that is done; called from several threads."""
 
-    def __init__(self, total: int, tell: Callable[[str], None]) -> None:
-        self._total, self._done, self._tell, self._began = total, 0, tell, time.monotonic()
+    def __init__(self, total: int, notify: Callable[[str], None]) -> None:
+        self._total, self._done, self._notify, self._began = total, 0, notify, time.monotonic()
         self._lock = threading.Lock()
-        tell(f"compiling numeric kernels: {total} services, takes half a minute or more, only this once")
+        notify(f"compiling numeric kernels: {total} services, takes half a minute or more, only this once")
 
     def another(self) -> None:
         """A service is done."""
         with self._lock:
             self._done += 1
-            self._tell(f"  {self._done} of {self._total} after {time.monotonic() - self._began:.0f} s")
+            self._notify(f"  {self._done} of {self._total} after {time.monotonic() - self._began:.0f} s")
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..cli.output import Json, tell, use_json, write, write_json, write_table
+from ..cli.output import Json, notify, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
     from .result import Fitted
@@ -34,9 +34,9 @@ def navigator(
     model = load(params)
     runs = []
     for path in recordings:
-        tell(f"reading {path}")
+        notify(f"reading {path}")
         runs.append(read_run(path, model))
-    found = fit(runs, model, tell)
+    found = fit(runs, model, notify)
     write_model(found, params, [path.name for path in recordings], out)
     if json:
         write_json(

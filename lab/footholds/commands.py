@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..cli.output import Json, tell, use_json, write, write_json, write_table
+from ..cli.output import Json, notify, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
     from .walks import Setting
@@ -288,7 +288,7 @@ class _Count:
     def show(self, name: str, stances: int) -> None:
         """Report a trial that is done."""
         self.done, self.samples = self.done + 1, self.samples + stances
-        tell(f"{self.done} of at most {self.trials}: {name}, {stances} stances")
+        notify(f"{self.done} of at most {self.trials}: {name}, {stances} stances")
 
     def write(self, out: Path, did: dict[str, int], json: bool) -> None:
         """Write the number of trials that were done, under the verb of the campaign, and of samples."""

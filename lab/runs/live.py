@@ -107,19 +107,19 @@ class Beside(AbstractContextManager[Any], Protocol):
 def run_scenario(
     scenario: Scenario,
     options: Options,
-    tell: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
     show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> RunOutcome:
     """Start the system of a scenario and conduct it; see `conduct`."""
-    return conduct(scenario, system_of(scenario), options, tell, show, meddle)
+    return conduct(scenario, system_of(scenario), options, notify, show, meddle)
 
 
 def conduct(
     scenario: Scenario,
     compose: Compose,
     options: Options,
-    tell: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
     show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> RunOutcome:
@@ -127,7 +127,7 @@ def conduct(
 
     Args:
         scenario, compose, options: the scenario, its system, options of the run.
-        tell, show: get messages of the system and the progress.
+        notify, show: get messages of the system and the progress.
         meddle: makes the activity beside the run.
 
     Raises:
@@ -145,8 +145,8 @@ def conduct(
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
         **scenario.environment,
     }
-    with Session(compose, listen=options.listen, director=director, environment=environment, tell=tell) as session:
-        tell(f"run {session.begin(request, START_S).run_id} begins")
+    with Session(compose, listen=options.listen, director=director, environment=environment, notify=notify) as session:
+        notify(f"run {session.begin(request, START_S).run_id} begins")
         beside, interrupted = None if meddle is None else meddle(session), False
         try:
             with beside or nullcontext():

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..cli.output import Json, near, tell, use_json, write_json, write_table
+from ..cli.output import Json, near, notify, use_json, write_json, write_table
 from .evaluate import evaluate, model_of
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def navigator(
     if policy == "planner":
         made, trained = make_planner(model), list["Trained"]()
     else:
-        made, trained = make_sarsa(model, Schedule(episodes=episodes), seed, runs, out, resume=resume, tell=tell)
+        made, trained = make_sarsa(model, Schedule(episodes=episodes), seed, runs, out, resume=resume, notify=notify)
     digest = save(made, out)
     found: dict[str, Any] = {
         "file": near(out),
@@ -71,4 +71,4 @@ def navigator(
     if trained:
         rows = [(t.seed, f"{t.mean_s:.2f}", f"{t.success:.4f}", "kept" if t.kept else "") for t in trained]
         write_table(("seed", "mean, s", "success", ""), rows, "trainings", right=(0, 1, 2))
-    tell(f"{near(out)}: {made.name} for {', '.join(made.actions)}, sha256 {digest[:12]}")
+    notify(f"{near(out)}: {made.name} for {', '.join(made.actions)}, sha256 {digest[:12]}")

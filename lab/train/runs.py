@@ -44,7 +44,7 @@ def make_sarsa(
     out: Path,
     *,
     resume: bool = False,
-    tell: Callable[[str], None] = lambda _: None,
+    notify: Callable[[str], None] = lambda _: None,
 ) -> tuple[Policy, list[Trained]]:
     """Train with seeds seed .. seed + runs - 1 on all cores; return the best policy and all trainings.
 
@@ -55,7 +55,7 @@ def make_sarsa(
         runs: number of trainings.
         out: policy file; checkpoints are kept beside it and removed at the end.
         resume: go on from checkpoints that are there.
-        tell: called with a line of progress.
+        notify: called with a line of progress.
     """
     lock, world = threading.Lock(), arrays(model)
 
@@ -63,7 +63,9 @@ def make_sarsa(
         if training.done % 500 == 0 or training.done == schedule.episodes:
             recent = training.seconds[max(0, training.done - 100) : training.done].mean()
             with lock:
-                tell(f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, now {recent:.1f} s each")
+                notify(
+                    f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, now {recent:.1f} s each"
+                )
 
     def one(number: int) -> tuple[Policy, Trained]:
         training, path = Training(model, number, schedule), checkpoint(out, number)

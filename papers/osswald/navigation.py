@@ -238,23 +238,23 @@ def _least_runs(mean_a: float, sd_a: float, mean_b: float, sd_b: float) -> int:
 
 
 def reproduce(
-    out: Path | None, tell: Callable[[str], None] = lambda text: None, live: Path | None = None
+    out: Path | None, notify: Callable[[str], None] = lambda text: None, live: Path | None = None
 ) -> Reproduction:
     """Compute everything; write the figures into a folder when there is one.
 
     Args:
         out: folder of the figures, or None.
-        tell: callback that gets a line of progress.
+        notify: callback that gets a line of progress.
         live: results of the live benchmark, or None.
     """
     robot = [] if live is None else live_runs.findings(live)
-    done = study(tell)
+    done = study(notify)
     figures: tuple[Path, ...] = ()
     if out is not None:
         from .figures import draw
 
-        tell("drawing")
+        notify("drawing")
         figures = draw(done, out)
     notes = NOTES if live is not None else (*NOTES, LIVE_NOTE)
-    tell("blur from pixels")
+    notify("blur from pixels")
     return Reproduction(TITLE, (*findings(done, robot), *pixels.findings()), figures, notes)

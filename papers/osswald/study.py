@@ -181,14 +181,14 @@ def with_printed_gamma() -> tuple[str, Array]:
     return refusal, episodes(arrays(free), training.policy(), Seeds(PAIRED_EPISODES.first, PAIRED_EPISODES.first + 100))
 
 
-def study(tell: Callable[[str], None] = lambda text: None) -> NavigationStudy:
+def study(notify: Callable[[str], None] = lambda text: None) -> NavigationStudy:
     """Compute everything: about half a minute."""
     normal, blur = (load(name, (THREE_STATES,)) for name in ("paper", "paper-blur"))
-    tell("trainings and 100 + 100 episodes, moderate blur")
+    notify("trainings and 100 + 100 episodes, moderate blur")
     seen = compare(normal)
-    tell("trainings and 100 + 100 episodes, strong blur")
+    notify("trainings and 100 + 100 episodes, strong blur")
     blurred = compare(blur)
-    tell("paths of a training, other turning thresholds, errata")
+    notify("paths of a training, other turning thresholds, errata")
     drawn = paths(Training(normal, TRAININGS[seen.chosen], AS_PRINTED), EVERY)
     turning: dict[float, tuple[Array, tuple[Episode, ...]]] = {}
     for deg in TURN_THRESHOLDS:

@@ -104,22 +104,22 @@ class Runs:
             except (ValueError, KeyError):
                 continue  # a torn line
 
-    def walks(self, keys: Sequence[WalkKey], tell: Callable[[str], None]) -> list[WalkResult]:
+    def walks(self, keys: Sequence[WalkKey], notify: Callable[[str], None]) -> list[WalkResult]:
         """Return the results of walks in their order."""
         missing = [key for key in keys if (key.case, key.seed) not in self._done]
         for number, found in enumerate(self._walk(missing), 1):
             self._done[found["case"], found["seed"]] = found
             with self._file.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(found) + "\n")
-            tell(f"walk {number} of {len(missing)}: {found['case']}, seed {found['seed']}")
+            notify(f"walk {number} of {len(missing)}: {found['case']}, seed {found['seed']}")
         return [_result(self._done[key.case, key.seed]) for key in keys]
 
-    def primitives(self, seeds: Sequence[int], noise: float, tell: Callable[[str], None]) -> list[StanceSample]:
+    def primitives(self, seeds: Sequence[int], noise: float, notify: Callable[[str], None]) -> list[StanceSample]:
         """Return the outcomes of all primitives: without noise once, else once for each seed."""
         robot, out = load_robot(ROBOT), self.folder / "primitives.jsonl"
         trials = paper_trials(noise=noise, seeds=seeds)
         count = run_trials(robot, trials, out, [own_worker(robot)])
-        tell(f"{count} of {len(trials)} trials with primitives, noise {1e3 * noise:g} mm")
+        notify(f"{count} of {len(trials)} trials with primitives, noise {1e3 * noise:g} mm")
         wanted = {f"-{trial.noise:g}-{trial.stance}-{trial.stroke:g}-{trial.seed}" for trial in trials}
         return [each for each in read(out)[0] if any(each.trial.endswith(end) for end in wanted)]
 

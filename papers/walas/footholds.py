@@ -62,12 +62,12 @@ NOTES = (
 )
 
 
-def study(folder: Path, seeds: int, tell: Callable[[str], None], jobs: int | None = None) -> FootholdStudy:
+def study(folder: Path, seeds: int, notify: Callable[[str], None], jobs: int | None = None) -> FootholdStudy:
     """Do the trials and walks that a folder lacks; returns everything the figures need."""
     runs = Runs(folder, jobs)
-    exact = runs.primitives([0], 0.0, tell)
-    noisy = runs.primitives(range(1, seeds + 1), NOISE, tell)
-    collected = runs.walks([WalkKey("random collection", COLLECTION + k) for k in range(4)], tell)
+    exact = runs.primitives([0], 0.0, notify)
+    noisy = runs.primitives(range(1, seeds + 1), NOISE, notify)
+    collected = runs.walks([WalkKey("random collection", COLLECTION + k) for k in range(4)], notify)
     walked = [s for each in collected for s in each.samples]
     models = {
         "terrain": _learned("terrain", walked, WALKED),
@@ -87,13 +87,13 @@ def study(folder: Path, seeds: int, tell: Callable[[str], None], jobs: int | Non
             WalkKey("Gaussian, k = 8", k, model=files["Gaussian"], weight=PRINTED_WEIGHT) for k in numbers
         ],
     }
-    walks = {name: runs.walks(some, tell) for name, some in keys.items()}
-    again = _relearning(runs, walked, numbers, tell)
+    walks = {name: runs.walks(some, notify) for name, some in keys.items()}
+    again = _relearning(runs, walked, numbers, notify)
     return FootholdStudy(exact, noisy, models, walks, _window(models["Gaussian"]), again)
 
 
 def _relearning(
-    runs: Runs, walked: Sequence[StanceSample], numbers: Sequence[int], tell: Callable[[str], None]
+    runs: Runs, walked: Sequence[StanceSample], numbers: Sequence[int], notify: Callable[[str], None]
 ) -> dict[str, list[WalkResult]]:
     """Return the walks of Fig. 12: without edges, re-learned with c = 1, and again with c = .5."""
     model = _learned("no edges", [s for s in walked if s.k2 / (8.0 * s.cell) < EDGE], WALKED)
@@ -103,7 +103,7 @@ def _relearning(
             outcomes = [s for each in list(out.values())[-1] for s in each.samples]
             model = relearned(model, outcomes, "paper", weight)
         file = keep(model, runs.folder / f"{_plain(name)}.model")
-        out[name] = runs.walks([WalkKey(name, k, model=file, weight=WEIGHT) for k in numbers], tell)
+        out[name] = runs.walks([WalkKey(name, k, model=file, weight=WEIGHT) for k in numbers], notify)
     return out
 
 
@@ -249,15 +249,15 @@ def _figure_12(s: FootholdStudy) -> list[Finding]:
 
 
 def reproduce(
-    out: Path | None, tell: Callable[[str], None] = lambda text: None, seeds: int = SEEDS, jobs: int | None = None
+    out: Path | None, notify: Callable[[str], None] = lambda text: None, seeds: int = SEEDS, jobs: int | None = None
 ) -> Reproduction:
     """Do all trials and walks and check each claim; a folder keeps them and gets the figures."""
     with tempfile.TemporaryDirectory() as temporary:
-        done = study(out or Path(temporary), seeds, tell, jobs)
+        done = study(out or Path(temporary), seeds, notify, jobs)
     figures: tuple[Path, ...] = ()
     if out is not None:
         from .foothold_figures import draw
 
-        tell("drawing")
+        notify("drawing")
         figures = draw(done, out)
     return Reproduction(TITLE, findings(done), figures, NOTES)

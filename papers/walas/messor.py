@@ -75,7 +75,7 @@ def measured_com(robot: Robot, reading: Reading, factor: float | None, sensor: P
         pose = reading.pose()
         factor = gain_from_weight(robot, reading.joints, pose.torque, reading.g_up, pose.stance)
         if factor is None:
-            raise ValueError("the torques tell nothing about their gain")
+            raise ValueError("the torques do not determine their gain")
     forces = forces_of(robot, reading, factor, sensor)
     found = com_from_forces(feet_of(robot, reading), forces.force, forces.covariance, tilt_sd=TILT_SD)
     if found is None:

@@ -32,19 +32,19 @@ NOTES = (
 )
 
 
-def study(tell: Callable[[str], None] = lambda text: None) -> StabilityStudy:
+def study(notify: Callable[[str], None] = lambda text: None) -> StabilityStudy:
     """Recompute the stability results of Walas & Belter; takes about half a minute."""
     ragno, messor = load_robot("ragno"), load_robot("messor")
-    tell("Ragno: displacement of the CoM, slope")
+    notify("Ragno: displacement of the CoM, slope")
     postures = walas_ragno.postures(ragno)
     slopes = tuple(walas_ragno.slope(ragno, mu) for mu in walas_ragno.SLOPE_TABLE)
-    tell("Messor: calibration by moving the trunk 10 cm to either side")
+    notify("Messor: calibration by moving the trunk 10 cm to either side")
     sweep = walas_messor.sweep(messor)
-    tell("Messor: standing level and tilted")
+    notify("Messor: standing level and tilted")
     standing = walas_messor.standing(messor, sweep.calibration.common)
     errors = tuple(walas_messor.com_errors(messor, seed) for seed in SEEDS)
     small = tuple(walas_messor.com_errors(ragno, seed) for seed in SEEDS[:1])
-    tell("Messor: tripod gait")
+    notify("Messor: tripod gait")
     gait = walas_messor.gait(messor, sweep.calibration.common)
     return StabilityStudy(ragno, messor, postures, slopes, PressureSensor(), sweep, standing, gait, errors, small)
 
@@ -129,13 +129,13 @@ def _both(ways: tuple[float, float]) -> str:
     return f"{100.0 * ways[0]:.2f} / {100.0 * ways[1]:.2f}"
 
 
-def reproduce(out: Path | None, tell: Callable[[str], None] = lambda text: None) -> Reproduction:
+def reproduce(out: Path | None, notify: Callable[[str], None] = lambda text: None) -> Reproduction:
     """Compute everything; write the figures into a folder when there is one."""
-    done = study(tell)
+    done = study(notify)
     figures: tuple[Path, ...] = ()
     if out is not None:
         from .figures import draw
 
-        tell("drawing")
+        notify("drawing")
         figures = draw(done, out)
     return Reproduction(TITLE, findings(done), figures, NOTES)

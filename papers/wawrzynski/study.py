@@ -145,14 +145,14 @@ def _with_exact_encoders(log: Log, columns: Columns) -> Log:
     return replace(log, foot_position=position, foot_rot=rot)
 
 
-def run(seeds: Iterable[int] = SEEDS, tell: Callable[[str], None] = lambda text: None) -> list[Experiment]:
+def run(seeds: Iterable[int] = SEEDS, notify: Callable[[str], None] = lambda text: None) -> list[Experiment]:
     """Walk once for each seed, as many at a time as there are cores."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     done: list[Experiment] = []
     with ProcessPoolExecutor(os.cpu_count() or 1) as pool:
         for one in pool.map(partial(experiment), seeds):
             done.append(one)
-            tell(f"seed {one.seed}: {one.way:.2f} m in {one.duration:.1f} s")
+            notify(f"seed {one.seed}: {one.way:.2f} m in {one.duration:.1f} s")
     return done
 
 

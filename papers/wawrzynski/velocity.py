@@ -33,19 +33,19 @@ NOTES = (
 )
 
 
-def reproduce(out: Path | None, tell: Callable[[str], None] = lambda text: None) -> Reproduction:
+def reproduce(out: Path | None, notify: Callable[[str], None] = lambda text: None) -> Reproduction:
     """Compute everything; write the figures into a folder when there is one.
 
     Args:
         out: folder of the figures, or None.
-        tell: function that takes a line of progress.
+        notify: function that takes a line of progress.
     """
-    done = run(tell=tell)
+    done = run(notify=notify)
     figures: tuple[Path, ...] = ()
     if out is not None:
         from .figures import draw
 
-        tell("drawing")
+        notify("drawing")
         figures = draw(done, out)
     return Reproduction(TITLE, tuple(findings(done)), figures, NOTES)
 

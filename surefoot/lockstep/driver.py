@@ -313,7 +313,7 @@ class DriverNode(Node):
         tick = leader.tick + 1
         samples = self.driver.release(tick)
         self.bus.cork()
-        box = [self._tell(sample, tick) for sample in samples]
+        box = [self._notify(sample, tick) for sample in samples]
         due = (*(sample.topic.key for sample in samples), *self._judging)
         manifest = leader.advance(tick * TICK_NS, due, held=self.held)
         self._publishers[HW_TICK.key].put(manifest)
@@ -330,10 +330,10 @@ class DriverNode(Node):
     def _reveal(self) -> None:
         """Publish the ``judging`` samples of the last ticks."""
         for tick, sample in self._unrevealed:
-            self._outbox.setdefault((self.leader.epoch, tick), []).append(self._tell(sample, tick))
+            self._outbox.setdefault((self.leader.epoch, tick), []).append(self._notify(sample, tick))
         self._unrevealed.clear()
 
-    def _tell(self, sample: DueSample, tick: int) -> tuple[Publisher[Any], Any]:
+    def _notify(self, sample: DueSample, tick: int) -> tuple[Publisher[Any], Any]:
         made = sample.message
         message = made() if callable(made) else made
         publisher = self._publishers[sample.topic.key]

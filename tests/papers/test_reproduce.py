@@ -19,14 +19,14 @@ def plain(monkeypatch):
     """No colours, no JSON of a test before, no kernels."""
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr(state, "json", False)
-    monkeypatch.setattr(warming, "warm_if_cold", lambda system, listen, tell: None)
+    monkeypatch.setattr(warming, "warm_if_cold", lambda system, listen, notify: None)
 
 
 @pytest.mark.parametrize(("rows", "code"), [((GOOD,), 0), ((GOOD, BAD), 1)])
 def test_table_json_and_exit_code(in_process, monkeypatch, tmp_path, rows, code):
     asked: list[Path | None] = []
 
-    def reproduce(folder, tell):
+    def reproduce(folder, notify):
         asked.append(folder)
         return Reproduction("A paper", rows, (tmp_path / "fig15.svg",), ("a note",))
 

@@ -62,7 +62,7 @@ def keep(
     *,
     listen: str | None = None,
     spawn: bool = True,
-    tell: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
     ready: Callable[[dict[str, Any]], None] = lambda report: None,
 ) -> None:
     """Bring a system up, look after it until `stop`, take it down.
@@ -77,7 +77,7 @@ def keep(
         "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, compose.service_names, order.request),
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # time begins when everybody is there
     }
-    with Session(compose, listen=listen, environment=environment, spawn=spawn, tell=tell) as session:
+    with Session(compose, listen=listen, environment=environment, spawn=spawn, notify=notify) as session:
         wanted = set(session.system.service_names)
         told, written = False, None
         reset_by, alone_since = "", 0.0
@@ -90,7 +90,7 @@ def keep(
             driver = session.instance_of(session.driver)
             if driver and driver != reset_by and wanted <= set(session.alive):
                 if session.answers(SIM_RESET):  # else the driver of a real robot, which starts the clock itself
-                    _reset(session, order, tell)
+                    _reset(session, order, notify)
                 reset_by = driver
             if driver or not wanted <= set(session.alive):
                 alone_since = 0.0
@@ -106,7 +106,7 @@ def keep(
             session.system.wait(STEP_S)
 
 
-def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> None:
+def _reset(session: Session, order: StartOrder, notify: Callable[[str], None]) -> None:
     """Let simulated time run; needed again after a restart of the simulator."""
     try:
         session.call(SIM_RESET, order.request.model_copy(update={"expect": session.expected}))
@@ -114,11 +114,11 @@ def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> 
         problem = f"the simulation could not be started: {error.message}"
         if error.code not in ("absent", "timeout"):  # the request is wrong, and stays so
             raise BusError(error.code, problem, error.field) from None
-        tell(problem)
+        notify(problem)
 
 
 def start_detached(
-    compose: Compose, system: str, order: StartOrder, listen: str | None, tell: Callable[[str], None]
+    compose: Compose, system: str, order: StartOrder, listen: str | None, notify: Callable[[str], None]
 ) -> dict[str, Any]:
     """Start `surefoot up` in a session of its own, wait until it is ready and return its report.
 
@@ -132,7 +132,7 @@ def start_detached(
     folder.clear_ready()
     command = [sys.executable, "-m", "surefoot.lab.cli.main", "up", "--log", str(Path(compose.path).resolve())]
     command += [*order.arguments(), *(["--listen", listen] if listen else [])]
-    tell(f"starting {system}")
+    notify(f"starting {system}")
     child = Child(SELF, command, {}, folder.log(SELF))
     waited = threading.Event()
     began = moved = time.monotonic()

@@ -56,7 +56,7 @@ class Session:
         director: Director | None = None,
         environment: Mapping[str, str] | None = None,
         spawn: bool = True,
-        tell: Callable[[str], None] = lambda text: None,
+        notify: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.compose = compose
         self.name = compose.name
@@ -65,7 +65,7 @@ class Session:
         self.namespace = namespace_of(self.robot)
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
-        self._tell = tell
+        self._notify = notify
         own = {
             "SUREFOOT_CONNECT": self.listen,
             "SUREFOOT_NAMESPACE": self.namespace,
@@ -127,7 +127,7 @@ class Session:
     def _close(self) -> None:
         try:
             if self._spawn and not self.system.stop():
-                self._tell("some processes could not be ended")
+                self._notify("some processes could not be ended")
         finally:
             if self._node is not None:
                 self._node.stop()
@@ -140,7 +140,7 @@ class Session:
     def _clean_up(self) -> None:
         left = self.folder.end_leftovers()
         if left:
-            self._tell(f"ended what an earlier run had left behind: {', '.join(left)}")
+            self._notify(f"ended what an earlier run had left behind: {', '.join(left)}")
 
     def _open_router(self) -> ZenohBus:
         try:
@@ -184,7 +184,7 @@ class Session:
             self._stop = self._before.stopped
 
     def _on_action(self, action: ProcessAction) -> None:
-        self._tell(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
+        self._notify(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
 
     @property
     def expected(self) -> tuple[str, ...]:
@@ -266,7 +266,7 @@ class Session:
             return
         status = self.supervisor.status
         if status is not None and status is not self._before and status.stopped and status.tick > 0:
-            self._tell(f"{self.driver} was started anew; the emergency stop stays in force ({self._stop})")
+            self._notify(f"{self.driver} was started anew; the emergency stop stays in force ({self._stop})")
             self._stop = ""
             return
         self._stops = self._stops or self._bus.publisher(CMD_ESTOP)

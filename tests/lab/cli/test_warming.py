@@ -66,7 +66,7 @@ def test_the_command_shows_the_kernels_of_each_service(monkeypatch, in_process):
 def test_a_taken_port_is_reported_before_anything_is_compiled(monkeypatch):
     (ragno,) = warming.systems_of(["ragno"])
     monkeypatch.setattr(warming, "jobs_of", lambda systems: (Job("simulator", "ragno"),))
-    monkeypatch.setattr(warming, "warm", lambda jobs, tell: pytest.fail("compiles for a system that cannot start"))
+    monkeypatch.setattr(warming, "warm", lambda jobs, notify: pytest.fail("compiles for a system that cannot start"))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

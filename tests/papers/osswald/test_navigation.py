@@ -53,7 +53,7 @@ def test_the_printed_real_runs_differ_from_17_runs_on():
 def test_command(monkeypatch, answer, words, live):
     asked = []
 
-    def reproduce(folder, tell, live=None):
+    def reproduce(folder, notify, live=None):
         asked.append((folder, live and str(live)))
         return Reproduction("Osswald", (Finding("VI-B", "gain, %", "9.0", "9.4", True),))
 

@@ -61,7 +61,7 @@ def test_the_driver_is_who_is_alive_as_driver(listen, appear):
 def test_only_a_driver_that_can_be_reset_is(listen, appear, simulates):
     resets, told, stop = [], [], threading.Event()
     pause = threading.Event()
-    arguments = {"listen": listen, "tell": told.append}
+    arguments = {"listen": listen, "notify": told.append}
     thread = threading.Thread(target=keep, args=(parse_compose(SYSTEM), StartOrder(World()), stop), kwargs=arguments)
     thread.start()
     try:

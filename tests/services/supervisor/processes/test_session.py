@@ -195,7 +195,7 @@ def test_is_kept_until_the_end_is_asked_for(listen):
     thread = threading.Thread(
         target=keep,
         args=(parse_compose(IDLE), StartOrder(World()), stop),
-        kwargs={"listen": listen, "tell": told.append},
+        kwargs={"listen": listen, "notify": told.append},
     )
     thread.start()
     folder = RunFolder("idle")
