@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.lab.estimation.export import save_npz
+from surefoot.lab.estimation.export import save_npz
 from tests.lab.estimation.walks import noisy
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.lab.cli.output import EXIT_USAGE
-from tests.lab.estimation.export import save_csv, save_npz
+from surefoot.lab.estimation.export import save_csv, save_npz
 from tests.lab.estimation.walks import noisy
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "estimate" / "offline.py"

@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from surefoot.lab.estimation.align import Alignment, align, aligned
+from surefoot.lab.estimation.export import save_npz
 from surefoot.lab.estimation.files import open_log
 from surefoot.lab.estimation.log import Log, TrueMotion
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
-from tests.lab.estimation.export import save_npz
 from tests.lab.estimation.walks import noisy
 
 LATE_S, LEVER, SCALE = 0.04, np.array([0.05, -0.03, 0.08]), 1.02

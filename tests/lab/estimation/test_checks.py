@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.checks import check_kinematics
+from surefoot.lab.estimation.export import save_npz
 from surefoot.lab.estimation.files import open_log
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import DATA
-from tests.lab.estimation.export import save_npz
 from tests.lab.estimation.walks import noisy
 from tests.surefoot.expect import expect_error
 

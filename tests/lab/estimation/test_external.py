@@ -7,13 +7,13 @@ import pytest
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import wrap_angle
+from surefoot.lab.estimation.export import save_csv, save_npz
 from surefoot.lab.estimation.files import open_log
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.smooth import smooth
 from surefoot.lab.estimation.track import Track, track
 from tests.lab.estimation.cameras import Camera
-from tests.lab.estimation.export import save_csv, save_npz
 from tests.lab.estimation.walks import noisy
 from tests.surefoot.expect import expect_error
 

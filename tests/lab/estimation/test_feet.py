@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
+from surefoot.lab.estimation.export import save_csv, save_npz
 from surefoot.lab.estimation.feet import FeetOptions
 from surefoot.lab.estimation.files import open_log
 from surefoot.lab.estimation.logs import DATA
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
 from surefoot.papers.wawrzynski.synthetic import SOLE
-from tests.lab.estimation.export import save_csv, save_npz
 from tests.lab.estimation.walks import noisy
 from tests.surefoot.expect import expect_error
 

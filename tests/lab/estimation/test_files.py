@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
+from surefoot.lab.estimation.export import save_csv, save_npz
 from surefoot.lab.estimation.files import log_of_table, open_log
 from surefoot.lab.estimation.track import track
 from surefoot.record.tables import read_table
 from surefoot.robot.reader import load_robot
-from tests.lab.estimation.export import save_csv, save_npz
 from tests.lab.estimation.walks import noisy
 from tests.surefoot.expect import expect_error
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import quat_from_matrix
-from surefoot.lab.estimation.log import Log
+
+from .log import Log
 
 Array = NDArray[np.float64]
 
