@@ -1,6 +1,6 @@
 """Bridge to ROS 2 over Zenoh, without ROS: odometry, transforms, joints and heights out, velocity commands in."""
 
-from queue import Empty, SimpleQueue
+from collections import deque
 from typing import Any, Literal
 
 from pydantic import Field
@@ -64,15 +64,16 @@ class Ros2Bridge(Service[Ros2Config]):
         named = {"odometry": c.odom, "tf": c.tf, "joints": c.joint_states, "imu": c.imu, "contacts": c.contacts,
                  "map": c.height_map}  # fmt: skip
         self._out = {kind: self.connection.publisher(topic, ros.KINDS[kind]) for kind, topic in named.items() if topic}
-        self._twists = SimpleQueue[Any]()
+        self._twists = deque[Any](maxlen=1)  # the newest counts
         self._broken = 0
         if c.cmd_vel:
-            self.connection.subscribe(c.cmd_vel, ros.KINDS["cmd_vel"], self._twists.put, self._on_broken)
+            self.connection.subscribe(c.cmd_vel, ros.KINDS["cmd_vel"], self._twists.append, self._on_broken)
         self.on_reset()
 
     def on_reset(self) -> None:
         """A new epoch: stand, and measure the clock anew."""
         self.steering, self._offset_ns, self._wall = Steering(), 0, WallOffset()
+        self._twists.clear()  # velocities of before are of another run
         self._map: HeightMapMessage | None = None
 
     def on_tick(self, inputs: TickInputs) -> None:
@@ -107,18 +108,17 @@ class Ros2Bridge(Service[Ros2Config]):
             self._out[kind].put(message)
 
     def _steer(self, now_s: float) -> None:
-        try:
-            while True:
-                twist = self._twists.get_nowait()
-                self.steering.take(now_s, twist.linear.x, twist.angular.z)
-        except Empty:
-            order = self.steering.order(now_s)
+        while self._twists:
+            twist = self._twists.popleft()
+            self.steering.take(now_s, twist.linear.x, twist.angular.z)
+        order = self.steering.order(now_s)
         if order is None:
             return
         try:
             reply = self.call(CMD_WALK, order, 0.2)
         except CallError as error:
             self.log("warning", f"{self.config.cmd_vel}: {error.message}")
+            self.steering.unanswered(now_s)
             return
         if not reply.accepted:
             self.log("warning", f"{self.config.cmd_vel}: {order.action} refused, {reply.reason}")

@@ -1,5 +1,7 @@
 """Velocity commands of ROS 2 as orders of our walker."""
 
+import math
+
 from surefoot.schemas.cmd import WalkCommand
 
 HORIZON_S = 2.0
@@ -8,6 +10,11 @@ SILENT_S = 0.5
 """Time without a velocity after which the robot is stopped, s."""
 STILL_MPS, STILL_RADPS = 0.005, 0.02
 """Velocities below which the robot shall stand, m/s and rad/s."""
+FASTEST_MPS, FASTEST_RADPS = 1.0, 10.0
+"""Velocities to which larger ones are cut, m/s and rad/s: no robot walks faster, and the walker refuses what its own
+cannot do."""
+AGAIN_S = 0.2
+"""Time after which an order that was not answered is given again, s."""
 TURN_RAD = 0.2
 """Turn within the horizon from which a robot that walks no arcs turns first, rad."""
 
@@ -20,18 +27,28 @@ class Steering:
         """False once the walker has refused an arc."""
         self._wanted = (0.0, 0.0)
         self._came_s = self._ordered_s = float("-inf")
-        self._order: tuple[float, float] | None = None
+        self._again_s = float("-inf")
+        self._order: tuple[float, float] | None = (0.0, 0.0)
+        """Velocities of the order under way; None = not known, as an order was not answered."""
 
     def take(self, now_s: float, forward: float, turn: float) -> None:
-        """Take a velocity, m/s and rad/s."""
+        """Take a velocity, m/s and rad/s; one that is not finite is none, and the robot shall stand."""
+        if not (math.isfinite(forward) and math.isfinite(turn)):
+            forward = turn = 0.0
+        forward = min(max(forward, -FASTEST_MPS), FASTEST_MPS)
+        turn = min(max(turn, -FASTEST_RADPS), FASTEST_RADPS)
         still = abs(forward) < STILL_MPS and abs(turn) < STILL_RADPS
         self._wanted, self._came_s = (0.0, 0.0) if still else (forward, turn), now_s
 
     def order(self, now_s: float) -> WalkCommand | None:
         """Return the order that is due, None = that under way holds."""
+        if now_s < self._again_s:
+            return None
         wanted = self._wanted if now_s - self._came_s <= SILENT_S else (0.0, 0.0)
         moving = wanted != (0.0, 0.0)
-        if wanted == (self._order or (0.0, 0.0)) and not (moving and now_s - self._ordered_s >= 0.5 * HORIZON_S):
+        if not moving and now_s - self._came_s > SILENT_S + HORIZON_S:
+            self._order = wanted  # what was ordered last has ended by itself
+        if wanted == self._order and not (moving and now_s - self._ordered_s >= 0.5 * HORIZON_S):
             return None
         self._order, self._ordered_s = wanted, now_s
         if not moving:
@@ -47,3 +64,7 @@ class Steering:
         if code == "unsupported":
             self.arcs = False
             self._order = None
+
+    def unanswered(self, now_s: float) -> None:
+        """Note that the last order may be lost: the next one is due after `AGAIN_S`, a stop too."""
+        self._order, self._again_s = None, now_s + AGAIN_S

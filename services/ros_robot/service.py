@@ -1,7 +1,7 @@
 """A robot that publishes on ROS 2, as the driver: its inertial unit, joints and feet come over Zenoh, without ROS."""
 
+from collections import deque
 from functools import partial
-from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,9 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.lockstep.sensed import SensedConfig, SensedDriver
 from surefoot.record.fields import FieldPath
 from surefoot.robot.names import joint_columns, leg_columns
+
+MOST = 10_000
+"""Messages that are kept until they are read; of more the oldest are left out, while the run has yet to begin."""
 
 
 class RosRobotConfig(SensedConfig):
@@ -40,10 +43,11 @@ class RosRobot(SensedDriver[RosRobotConfig]):
 
     def open(self) -> None:
         """Subscribe to the topics of the robot."""
-        c, self._queue = self.config, SimpleQueue[tuple[str, Any]]()
+        c, self._queue = self.config, deque[tuple[str, Any]](maxlen=MOST)
         self._columns: tuple[tuple[str, ...], list[int]] = ((), [])
         self._stamp_ns = 0
-        self._feet = leg_columns(c.feet or self.robot.leg_names, self.robot)
+        self._names = c.feet or self.robot.leg_names
+        self._feet = leg_columns(self._names, self.robot)
         self._place = FieldPath.of(c.contacts) if c.contacts else None
         imu_from_base = matrix_from_quat(self.robot.imu.quat_wxyz).T
         self._turn = imu_from_base if c.imu_frame == "base_link" else None
@@ -56,15 +60,12 @@ class RosRobot(SensedDriver[RosRobotConfig]):
 
     def take(self, kind: str, message: Any) -> None:
         """Queue a message of the topic of `imu`, `joints` or `feet`; from any thread."""
-        self._queue.put((kind, message))
+        self._queue.append((kind, message))
 
     def poll(self) -> None:
         """Move what has come into the intake."""
-        while True:
-            try:
-                kind, m = self._queue.get_nowait()
-            except Empty:
-                return
+        while self._queue:
+            kind, m = self._queue.popleft()
             try:
                 self._read(kind, m)
             except SurefootError as error:
@@ -93,8 +94,9 @@ class RosRobot(SensedDriver[RosRobotConfig]):
             self.intake.joints(self._stamp_ns, parts[0] if parts[0] is not None else (), parts[1], parts[2])
         elif self._place is not None:
             values = self._place.values(m)
-            if len(values) != self.robot.nlegs:
-                raise SurefootError("shape", f"{self._place.topic}: got {len(values)} numbers", "contacts")
+            if len(values) != len(self._names):
+                text = f"{self._place.topic}: got {len(values)} numbers, wanted are {len(self._names)}"
+                raise SurefootError("shape", text, "contacts")
             self.intake.feet(stamp_of(m) or self._stamp_ns, values[self._feet].tolist())
 
 

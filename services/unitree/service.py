@@ -2,8 +2,9 @@
 
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
+from surefoot.bus.codec import refusal_of
 from surefoot.errors import SurefootError
 from surefoot.lockstep.driver import DueSample
 from surefoot.lockstep.sensed import SensedConfig, SensedDriver
@@ -18,6 +19,8 @@ WRAP = 2**32
 """Size of the robot's `tick`, ms: it begins again after 49.7 days."""
 MOST = 64
 """Messages that are kept until they are read."""
+MOTORS = 20
+"""Motors of a message; a quadruped has twelve."""
 LEGS = ("fr", "fl", "rr", "rl")
 
 
@@ -28,9 +31,12 @@ class UnitreeConfig(SensedConfig):
     domain: int = Field(default=0, ge=0, le=230, description="DDS domain")
     joints: tuple[str, ...] = Field(
         default=tuple(f"{leg}_{part}" for leg in LEGS for part in ("hip", "thigh", "calf")),
+        max_length=MOTORS,
         description="names of the first motors in the maker's order",
     )
-    feet: tuple[str, ...] = Field(default=LEGS, description="legs in the order of the foot forces")
+    feet: tuple[str, ...] = Field(
+        default=LEGS, max_length=len(LEGS), description="legs in the order of the foot forces"
+    )
     check_crc: bool = Field(default=True, description="refuse messages with a wrong check sum")
 
 
@@ -113,13 +119,18 @@ class Unitree(SensedDriver[UnitreeConfig]):
     def release(self, tick: int) -> list[DueSample]:
         """Return the samples of a tick, and the maker's estimate if there is a new one."""
         out, maker, self._maker = self.intake.release(tick), self._maker, None
-        if maker is not None:
+        if maker is None:
+            return out
+        try:
             message = MakerMotion(
                 position=tuple(maker.position), velocity=tuple(maker.velocity), yaw_speed=maker.yaw_speed,
                 quat_wxyz=tuple(maker.imu_state.quaternion), gait=maker.gait_type,
             )  # fmt: skip
-            out.append(DueSample(HW_MAKER, message, tick * TICK_NS, tick))
-        return out
+        except ValidationError as error:
+            refusal = refusal_of(error, "rt/sportmodestate")
+            self.intake.refuse("maker_nonfinite", refusal.message)
+            return out
+        return [*out, DueSample(HW_MAKER, message, tick * TICK_NS, tick)]
 
     def _time(self, tick_ms: int) -> int:
         """Return the time of the robot, ms, without the wrap of its counter."""

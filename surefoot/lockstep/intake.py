@@ -24,7 +24,12 @@ LOW_M = 0.005
 UP_TICKS = 50
 """Ticks over which the mean accelerometer shows the direction of gravity."""
 BACK_NS, AHEAD_NS = 1_000_000_000, 10_000_000_000
-"""Steps of a stamp, back and ahead, ns, from which the clock has jumped; a smaller step back is a late sample."""
+"""Steps of an inertial stamp, back and ahead, ns, from which the clock has jumped; a smaller step back is a late
+sample. Joints and feet so far from the newest inertial row are refused: theirs is another clock."""
+SILENT_NS = 1_000_000_000
+"""Time without a sample of the feet after which the heights decide again, ns."""
+MOST_FEET = 20_000
+"""Most samples of the feet that wait for a sample of the joints."""
 
 Numbers = Sequence[float]
 
@@ -73,12 +78,13 @@ class Intake:
         self._newest: Counter[str] = Counter()
         self._imu: deque[tuple[int, tuple[float, ...]]] = deque()
         self._joints: deque[_Joints] = deque()
-        self._feet: deque[tuple[int, tuple[float, ...]]] = deque()
+        self._feet: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=MOST_FEET)
         self._end = -TICK_NS
         self._up: deque[Vec3] = deque(maxlen=UP_TICKS)
         self._touch: tuple[bool, ...] = (False,) * robot.nlegs
         self._force: tuple[float | None, ...] = (None,) * robot.nlegs
-        self._seen_feet = False
+        self._feet_ns: int | None = None
+        """Time of the newest sample of the feet that counted."""
         self._rot: list[list[float]] = matrix_from_quat(robot.imu.quat_wxyz).tolist()  # rot_base_from_imu
 
     @property
@@ -101,7 +107,7 @@ class Intake:
     def imu(self, stamp_ns: int, gyro: Numbers, acc: Numbers) -> None:
         """Take an inertial row: gyro rad/s, specific force m/s^2, axes of the inertial unit."""
         row = (*map(float, gyro), *map(float, acc))
-        if self._origin is None:
+        if self._origin is None and len(row) == 6 and all(map(math.isfinite, row)):
             self._origin = stamp_ns
         if (at := self._place("imu", stamp_ns, row, 6)) is not None:
             self._imu.append((at, row))
@@ -148,14 +154,16 @@ class Intake:
     def _stand(self, joints: _Joints) -> None:
         """Bring the contacts to the time of a sample of the joints."""
         while self._feet and self._feet[0][0] <= joints.stamp_ns:
-            _, row = self._feet.popleft()
-            self._seen_feet = True
+            self._feet_ns, row = self._feet.popleft()
             if self.contact is None:
                 self._touch = tuple(x > 0.5 for x in row)
             else:
                 self._force = force = self.contact.force(row)
                 self._touch = self.contact.touch(force, self._touch)
-        if self._seen_feet or not self._up:
+        if self._feet_ns is not None and joints.stamp_ns - self._feet_ns < SILENT_NS:
+            return
+        self._force = (None,) * self.robot.nlegs
+        if not self._up:
             return
         acc = [sum(row[i] for row in self._up) for i in range(3)]
         up = [sum(row[i] * acc[i] for i in range(3)) for row in self._rot]
@@ -172,11 +180,16 @@ class Intake:
         if not all(map(math.isfinite, row)):
             self.refuse(f"{kind}_nonfinite", f"{kind}: got a number that is not finite")
             return None
-        assert self._origin is not None
-        at, newest = stamp_ns - self._origin, max(self._newest.values(), default=0)
-        if not newest - BACK_NS < at < newest + AHEAD_NS:
-            self.refuse("clock", f"{kind}: the clock jumps by {1e-9 * (at - newest):+.3f} s; time goes on without it")
-            self._origin, at = stamp_ns - newest - TICK_NS, newest + TICK_NS
+        if self._origin is None:
+            return None
+        at, now = stamp_ns - self._origin, self._newest["imu"]
+        if not now - BACK_NS < at < now + AHEAD_NS:
+            if kind != "imu":
+                self.refuse(f"{kind}_clock", f"{kind}: a stamp {1e-9 * (at - now):+.3f} s from the inertial ones")
+                return None
+            self.refuse("clock", f"{kind}: the clock jumps by {1e-9 * (at - now):+.3f} s; time goes on without it")
+            at = max(self._newest.values()) + TICK_NS
+            self._origin = stamp_ns - at
         if kind in self._newest and at <= self._newest[kind]:
             code = "duplicate" if at == self._newest[kind] else "late"
             self.refuse(f"{kind}_{code}", f"{kind}: a stamp {1e-9 * (self._newest[kind] - at):.6g} s before the last")

@@ -39,7 +39,7 @@ class FieldPath:
 
     def values(self, message: Any) -> NDArray[Any]:
         """Return the numbers (k,) (raises SurefootError: the message has no such field)."""
-        fields = self.fields or tuple(name for name in USUAL if len(getattr(message, name, ())))[:1]
+        fields = self.fields or tuple(name for name in USUAL if np.size(getattr(message, name, ())))[:1]
         at = message
         for name in fields:
             if not hasattr(at, name):
@@ -50,7 +50,10 @@ class FieldPath:
         if not fields:
             text = f"{self.topic} has none of the fields {', '.join(USUAL)}; name one: {self.topic}.FIELD"
             raise SurefootError("invalid", text, self.topic)
-        values = np.atleast_1d(np.asarray(at))
+        try:
+            values = np.atleast_1d(np.asarray(at))
+        except ValueError:  # lists of different lengths
+            values = np.array([None])
         if values.ndim != 1 or values.dtype.kind not in "biuf":
             raise SurefootError("invalid", f"{self.topic}.{'.'.join(fields)} holds no numbers", self.topic)
         return values if self.part is None else values[slice(*self.part)]

@@ -27,8 +27,11 @@ def joint_columns(names: Sequence[str], robot: Robot) -> list[int]:
 
 
 def leg_columns(names: Sequence[str], robot: Robot) -> list[int]:
-    """Return the places of the robot's legs among names (raises SurefootError: one is absent)."""
+    """Return the places of the robot's legs among names (raises SurefootError: one is absent or there twice)."""
     found = [plain(name).removesuffix("_foot") for name in names]
+    twice = sorted({name for name in found if found.count(name) > 1})
+    if twice:
+        raise SurefootError("invalid", f"foot {twice[0]!r} is there more than once", "feet")
     for leg in robot.leg_names:
         if leg not in found:
             hint = did_you_mean(leg, found) or f"; got {', '.join(found)}"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from surefoot.bus.ros2 import types
-from surefoot.errors import Refusal
+from surefoot.errors import Refusal, SurefootError
 from surefoot.lab.bags.fit import fitted
 from surefoot.lab.bags.importing import record
 from surefoot.lockstep.local import LocalSystem
@@ -16,6 +16,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.config import EstimatorConfig
 from surefoot.services.estimator.service import EstimatorService
 from surefoot.services.recorder.service import Recorder, RecorderConfig
+from surefoot.services.ros_robot import service
 from surefoot.services.ros_robot.service import RosRobot, RosRobotConfig
 from surefoot.services.stability.config import StabilityConfig
 from surefoot.services.stability.service import Stability
@@ -101,6 +102,34 @@ def test_bad_messages_are_counted_by_name(net: Net) -> None:
         "imu_duplicate": 1, "imu_late": 1, "imu_nonfinite": 1, "joints_invalid": 1, "feet_shape": 1, "clock": 1,
         "encoding": 1,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("kind, value", [("Float32", 1.0), ("Bool", True), ("String", "on")])
+def test_contacts_that_are_one_number_or_text_are_refused(net: Net, kind: str, value: object) -> None:
+    made, store = driver(net, contacts="/feet", feet=()), types()
+    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.on_start()
+    made.take("feet", store.types[f"std_msgs/msg/{kind}"](data=value))
+    made.poll()
+    made.on_stop()
+    assert sum(made.intake.refused.values()) == 1
+
+
+def test_messages_before_the_run_are_bounded(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "MOST", 10)
+    made = driver(net)
+    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.on_start()
+    for k in range(100):
+        made.take("broken", str(k))
+    made.poll()
+    made.on_stop()
+    assert made.intake.refused == {"encoding": 10}
+
+
+def test_a_foot_that_is_named_twice_is_refused(net: Net) -> None:
+    with pytest.raises(SurefootError, match="more than once"):
+        driver(net, feet=(*ORDER, ORDER[0])).on_start()
 
 
 def test_commands_are_refused(net: Net) -> None:

@@ -1,8 +1,10 @@
 """Unitree's messages as a driver: over DDS on loopback, the bits of the bag, and every bad message by name."""
 
 import importlib.util
+import math
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from surefoot.lab.bags.importing import record
 from surefoot.record.columns import recorded_columns
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.topics import HW_MAKER
 from tests.lab.bags.sway import MS, ORDER, ROBOT, START_NS, sway
 from tests.lab.bags.test_bad_bags import log_of_rows
 from tests.services.ros_robot.test_driver import LAST_TICK, ran
@@ -132,6 +135,18 @@ def relabelled(state: LowState) -> LowState:
 
     state.crc = check_sum(state)
     return state
+
+
+def test_a_makers_estimate_that_is_no_number_is_refused() -> None:
+    made = quiet()
+    made.take(states()[0])
+    imu = SimpleNamespace(quaternion=[1.0, 0.0, 0.0, 0.0])
+    maker = {"position": [0.0] * 3, "velocity": [0.0] * 3, "yaw_speed": 0.0, "imu_state": imu, "gait_type": 1}
+    made._maker = SimpleNamespace(**maker)
+    assert HW_MAKER in [one.topic for one in made.release(0)]
+    made._maker = SimpleNamespace(**maker | {"velocity": [0.0, math.nan, 0.0]})
+    assert HW_MAKER not in [one.topic for one in made.release(1)]
+    assert made.intake.refused == {"maker_nonfinite": 1}
 
 
 def test_nothing_is_sent_unasked() -> None:
