@@ -12,6 +12,7 @@ with surefoot.connect() as robot:
 import asyncio
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, Self, TypeVar, cast
 
@@ -78,8 +79,12 @@ class Client:
         row = query_named(query) if isinstance(query, str) else query
         return self.bus.call(row, make_request(row, fields), timeout_s)
 
-    def subscribe(self, topic: Topic[M] | str, sink: Callable[[M], None]) -> None:
-        """Hand over every message of a topic from now on, on another thread (raises SurefootError: no such topic)."""
+    def subscribe(self, topic: Topic[M] | str, sink: Callable[[M], None]) -> Callable[[], None]:
+        """Hand over every message of a topic, on another thread, until the function that is returned is called.
+
+        Raises:
+            SurefootError: no such topic.
+        """
         row = topic_named(topic) if isinstance(topic, str) else topic
 
         def take(delivery: Delivery) -> None:
@@ -92,18 +97,20 @@ class Client:
                 return
             sink(cast("M", message))
 
-        self.bus.subscribe(row, take)
+        return self.bus.listen(row, take)
 
     def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> Iterator[M]:
         """Messages as they come, of a topic's row or key; ends when none comes for ``timeout_s``."""
         topic = topic_named(topic) if isinstance(topic, str) else topic
         queue: SimpleQueue[M] = SimpleQueue()
-        self.subscribe(topic, queue.put)
-        while True:
-            try:
+        end = self.subscribe(topic, queue.put)
+        try:
+            while True:
                 yield queue.get(timeout=timeout_s)
-            except Empty:
-                return
+        except Empty:
+            return
+        finally:
+            end()
 
     def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
         """The next message of a topic (raises CallError when none comes; its message names paused simulated time)."""
@@ -142,15 +149,17 @@ class AsyncClient:
         loop, queue = asyncio.get_running_loop(), asyncio.Queue[M]()
 
         def take(message: M) -> None:
-            if not loop.is_closed():
+            with suppress(RuntimeError):  # the loop is closed
                 loop.call_soon_threadsafe(queue.put_nowait, message)
 
-        self.client.subscribe(topic, take)
-        while True:
-            try:
+        end = self.client.subscribe(topic, take)
+        try:
+            while True:
                 yield await asyncio.wait_for(queue.get(), timeout_s)
-            except TimeoutError:
-                return
+        except TimeoutError:
+            return
+        finally:
+            end()
 
     async def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
         """Return the next message of a topic, see `Client.latest`."""

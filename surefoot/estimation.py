@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import choice, number, whole
+from surefoot.arguments import choice, instance, number, whole
 from surefoot.errors import FieldError
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
@@ -62,7 +62,12 @@ class StrictEstimator(Estimator):
         """Take joint angles as `Estimator.joints` (raises FieldError: they are refused)."""
         if self._mount.model is None:
             raise FieldError("unsupported", "joints", "got joint angles, expected feet: no robot was named")
-        return _accepted("joints", super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact), q)
+        try:
+            return _accepted("joints", super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact), (q, contact))
+        except FieldError as error:
+            if error.field != "feet":  # of `feet`, which they become
+                raise
+        _refuse("joints", InputResult(error.code), (q, contact))
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take the feet as `Estimator.feet` (raises FieldError: they are refused)."""
@@ -70,6 +75,7 @@ class StrictEstimator(Estimator):
 
     def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
         """Take a sample from elsewhere as `Estimator.external` (raises FieldError: it is refused)."""
+        instance(sample, "external", ExternalSample, "an ExternalSample")
         return _accepted("external", super().external(whole(stamp_ns, "stamp_ns", "ns"), sample), sample)
 
 

@@ -125,6 +125,9 @@ def grid(
     if isinstance(source, str | PathLike):
         return load(Path(source))
     cells = array(source, "source", ("ny", "nx"), low=-1.0, high=100.0)
+    if not np.array_equal(cells, np.rint(cells)) or cells.max(initial=0.0) == 1.0:
+        most = f"got values up to {cells.max():g}"
+        raise FieldError("range", "source", f"{most}, expected -1 = unknown and whole percents, 100 = occupied")
     x, y = array(origin, "origin", (2,), "m", low=-FAR, high=FAR).tolist()
     return FloorGrid(cells.astype(np.int8), number(cell, "cell", "m", low=1e-4, high=10.0), (x, y))
 

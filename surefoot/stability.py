@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import Array, array, instance, number
+from surefoot.arguments import Array, array, instance, number, whole
 from surefoot.errors import FieldError
 from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, contact_set
 from surefoot.services.stability.regions import margin as margins
@@ -25,6 +25,8 @@ __all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "reg
 
 WIDEST = 10.0
 """Largest distance of two contacts, m; more is taken for millimetres."""
+MOST_DIRECTIONS = 4096
+"""Most directions of a region."""
 
 
 def contacts(points: ArrayLike, normals: ArrayLike | None = None, friction: ArrayLike = 0.5) -> ContactSet:
@@ -70,8 +72,9 @@ def region(
             raise FieldError("zero_direction", "directions", "got none or a zero vector, expected directions")
         wanted /= length[:, None]
     return region_of(
-        _checked(contacts), wanted, tolerance=number(tolerance, "tolerance", "m", low=1e-9, high=1.0), limit=limit
-    )
+        _checked(contacts), wanted, tolerance=number(tolerance, "tolerance", "m", low=1e-9, high=1.0),
+        limit=whole(limit, "limit", low=1, high=MOST_DIRECTIONS),
+    )  # fmt: skip
 
 
 def margin(where: ContactSet | Region, com: ArrayLike) -> float:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.arguments import array, number, whole
+from surefoot.arguments import array, instance, number, whole
 from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.heightmap_files import load as load_npz
@@ -70,15 +70,15 @@ def foothold(
     if abs(x) > half_x or abs(y) > half_y:
         text = f"got ({x:g}, {y:g}) m, outside of the patch: allowed are +-{half_x:g} and +-{half_y:g} m"
         raise FieldError("range", "nominal", text)
-    if allowed is not None and np.shape(allowed) != z.shape:
-        raise FieldError("shape", "allowed", f"got shape {np.shape(allowed)}, expected {z.shape} as of the heights")
+    free = None if allowed is None else array(allowed, "allowed", z.shape, low=0.0, high=1.0) > 0.0
     known = slip_model() if model is None else model
+    instance(known, "model", LearnedModel, "the result of `terrain.slip_model`")
     scaled = known.scaled(size / known.conditions.cell) if size != known.conditions.cell else known
     radius = scaled.conditions.foot_radius if foot_radius is None else foot_radius
     push = array(stroke, "stroke", (3,), "m", low=-LONGEST_STROKE, high=LONGEST_STROKE)
     return choose_on_patch(
         z, size, (x, y), scaled, push.tolist(), number(radius, "foot_radius", "m", low=1e-3, high=LARGEST_FOOT),
-        allowed=None if allowed is None else np.asarray(allowed, dtype=np.bool_),
+        allowed=free,
     )  # fmt: skip
 
 
@@ -95,6 +95,7 @@ def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None)
     """
     from surefoot.services.simulator.ground.terrain import make_terrain
 
+    instance(kind, "kind", str, "the name of a ground")
     height = None if amplitude is None else number(amplitude, "amplitude", "m", low=0.0, high=1.0)
     return make_terrain(kind, whole(seed, "seed", low=0), height).map
 

@@ -34,9 +34,7 @@ class UnitreeConfig(SensedConfig):
         max_length=MOTORS,
         description="names of the first motors in the maker's order",
     )
-    feet: tuple[str, ...] = Field(
-        default=LEGS, max_length=len(LEGS), description="legs in the order of the foot forces"
-    )
+    feet: tuple[str, ...] = Field(default=LEGS, max_length=4, description="legs in the order of the foot forces")
     check_crc: bool = Field(default=True, description="refuse messages with a wrong check sum")
 
 

@@ -135,11 +135,27 @@ class ZenohBus:
             framer.flush(batch)
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
+        self.listen(topic, sink, bounded=bounded)
+
+    def listen(
+        self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False
+    ) -> Callable[[], None]:
+        """Deliver as ``subscribe``, until the function that is returned is called."""
         keep, most_hz = (BOUNDED_KEEP, MOST_HZ) if bounded else (KEEP, 0.0)
         key = participants_key(topic, "*") if bounded and apart(topic) else topic.key
         subscriber = self.session.declare_subscriber(key, RingChannel(keep))
+        thread = pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz)
         self._keep.append(subscriber)
-        self._pours.append(pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz))
+        self._pours.append(thread)
+
+        def end() -> None:
+            if subscriber in self._keep:
+                self._keep.remove(subscriber)
+                self._pours.remove(thread)
+                with suppress(zenoh.ZError):  # the session is closed
+                    subscriber.undeclare()
+
+        return end
 
     def newest(self, topic: Topic[Any]) -> Callable[[], Delivery | None]:
         """Return a function that returns the newest message of a key since its last call, None when none came.

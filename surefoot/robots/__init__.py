@@ -8,7 +8,7 @@ Angles in rad, positions in m, frame base_link, joints and legs in the order of 
 
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import Array, array
+from surefoot.arguments import Array, array, instance
 from surefoot.errors import FieldError
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot, RobotError
@@ -25,36 +25,41 @@ FARTHEST = 10.0
 
 def stance(robot: Robot) -> Array:
     """Return the neutral joint angles, (nj,) rad."""
-    return robot.neutral.copy()
+    return _known(robot).neutral.copy()
 
 
 def feet(robot: Robot, q: ArrayLike) -> Array:
     """Return the foot centres, (L, 3) m, of joint angles q (nj,) rad (raises FieldError)."""
-    return kinematics.foot_positions(robot.model, _angles(robot, q))
+    return kinematics.foot_positions(_known(robot).model, _angles(robot, q))
 
 
 def com(robot: Robot, q: ArrayLike) -> Array:
     """Return the centre of mass, (3,) m, of joint angles q (nj,) rad (raises FieldError)."""
-    return kinematics.com(robot.model, _angles(robot, q))
+    return kinematics.com(_known(robot).model, _angles(robot, q))
 
 
 def joints(robot: Robot, feet: ArrayLike) -> Array:
     """Return joint angles that put the feet there, (nj,) rad.
 
     Args:
-        robot: with legs that are solved in closed form.
+        robot: description; legs without a closed form are solved step by step from the neutral stance.
         feet: foot centres, (L, 3) m.
 
     Raises:
         FieldError: a shape, NaN or range, or a place that a leg cannot reach.
     """
-    wanted = array(feet, "feet", (len(robot.legs), 3), "m", low=-FARTHEST, high=FARTHEST)
+    wanted = array(feet, "feet", (len(_known(robot).legs), 3), "m", low=-FARTHEST, high=FARTHEST)
     q, reached = kinematics.legs_ik(robot.model, wanted)
     if not reached.all():
         leg = int((~reached).argmax())
         text = f"got {wanted[leg].tolist()} m, out of reach of leg {robot.leg_names[leg]} within its joint limits"
         raise FieldError("range", f"feet.{leg}", text)
     return q
+
+
+def _known(robot: Robot) -> Robot:
+    instance(robot, "robot", Robot, "the result of `robots.load`")
+    return robot
 
 
 def _angles(robot: Robot, q: ArrayLike) -> Array:

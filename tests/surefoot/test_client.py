@@ -87,3 +87,18 @@ def test_silence_ends_after_the_time_given(net: Net) -> None:
         tool.latest(STATE_VELOCITY, timeout_s=0.05)
     with expect_error(CallError, "absent"):
         tool.call("stability/region", contacts=[])
+
+
+def test_reading_again_and_again_leaves_nothing_behind(net: Net) -> None:
+    tool = Client(net.open("client"))
+    threads = {thread for thread in threading.enumerate() if thread.name == "pour"}
+    for _ in range(5):
+        assert list(tool.messages(STATE_VELOCITY, timeout_s=0.01)) == []
+    for thread in {thread for thread in threading.enumerate() if thread.name == "pour"} - threads:
+        thread.join(WAIT_S)
+        assert not thread.is_alive()
+    assert (tool.bus._keep, tool.bus._pours) == ([], [])
+    end = tool.subscribe(STATE_VELOCITY, print)
+    tool.close()
+    end()
+    end()

@@ -74,16 +74,24 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: surefoot.stability.margin(FEET, [0.0, 0.0]), "type", "contacts", "stability.contacts"),  # type: ignore[arg-type]
     (lambda: surefoot.stability.region(stands(), tolerance=0.0), "range", "tolerance", "1e-09"),
     (lambda: surefoot.stability.region(stands(), directions=[[0.0, 0.0]]), "zero_direction", "directions", "zero"),
+    (lambda: surefoot.stability.region(stands(), limit=2.5), "type", "limit", "2.5"),  # type: ignore[arg-type]
+    (lambda: surefoot.stability.region(stands(), limit=0), "range", "limit", "0"),
     (lambda: surefoot.stability.forces(stands(), [0.0, 0.0], weight=NAN), "not_finite", "weight", "nan"),
     (lambda: surefoot.robots.feet(robot(), np.zeros(17)), "shape", "q", "(18,)"),
     (lambda: surefoot.robots.feet(robot(), np.full(18, 90.0)), "range", "q", "90.0"),
     (lambda: surefoot.robots.joints(robot(), np.full((6, 3), 1.0)), "range", "feet.0", "out of reach"),
     (lambda: surefoot.robots.load("ragnoo"), "not_found", "name", "ragno"),
+    (lambda: surefoot.robots.feet("ragno", np.zeros(18)), "type", "robot", "robots.load"),  # type: ignore[arg-type]
+    (lambda: surefoot.robots.stance("ragno"), "type", "robot", "robots.load"),  # type: ignore[arg-type]
+    (lambda: PATCH(GROUND, 0.005, stroke=(0, 0, 0), allowed=NAN * GROUND), "not_finite", "allowed", "nan"),  # type: ignore[arg-type]
+    (lambda: PATCH(GROUND, 0.005, stroke=(0, 0, 0), allowed=GROUND[1:]), "shape", "allowed", "(20, 21)"),  # type: ignore[arg-type]
+    (lambda: PATCH(GROUND, 0.005, stroke=(0, 0, 0), model="ragno"), "type", "model", "slip_model"),  # type: ignore[arg-type]
     (lambda: PATCH(GROUND, 0.005, stroke=(0, 0, 0), nominal=(0.5, 0.0)), "range", "nominal", "0.0525"),
     (lambda: PATCH(GROUND, 5.0, stroke=(0, 0, 0)), "range", "cell", "5.0"),
     (lambda: PATCH(GROUND, 0.005, stroke=(0, 0)), "shape", "stroke", "(2,)"),
     (lambda: PATCH(1e3 + GROUND, 0.005, stroke=(0, 0, 0)), "range", "heights", "1000.0"),
     (lambda: PATCH(GROUND[:2], 0.005, stroke=(0, 0, 0)), "shape", "heights", "3 to 301"),
+    (lambda: surefoot.terrain.generate(["rough"]), "type", "kind", "name"),  # type: ignore[arg-type]
     (lambda: surefoot.terrain.generate("ruff"), "invalid", "kind", "rough"),
     (lambda: belief().predict(forward=NAN), "not_finite", "forward", "nan"),
     (lambda: belief().predict(turn=90.0), "range", "turn", "90.0"),
@@ -92,12 +100,17 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: belief().landmark((1.0, 0.0), 1.0, 0.0, sd=(0.0, 0.1)), "range", "sd", "0.0"),
     (lambda: surefoot.navigation.PoseFilter(covariance=-np.eye(3)), "covariance", "covariance", "symmetric"),
     (lambda: surefoot.navigation.grid(FLOOR + 200.0), "range", "source", "200.0"),
+    (lambda: surefoot.navigation.grid(FLOOR + 0.9), "range", "source", "percents"),
+    (lambda: surefoot.navigation.grid(FLOOR == 0.0), "range", "source", "percents"),
+    (lambda: surefoot.navigation.grid(FLOOR - 0.5), "range", "source", "percents"),
     (lambda: surefoot.navigation.plan(ROOM, (0.5, 0.5), (9.0, 0.5)), "outside", "goal", "9.0"),
     (lambda: surefoot.estimation.estimator(), "missing", "robot, feet", "None"),
     (lambda: surefoot.estimation.estimator("ragno", names=["bets"]), "unknown_name", "names", "best"),
     (lambda: surefoot.estimation.estimator("ragno").imu(0, (0, 0, NAN), (0, 0, 9.8)), "nonfinite", "imu", "nan"),
     (lambda: surefoot.estimation.estimator("ragno").imu(0.5, (0, 0, 0), (0, 0, 9.8)), "type", "stamp_ns", "0.5"),  # type: ignore[arg-type]
     (lambda: surefoot.estimation.estimator("ragno").joints(0, (0, 0)), "shape", "joints", "(nj,)"),
+    (lambda: surefoot.estimation.estimator("ragno").joints(0, np.zeros(18), (True,)), "shape", "joints", "contact"),
+    (lambda: surefoot.estimation.estimator("ragno").external(0, None), "type", "external", "None"),  # type: ignore[arg-type]
     (lambda: surefoot.estimation.estimator(feet=4).joints(0, (0, 0)), "unsupported", "joints", "robot"),
     (lambda: surefoot.simulation.world(friction=0.0), "range", "friction", "1e-06"),
     (lambda: surefoot.simulation.run("stnd"), "not_found", "", "stand"),

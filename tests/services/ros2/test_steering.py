@@ -41,7 +41,7 @@ def test_standing_still_orders_nothing() -> None:
     assert steering.order(0.0) is None
 
 
-@pytest.mark.parametrize("forward, turn", [(math.nan, 0.0), (0.05, math.nan), (math.inf, 0.0), (0.0, -math.inf)])
+@pytest.mark.parametrize(("forward", "turn"), [(math.nan, 0.0), (0.05, math.nan), (math.inf, 0.0), (0.0, -math.inf)])
 def test_velocities_that_are_no_numbers_stop_the_robot(forward: float, turn: float) -> None:
     steering = Steering()
     steering.take(0.0, 0.05, 0.0)

@@ -104,7 +104,7 @@ def test_bad_messages_are_counted_by_name(net: Net) -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind, value", [("Float32", 1.0), ("Bool", True), ("String", "on")])
+@pytest.mark.parametrize(("kind", "value"), [("Float32", 1.0), ("Bool", True), ("String", "on")])
 def test_contacts_that_are_one_number_or_text_are_refused(net: Net, kind: str, value: object) -> None:
     made, store = driver(net, contacts="/feet", feet=()), types()
     made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
