@@ -65,9 +65,9 @@ class StrictEstimator(Estimator):
         try:
             return _accepted("joints", super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact), (q, contact))
         except FieldError as error:
-            if error.field != "feet":  # of `feet`, which they become
-                raise
-        _refuse("joints", InputResult(error.code), (q, contact))
+            if error.field == "feet":  # which they become
+                _refuse("joints", InputResult(error.code), (q, contact))
+            raise
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take the feet as `Estimator.feet` (raises FieldError: they are refused)."""

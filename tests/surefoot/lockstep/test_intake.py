@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from surefoot.lockstep import intake
@@ -62,6 +61,6 @@ def test_feet_without_joints_are_bounded(monkeypatch: pytest.MonkeyPatch) -> Non
     made = Intake(ROBOT)
     for k in range(50):
         made.imu(START_NS + k * TICK_NS, STILL, UP)
-        made.feet(START_NS + k * TICK_NS, np.ones(4))
+        made.feet(START_NS + k * TICK_NS, (1.0,) * 4)
         made.release(k)
     assert len(made._feet) == 10
