@@ -1,7 +1,13 @@
 """One number of a paper beside ours."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+CONFIRMED, NOT_CONFIRMED, DEVIATION = "confirmed", "not confirmed", "known deviation"
+"""Verdicts on what the paper states."""
+MET, MISSED = "ok", "FAILED"
+"""Verdicts on limits of this project, which the paper does not state."""
 
 
 @dataclass(frozen=True)
@@ -16,6 +22,7 @@ class Finding:
         ours: what came out here.
         ok: whether ours is within the limit; None without a limit.
         limit: what it was held against, in words.
+        known: why the paper's statement is known not to come out here; empty if it is expected to.
     """
 
     where: str
@@ -24,6 +31,18 @@ class Finding:
     ours: str
     ok: bool | None = None
     limit: str = ""
+    known: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """Return the verdict in words; empty without a limit. Only what the paper states is confirmed or not."""
+        if self.ok is None:
+            return ""
+        if not self.paper:
+            return MET if self.ok else MISSED
+        if self.ok:
+            return CONFIRMED
+        return DEVIATION if self.known else NOT_CONFIRMED
 
 
 @dataclass(frozen=True)
@@ -43,9 +62,26 @@ class Reproduction:
     notes: tuple[str, ...] = field(default=())
 
     @property
+    def as_recorded(self) -> bool:
+        """True if every number with a limit is within it, known deviations aside."""
+        return all(finding.ok is not False or finding.known for finding in self.findings)
+
+    @property
     def ok(self) -> bool:
         """True if every number with a limit is within it."""
         return all(finding.ok is not False for finding in self.findings)
+
+
+def with_known(findings: Iterable[Finding], known: Mapping[str, str]) -> tuple[Finding, ...]:
+    """Return the findings, those of known deviations with their reason.
+
+    Args:
+        findings: rows of a paper.
+        known: reason by the beginning of "where: what" of a row.
+    """
+    rows = tuple(findings)
+    keys = [next((key for key in known if f"{row.where}: {row.what}".startswith(key)), None) for row in rows]
+    return tuple(row if key is None else replace(row, known=known[key]) for row, key in zip(rows, keys, strict=True))
 
 
 def near(where: str, what: str, paper: float, ours: float, within: float, digits: int = 2) -> Finding:
