@@ -91,10 +91,14 @@ class Odometry(Message):
 class SeenLandmarks(LandmarkDetections):
     """Landmarks that vision recognised in the last image; places hold at ``stamp_ns``: odometry moves them there."""
 
+    schema_version: ClassVar[str] = "1.1"
     fresh: bool = Field(default=False, description="false: no image was read since the message before")
     image_stamp_ns: int = Field(default=0, ge=0, description="ns, middle of the exposure of the image; 0 = none")
     features: int = Field(default=0, ge=0, description="features of the image")
     compared: int = Field(default=0, ge=0, description="features with a candidate in the map")
+    recognised: int = Field(
+        default=0, ge=0, exclude_if=_zero, description="features of the map in the image; `landmarks` are the likest"
+    )
     anywhere: bool = Field(default=False, description="the whole map was searched, not only about the believed pose")
     flags: Annotated[tuple[str, ...], Field(max_length=16)] = Field(
         default=(),

@@ -20,9 +20,16 @@ def navigator(
     params: Annotated[
         str, typer.Option("--params", help="Model to begin with: a shipped name or a .toml file.")
     ] = "nao",
+    landmarks: Annotated[
+        Path | None, typer.Option(help="Map of landmarks, of `surefoot map build` [that of the recordings].")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Fit motion noise, drift, durations, match probabilities and sight of a robot. The truth is not read."""
+    """Fit motion noise, drift, durations, match probabilities and sight of a robot. The truth is not read.
+
+    Recordings with images need --landmarks, the map that vision used.
+    """
+    from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
     from surefoot.services.navigator.policy.params import load
 
     from .estimate import fit
@@ -32,10 +39,11 @@ def navigator(
     use_json(json)
     check_out(out, params)
     model = load(params)
+    world = None if landmarks is None else load_landmarks(landmarks)
     runs = []
     for path in recordings:
         notify(f"reading {path}")
-        runs.append(read_run(path, model))
+        runs.append(read_run(path, model, world))
     found = fit(runs, model, notify)
     write_model(found, params, [path.name for path in recordings], out)
     if json:

@@ -95,8 +95,9 @@ def _mean(samples: Sequence[float]) -> Interval:
 def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
     """Write the probability that a landmark in view is matched, by action; intervals count runs, not landmarks.
 
-    A frame holds `sight.most` landmarks at most, so the share of the matched is less than that probability where
-    many are matched. The probability p is the one at which as many as were matched are expected:
+    Of images all matches count, and the density of the map's features is written, too: the probability goes with it.
+    A frame of other cameras holds `sight.most` landmarks at most, so the share of the matched is less than that
+    probability where many are matched. The probability p is the one at which as many as were matched are expected:
     sum over frames of E min(Binomial(in view, p), most).
 
     Args:
@@ -104,6 +105,9 @@ def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
         model: names the actions.
         found: result.
     """
+    densities = [run.density for run in runs if run.density > 0.0]
+    if densities:
+        found.values["scene.landmarks_per_m2"] = _mean(densities)
     for names in twins(model):
         parts = [[row for name in names for row in run.frames.get(name, ())] for run in runs]
         rows = [np.array(part, dtype=np.float64) for part in parts if part]
@@ -118,7 +122,7 @@ def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
             sd = math.sqrt((rest**2).sum() * len(seen) / (len(seen) - 1)) / in_view
             half = max(half, sd * float(student.ppf(0.975, len(seen) - 1)))
         views = np.concatenate([part[:, 0] for part in rows])
-        most = model.sight.most
+        most = int(views.max()) if densities else model.sight.most
         room = FULL * float(np.minimum(views, most).sum())
         value = _probability(views, min(total, room), most)
         low, high = (_probability(views, min(total, room) + k * half * in_view, most) for k in (-1.0, 1.0))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
+from surefoot.schemas.state import SeenLandmarks
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, SightNoise
 from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
@@ -22,6 +23,8 @@ from surefoot.services.navigator.policy.params import NavigationModel
 Array = NDArray[np.float64]
 
 KEYS = ("navigator/order", "state/gait", "state/pose", "hw/landmarks", "terrain/landmarks")
+IMAGES = "state/landmarks"
+"""Key of what vision recognises; where it is recorded it counts in place of hw/landmarks."""
 MOVE, FRAME, SEE = 0.0, 1.0, 2.0
 """Kinds of event, first column; the others: MOVE action, share; FRAME s since the frame before; SEE x and y of the
 landmark (m, map), range (m), bearing (rad), 1 if standing."""
@@ -44,7 +47,8 @@ class Run:
         events: (n, COLUMNS).
         durations: per (kind before, action) the times of the action, s.
         halts: per kind of action the times from its last landing until the robot stands, s.
-        frames: per action name rows (landmarks in view, matched) of each frame.
+        frames: per action name rows (landmarks in view, matched) of each frame; of an image all that it shows count.
+        density: features of the map per m^2 where the frames are images, else 0.
     """
 
     path: Path
@@ -53,30 +57,33 @@ class Run:
     durations: dict[tuple[str, str], list[float]] = field(default_factory=dict[tuple[str, str], list[float]])
     halts: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
     frames: dict[str, list[tuple[int, int]]] = field(default_factory=dict[str, list[tuple[int, int]]])
+    density: float = 0.0
 
 
-def read_run(path: Path, model: NavigationModel) -> Run:
+def read_run(path: Path, model: NavigationModel, world: FloorLandmarks | None = None) -> Run:
     """Return the events of a recording.
 
     Args:
-        path: MCAP file with the topics `KEYS`.
+        path: MCAP file with the topics `KEYS`; state/landmarks may stand for hw/landmarks.
         model: names the actions; its noises, widened, gate the matches.
+        world: map; None = terrain/landmarks of the recording.
 
     Raises:
         SurefootError: the file cannot be read, lacks one of the topics, or no landmark matches the map.
     """
-    messages = list(read_recording(path, KEYS))
-    keys = {item.key for item in messages}
-    for key in KEYS:
+    messages = list(read_recording(path, (*KEYS, IMAGES)))
+    keys = {item.key for item in messages} | (set() if world is None else {"terrain/landmarks"})
+    sight = IMAGES if IMAGES in keys else "hw/landmarks"
+    for key in (*KEYS[:3], sight, "terrain/landmarks"):
         if key not in keys:
             raise SurefootError(
                 "invalid", f"{path} has no {key}; fit needs recordings of a goal with a camera and a landmark map", key
             )
-    return _RunReader(path, model).read(messages)
+    return _RunReader(path, model, world).read([item for item in messages if item.key in (*KEYS[:3], sight, KEYS[4])])
 
 
 class _RunReader:
-    def __init__(self, path: Path, model: NavigationModel) -> None:
+    def __init__(self, path: Path, model: NavigationModel, world: FloorLandmarks | None) -> None:
         self.run, self.model = Run(path), model
         self.acts = [act_of(name, action, model) for name, action in model.actions.items()]
         sight = model.sight
@@ -85,6 +92,7 @@ class _RunReader:
         drift = math.radians(model.drift.known_sd_deg) * 10.0
         start = StartUncertainty(model.filter.position_sd, math.radians(model.filter.heading_sd_deg), drift)
         self.tracker = PoseTracker(start, noise, noise, shared)
+        self.tracker.world, self.given = world, world is not None
         self.execution = Execution(model.conduct.lag)
         self.events: list[tuple[float, ...]] = []
         self.order: tuple[int, Act | None] = (0, None)
@@ -100,10 +108,11 @@ class _RunReader:
     def read(self, messages: list[Any]) -> Run:
         """Take in all messages, in the order of their ticks."""
         decoded = [(item.key, item.message()) for item in messages]
-        rank = {key: i for i, key in enumerate(("terrain/landmarks", "state/pose", "state/gait", "hw/landmarks"))}
+        order = ("terrain/landmarks", "state/pose", "state/gait", "hw/landmarks", IMAGES)
+        rank = {key: i for i, key in enumerate(order)}
         decoded.sort(key=lambda pair: (pair[1].tick, rank.get(pair[0], 9)))
         for key, message in decoded:
-            if key == "terrain/landmarks":
+            if key == "terrain/landmarks" and not self.given:
                 self.tracker.world = FloorLandmarks.from_bytes(message.data, message.count, message.descriptor_length)
             elif key == "state/pose" and not self.started:
                 self.started, self.run.start = True, message.pose
@@ -114,10 +123,10 @@ class _RunReader:
                 self._order(message)
                 if self.unknown:
                     break  # the robot goes where no action of the model goes
-            elif key == "hw/landmarks":
+            elif key == "hw/landmarks" or (key == IMAGES and message.fresh):
                 self._frame(message)
         if not any(event[0] == SEE for event in self.events):
-            raise SurefootError("invalid", f"{self.run.path} has no landmark that matches the map", "hw/landmarks")
+            raise SurefootError("invalid", f"{self.run.path} has no landmark that matches the map", "landmarks")
         self.run.events = np.array([(*e, *([0.0] * (COLUMNS - len(e)))) for e in self.events])
         return self.run
 
@@ -209,8 +218,11 @@ class _RunReader:
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             self.events.append((SEE, float(x), float(y), r, a, float(self.standing)))
         name = self._name()
+        if isinstance(m, SeenLandmarks):
+            self.run.density = len(world) / world.area
         if name:
-            self.run.frames.setdefault(name, []).append((visible, len(pairs)))
+            count = min(visible, m.recognised) if isinstance(m, SeenLandmarks) else len(pairs)
+            self.run.frames.setdefault(name, []).append((visible, count))
 
     def _name(self) -> str:
         """Return the action that a frame belongs to; empty where the model has none."""

@@ -42,6 +42,8 @@ class Seen(NamedTuple):
     """FoundFeatures of the image."""
     compared: int
     """FoundFeatures with a candidate in the map."""
+    recognised: int
+    """Map features found, of which `landmarks` are the likest."""
     anywhere: bool
     """True if the whole map was searched."""
     flags: tuple[str, ...]
@@ -86,24 +88,24 @@ class Eye:
         try:
             found, flags = self.features(image, base)
         except Refusal as error:
-            return Seen(none, index, 0, 0, False, (error.code,))
+            return Seen(none, index, 0, 0, 0, False, (error.code,))
         count = len(found.pixels)
         if self.world is None or not count:
             flags = flags if self.world is not None else (*flags, "no_map")
-            return Seen(none, index, count, 0, False, flags)
+            return Seen(none, index, count, 0, 0, False, flags)
         places = self.patch.place(found.pixels)
         try:
             seen = self._recognised(places, found, self.world, belief)
         except Refusal as error:
-            return Seen(none, index, count, 0, False, (*flags, error.code))
+            return Seen(none, index, count, 0, 0, False, (*flags, error.code))
         if len(seen.features) >= SCALE_FROM:
             self._scales.append(seen.scale)
         self._blind = 0 if len(seen.features) else self._blind + 1
         if self._blind >= BLIND_IMAGES:
             flags = (*flags, "unrecognised")
         if len(self._scales) == SCALES and abs(median(self._scales) - 1.0) > SCALED:
-            return Seen(none, index, count, seen.compared, seen.anywhere, (*flags, "scale"))
-        return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.anywhere, flags)
+            return Seen(none, index, count, seen.compared, 0, seen.anywhere, (*flags, "scale"))
+        return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.agreed, seen.anywhere, flags)
 
     def _recognised(
         self, places: Array, found: FoundFeatures, world: FeatureMap, belief: Believed | None

@@ -50,5 +50,5 @@ def landmarks_message(places: Array, seen: Seen, codes: Array, stamp_ns: int, fl
     )
     return SeenLandmarks(
         landmarks=marks, fresh=True, image_stamp_ns=stamp_ns, features=seen.features, compared=seen.compared,
-        anywhere=seen.anywhere, flags=tuple(dict.fromkeys((*flags, *seen.flags))),
+        recognised=seen.recognised, anywhere=seen.anywhere, flags=tuple(dict.fromkeys((*flags, *seen.flags))),
     )  # fmt: skip

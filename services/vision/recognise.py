@@ -81,6 +81,8 @@ class Recognised(NamedTuple):
     """Feature of the map for each, (k,)."""
     anywhere: bool
     """True if no belief restricted the search."""
+    agreed: int
+    """Map features found, of which `features` are the likest."""
     compared: int
     """FoundFeatures that had a candidate."""
     scale: float
@@ -109,7 +111,7 @@ def recognise(
     found, mark, far = _likest(distances(world.kind, descriptors, world.descriptors[near]), gate, near, world, params)
     compared = int(gate.any(axis=1).sum())
     if len(found) == 0:
-        return Recognised(found, mark, belief is None, compared, 1.0)
+        return Recognised(found, mark, belief is None, 0, compared, 1.0)
     here, there = places[found], world.positions[mark]
     bend = None if belief is None else (float(belief.pose[2]), params.turn + 3.0 * math.sqrt(belief.covariance[2, 2]))
     agree, scale = consensus(here, there, params, bend)
@@ -120,7 +122,7 @@ def recognise(
         # too few to agree: gate and look decide, if there are more than chance puts into the gates of so many features
         agree = np.full(len(found), len(found) >= params.share_alone * compared)
     order = np.flatnonzero(agree)[np.argsort(far[agree], kind="stable")][: params.most]
-    return Recognised(found[order], mark[order], belief is None, compared, scale)
+    return Recognised(found[order], mark[order], belief is None, int(agree.sum()), compared, scale)
 
 
 def _gate(

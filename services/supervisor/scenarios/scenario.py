@@ -149,13 +149,15 @@ def on_wire(model: type[M], fields: Mapping[str, Any]) -> M:
         raise refused(code, f"{first['msg']}{got}", where) from exc
 
 
-def _scalar(value: Any) -> Any:
-    if not isinstance(value, str | int | float | bool):
-        raise refused("type", f"expected text, a number or a flag, got {shown(value)}")
+def _setting(value: Any) -> Any:
+    for each in value if isinstance(value, list) else (value,):
+        if not isinstance(each, str | int | float | bool):
+            raise refused("type", f"expected text, a number, a flag, or a list of these, got {shown(value)}")
     return value
 
 
-Scalar = Annotated[Any, BeforeValidator(_scalar, json_schema_input_type=str | float | bool)]
+Plain = str | float | bool
+Setting = Annotated[Any, BeforeValidator(_setting, json_schema_input_type=Plain | list[Plain])]
 WireWorld = Annotated[
     World, BeforeValidator(lambda table: on_wire(World, table) if isinstance(table, Mapping) else table)
 ]
@@ -187,7 +189,7 @@ class Scenario:
     """Simulated time after which the run is ended, s."""
     settle_s: Annotated[Number, Field(ge=0.0, le=60.0)] = 0.5
     """Simulated time between the end of the last step and the end of the run, s."""
-    config: Mapping[str, dict[str, Scalar]] = field(default_factory=dict[str, dict[str, Any]])
+    config: Mapping[str, dict[str, Setting]] = field(default_factory=dict[str, dict[str, Any]])
     """Configuration of services: fields and their values, by service."""
     steps: Annotated[tuple[Step, ...], Field(alias="step", min_length=1)] = ()
     """Steps in the order of the file."""

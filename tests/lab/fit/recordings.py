@@ -12,7 +12,7 @@ from surefoot.record.recording import RecordingWriter
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import MotionOrder, PoseBelief
-from surefoot.schemas.state import GaitState
+from surefoot.schemas.state import GaitState, SeenLandmarks
 from surefoot.schemas.terrain import LandmarkMap as MapMessage
 from surefoot.schemas.topics import TOPICS
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
@@ -31,10 +31,11 @@ class Story:
         path: of the file.
         skip: keys that are left out.
         noise: standard deviation of ranges, m; bearings have the same in rad.
+        images: the frames are those of vision, every second message without one, each with 20 features recognised.
     """
 
-    def __init__(self, path: Path, skip: tuple[str, ...] = (), noise: float = 0.02) -> None:
-        self.path, self.skip, self.noise = path, skip, noise
+    def __init__(self, path: Path, skip: tuple[str, ...] = (), noise: float = 0.02, *, images: bool = False) -> None:
+        self.path, self.skip, self.noise, self.images = path, skip, noise, images
         self.rows = {topic.key: topic for topic in TOPICS}
         self.writer = RecordingWriter(path, {"robot": "nao"})
         self.rng = np.random.default_rng(4)
@@ -64,8 +65,14 @@ class Story:
                 order=self.number, ends_in_s=ends_in,
             ),
         )  # fmt: skip
+        if self.images and self.tick % 5 == 0 and self.tick % 10:
+            self._put("state/landmarks", SeenLandmarks(landmarks=()))
         if self.tick % 10 == 0:
-            self._put("hw/landmarks", LandmarkDetections(landmarks=self.seen(12 if state == "standing" else 4)))
+            marks = self.seen(12 if state == "standing" else 4)
+            if self.images:
+                self._put("state/landmarks", SeenLandmarks(landmarks=marks, fresh=True, recognised=20))
+            else:
+                self._put("hw/landmarks", LandmarkDetections(landmarks=marks))
 
     def seen(self, most: int) -> tuple[Landmark, ...]:
         """The nearest landmarks in view."""
@@ -124,9 +131,9 @@ def turn(degrees: float) -> WalkCommand:
     return WalkCommand(action="turn", angle=math.radians(degrees))
 
 
-def tour(path: Path, skip: tuple[str, ...] = (), last: WalkCommand | None = None) -> Path:
+def tour(path: Path, skip: tuple[str, ...] = (), last: WalkCommand | None = None, *, images: bool = False) -> Path:
     """Four walks, a turn to the left, an arc, perhaps one more command, and the end."""
-    story = Story(path, skip)
+    story = Story(path, skip, images=images)
     story.stand(0.5)
     story.act(walk(), first=True)
     for command in (walk(), walk(), walk(), turn(23.0), walk(angle=math.radians(-11.5))):

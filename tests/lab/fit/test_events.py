@@ -9,9 +9,10 @@ from surefoot.errors import SurefootError
 from surefoot.lab.fit.counts import durations, matches
 from surefoot.lab.fit.events import FRAME, KEYS, MOVE, SEE, Run, read_run
 from surefoot.lab.fit.result import Fitted
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.settings import Conduct
-from tests.lab.fit.recordings import tour, turn, walk
+from tests.lab.fit.recordings import Story, tour, turn, walk
 from tests.surefoot.expect import expect_error
 
 
@@ -61,6 +62,29 @@ def test_sightings_are_those_of_the_map(run):
     away = standing[:, 1:3]  # before the first order the robot stands at the origin
     np.testing.assert_allclose(np.hypot(*away.T), standing[:, 3], atol=0.1)
     np.testing.assert_allclose(np.arctan2(away[:, 1], away[:, 0]), standing[:, 4], atol=0.1)
+
+
+def test_images_are_frames_of_which_all_that_was_recognised_counts(run, model, tmp_path):
+    story = Story(tmp_path / "world.mcap")
+    story.close()
+    world = FloorLandmarks.from_bytes(story.world.to_bytes(), len(story.world), 8)
+    seen = read_run(tour(tmp_path / "eyes.mcap", skip=("terrain/landmarks",), images=True), model, world)
+    np.testing.assert_array_equal(seen.events, run.events)
+    assert seen.density == pytest.approx(len(world) / world.area)
+    assert run.density == 0.0
+    for name, rows in seen.frames.items():
+        assert [most for most, _ in rows] == [most for most, _ in run.frames[name]]
+        assert {count == min(most, 20) for most, count in rows} == {True}
+    found = Fitted()
+    matches([seen], model, found)
+    walking = np.array(seen.frames["walk"])
+    assert found.values["actions.walk.match"].value == pytest.approx(walking[:, 1].sum() / walking[:, 0].sum(), 1e-6)
+    assert found.values["scene.landmarks_per_m2"].value == pytest.approx(seen.density)
+
+
+def test_images_without_a_map_are_refused(model, tmp_path):
+    with expect_error(SurefootError, "invalid", field="terrain/landmarks"):
+        read_run(tour(tmp_path / "eyes.mcap", skip=("terrain/landmarks",), images=True), model)
 
 
 def test_switching_and_frames_go_to_both_of_a_mirrored_pair(run, model):
