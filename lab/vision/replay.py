@@ -182,7 +182,7 @@ class WalkReplay:
         """Return belief and truth after each message of vision, those without a new image included."""
         config = NavigatorConfig(robot=motion.robot.name, params=self.params)
         localiser = Localiser(config, load_params(self.params))
-        localiser.tracker.world = FloorLandmarks(self.world.positions, self.world.codes)
+        localiser.tracker.world = FloorLandmarks(self.world.positions, self.world.codes, sd=self.world.sd)
         truth = motion.truth(0)
         localiser.place((truth[0] + self.begin[0], truth[1] + self.begin[1], truth[2] + self.begin[2]))
         vision, outlet = VisionService(VisionConfig(robot=motion.robot.name)), _Outlet()

@@ -25,8 +25,9 @@ SCALES, SCALED = 8, 0.04
 """Images over which the scale is watched, and its largest deviation from 1."""
 SCALE_FROM = 6
 """Least landmarks of an image whose scale counts."""
-BLIND_IMAGES = 5
-"""Images in a row with features of which none is recognised, from which on the floor is unknown."""
+BLIND_IMAGES, BLIND_SHARE = 4, 0.025
+"""Images, 0.2 s apart, in which no larger part of the features with a candidate is recognised on an unknown floor:
+chance brings 0.01 over four, the map's own floor at least 0.044 in one."""
 ELSEWHERE_EVERY = 3
 """Images in a row without a landmark at the believed place, after which one is compared with the whole map."""
 
@@ -68,6 +69,8 @@ class Eye:
     _before: Greys | None = None
     _scales: deque[float] = field(default_factory=lambda: deque[float](maxlen=SCALES))
     _blind: int = 0
+    _found: deque[tuple[int, int]] = field(default_factory=lambda: deque[tuple[int, int]](maxlen=BLIND_IMAGES))
+    """Features recognised and compared in the last images."""
 
     def features(self, image: CameraImage, base: FloorPose) -> tuple[FoundFeatures, tuple[str, ...]]:
         """Return the features of an image, in pixels of the picture from above, and what is wrong with it.
@@ -101,7 +104,9 @@ class Eye:
         if len(seen.features) >= SCALE_FROM:
             self._scales.append(seen.scale)
         self._blind = 0 if len(seen.features) else self._blind + 1
-        if self._blind >= BLIND_IMAGES:
+        self._found.append((seen.agreed, seen.compared))
+        agreed, compared = (sum(each) for each in zip(*self._found, strict=True))
+        if len(self._found) == BLIND_IMAGES and agreed <= BLIND_SHARE * compared:
             flags = (*flags, "unrecognised")
         if len(self._scales) == SCALES and abs(median(self._scales) - 1.0) > SCALED:
             return Seen(none, index, count, seen.compared, 0, seen.anywhere, (*flags, "scale"))

@@ -22,6 +22,8 @@ SCHEMA = "surefoot.landmarks/1"
 MAX_ARCHIVE_BYTES = 256_000_000
 MAX_UNPACKED_BYTES = 8 * MOST_LANDMARKS * (LONGEST_DESCRIPTOR + 3) + 100_000
 KEYS = ("schema", "positions", "descriptors", "version", "source")
+SD = "sd"
+"""Key of the standard deviations of the places, which a map need not have."""
 
 
 def save(world: FloorLandmarks, path: str | Path) -> Path:
@@ -31,6 +33,7 @@ def save(world: FloorLandmarks, path: str | Path) -> Path:
         np.savez_compressed(
             file, allow_pickle=False, schema=np.asarray(SCHEMA), positions=world.positions,
             descriptors=world.descriptors, version=np.asarray(world.version), source=np.asarray(world.source),
+            sd=world.sd,
         )  # fmt: skip
     return target
 
@@ -56,7 +59,7 @@ def load(path: str | Path) -> FloorLandmarks:
             absent = [key for key in KEYS if key not in archive.files]
             if absent:
                 raise _malformed(source, f"lacks {', '.join(absent)}; a landmark map has {', '.join(KEYS)}")
-            arrays: dict[str, NDArray[Any]] = {key: archive[key] for key in KEYS}
+            arrays: dict[str, NDArray[Any]] = {key: archive[key] for key in (*KEYS, SD) if key in archive.files}
     except OSError as error:
         if error.strerror is None:
             raise _malformed(source, f"is no .npz archive: {error}") from None
@@ -77,7 +80,10 @@ def load(path: str | Path) -> FloorLandmarks:
         raise LandmarkMapError(
             "malformed", f"{source.name}: version is an integer, got {arrays['version']!r:.80}", "version"
         )
-    return FloorLandmarks(arrays["positions"], arrays["descriptors"], int(arrays["version"]), str(arrays["source"]))
+    sd = arrays.get(SD, np.zeros(0))
+    if sd.dtype.kind != "f":
+        raise LandmarkMapError("malformed", f"{source.name}: {SD} are floats, got {sd.dtype}", SD)
+    return FloorLandmarks(arrays["positions"], arrays["descriptors"], int(arrays["version"]), str(arrays["source"]), sd)
 
 
 def _malformed(path: Path, text: str) -> LandmarkMapError:

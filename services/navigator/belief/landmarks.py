@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -58,12 +58,19 @@ class FloorLandmarks:
     """Number that rises with every change of content."""
     source: str = ""
     """Origin of the map, in words."""
+    sd: Array = field(default_factory=lambda: np.zeros(0))
+    """Standard deviation of each place along one axis, (n,) m; empty = the places are exact."""
 
     def __post_init__(self) -> None:
         positions = np.array(self.positions, dtype=np.float64, order="C", copy=True)
         descriptors = np.array(self.descriptors, dtype=np.float64, order="C", copy=True)
         _check(positions, descriptors)
-        positions.flags.writeable = descriptors.flags.writeable = False
+        sd = np.array(self.sd if len(self.sd) else np.zeros(len(positions)), dtype=np.float64, copy=True)
+        if sd.shape != (len(positions),) or not (np.isfinite(sd) & (sd >= 0.0)).all():
+            text = f"a finite standard deviation >= 0 for each of {len(positions)} landmarks, got shape {sd.shape}"
+            raise LandmarkMapError("bad_map", text, "sd")
+        positions.flags.writeable = descriptors.flags.writeable = sd.flags.writeable = False
+        object.__setattr__(self, "sd", sd)
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "descriptors", descriptors)
 

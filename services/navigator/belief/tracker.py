@@ -195,8 +195,9 @@ class PoseTracker:
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             x, y = self.world.positions[landmark]
             self._linearise(x, y)
-            var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
-            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, noise.bearing_sd**2)
+            own = float(self.world.sd[landmark]) ** 2
+            var_r = noise.range_sd**2 + (noise.range_share * r) ** 2 + own
+            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, noise.bearing_sd**2 + own / (r * r))
             total += ukf.update(self.mean, self.cov, sighting, self._gain, self._work)
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)

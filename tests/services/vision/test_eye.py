@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.services.vision.conditions import conditions
 from surefoot.services.vision.eye import BLIND_IMAGES, Eye
-from surefoot.services.vision.recognise import Believed
+from surefoot.services.vision.recognise import Believed, Recognised
 from surefoot.services.vision.view import greys
 from tests.services.vision.shots import base, extractor, shot, world
 
@@ -53,6 +53,34 @@ def test_another_floor_an_image_upside_down_or_another_place_give_no_landmark():
             assert len(seen.landmarks) == 0
         assert "unrecognised" in seen.flags
         assert len(eye().look(image, base(), None).landmarks) == 0
+
+
+def test_a_few_matches_by_chance_do_not_hide_that_the_floor_is_unknown(monkeypatch):
+    """One image in three with as many matches as chance brings into wide gates: the flag comes with the fourth."""
+    found = iter([(0, 200), (9, 215), (0, 200), (0, 210)])
+
+    def by_chance(places, *_):
+        agreed, compared = next(found)
+        index = np.arange(agreed)
+        return Recognised(index, index, False, agreed, compared, 1.0)
+
+    monkeypatch.setattr("surefoot.services.vision.eye.recognise", by_chance)
+    mine, image, flags = eye(), shot(POSES[0]), []
+    for _ in range(BLIND_IMAGES):
+        mine._before = None
+        flags.append(mine.look(image, base(), Believed(np.zeros(3), np.eye(3))).flags)
+    assert flags == [(), (), (), ("unrecognised",)]
+
+
+def test_a_floor_of_few_recognised_features_is_known(monkeypatch):
+    monkeypatch.setattr(
+        "surefoot.services.vision.eye.recognise",
+        lambda *_: Recognised(np.arange(8), np.arange(8), False, 8, 180, 1.0),
+    )
+    mine, image = eye(), shot(POSES[0])
+    for _ in range(2 * BLIND_IMAGES):
+        mine._before = None
+        assert mine.look(image, base(), Believed(np.zeros(3), np.eye(3))).flags == ()
 
 
 def test_a_wrong_focal_length_is_noticed_by_the_scale():

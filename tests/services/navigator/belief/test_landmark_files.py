@@ -24,6 +24,14 @@ def test_what_is_saved_is_loaded(tmp_path):
     assert np.array_equal(there.positions, world.positions)
     assert np.array_equal(there.descriptors, world.descriptors)
     assert (there.version, there.source, there.sha256) == (5, "a run", world.sha256)
+    assert not there.sd.any()
+    unsure = FloorLandmarks(WORLD.positions, WORLD.descriptors, sd=np.linspace(0.0, 0.1, len(WORLD)))
+    assert np.array_equal(load(save(unsure, tmp_path / "unsure")).sd, unsure.sd)
+
+
+def test_a_map_without_deviations_has_exact_places(tmp_path):
+    np.savez(tmp_path / "old.npz", **GOOD)
+    assert np.array_equal(load(tmp_path / "old.npz").sd, np.zeros(len(WORLD)))
 
 
 @pytest.mark.parametrize(
@@ -37,6 +45,9 @@ def test_what_is_saved_is_loaded(tmp_path):
         ("positions", np.array(["a", "b"]), "positions"),
         ("descriptors", np.full_like(WORLD.descriptors, np.inf), "descriptors"),
         ("version", 1.5, "version"),
+        ("sd", np.full(len(WORLD), -0.01), "sd"),
+        ("sd", np.zeros(len(WORLD) - 1), "sd"),
+        ("sd", np.array(["a"]), "sd"),
         ("source", None, "file"),
         ("positions", None, "file"),
     ],

@@ -112,3 +112,16 @@ def test_descriptors_of_another_length_are_refused() -> None:
     tracker.world = FloorLandmarks(rng.uniform(-1, 1, (20, 2)), rng.standard_normal((20, 8)))
     with pytest.raises(DetectionError, match="8 numbers, got 4"):
         tracker.look(Detections(np.array([0.5]), np.array([0.0]), np.ones((1, 4))), 0.1, standing=True)
+
+
+@pytest.mark.parametrize("sd", [0.0, 0.02, 0.5])
+def test_a_landmark_corrects_as_far_as_its_own_place_is_known(sd) -> None:
+    """One landmark ahead: along x a Kalman update with the sum of both variances, P R / (P + R)."""
+    tracker = PoseTracker(StartUncertainty(position=0.05, heading=1e-4), NOISE, NOISE)
+    looks = np.random.default_rng(0).standard_normal((2, 8))
+    tracker.world = FloorLandmarks(np.array([[0.8, 0.0], [3.0, 3.0]]), looks, sd=np.full(2, sd))
+    prior, noise = 0.05**2, (0.03 * 0.8) ** 2 + sd**2
+    assert tracker.look(Detections(np.array([0.8]), np.array([0.0]), looks[:1]), 0.1, standing=True).matched == 1
+    assert tracker.cov[0, 0] == pytest.approx(prior * noise / (prior + noise), rel=0.02)
+    beside = (0.8 * math.radians(1.5)) ** 2 + sd**2
+    assert tracker.cov[1, 1] == pytest.approx(prior * beside / (prior + beside), rel=0.02)
