@@ -17,7 +17,8 @@ Keep = Annotated[Path | None, typer.Option("--out", "-o", help="Keep the repetit
 
 @app.command()
 def why(file: Recording, json: Json = False) -> None:
-    """Walk back from a fall, stop, halt, missed goal or slip to its first cause. Exit code 1: something went wrong."""
+    """Walk back from a fall, stop, halt, missed goal or slip to its first cause. Exit code 1: something went wrong,
+    or a part of the recording cannot be read."""
     from ..report.why import explain
 
     use_json(json)
@@ -29,7 +30,7 @@ def why(file: Recording, json: Json = False) -> None:
         rows = [each for each in (found.cause, *found.chain, found.outcome) if each is not None]
         if rows:
             write_table(("time", "kind", "what was seen"), [(f"{e.begin:.2f} s", e.code, e.text) for e in rows])
-    if found.outcome is not None:
+    if found.outcome is not None or found.damage:
         raise typer.Exit(EXIT_CHECK)
 
 

@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
+from surefoot.bus.codec import refusal_of
 from surefoot.errors import SurefootError
 from surefoot.lockstep.local import LocalSystem
 from surefoot.record.recording import HASHES, SUMMARY, recording_info
@@ -39,6 +42,7 @@ class RecordedRun:
         hashes: digest of each key.
         robot_hash: hash of the robot description.
         versions: of what computed the run.
+        ticks: control ticks of the run.
     """
 
     path: Path
@@ -48,6 +52,7 @@ class RecordedRun:
     hashes: dict[str, str]
     robot_hash: str
     versions: dict[str, str]
+    ticks: int
 
     @classmethod
     def of(cls, path: Path) -> "RecordedRun":
@@ -71,6 +76,7 @@ class RecordedRun:
         return cls(
             path, replace(scenario, actuation_delay_ticks=delay), int(run["seed"]), summary.get("run_hash", ""),
             metadata.get(HASHES, {}), run.get("robot_hash", ""), metadata.get(VERSIONS, {}),
+            int(summary.get("last_tick", scenario.max_ticks - 1)) + 1,
         )  # fmt: skip
 
     def again(self, to: Path, meddle: Callable[[LocalSystem], None] = lambda system: None) -> str:
@@ -155,7 +161,12 @@ class Change:
             raise SurefootError("invalid", f"--set {text!r}: the axis is x or y", "set")
         if name == FOOT and abs(value) > LARGEST_SHIFT:
             raise SurefootError("invalid", f"--set {text!r}: allowed is {-LARGEST_SHIFT} to {LARGEST_SHIFT} m", "set")
-        return cls(name, value, target)
+        change = cls(name, value, target)
+        try:
+            change.step(0)
+        except ValidationError as error:
+            raise refusal_of(error, f"--set {text!r}") from None
+        return change
 
     def step(self, tick: int) -> Step | None:
         """Return the step of a scenario that makes the change; None of a foot."""
@@ -183,8 +194,8 @@ def changed(run: RecordedRun, at_s: float, changes: Sequence[Change], to: Path) 
         SurefootError: the time is outside of the run, or the robot has no such leg or no foothold service.
     """
     tick = round(at_s / TICK_S)
-    if not 0 <= tick < run.scenario.max_ticks:
-        raise SurefootError("invalid", f"--at {at_s:g}: allowed is 0 to {run.scenario.max_duration_s:g} s", "at")
+    if not 0 <= tick < run.ticks:
+        raise SurefootError("invalid", f"--at {at_s:g}: allowed is 0 to {run.ticks * TICK_S:g} s", "at")
     steps = tuple(step for change in changes if (step := change.step(tick)) is not None)
     feet = {change.target: change.value for change in changes if change.name == FOOT}
     again = replace(run, scenario=replace(run.scenario, steps=(*run.scenario.steps, *steps)))

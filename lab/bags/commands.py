@@ -1,14 +1,17 @@
 """`surefoot bag import|export`."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..cli.bag import app as bag
-from ..cli.output import Json, use_json, write, write_json, write_table
+from ..cli.output import Json, refuse_existing, use_json, write, write_json, write_table
 
 app = typer.Typer()
+OFF_SHARE = 0.6
+"""Force below which a foot stands no more, share of that from which it stands, where only this is stated."""
 
 
 @bag.command("import")
@@ -44,20 +47,27 @@ def import_log(
         raise SurefootError("invalid", f"got {clock!r}, allowed are header and record", "clock")
     if not log.exists():
         raise SurefootError("unreadable", f"{log}: no such file", "log")
-    description = load_robot(robot)
-    stated = None if contact_on is None else (contact_on, 0.6 * contact_on if contact_off is None else contact_off)
+    table = log.suffix.lower() in TABLES
+    if table and contacts is not None:
+        text = f"got {contacts!r}, {log.name} is a table, which names its contacts by columns: docs/estimate.md"
+        raise SurefootError("invalid", text, "contacts")
+    description, stated = load_robot(robot), _thresholds(contact_on, contact_off)
+    if calibration is not None:
+        refuse_existing(calibration, force=True)
     wanted = BagTopics(
         imu, joints, None if contacts is None else FieldPath.of(contacts), _words(joint_names), _words(feet),
         clock == "record", sort,
     )  # fmt: skip
-    raw = log_of_table(log, sort) if log.suffix.lower() in TABLES else log_of_bag(log, wanted)
+    raw = log_of_table(log, sort) if table else log_of_bag(log, wanted)
     raw.joint_names, raw.feet_names = wanted.joint_names or raw.joint_names, wanted.feet or raw.feet_names
     made = fitted(raw, description, stated, imu_frame)
     path = out or Path(f"{log.resolve().stem}.mcap")
     player = record(made, robot, path)
     refused = dict(player.intake.refused)
     files = [str(path)]
-    if calibration is not None and made.contact is not None:
+    if calibration is not None and made.contact is None:
+        made.notes.append(f"{calibration} is not written: the log has no foot forces that could be calibrated")
+    elif calibration is not None and made.contact is not None:
         files.append(str(save_calibration(calibration, made.contact)))
     seconds = 1e-9 * float(made.imu.stamp_ns[-1] - made.imu.stamp_ns[0])
     facts = {"seconds": seconds, "inertial_rows": len(made.imu.stamp_ns), "joint_rows": len(made.joints.stamp_ns)}
@@ -71,6 +81,20 @@ def import_log(
     for each in files:
         write(f"file  {each}")
     write(f"next: surefoot report {path}, surefoot estimate {path}")
+
+
+def _thresholds(on: float | None, off: float | None) -> tuple[float, float] | None:
+    """Return the forces from which a foot stands and below which it stands no more, N; None = not stated."""
+    from surefoot.errors import SurefootError
+
+    if on is None:
+        if off is not None:
+            raise SurefootError("invalid", f"got {off:g} without --contact-on, allowed are both", "contact-off")
+        return None
+    low = OFF_SHARE * on if off is None else off
+    if not 0.0 <= low <= on < math.inf or on == 0.0:
+        raise SurefootError("invalid", f"got {on:g} and {low:g} N, allowed is 0 <= off <= on, above 0", "contact-on")
+    return on, low
 
 
 def _words(text: str | None) -> tuple[str, ...]:

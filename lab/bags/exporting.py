@@ -109,7 +109,14 @@ def _table(recording: Path, robot: Robot) -> dict[str, NDArray[Any]]:
     for need in ("joints", "touch"):
         if need not in columns:
             raise SurefootError("invalid", f"{recording} has no {need}", need)
+    _check_joints(recording, columns["joints"].shape[1], robot)
     return table_of(columns, robot)
+
+
+def _check_joints(recording: Path, count: int, robot: Robot) -> None:
+    """Refuse the description of another robot (raises SurefootError)."""
+    if count != robot.nj:
+        raise SurefootError("invalid", f"{recording} has {count} joints, {robot.name} has {robot.nj}", "robot")
 
 
 def _csv(recording: Path, out: Path, robot: Robot) -> None:
@@ -154,6 +161,7 @@ def _rosbag2(recording: Path, out: Path, robot: Robot) -> None:
             if item.key == "hw/imu":
                 made["imu"] = imu_message(m, "imu")
             elif item.key == "hw/joints":
+                _check_joints(recording, len(m.position), robot)
                 made["joints"] = joints_message(m, robot.joint_names)
             elif item.key == "hw/contacts":
                 made["contacts"] = contacts_message(m)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat
@@ -206,5 +207,6 @@ def save_calibration(path: Path, contact: ForceContact) -> Path:
         f"foot_zero = {list(contact.zero)}", f"foot_scale = {list(contact.scale)}",
         f"contact_on = {contact.on}", f"contact_off = {contact.off}",
     ]  # fmt: skip
-    path.write_text("".join(f"[{name}]\n" + "\n".join(lines) + "\n\n" for name in ("unitree", "ros_robot")))
+    with whole(path) as part:
+        part.write_text("".join(f"[{name}]\n" + "\n".join(lines) + "\n\n" for name in ("unitree", "ros_robot")))
     return path

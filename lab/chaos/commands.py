@@ -163,7 +163,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     endpoint = to_listen(options.listen)
     if options.out is not None:
         for number in seeds:
-            refuse_existing(_folder(options.out, number), force=force)
+            refuse_existing(_folder(options.out, number), force=force, folder=True)
     compose = system_of(scenario, os.environ)
     if "simulator" in compose.service_names:
         check_ground(scenario.world, scenario.seed)

@@ -75,14 +75,14 @@ def play_bag(
         namespace: prefix of the keys, None = the one of the recording's robot.
 
     Raises:
-        SurefootError: the file cannot be read, or has none of the keys.
+        SurefootError: the file cannot be read, or lacks one of the keys.
         BusError: the port is taken or no system answers.
     """
     info = recording_info(file)
     begin = int(info["start_ns"])
     known = set(info["topics"])
-    if keys and not known & set(keys):
-        raise SurefootError("unknown_topic", f"{file} has none of {', '.join(keys)}; it has {', '.join(sorted(known))}")
+    if missing := sorted(set(keys) - known):
+        raise SurefootError("unknown_topic", f"{file} has no {', '.join(missing)}; it has {', '.join(sorted(known))}")
     robot = info["metadata"].get("run", {}).get("robot", "ragno")
     bus = _open(listen, connect, namespace or os.environ.get("SUREFOOT_NAMESPACE") or f"surefoot/{robot}")
     publishers: dict[str, Publisher[Any]] = {}

@@ -11,8 +11,13 @@ from typing import Annotated, Any
 import typer
 
 EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 1, 2, 130
-USAGE = ("unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed")
+USAGE = (
+    "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
+    "no_samples",
+)  # fmt: skip
 """Codes of errors in the user's own words or files, which end with `EXIT_USAGE`."""
+WRONG_PATH = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError)
+"""Errors of a path that the user has named; a full or read-only disk is none."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 Connect = Annotated[
@@ -70,12 +75,20 @@ def near(path: Path) -> str:
     return str(whole.relative_to(Path.cwd())) if whole.is_relative_to(Path.cwd()) else str(whole)
 
 
-def refuse_existing(path: Path, *, force: bool) -> None:
-    """Refuse a file that exists, or a folder with something in it, unless ``force``.
+def refuse_existing(path: Path, *, force: bool, folder: bool = False) -> None:
+    """Refuse a file that exists, or a folder with something in it, unless ``force``; and one in place of the other.
+
+    Args:
+        path: of what will be written.
+        force: it may be overwritten.
+        folder: it will be a folder.
 
     Raises:
         typer.BadParameter: names the file and the option.
     """
+    if path.exists() and path.is_dir() != folder:
+        kinds = ("file", "folder") if folder else ("folder", "file")
+        raise typer.BadParameter(f"{near(path)} is a {kinds[0]}, allowed is a {kinds[1]}")
     there = path.is_dir() and any(path.iterdir()) if path.is_dir() else path.exists()
     if there and not force:
         raise typer.BadParameter(f"{near(path)} exists; choose another name, or overwrite it with --force")
@@ -163,6 +176,6 @@ def _write_error(code: str, message: str, field: str | None) -> None:
 
 def _is_usage(error: Exception) -> bool:
     """Return whether the user's own words or files are at fault, not the system."""
-    return getattr(error, "code", "") in USAGE or any(
-        kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__
-    )
+    if getattr(error, "code", "") in USAGE or (isinstance(error, WRONG_PATH) and error.filename is not None):
+        return True
+    return any(kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__)

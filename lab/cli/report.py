@@ -20,6 +20,8 @@ def report(
     from ..report.recorded import report_recording
 
     use_json(json)
+    if out is not None and (out.suffix.lower() not in (".html", ".htm") or out.is_dir()):
+        raise typer.BadParameter(f"got {near(out)}, allowed is a file *.html", param_hint="--out")
     loaded = None if scenario is None else load_scenario(find_scenario(scenario))
     path, verdict = report_recording(file, loaded, out or file.with_suffix(".html"))
     if json:

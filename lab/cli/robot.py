@@ -71,20 +71,20 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a robot as an MJCF file, for other programs."""
-    from ..robots.export import mjcf_of
+    from ..robots.export import write_mjcf
 
     use_json(json)
-    _write(name, out, ".xml", force, lambda robot, path: path.write_text(mjcf_of(robot), encoding="utf-8"))
+    _write(name, out, ".xml", force, write_mjcf)
 
 
 @app.command()
 def show(
     name: Named,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file to write [NAME.png].")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="A .png, .svg or .pdf to write [NAME.png].")] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Draw a robot at its neutral posture: links, feet, frames and centre of mass, as a PNG."""
+    """Draw a robot at its neutral posture: links, feet, frames and centre of mass."""
     from ..report.robot_drawing import draw_robot
 
     use_json(json)

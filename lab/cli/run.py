@@ -34,7 +34,8 @@ def run(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random [the scenario's].")] = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="Write an MCAP recording.")] = True,
     rtf: Annotated[
-        float | None, typer.Option(min=0.01, help="Pace at this real-time factor instead of lockstep at full speed.")
+        float | None,
+        typer.Option(min=0.01, max=1000.0, help="Pace at this real-time factor instead of lockstep at full speed."),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Lockstep without actuation delay.")] = False,
     view: View = False,
@@ -60,7 +61,7 @@ def run(
         loaded = replace(loaded, robot=robot)
     endpoint = to_listen(listen)  # what is wrong is reported before kernels are compiled
     if out is not None:
-        refuse_existing(out, force=force)
+        refuse_existing(out, force=force, folder=True)
     compose = system_of(loaded, os.environ)
     if "simulator" in compose.service_names:
         check_ground(loaded.world, loaded.seed if seed is None else seed)

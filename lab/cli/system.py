@@ -43,7 +43,7 @@ def up(
     detach: Annotated[bool, typer.Option("--detach", "-d", help="Return when everything is ready.")] = False,
     terrain: Annotated[str, typer.Option(help="Kind of terrain or path of a terrain file (simulation).")] = "flat",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the world (simulation).")] = 0,
-    rtf: Annotated[float, typer.Option(min=0.0, help="Real-time factor, 0 = as fast as it goes.")] = 1.0,
+    rtf: Annotated[float, typer.Option(min=0.0, max=1000.0, help="Real-time factor, 0 = as fast as it goes.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="MCAP file to write [no recording].")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
     view: View = False,

@@ -246,7 +246,7 @@ def _main() -> None:
 
 
 def _stamps() -> Path:
-    base = os.environ.get("XDG_CACHE_PACKAGE", "")
+    base = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "warm"
 
 

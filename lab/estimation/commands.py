@@ -29,14 +29,20 @@ def estimate(
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the estimates as CSV as well.")] = False,
     sort: Annotated[bool, typer.Option("--sort", help="Put rows into the order of their stamps.")] = False,
-    gyro_noise: Annotated[float | None, typer.Option(help="Gyro noise of a row, rad/s [of the quiet part].")] = None,
-    acc_noise: Annotated[float | None, typer.Option(help="Accelerometer noise of a row, m/s^2 [likewise].")] = None,
+    gyro_noise: Annotated[
+        float | None, typer.Option(min=1e-9, help="Gyro noise of a row, rad/s [of the quiet part].")
+    ] = None,
+    acc_noise: Annotated[
+        float | None, typer.Option(min=1e-9, help="Accelerometer noise of a row, m/s^2 [likewise].")
+    ] = None,
     feet: Annotated[str | None, typer.Option(help="Feet of a log without robot: point, sole, line.")] = None,
     radius: Annotated[float | None, typer.Option(help="Radius of round feet, m.")] = None,
     sole: Annotated[str | None, typer.Option(help="LENGTH,WIDTH of the soles, or LENGTH of lines, m.")] = None,
     contact_on: Annotated[float | None, typer.Option(help="Force from which a foot stands, N.")] = None,
     contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
-    score_from: Annotated[float | None, typer.Option(help="Time after the start at which scores begin, s.")] = None,
+    score_from: Annotated[
+        float | None, typer.Option(min=0.0, help="Time after the start at which scores begin, s.")
+    ] = None,
     align: Annotated[bool, typer.Option("--align", help="Align the truth with the sensors before scoring.")] = False,
     calibrate: Annotated[bool, typer.Option("--calibrate", help="Report legs, mounting, offset in time.")] = False,
     calibrated: Annotated[bool, typer.Option("--calibrated", help="Correct what it proves, then estimate.")] = False,
@@ -62,6 +68,10 @@ def estimate(
     if calibrate:
         return show(opened.log, opened.notes, json)
     opened = checked(opened, calibrated)
+    if score_from is not None and score_from >= opened.log.seconds[-1]:
+        raise typer.BadParameter(
+            f"got {score_from:g}, the log has {opened.log.seconds[-1]:g} s", param_hint="--score-from"
+        )
     data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

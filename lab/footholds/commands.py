@@ -44,6 +44,8 @@ def collect(
     from .campaign import planned
 
     use_json(json)
+    if model:
+        _load(model)
     trials = planned(
         [_ground(each, robot, friction, distance) for each in ground], profile, _seeds(seeds), model, explore
     )
@@ -252,7 +254,9 @@ def score(
     model: Model,
     out: Annotated[Path, typer.Option("--out", "-o", help="Layers z, k1, k2, cos_k3, p, mask, spread, support: .npz.")],
     picture: Annotated[Path | None, typer.Option("--picture", help="Draw heights, P, support and free cells.")] = None,
-    heading: Annotated[float, typer.Option(help="Of the walk, rad: the feet move the other way.")] = 0.0,
+    heading: Annotated[
+        float, typer.Option(min=-7.0, max=7.0, help="Of the walk, rad: the feet move the other way.")
+    ] = 0.0,
     json: Json = False,
 ) -> None:
     """Score the ground of a map file; no running system is needed."""
@@ -307,10 +311,12 @@ def _load(name: str):
 
 def _ground(text: str, robot: str, friction: float, distance: float) -> "Setting":
     from surefoot.errors import SurefootError
+    from surefoot.robot.reader import load_robot
     from surefoot.services.simulator.ground.terrain import KINDS
 
     from .walks import Setting
 
+    load_robot(robot)  # an unknown one is reported before anything is written
     kind, _, height = text.partition(":")
     if kind not in KINDS:
         raise SurefootError("invalid", f"got {kind!r}, known are {', '.join(KINDS)}", "ground")

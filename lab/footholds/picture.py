@@ -30,7 +30,7 @@ def draw(model: LearnedModel, path: Path) -> Path:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from ..report.drawing import STYLE
+    from ..report.drawing import STYLE, save_picture
 
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 3.6), layout="constrained")
@@ -44,8 +44,7 @@ def draw(model: LearnedModel, path: Path) -> Path:
         dots = right.scatter(centres[:, 0], centres[:, 1], c=np.log10(count), s=8, cmap="magma_r")
         figure.colorbar(dots, ax=right, label="samples of a bin, log10")
         right.set(title="bins, all cos K3", xlabel="K1, mm", ylabel="K2, mm")
-        figure.savefig(path)
-    return path
+        return save_picture(figure, path)
 
 
 def draw_scored(layers: Mapping[str, np.ndarray], cell: float, origin: tuple[float, float], path: Path) -> Path:
@@ -60,7 +59,7 @@ def draw_scored(layers: Mapping[str, np.ndarray], cell: float, origin: tuple[flo
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from ..report.drawing import STYLE
+    from ..report.drawing import STYLE, save_picture
 
     ny, nx = layers["z"].shape
     ends = (origin[0], origin[0] + cell * (nx - 1), origin[1], origin[1] + cell * (ny - 1))
@@ -76,5 +75,4 @@ def draw_scored(layers: Mapping[str, np.ndarray], cell: float, origin: tuple[flo
         axes[3].set_title("free cells (white), without a leg")
         for one in axes:
             one.set(xlabel="x, m", ylabel="y, m")
-        figure.savefig(path)
-    return path
+        return save_picture(figure, path)

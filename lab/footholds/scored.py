@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.geometry.heightmap_exchange import load_any
@@ -24,7 +25,9 @@ def read_map(path: Path) -> HeightMap:
     """
     try:
         return load_any(path)
-    except (OSError, HeightMapError) as error:
+    except OSError as error:
+        raise SurefootError("unreadable", f"{str(path)!r} cannot be read: {error.strerror}", "map") from None
+    except HeightMapError as error:
         raise SurefootError("invalid", f"{str(path)!r}: {error}", "map") from None
 
 
@@ -51,7 +54,7 @@ def save_scored(found: Assessment, heights: HeightMap, model: SlipModel, path: P
     """
     layers = dict(zip(LAYERS, found.layers, strict=True))
     try:
-        with path.open("wb") as stream:
+        with whole(path) as part, part.open("wb") as stream:
             np.savez_compressed(
                 stream, **layers, cell=heights.cell, origin=np.array(heights.origin), model=np.array(model.name),
                 mask_bits=np.array([1 << k for k in range(len(REASONS))]), mask_names=np.array(REASONS),

@@ -2,11 +2,15 @@
 
 import io
 import re
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+
+from surefoot.disk import whole
+from surefoot.errors import SurefootError
 
 INK, GRID, PAPER = "#1c2733", "#dfe5ea", "none"
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb2", "#e07b1a", "#2a9d63", "#cc3b3b", "#7a4fb5", "#8a97a3"
@@ -36,6 +40,24 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     FigureCanvasSVG(figure)
     return figure
+
+
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of pictures that can be written."""
+
+
+def save_picture(figure: Figure, path: Path) -> Path:
+    """Write a figure in the format of the file's ending, all of it or nothing; return the path.
+
+    Raises:
+        SurefootError: the ending is none of `PICTURES`.
+    """
+    ending = path.suffix.lower()
+    if ending not in PICTURES:
+        raise SurefootError("invalid", f"{path} ends in {ending!r}; known are {', '.join(PICTURES)}", "out")
+    with whole(path) as part:
+        figure.savefig(part, format=ending[1:])
+    return path
 
 
 def svg_of(figure: Figure, prefix: str) -> str:

@@ -18,7 +18,7 @@ from surefoot.robot.kinematics import com, foot_positions, forward
 from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.simulator.sensors.landmarks import camera_pose, read_camera
 
-from .drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE
+from .drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE, save_picture
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def frames_of(robot: Robot) -> dict[str, tuple[Array, Array]]:
 
 
 def draw_robot(robot: Robot, path: Path) -> None:
-    """Write a PNG of a robot at its neutral posture, seen from its front left and from its left side."""
+    """Write a picture of a robot at its neutral posture, seen from its front left and from its left side."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 4.4), dpi=DPI)
         for place, (elevation, azimuth) in enumerate(((22.0, 35.0), (0.0, 90.0)), 1):
@@ -55,7 +55,7 @@ def draw_robot(robot: Robot, path: Path) -> None:
             axes.view_init(elevation, azimuth)
         figure.suptitle(f"{robot.name}: {robot.description}", color=INK)
         figure.subplots_adjust(0.0, 0.0, 1.0, 0.95, 0.0)
-        figure.savefig(path, metadata={"Software": None})
+        save_picture(figure, path)
 
 
 def _draw(axes: Any, robot: Robot, named: bool) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import read_recording, recording_info
+from surefoot.record.recording import open_readable
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.topics import TICK_S
 
@@ -36,6 +36,8 @@ class Signals:
     """Names of the joints, where the robot is known."""
     feet: tuple[str, ...] = ()
     """Names of the legs likewise."""
+    damage: str = ""
+    """Why not all of the recording can be read; empty = it is whole."""
 
     def joint(self, index: int) -> str:
         """Return the name of a joint, else its number."""
@@ -50,12 +52,19 @@ class Signals:
         return TICK_S * np.array([row.get("tick", -1) for row in self.rows[key]], dtype=np.float64)
 
     def column(self, key: str, name: str, empty: float = np.nan) -> Array:
-        """Return a field of each message as numbers, (n, ...); what is null or absent is NaN, ragged rows are cut."""
+        """Return a field of each message as numbers, (n, ...); what is null or absent is NaN, ragged rows are cut.
+
+        Raises:
+            SurefootError: it holds other things than numbers.
+        """
         found = [row.get(name) for row in self.rows[key]]
         size = min((len(v) for v in found if isinstance(v, Sequence)), default=0)
         blank: Any = [empty] * size if size else empty
         cut = [blank if v is None else v[:size] if isinstance(v, Sequence) else v for v in found]
-        return np.array(cut, dtype=np.float64)
+        try:
+            return np.array(cut, dtype=np.float64)
+        except (ValueError, TypeError):
+            raise SurefootError("malformed", f"{key}.{name} of the recording holds no numbers", name) from None
 
     @property
     def end(self) -> float:
@@ -64,37 +73,40 @@ class Signals:
 
 
 def read_signals(path: Path) -> Signals:
-    """Read the last epoch of a recording; one that was cut off is read as far as it goes.
+    """Read the last epoch of a recording; one that is cut off or damaged is read as far as it goes.
 
     Raises:
         SurefootError: nothing of it can be read.
     """
-    joints, feet = _names(path)
-    found, epoch = Signals(joints=joints, feet=feet), -1
+    recording = open_readable(path)
+    joints, feet = _names(recording.metadata)
+    found, epoch = Signals(joints=joints, feet=feet, damage=recording.damage), -1
     try:
-        for item in read_recording(path, READ):
+        for item in recording.messages(READ):
             try:
                 row = json.loads(item.data)
                 now = int(row["epoch"])
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, OverflowError):
                 found.unreadable += 1
                 continue
             if now > epoch:
-                found, epoch = Signals(unreadable=found.unreadable, joints=joints, feet=feet), now
+                found.rows.clear()
+                epoch = now
             if now == epoch:
                 found.rows[item.key].append(row)
-    except SurefootError:
+    except SurefootError as error:
         if not found.rows:
             raise
+        found.damage = error.message
     if not found.rows:
         raise SurefootError("invalid", f"{path} has none of {', '.join(READ)}", "recording")
     return found
 
 
-def _names(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of joints and legs of the recorded robot, where the file and the robot are known."""
+def _names(metadata: Mapping[str, Mapping[str, str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of joints and legs of the recorded robot, where it is known."""
     try:
-        robot = load_robot(recording_info(path)["metadata"].get("run", {}).get("robot", ""))
+        robot = load_robot(metadata.get("run", {}).get("robot", ""))
     except SurefootError:
         return (), ()
     return tuple(joint.name for joint in robot.joints), robot.leg_names

@@ -26,15 +26,21 @@ class Explanation:
         outcome: what went wrong; None: nothing did.
         cause: first cause; None: nothing went wrong, or none was found.
         chain: evidence between both, in the order of time, without them.
+        damage: why not all of the recording can be read; empty = it is whole.
     """
 
     outcome: Clue | None
     cause: Clue | None
     chain: tuple[Clue, ...]
+    damage: str = ""
 
     @property
     def sentence(self) -> str:
         """Return the explanation in one sentence."""
+        return f"{self._found}; only a part can be read: {self.damage}" if self.damage else self._found
+
+    @property
+    def _found(self) -> str:
         if self.outcome is None:
             return "nothing went wrong"
         if self.cause is None:
@@ -48,11 +54,11 @@ def explain(path: Path) -> Explanation:
     signals = read_signals(path)
     outcome = find_outcome(signals)
     if outcome is None:
-        return Explanation(None, None, ())
+        return Explanation(None, None, (), signals.damage)
     seen = [e for e in gather(signals) if e.begin <= outcome.begin and e.end >= outcome.begin - BEFORE_S]
     cause = _first(seen)
     chain = () if cause is None else tuple(e for e in seen if e is not cause and e.begin >= cause.begin)
-    return Explanation(outcome, cause, _once(chain))
+    return Explanation(outcome, cause, _once(chain), signals.damage)
 
 
 def _first(seen: list[Clue]) -> Clue | None:

@@ -1,8 +1,10 @@
 """A robot description as an MJCF file that other programs and `surefoot robot import` read."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from surefoot.disk import whole
 from surefoot.robot.description import Link, Robot
 
 ROOT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -38,6 +40,13 @@ def mjcf_of(robot: Robot) -> str:
     SubElement(SubElement(top, "keyframe"), "key", name="home", qpos=_row((*ROOT, *angles)))
     indent(top)
     return tostring(top, encoding="unicode") + "\n"
+
+
+def write_mjcf(robot: Robot, path: Path) -> None:
+    """Write the MJCF text of a robot, all of it or nothing."""
+    text = mjcf_of(robot)
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def _inertial(body: Element, link: Link) -> None:

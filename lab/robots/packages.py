@@ -24,6 +24,8 @@ def source_file(source: str) -> Path:
     if not source.startswith(PREFIX):
         return Path(source)
     package, _, robot = source.removeprefix(PREFIX).partition("/")
+    if not package:
+        raise RobotError("value", "package", f"got {source!r}, allowed is {PREFIX}NAME/ROBOT")
     try:
         listed = importlib.metadata.files(package) or []
     except importlib.metadata.PackageNotFoundError:

@@ -81,6 +81,10 @@ def show(
 
 
 def _show(found: "list[Held]", *, json: bool) -> None:
+    from surefoot.errors import SurefootError
+
+    if not found:
+        raise SurefootError("not_found", "there are no certificates; `surefoot security init` makes those of a system")
     rows = [(one.identity, one.until.date().isoformat(), one.days) for one in found]
     if json:
         write_json([{"identity": name, "until": until, "days": days} for name, until, days in rows])

@@ -1,6 +1,7 @@
 """The folder of a robot's certificates and settings: made, renewed, and shown."""
 
 import json
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +18,8 @@ from .grants import ROUTER, Role, grants
 from .settings import settings_of
 
 AUTHORITY_DAYS = 3650
+NAME = re.compile(r"[A-Za-z0-9:][A-Za-z0-9._:-]{0,62}")
+"""Names of people and hosts: they name files, and stand in certificates."""
 
 
 class Membership(NamedTuple):
@@ -39,13 +42,22 @@ def make(services: Sequence[type[Service[Any]]], namespace: str, wanted: Members
     """Write authority, certificates and settings of services and people; an authority that is there stays.
 
     Raises:
-        SurefootError: `cryptography` is not installed, or the name of a person is that of a service.
+        SurefootError: `cryptography` is not installed, or a name is no word, that of a service, or that of an operator
+            and of a guest.
     """
+    for field, given in wanted._asdict().items():
+        for name in given if isinstance(given, tuple) else ():
+            if not NAME.fullmatch(name):
+                text = f"got {name!r}, allowed are letters, digits and . _ : - after a letter or digit"
+                raise SurefootError("invalid", text, field)
     people = {**dict.fromkeys(wanted.operators, Role.OPERATOR), **dict.fromkeys(wanted.guests, Role.GUEST)}
     names = [ROUTER, *(service.name for service in services if service.name != ROUTER)]
     taken = sorted(set(people) & {*names, AUTHORITY})
     if taken:
         raise SurefootError("invalid", f"{', '.join(taken)}: is the name of a service; people need other names")
+    both = sorted({*wanted.operators} & {*wanted.guests})
+    if both:
+        raise SurefootError("invalid", f"{', '.join(both)}: got operator and guest, allowed is one of them", "guests")
     folder = security_folder(namespace)
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not (folder / f"{AUTHORITY}.key").exists():

@@ -24,7 +24,8 @@ def read(path: Path) -> dict[str, list[dict[str, Any]]]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise SurefootError("not_found", f"{path}: {error}; `{COMMAND}` makes such a file", "live") from None
+        why = error.strerror if isinstance(error, OSError) else "is no text"
+        raise SurefootError("not_found", f"{path}: {why}; `{COMMAND}` makes such a file", "live") from None
     runs: dict[str, list[dict[str, Any]]] = {arm: [] for arm in ARMS}
     for line in text.splitlines():
         try:

@@ -90,7 +90,7 @@ def load(path: str | Path) -> HeightMap:
         zlib.error,
         struct.error,
     ) as error:
-        raise HeightMapError("file", f"{source.name} is no .npz height map: {error}") from error
+        raise HeightMapError("file", f"{source.name} is no .npz height map, or damaged") from error
     if frame != FRAME:
         raise HeightMapError("frame", f"must be {FRAME!r}, got {frame!r}")
     if origin.shape != (2,):

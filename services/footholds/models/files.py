@@ -223,7 +223,7 @@ def load(path: str | Path) -> LearnedModel:
     """Read a model file.
 
     Raises:
-        ModelError: absent, unreadable, too large, or not a model.
+        ModelError: unreadable, too large, or not a model.
     """
     source = Path(path)
     try:
@@ -232,7 +232,7 @@ def load(path: str | Path) -> LearnedModel:
             raise ModelError("too_large", f"{source.name} has {size} bytes, at most {MAX_BYTES} are allowed")
         data = source.read_bytes()
     except OSError as error:
-        raise ModelError("absent", f"{str(source)!r} cannot be read: {error.strerror}") from None
+        raise ModelError("unreadable", f"{str(source)!r} cannot be read: {error.strerror}") from None
     return decode(data, source.name)
 
 

@@ -71,6 +71,9 @@ def test_refusals(walk: Path, tmp_path: Path) -> None:
         export(walk, "rosbag", tmp_path / "x")
     with pytest.raises(SurefootError, match="exists"):
         export(walk, "csv", walk)
+    for kind in ("csv", "rosbag2"):
+        with pytest.raises(SurefootError, match=r"has 12 joints, nao has|has 18 joints, nao has"):
+            export(walk, kind, tmp_path / "x", "nao")
     (tmp_path / "bad.mcap").write_bytes(walk.read_bytes()[:5000])
     for kind in FORMATS:
         with pytest.raises(SurefootError):

@@ -155,7 +155,7 @@ def test_a_failure_of_the_operating_system_is_named(in_process, tmp_path):
     words = ("schema", "export", tmp_path / "file" / "schemas")
     (tmp_path / "file").write_text("")
     code, out, _ = in_process(*words, "--json")
-    assert code == cli.EXIT_CHECK
+    assert code == cli.EXIT_USAGE
     assert json.loads(out)["error"]["code"] == "ENOTDIR"
     assert in_process(*words)[2] == f"surefoot: {words[-1]}: Not a directory\n"
 
@@ -172,7 +172,7 @@ def test_a_full_disk_behind_the_output_is_one_sentence():
 def test_a_run_that_cannot_be_written_is_not_started(complaint, tmp_path):
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "out"
-    err = complaint("run", "stand", "--out", out, code=cli.EXIT_CHECK)
+    err = complaint("run", "stand", "--out", out)
     assert err.endswith(f"surefoot: {out}: Not a directory\n")
     assert "start" not in err
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -229,3 +230,25 @@ def test_a_file_of_another_version_or_cut_off_is_read_as_far_as_it_goes(
     (tmp_path / "none.mcap").write_bytes(b"")
     with expect_error(SurefootError, "malformed", text="is empty"):
         explain(tmp_path / "none.mcap")
+
+
+def test_what_cannot_be_read_is_stated_and_is_no_good_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, topic = tmp_path / "run.mcap", topic_of("sim/truth")
+    assert topic is not None
+    writer, random = RecordingWriter(path, {"robot": "ragno"}), Random(0)
+    for tick, row in walk()["sim/truth"].items():
+        header = Header(stamp_ns=tick * 10**7, tick=tick, epoch=1, seq=tick, source="x")
+        writer.write(topic, header, Raw(json.dumps({**row, "pad": random.randbytes(450).hex()}).encode(), None, ""))
+    writer.close({})
+    whole = path.read_bytes()
+    assert explain(path).damage == ""
+    half = len(whole) // 2
+    for spoilt in (whole[:half], whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :]):
+        path.write_bytes(spoilt)
+        found = explain(path)
+        assert found.outcome is None
+        assert found.sentence.startswith("nothing went wrong; only a part can be read: ")
+        with pytest.raises(SystemExit) as ended:
+            main(["why", str(path)])
+        assert ended.value.code == 1
+        assert "only a part can be read" in capsys.readouterr().out

@@ -1,0 +1,85 @@
+"""Bad words and files end with exit code 2, one sentence that names them, and without a file that was not there."""
+
+import pytest
+
+from surefoot.lab.cli import main as cli
+from surefoot.lab.cli import warming
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch, tmp_path):
+    """A working folder with a file and a folder in it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SUREFOOT_SECURITY", str(tmp_path / "security"))
+    (tmp_path / "file.mcap").write_text("hello")
+    (tmp_path / "folder").mkdir()
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ("why missing.mcap", "missing.mcap: No such file or directory"),
+        ("verify missing.mcap", "missing.mcap: No such file or directory"),
+        ("report folder", "folder: Is a directory"),
+        ("bag import missing.csv --robot ragno", "missing.csv: no such file"),
+        ("bag import file.csv --robot ragno --contact-off 5", "without --contact-on"),
+        ("bag import file.csv --robot ragno --contact-on nan", "got nan"),
+        ("bag import file.csv --robot ragno --contact-on 1 --contact-off 2", "0 <= off <= on"),
+        ("bag import file.csv --robot ragno --contacts /feet", "is a table"),
+        ("compare missing folder", "missing: no such file"),
+        ("footholds show missing", "cannot be read"),
+        ("footholds judge ragno missing", "cannot be read"),
+        ("footholds show ragno --picture x.xyz", "known are .png"),
+        ("footholds score missing.npz -m ragno -o s.npz", "cannot be read: No such file"),
+        ("footholds score file.mcap -m ragno -o s.npz", "is no .npz height map, or damaged"),
+        ("footholds score file.mcap -m ragno -o s.npz --heading nan", "--heading"),
+        ("footholds collect -o s.jsonl --robot missing", "no robot 'missing'"),
+        ("footholds collect -o s.jsonl --model missing", "cannot be read"),
+        ("map show missing.npz", "cannot be read"),
+        ("robot show ragno -o x.xyz", "known are .png"),
+        ("robot show ragno -o folder", "is a folder, allowed is a file"),
+        ("robot export ragno -o missing/x.xml", "missing/x.xml: No such file or directory"),
+        ("robot import package:", "allowed is package:NAME/ROBOT"),
+        ("run flat --out file.mcap --force", "is a file, allowed is a folder"),
+        ("run flat --rtf 1e999", "--rtf"),
+        ("up ragno --record folder", "is a folder, allowed is a file"),
+        ("report file.mcap -o file.mcap", "allowed is a file *.html"),
+        ("estimate file.mcap --acc-noise -1", "--acc-noise"),
+        ("estimate file.mcap --score-from nan", "--score-from"),
+        ("whatif file.mcap --set servo=-1", "--set 'servo=-1'.value"),
+        ("whatif file.mcap --set fault=imu_drop:-1", "--set 'fault=imu_drop:-1'.duration"),
+        ("whatif file.mcap --set fault=nothing:1", "--set 'fault=nothing:1'.kind"),
+        ("security show", "surefoot security init"),
+        ("security init --operator ../x", "got '../x'"),
+        ("security init --guest <script>", "got '<script>'"),
+        ("security init --operator ann --guest ann", "ann: got operator and guest"),
+        ("reproduce osswald --live missing.json", "missing.json: No such file or directory;"),
+    ],
+)
+def test_one_sentence_exit_code_2_and_no_new_file(complaint, here, words, part):
+    before = sorted(here.iterdir())
+    (here / "file.csv").write_text("")
+    err = complaint(*words.split())
+    assert part in err
+    assert "internal error" not in err
+    assert "Errno" not in err
+    assert sorted(here.iterdir()) == sorted([*before, here / "file.csv"])
+    assert (here / "file.mcap").read_text() == "hello"
+
+
+def test_a_picture_is_whole_or_absent(answer, here, monkeypatch):
+    answer("robot", "show", "ragno", "-o", "r.svg")
+    assert (here / "r.svg").read_text().startswith("<?xml")
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: (_ for _ in ()).throw(OSError(28, "full")))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["robot", "show", "ragno", "-o", "full.png"])
+    assert ended.value.code == cli.EXIT_CHECK
+    assert not list(here.glob("full*"))
+
+
+def test_stamps_of_compiled_kernels_are_in_the_users_cache_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert warming.Job("walker", "ragno").stamp.is_relative_to(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    assert warming.Job("walker", "ragno").stamp.is_absolute()
