@@ -2,12 +2,16 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..cli.bag import app as bag
 from ..cli.output import Json, refuse_existing, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from .raw import RawLog
+    from .ros import BagTopics
 
 app = typer.Typer()
 OFF_SHARE = 0.6
@@ -39,18 +43,13 @@ def import_log(
 
     from .fit import fitted, save_calibration
     from .importing import record
-    from .raw import TABLES, log_of_table
-    from .ros import BagTopics, log_of_bag
+    from .ros import BagTopics
 
     use_json(json)
     if clock not in ("header", "record"):
         raise SurefootError("invalid", f"got {clock!r}, allowed are header and record", "clock")
     if not log.exists():
         raise SurefootError("unreadable", f"{log}: no such file", "log")
-    table = log.suffix.lower() in TABLES
-    if table and contacts is not None:
-        text = f"got {contacts!r}, {log.name} is a table, which names its contacts by columns: docs/estimate.md"
-        raise SurefootError("invalid", text, "contacts")
     description, stated = load_robot(robot), _thresholds(contact_on, contact_off)
     if calibration is not None:
         refuse_existing(calibration, force=True)
@@ -58,9 +57,7 @@ def import_log(
         imu, joints, None if contacts is None else FieldPath.of(contacts), _words(joint_names), _words(feet),
         clock == "record", sort,
     )  # fmt: skip
-    raw = log_of_table(log, sort) if table else log_of_bag(log, wanted)
-    raw.joint_names, raw.feet_names = wanted.joint_names or raw.joint_names, wanted.feet or raw.feet_names
-    made = fitted(raw, description, stated, imu_frame)
+    made = fitted(_read(log, wanted), description, stated, imu_frame)
     path = out or Path(f"{log.resolve().stem}.mcap")
     player = record(made, robot, path)
     refused = dict(player.intake.refused)
@@ -81,6 +78,24 @@ def import_log(
     for each in files:
         write(f"file  {each}")
     write(f"next: surefoot report {path}, surefoot estimate {path}")
+
+
+def _read(log: Path, wanted: "BagTopics") -> "RawLog":
+    """Return a log as read, with the names that the user has stated."""
+    from surefoot.errors import SurefootError
+
+    from .raw import TABLES, log_of_table
+    from .ros import log_of_bag
+
+    if log.suffix.lower() not in TABLES:
+        raw = log_of_bag(log, wanted)
+    elif wanted.contacts is None:
+        raw = log_of_table(log, wanted.sort)
+    else:
+        got = wanted.contacts.topic
+        raise SurefootError("invalid", f"got {got!r}; {log.name} is a table, whose columns are read", "contacts")
+    raw.joint_names, raw.feet_names = wanted.joint_names or raw.joint_names, wanted.feet or raw.feet_names
+    return raw
 
 
 def _thresholds(on: float | None, off: float | None) -> tuple[float, float] | None:

@@ -11,6 +11,7 @@ import typer
 from ..cli.output import Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
+    from .log import Log
     from .results import Result
     from .scores import Score
 
@@ -29,20 +30,14 @@ def estimate(
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the estimates as CSV as well.")] = False,
     sort: Annotated[bool, typer.Option("--sort", help="Put rows into the order of their stamps.")] = False,
-    gyro_noise: Annotated[
-        float | None, typer.Option(min=1e-9, help="Gyro noise of a row, rad/s [of the quiet part].")
-    ] = None,
-    acc_noise: Annotated[
-        float | None, typer.Option(min=1e-9, help="Accelerometer noise of a row, m/s^2 [likewise].")
-    ] = None,
+    gyro_noise: Annotated[float | None, typer.Option(min=1e-9, help="Of a row, rad/s [of the quiet part].")] = None,
+    acc_noise: Annotated[float | None, typer.Option(min=1e-9, help="Of a row, m/s^2 [of the quiet part].")] = None,
     feet: Annotated[str | None, typer.Option(help="Feet of a log without robot: point, sole, line.")] = None,
     radius: Annotated[float | None, typer.Option(help="Radius of round feet, m.")] = None,
     sole: Annotated[str | None, typer.Option(help="LENGTH,WIDTH of the soles, or LENGTH of lines, m.")] = None,
     contact_on: Annotated[float | None, typer.Option(help="Force from which a foot stands, N.")] = None,
     contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
-    score_from: Annotated[
-        float | None, typer.Option(min=0.0, help="Time after the start at which scores begin, s.")
-    ] = None,
+    score_from: Annotated[float | None, typer.Option(min=0.0, help="Begin of scores after the start, s.")] = None,
     align: Annotated[bool, typer.Option("--align", help="Align the truth with the sensors before scoring.")] = False,
     calibrate: Annotated[bool, typer.Option("--calibrate", help="Report legs, mounting, offset in time.")] = False,
     calibrated: Annotated[bool, typer.Option("--calibrated", help="Correct what it proves, then estimate.")] = False,
@@ -68,11 +63,7 @@ def estimate(
     if calibrate:
         return show(opened.log, opened.notes, json)
     opened = checked(opened, calibrated)
-    if score_from is not None and score_from >= opened.log.seconds[-1]:
-        raise typer.BadParameter(
-            f"got {score_from:g}, the log has {opened.log.seconds[-1]:g} s", param_hint="--score-from"
-        )
-    data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
+    data = _scored(opened.log, score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     with Scratch(out) as folder:
@@ -87,6 +78,15 @@ def estimate(
         write_json(report)
         return
     _show(report, result.score)
+
+
+def _scored(log: "Log", score_from: float | None) -> "Log":
+    """Return a log with the time after its start at which scores begin, s; None = its own."""
+    if score_from is None:
+        return log
+    if score_from >= log.seconds[-1]:
+        raise typer.BadParameter(f"got {score_from:g}, the log has {log.seconds[-1]:g} s", param_hint="--score-from")
+    return replace(log, begin_s=score_from)
 
 
 def _write_files(result: "Result", folder: Path, out: Path, csv: bool) -> list[Path]:
