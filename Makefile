@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/bytecode
 endif
 
-.PHONY: help demo setup style lint check test test-all test-processors bench warm lock clean
+.PHONY: help demo setup style lint check test test-all test-processors bench warm site lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -50,9 +50,12 @@ test-processors: warm ## numeric tests under other processor settings (3 min eac
 bench: warm ## the long studies and side-by-side timings
 	$(BIN)/python -m benchmarks all
 
+site: setup ## the pages as a site in site/ (needs pip install -e '.[docs]')
+	$(BIN)/mkdocs build --strict
+
 lock: ## pin the newest allowed packages
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --no-annotate pyproject.toml -o requirements.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --extra dev pyproject.toml -o requirements-dev.lock
 
 clean: ## remove what the commands above made
-	rm -rf .venv build dist *.egg-info .lint-imports.log
+	rm -rf .venv build dist site *.egg-info .lint-imports.log

@@ -73,7 +73,8 @@ class PoseFilter:
         """Carry the belief over a motion.
 
         Args:
-            forward, left: way along and across the heading half-way through the turn, m.
+            forward: way along the heading half-way through the turn, m.
+            left: way across it, m.
             turn: rad, left positive.
             sd: standard deviations of forward and left, m, and turn, rad, (3,).
 
@@ -139,7 +140,8 @@ def plan(
 
     Args:
         floor: of `grid`.
-        start, goal: (2,) m, frame map.
+        start: (2,) m, frame map.
+        goal: (2,) m, frame map.
         radius: of the robot, m.
         leg: largest distance of two waypoints, m.
 
