@@ -26,7 +26,7 @@ from surefoot.record.recording import read_recording, recording_info
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 
-from ..scene.foxglove import write_foxglove
+from .foxglove import write_foxglove
 
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
 """Topics of a rosbag2; those of the import unless it is asked for others."""

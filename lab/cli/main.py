@@ -9,6 +9,7 @@ import typer
 
 from . import (
     bag,
+    bridge,
     doctor,
     graph,
     render,
@@ -57,6 +58,7 @@ app.add_typer(schema.app, name="schema")
 app.add_typer(bag.app, name="bag")
 app.add_typer(robot.app, name="robot")
 app.add_typer(sim.app, name="sim")
+app.add_typer(bridge.app, name="bridge")
 for room in room_commands():
     app.add_typer(room)
 

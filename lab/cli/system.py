@@ -28,7 +28,7 @@ from .output import (
     write_table,
 )
 from .view import view_system
-from .viewing import View, viewer
+from .viewing import View, seen, viewer
 
 if TYPE_CHECKING:
     from surefoot.services.supervisor.processes.rundir import RunFolder
@@ -86,7 +86,8 @@ def up(
     if detach:
         show(start_detached(compose, system, order, listen, notify))
         if view:
-            view_system(*place)
+            with seen(*place) as shown:
+                view_system(shown)
         return
     with viewer(*place, wanted=view), _until_signal() as stop:
         keep(compose, order, stop, listen=listen, notify=notify, ready=show)

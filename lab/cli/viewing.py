@@ -1,17 +1,96 @@
-"""Live view beside a command that starts a system."""
+"""Parts of the commands that show a system: which one, from where, how long; and the view beside another command."""
 
+import os
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from signal import SIGTERM
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from .connect import joined
+from .output import notify, state, write, write_json
+
+if TYPE_CHECKING:
+    from surefoot.client import Client
+    from surefoot.robot.description import Robot
+
+    from .running import RunningSystem
+
 View = Annotated[bool, typer.Option("--view", help="Show it in a browser: prints the address of the live view.")]
+Duration = Annotated[float, typer.Option(min=0.0, help="End after so many s of wall time, 0 = Ctrl-C.")]
+Shape = Annotated[str | None, typer.Option("--robot", help="Robot description: a name, or a folder [the driver's].")]
 START_S = 900
 """Wall time until the system answers, whose kernels may have to be compiled."""
+KNOCK_S = 0.2
+"""Wall time between two looks whether a system answers."""
+SSH_WORDS = 4
+"""Words of SSH_CONNECTION: address and port of the client, then of this machine."""
+
+
+class ShownSystem(NamedTuple):
+    """A system that is shown: its address, a client of it and its robot."""
+
+    system: "RunningSystem"
+    client: "Client"
+    robot: "Robot"
+
+
+@contextmanager
+def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: float = 0.0) -> Iterator[ShownSystem]:
+    """Join the system that is meant, at the latest after so much wall time.
+
+    Raises:
+        BusError: no system answers.
+        SurefootError: its robot is not known here.
+    """
+    from ..view.newest import robot_behind
+    from .running import only_one, systems
+    from .stopping import answers
+
+    end = time.monotonic() + wait_s
+    while True:
+        system = only_one(systems(connect, namespace), "--namespace or --connect")
+        if answers(system.connect) or time.monotonic() >= end:
+            break
+        time.sleep(KNOCK_S)
+    with joined(system.connect, system.namespace) as client:
+        yield ShownSystem(system, client, robot_behind(client, robot or system.robot, remark))
+
+
+def show_place(name: str, url: str, port: int, more: Mapping[str, str]) -> None:
+    """Write where to look, and over SSH the tunnel that leads there."""
+    hint = tunnel(port, os.environ)
+    if state.json:
+        write_json({"url": url, "tunnel": hint, **more})
+        return
+    if hint:
+        write(f"on your own machine: {hint}")
+    for title, text in {name: url, **more}.items():
+        write(f"{title}: {text}")
+
+
+def tunnel(port: int, environ: Mapping[str, str]) -> str:
+    """Return the command that makes a port reachable from where one came by SSH; empty without SSH."""
+    connection = environ.get("SSH_CONNECTION", "").split()
+    if len(connection) != SSH_WORDS:
+        return ""
+    return f"ssh -N -L {port}:127.0.0.1:{port} {environ.get('USER', 'user')}@{connection[2]}"
+
+
+def until(duration_s: float) -> None:
+    """Wait for Ctrl-C, or for so much wall time."""
+    end = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
+    while (left := end - time.monotonic()) > 0.0:
+        time.sleep(min(0.5, left))
+
+
+def remark(text: str) -> None:
+    """Write one line for people beside the output."""
+    notify(f"surefoot: {text}")
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import base64
 import gzip
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -60,42 +60,54 @@ def robot_of(recording: ReadableRecording) -> Robot:
     return load_robot(name)
 
 
-def film_of_recording(
-    recording: ReadableRecording, robot: Robot, *, rate_hz: float = FRAMES_HZ, most: int = MOST_FRAMES
-) -> Film:
-    """Return the film of a recording, with so many frames a second, and at most so many."""
+def film_of_recording(recording: ReadableRecording, robot: Robot) -> Film:
+    """Return the film of a recording."""
     messages = ((item.stamp_ns * NS, item) for item in recording.messages(KEYS))
-    duration_s = (recording.end_ns - recording.start_ns) * NS
-    return film_of(robot, messages, max(1.0 / rate_hz, duration_s / most))
+    return film_of(robot, messages, (recording.end_ns - recording.start_ns) * NS)
 
 
-def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], period_s: float) -> Film:
+def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], duration_s: float) -> Film:
     """Return the film of one epoch, the last one.
 
     Args:
         robot: the robot that was recorded.
         messages: each with its simulated time, s, in the order of time.
-        period_s: simulated time between two frames.
+        duration_s: how long the recording is, for the distance of the frames.
     """
-    scene = RobotScene(robot)
-    shown, due, epoch = list[Snapshot](), -np.inf, -1
-
-    def show() -> None:
-        nonlocal epoch
-        snapshot = scene.snapshot()
+    scene, shown, epoch = RobotScene(robot), list[Snapshot](), -1
+    for snapshot in snapshots(scene, messages, max(1.0 / FRAMES_HZ, duration_s / MOST_FRAMES)):
         if scene.epoch > epoch:
             epoch = scene.epoch
             shown.clear()
-        if snapshot is not None and (not shown or snapshot.time > shown[-1].time):
-            shown.append(snapshot)
+        shown.append(snapshot)
+    return Film(scene, shown)
+
+
+def snapshots(scene: RobotScene, messages: Iterable[tuple[float, Undecoded]], period_s: float) -> Iterator[Snapshot]:
+    """Yield the scene about each `period_s` of simulated time; within an epoch each is later than the one before.
+
+    Args:
+        scene: gets the messages.
+        messages: each with its simulated time, s, in the order of time.
+        period_s: time between snapshots, s.
+    """
+    due, epoch, before = -np.inf, -1, -np.inf
+
+    def later() -> Iterator[Snapshot]:
+        nonlocal epoch, before
+        snapshot = scene.snapshot()
+        if scene.epoch > epoch:
+            epoch, before = scene.epoch, -np.inf
+        if snapshot is not None and snapshot.time > before:
+            before = snapshot.time
+            yield snapshot
 
     for time_s, item in messages:
         if time_s > due or time_s < due - 2.0 * period_s:  # the latter: time began anew
-            show()
+            yield from later()
             due = time_s + period_s - NS
         scene.feed(item.key, item.message)
-    show()
-    return Film(scene, shown)
+    yield from later()
 
 
 def reel(film: Film) -> dict[str, Any]:

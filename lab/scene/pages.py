@@ -6,6 +6,8 @@ from functools import cache
 from pathlib import Path
 
 WEB = Path(__file__).with_name("web")
+LAYOUT = "lichtblick.json"
+"""Layout for Foxglove and Lichtblick, a file of the pages."""
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'; img-src data:"
 """Sources that a page may load from: itself, and the server it came from."""
 

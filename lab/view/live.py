@@ -12,24 +12,20 @@ from typing import Any, cast
 
 from surefoot.bus.interface import Delivery
 from surefoot.client import Client
-from surefoot.errors import CallError, SurefootError
+from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
-from surefoot.robot.description import Robot, RobotError
-from surefoot.robot.reader import load_robot
+from surefoot.robot.description import Robot
 from surefoot.schemas.sim import SIZED_FAULTS, SimStatus
 from surefoot.schemas.system import Health
-from surefoot.schemas.topics import HEALTH, LOG, SIM_STATUS, TOPICS
+from surefoot.schemas.topics import HEALTH, LOG, SIM_STATUS
 from surefoot.services.supervisor.processes.status import health_row, time_row
 
 from ..scene.film import frame, header, mark
-from ..scene.scene import KEYS, RobotScene, Snapshot
+from .newest import ASK_S, FRAME_S, NewestScene
 
-FRAME_S = 1.0 / 30.0
 STATUS_S, STALE_S = 0.5, 3.0
 """Wall time between two reports on health, and after which a service without a report counts as silent."""
 LOG_LINES = 12
-ASK_S = 2.0
-"""Wall time that a driver gets for its maps, features and description."""
 PUSH_SHARE = 0.3
 """Force of a push that the page proposes, share of the robot's weight."""
 QUERIES = {
@@ -39,31 +35,6 @@ QUERIES = {
 """Queries behind the buttons of the page; `stop` is the emergency stop."""
 Stop = Callable[[str], tuple[bool, str]]
 """Emergency stop: takes the reason, returns whether a driver confirmed it, and a sentence."""
-
-
-def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) -> Robot:
-    """Return the robot of a running system: the one named, else its driver's, else that of the keys' prefix.
-
-    Args:
-        client: of the system.
-        name: name or folder; None = as the driver reports.
-        warn: gets a sentence when the driver was built from another description.
-
-    Raises:
-        SurefootError: it is not known here.
-    """
-    try:
-        driver = client.call("hw/description", ASK_S)
-    except CallError:
-        driver = None
-    wanted = name or (client.bus.endpoint.namespace.rpartition("/")[2] if driver is None else driver.robot)
-    try:
-        robot = load_robot(wanted)
-    except RobotError as error:
-        raise SurefootError(error.code, f"{error}; --robot names the folder of another", "robot") from None
-    if driver is not None and driver.hash != robot.hash:
-        warn(f"the driver was built from another description of {driver.robot} than {wanted}; --robot names its folder")
-    return robot
 
 
 @dataclass(frozen=True)
@@ -98,17 +69,15 @@ class LiveFrames:
     """
 
     def __init__(self, client: Client, robot: Robot, stop: Stop) -> None:
-        self.client, self.scene = client, RobotScene(robot)
-        self._stop = stop
-        self._scene_lock, self._news = threading.Lock(), threading.Condition()
+        self.client, self._newest, self._stop = client, NewestScene(client, robot), stop
+        self._news = threading.Condition()
         self._health: dict[str, tuple[float, Delivery]] = {}
         self._log: deque[tuple[str, str]] = deque(maxlen=LOG_LINES)
         self._shown, self._readers, self._heading = Shown(), 0, 0.0
         self._marks: list[str] = []
-        self._ground, self._world = self.scene.ground, 0
+        self._lives = 0
         self._reported_s, self._status, self._alive = 0.0, None, set[str]()
         self._closed = threading.Event()
-        self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
         self._newest_status = client.bus.newest(SIM_STATUS)
         for topic, sink in ((HEALTH, self._take_health), (LOG, self._take_log)):
             client.bus.subscribe(topic, sink)
@@ -127,25 +96,21 @@ class LiveFrames:
         """There will be no more frames."""
         return self._closed.is_set()
 
-    def _snapshot(self) -> Snapshot | None:
-        """Return the scene now, which the caller holds, and count its grounds."""
-        snapshot = self.scene.snapshot()
-        if self.scene.ground is not self._ground:
-            self._ground, self._world = self.scene.ground, self._world + 1
-        return snapshot
-
     def head(self) -> dict[str, Any]:
         """Return what holds for all frames: the robot, its ground, and what can be asked of the driver."""
-        self._ask_for_maps()
+        self._newest.ask_for_maps()
         offered = self._offered()
-        with self._scene_lock:
-            self._collect()
-            self._snapshot()
-            return {"head": header(self.scene), "world": self._world, **offered}
+        with self._newest.lock:
+            self._newest.look()
+            return {"head": header(self._newest.scene), "world": self._world(), **offered}
+
+    def _world(self) -> int:
+        """Return a number that changes with the ground and with the services that live."""
+        return self._newest.grounds + self._lives
 
     def _offered(self) -> dict[str, Any]:
         """Return the actions that the driver offers, its faults, and where they can be."""
-        robot = self.scene.robot
+        robot = self._newest.scene.robot
         content: dict[str, Any] = {
             "actions": [], "faults": [], "sized": SIZED_FAULTS, "push_n": round(PUSH_SHARE * robot.mass * GRAVITY, 1),
             "targets": [*robot.joint_names, *robot.leg_names],
@@ -155,16 +120,6 @@ class LiveFrames:
             content["actions"] = [action for action, key in QUERIES.items() if key in features.queries]
             content["faults"] = features.faults
         return content
-
-    def _ask_for_maps(self) -> None:
-        """Request the latched maps, which may have been published before the view began."""
-        keys = ["terrain/map"] if self.scene.ground is None else []
-        keys += ["terrain/landmarks"] if self.scene.robot.camera and not self.scene.marks else []
-        for key in keys:
-            with suppress(SurefootError):  # a driver without a map
-                reply = self.client.call(key, ASK_S)
-                with self._scene_lock:
-                    self.scene.feed(key, lambda reply=reply: reply)
 
     def reader(self) -> "Reader":
         """Return the state of one more page."""
@@ -199,16 +154,6 @@ class LiveFrames:
                 line: Any = delivery.message()
                 self._log.append((line.level, f"{line.source}: {line.text}"))
 
-    def _collect(self) -> bool:
-        """Hand the newest messages to the scene, which the caller holds; return whether there were any."""
-        came = False
-        for newest in self._newest:
-            delivery = newest()
-            if delivery is not None and not delivery.prime:
-                self.scene.feed(delivery.key, delivery.message)
-                came = True
-        return came
-
     def _run(self) -> None:
         due = time.monotonic()
         while not self._closed.wait(max(0.0, due - time.monotonic())):
@@ -227,17 +172,18 @@ class LiveFrames:
         if now - self._reported_s >= STATUS_S:
             self._reported_s = now
             reported = reported[0] + 1, _json(self._report(now))
-        with self._scene_lock:
-            if not self._collect() and reported is before.report:
+        with self._newest.lock:
+            came, snapshot = self._newest.look()
+            if not came and reported is before.report:
                 return before
-            snapshot, epoch = self._snapshot(), self.scene.epoch
-            if epoch != before.epoch or len(self.scene.marks) < len(self._marks):
+            epoch, marks = self._newest.scene.epoch, self._newest.scene.marks
+            if epoch != before.epoch or len(marks) < len(self._marks):
                 self._marks = []
-            self._marks += [_json(mark(each)) for each in self.scene.marks[len(self._marks) :]]
+            self._marks += [_json(mark(each)) for each in marks[len(self._marks) :]]
         if snapshot is not None:
             self._heading = math.atan2(snapshot.rot[1, 0], snapshot.rot[0, 0])
         content = "null" if snapshot is None else _json(frame(snapshot))
-        return Shown(before.number + 1, epoch, len(self._marks), self._world, content, reported, 1000.0 * time.time())
+        return Shown(before.number + 1, epoch, len(self._marks), self._world(), content, reported, 1000.0 * time.time())
 
     def _report(self, now: float) -> dict[str, Any]:
         """Return services, time and log in words."""
@@ -248,7 +194,7 @@ class LiveFrames:
                 services.append({**health_row(health), "service": name, "silent": now - came > STALE_S})
         alive = {row["service"] for row in services if not row["silent"]}
         if alive != self._alive:  # another driver offers other actions
-            self._alive, self._world = alive, self._world + 1
+            self._alive, self._lives = alive, self._lives + 1
         delivery = self._newest_status()
         if delivery is not None and not delivery.prime:
             with suppress(SurefootError):

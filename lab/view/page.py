@@ -1,9 +1,6 @@
 """The page of a running system: picture, buttons, plots, services."""
 
-from ..scene.pages import page, stage
-
-LAYOUT = "lichtblick.json"
-"""Layout for Foxglove and Lichtblick, a file of the pages."""
+from ..scene.pages import LAYOUT, page, stage
 
 BAR = """<span class="group" data-needs="pause"><button data-do="pause">pause</button>
 <button data-do="resume" data-fields='{"ticks":null}'>go on</button>

@@ -7,7 +7,7 @@ foreign name resolves to it: DNS rebinding) and carry the token that only who st
 import json
 import secrets
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from errno import EADDRINUSE
 from http import HTTPStatus
@@ -20,16 +20,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from surefoot.errors import BusError, SurefootError
 
-from ..scene.pages import asset
+from ..scene.pages import LAYOUT, asset
 from .live import LiveFrames
-from .page import LAYOUT
 
 HOST = "127.0.0.1"
 PORT = 7480
 READERS = 8
 """Pages that may look at the same time."""
-SSH_WORDS = 4
-"""Words of SSH_CONNECTION: address and port of the client, then of this machine."""
 SEND_S = 5.0
 """Wall time after which a page that does not read is given up."""
 END_S = 0.1
@@ -87,13 +84,6 @@ class ViewServer:
     def url(self) -> str:
         """Address of the page, with the token."""
         return f"http://{HOST}:{self.port}/?token={self.token}"
-
-    def tunnel(self, environ: Mapping[str, str]) -> str:
-        """Return the command that makes the page reachable from where one came by SSH; empty without SSH."""
-        connection = environ.get("SSH_CONNECTION", "").split()
-        if len(connection) != SSH_WORDS:
-            return ""
-        return f"ssh -N -L {self.port}:{HOST}:{self.port} {environ.get('USER', 'user')}@{connection[2]}"
 
     def close(self) -> None:
         """Stop serving."""

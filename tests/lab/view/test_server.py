@@ -12,10 +12,11 @@ import pytest
 from surefoot.bus.interface import Delivery
 from surefoot.errors import BusError, SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.lab.cli.viewing import tunnel
 from surefoot.lab.scene.film import UNITS_PER_M
+from surefoot.lab.scene.pages import LAYOUT
 from surefoot.lab.view import server as serving
-from surefoot.lab.view.live import robot_behind
-from surefoot.lab.view.page import LAYOUT
+from surefoot.lab.view.newest import robot_behind
 from surefoot.lab.view.server import BODY_BYTES, HOST, ViewServer
 from surefoot.schemas.system import LogRecord
 from surefoot.schemas.topics import LOG
@@ -83,10 +84,10 @@ def test_the_usual_port_gives_way_to_any(server, monkeypatch):
     assert other.port not in (0, server.port)
 
 
-def test_over_ssh_it_prints_the_tunnel(server):
-    tunnel = server.tunnel({"SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22", "USER": "ann"})
-    assert tunnel == f"ssh -N -L {server.port}:127.0.0.1:{server.port} ann@10.0.0.2"
-    assert not server.tunnel({})
+def test_over_ssh_it_prints_the_tunnel():
+    command = tunnel(7480, {"SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22", "USER": "ann"})
+    assert command == "ssh -N -L 7480:127.0.0.1:7480 ann@10.0.0.2"
+    assert not tunnel(7480, {})
 
 
 @pytest.mark.parametrize("body", ["", "[]", "{", '{"action": 1, "fields": []}', "x" * (BODY_BYTES + 1)])

@@ -1,0 +1,72 @@
+"""A recording as an MCAP file of Foxglove's messages, with what the recording holds about itself."""
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from surefoot.errors import SurefootError
+from surefoot.record.recording import ReadableRecording, open_readable
+from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.reader import ROBOTS, load_robot
+
+from ..scene.film import NS, snapshots
+from ..scene.foxglove import FoxgloveScene
+from ..scene.pages import LAYOUT, asset
+from ..scene.primitives import sdk
+from ..scene.scene import KEYS, RobotScene
+
+RATE_HZ = 50.0
+"""Snapshots of a second of simulated time."""
+LINE_KEY = "log/"
+
+
+def write_foxglove(recording: Path, out: Path, robot: Robot) -> None:
+    """Write a recording as an MCAP file of Foxglove's messages.
+
+    Its metadata are those of the recording; robot description and layout are attached.
+
+    Raises:
+        SurefootError: the library is missing, or the recording cannot be read or shows no posture of the robot.
+    """
+    library, opened = sdk(), open_readable(recording)
+    scene, context, count = RobotScene(robot), library.Context(), 0
+    lines = _log_lines(opened)
+    with library.open_mcap(out, context=context) as file:
+        for name, values in opened.metadata.items():
+            file.write_metadata(name, values)
+        for name, kind, data in _attachments(opened, robot):
+            file.attach(log_time=opened.start_ns, create_time=opened.start_ns, name=name, media_type=kind, data=data)
+        to = FoxgloveScene(scene, context)
+        for shown in snapshots(scene, ((m.stamp_ns * NS, m) for m in opened.messages(KEYS)), 1.0 / RATE_HZ):
+            to.publish(shown)
+            count += 1
+            while lines and lines[0][0] <= shown.time / NS:
+                to.log(*lines.pop(0))
+        for line in lines:
+            to.log(*line)
+    if not count:
+        raise SurefootError("invalid", f"{recording} shows no posture of the robot {robot.name}", "recording")
+
+
+def _log_lines(recording: ReadableRecording) -> list[tuple[int, str, str, str]]:
+    """Return stamp, level, source and text of each line that was logged."""
+    found: list[tuple[int, str, str, str]] = []
+    for item in recording.messages():
+        if item.key.startswith(LINE_KEY):
+            with suppress(SurefootError):  # of another version
+                line: Any = item.message()
+                found.append((item.stamp_ns, line.level, line.source, line.text))
+    return found
+
+
+def _attachments(recording: ReadableRecording, robot: Robot) -> list[tuple[str, str, bytes]]:
+    """Return name, media type and content of the layout and, where it is found here, the robot's description."""
+    found = [(LAYOUT, "application/json", asset(LAYOUT).encode())]
+    for place in (Path(recording.metadata.get("run", {}).get("robot", "")), ROBOTS / robot.name):
+        path = place / "robot.toml"
+        try:
+            if path.is_file() and load_robot(path).hash == robot.hash:
+                return [*found, ("robot.toml", "application/toml", path.read_bytes())]
+        except RobotError:
+            continue
+    return found

@@ -1,0 +1,104 @@
+"""Live bridge to Foxglove, Lichtblick and rerun: the scene of a running system on a WebSocket on this machine."""
+
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from typing import Any
+
+from surefoot.bus.interface import Delivery
+from surefoot.client import Client
+from surefoot.errors import BusError, SurefootError
+from surefoot.robot.description import Robot
+from surefoot.schemas.topics import LOG
+
+from ..scene.foxglove import FoxgloveScene
+from ..scene.primitives import sdk
+from .newest import FRAME_S, NewestScene
+from .server import HOST
+
+PORT = 8765
+"""Port that Foxglove and Lichtblick propose."""
+LINES = 100
+"""Lines of logs that wait for the next frame."""
+
+
+class FoxgloveBridge:
+    """Publishes frames of a running system until it is closed; clients can read and nothing else.
+
+    Attributes:
+        port: where it listens on 127.0.0.1.
+    """
+
+    def __init__(self, client: Client, robot: Robot, port: int = PORT) -> None:
+        """Begin to serve.
+
+        Raises:
+            SurefootError: the library is missing.
+            BusError: the port is taken.
+        """
+        library = sdk()
+        self._newest, self._again, self._closed = NewestScene(client, robot), threading.Event(), threading.Event()
+        self._context = library.Context()  # kept: its channels close with it
+        self._to = FoxgloveScene(self._newest.scene, self._context)
+        self._lines: deque[Delivery] = deque(maxlen=LINES)
+        name = client.bus.endpoint.namespace
+        try:
+            self._server = library.start_server(
+                name=name, host=HOST, port=port, context=self._context, server_listener=_Newcomers(self._again)
+            )
+        except (OSError, RuntimeError) as error:
+            what = f"port {port} of {HOST} cannot be used ({error}); choose another with --port, 0 = any"
+            raise BusError("busy", what) from None
+        self.port = int(self._server.port)
+        client.bus.subscribe(LOG, self._lines.append)
+        self._thread = threading.Thread(target=self._run, name="bridge", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Address of the WebSocket."""
+        return f"ws://{HOST}:{self.port}"
+
+    def close(self) -> None:
+        """End it."""
+        self._closed.set()
+        self._thread.join(timeout=2.0)
+        self._server.stop()
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._closed.wait(max(0.0, due - time.monotonic())):
+            due = max(due + FRAME_S, time.monotonic())
+            news = self._again.is_set()
+            if news:
+                self._again.clear()
+                self._newest.ask_for_maps()
+                self._to.again()
+            with self._newest.lock:
+                came, snapshot = self._newest.look()
+            if snapshot is not None and (came or news):
+                self._to.publish(snapshot)
+            while self._lines:
+                self._log(self._lines.popleft())
+
+    def _log(self, delivery: Delivery) -> None:
+        if not delivery.prime:
+            with suppress(SurefootError):
+                line: Any = delivery.message()
+                self._to.log(line.stamp_ns, line.level, line.source, line.text)
+
+
+class _Newcomers:
+    """Notes that a client subscribed, and lacks what was published before: what lasts, or all while time stands."""
+
+    def __init__(self, again: threading.Event) -> None:
+        self._note = again
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        """Note it."""
+        self._note.set()
+
+    def __getattr__(self, name: str) -> Any:
+        """Ignore all other events."""
+        return lambda *_: None

@@ -1,0 +1,80 @@
+"""The scene of a running system from the newest message of each topic."""
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+
+from surefoot.client import Client
+from surefoot.errors import CallError, SurefootError
+from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.topics import TOPICS
+
+from ..scene.scene import KEYS, RobotScene, Snapshot
+
+FRAME_S = 1.0 / 30.0
+"""Wall time between two looks at the newest messages."""
+ASK_S = 2.0
+"""Wall time that a driver gets for its maps, features and description."""
+
+
+def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) -> Robot:
+    """Return the robot of a running system: the one named, else its driver's, else that of the keys' prefix.
+
+    Args:
+        client: of the system.
+        name: name or folder; None = as the driver reports.
+        warn: gets a sentence when the driver was built from another description.
+
+    Raises:
+        SurefootError: it is not known here.
+    """
+    try:
+        driver = client.call("hw/description", ASK_S)
+    except CallError:
+        driver = None
+    wanted = name or (client.bus.endpoint.namespace.rpartition("/")[2] if driver is None else driver.robot)
+    try:
+        robot = load_robot(wanted)
+    except RobotError as error:
+        raise SurefootError(error.code, f"{error}; --robot names the folder of another", "robot") from None
+    if driver is not None and driver.hash != robot.hash:
+        warn(f"the driver was built from another description of {driver.robot} than {wanted}; --robot names its folder")
+    return robot
+
+
+class NewestScene:
+    """Scene that takes the newest messages when it is looked at.
+
+    Attributes:
+        scene: of the robot; hold `lock` to read it.
+        grounds: counts the grounds that the scene has had.
+    """
+
+    def __init__(self, client: Client, robot: Robot) -> None:
+        self.client, self.scene, self.lock = client, RobotScene(robot), threading.Lock()
+        self.grounds, self._ground = 0, self.scene.ground
+        self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
+
+    def ask_for_maps(self) -> None:
+        """Request the latched maps, which may have been published before."""
+        keys = ["terrain/map"] if self.scene.ground is None else []
+        keys += ["terrain/landmarks"] if self.scene.robot.camera and not self.scene.marks else []
+        for key in keys:
+            with suppress(SurefootError):  # a driver without a map
+                reply = self.client.call(key, ASK_S)
+                with self.lock:
+                    self.scene.feed(key, lambda reply=reply: reply)
+
+    def look(self) -> tuple[bool, Snapshot | None]:
+        """Return whether messages came since the last look, and the scene now; hold `lock`."""
+        came = False
+        for newest in self._newest:
+            delivery = newest()
+            if delivery is not None and not delivery.prime:
+                self.scene.feed(delivery.key, delivery.message)
+                came = True
+        snapshot = self.scene.snapshot()
+        if self.scene.ground is not self._ground:
+            self._ground, self.grounds = self.scene.ground, self.grounds + 1
+        return came, snapshot
