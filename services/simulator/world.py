@@ -25,7 +25,7 @@ from surefoot.schemas.topics import HW_IMU, HW_JOINTS, TICK_NS
 from .ground.terrain import Terrain
 from .physics import truth
 from .physics.disturb import Disturbances, WorldError
-from .physics.faults import Fault
+from .physics.faults import STAMPED, Fault
 from .physics.joints import read_joints
 from .physics.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
 from .physics.placing import displace, displacement, place
@@ -152,6 +152,7 @@ class PhysicsWorld:
             robot, c.imu_profile, HW_IMU.rate_hz, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
         )
         self.sight = _sight(robot, self.seed, c, self.terrain)
+        self.disturb.faults.equip((*STAMPED, *(() if self.sight is None else self.sight.names)))
         pose = c.start if pose is None else pose
         mujoco.mj_resetData(self.model, self.data)
         place(self.model, self.data, self.address, self.tracker.spheres, self.terrain, pose, stance)

@@ -1,6 +1,7 @@
 """A private certificate authority and the certificates it signs, by the library `cryptography` (extra `security`)."""
 
 import os
+import re
 from datetime import UTC, datetime, timedelta
 from importlib import import_module
 from ipaddress import ip_address
@@ -14,6 +15,8 @@ AUTHORITY = "ca"
 """Name of the files of the authority."""
 INSTALL = "pip install 'surefoot[security]'"
 BEGINS_BEFORE = timedelta(minutes=5)  # clocks of two hosts may differ
+_IDENTITY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
+_HOST = re.compile(r"[A-Za-z0-9_*.-]{1,253}")
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -61,9 +64,18 @@ def issue(folder: Path, identity: str, days: int, hosts: tuple[str, ...] = ()) -
         identity: service or person.
         days: until the certificate ends, and not after the authority does.
         hosts: names and addresses, besides those of loopback, under which its process is reached.
+
+    Raises:
+        SurefootError: a name that cannot be used, or an authority that cannot be read or has ended.
     """
     x509 = _library("x509")
+    if not _IDENTITY.fullmatch(identity):
+        raise SurefootError(
+            "invalid", f"got {identity!r}, wanted are at most 64 letters, digits, _ - and .", "identity"
+        )
     authority, key = _certificate(folder, AUTHORITY), _new_key()
+    if authority.not_valid_after_utc <= datetime.now(UTC):
+        raise SurefootError("ended", f"the authority of {folder} has ended; delete the folder and make it anew")
     names = [_host(name) for name in dict.fromkeys((*LOOPBACK, *hosts))]
     builder = _begun(identity, key, days, authority.not_valid_after_utc).issuer_name(authority.subject)
     builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -97,7 +109,10 @@ def _host(name: str) -> Any:
     try:
         return x509.IPAddress(ip_address(name))
     except ValueError:
-        return x509.DNSName(name)
+        pass
+    if not _HOST.fullmatch(name):
+        raise SurefootError("invalid", f"got {name!r}, wanted is a host name of ASCII letters or an address", "host")
+    return x509.DNSName(name)
 
 
 def _new_key() -> Any:
@@ -121,7 +136,10 @@ def _write(folder: Path, identity: str, key: Any, certificate: Any) -> None:
 
 def _authority_key(folder: Path) -> Any:
     load = _library("hazmat.primitives.serialization").load_pem_private_key
-    return load(_read(folder, f"{AUTHORITY}.key"), None)
+    try:
+        return load(_read(folder, f"{AUTHORITY}.key"), None)
+    except (TypeError, ValueError):  # it has a password, or is no key
+        raise SurefootError("malformed", f"{folder / f'{AUTHORITY}.key'} is no key that can be used") from None
 
 
 def _certificate(folder: Path, identity: str) -> Any:

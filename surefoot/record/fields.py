@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 
-PATTERN = re.compile(r"(?P<topic>[^.\[\]]+)(?P<fields>(\.\w+)*)(\[(?P<first>\d+):(?P<end>\d+)\])?")
+PATTERN = re.compile(r"(?P<topic>[^.\[\]]+)(?P<fields>(\.\w+)*)(\[(?P<first>\d{1,9}):(?P<end>\d{1,9})\])?")
 USUAL = ("data", "contacts", "foot_force", "effort")
 """Fields with one number a foot that are looked for where none is named, in this order."""
 
@@ -30,6 +30,8 @@ class FieldPath:
             raise SurefootError("invalid", f"got {text!r}; wanted is TOPIC, TOPIC.FIELD or TOPIC.FIELD[a:b]", text)
         fields = tuple(found["fields"].split(".")[1:])
         part = None if found["first"] is None else (int(found["first"]), int(found["end"]))
+        if part is not None and part[0] >= part[1]:
+            raise SurefootError("invalid", f"got {text!r}; the part [a:b] is empty", text)
         return cls(found["topic"], fields, part)
 
     @property

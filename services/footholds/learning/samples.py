@@ -199,7 +199,7 @@ def read_lines(lines: Iterable[str]) -> tuple[list[StanceSample], dict[str, int]
                     bad += 1
                 elif trial not in complete:
                     complete[trial] = found[len(found) - count :]
-        except (ValueError, TypeError, KeyError):
+        except (ArithmeticError, KeyError, RecursionError, TypeError, ValueError):
             bad += 1
     samples = [each for trial in complete.values() for each in trial]
     return samples, {trial: len(found) for trial, found in complete.items()}, bad

@@ -24,6 +24,8 @@ MAX_TERMS = 1000
 MAX_BINS = 200_000
 MAX_TRIALS = 500_000
 """Most identities of trials: one for each outcome that a walking robot has learned from."""
+MAX_SUM = 10**40
+"""Largest whole number of a bin: no sum of squares is larger, and floats still hold it."""
 MAX_COUNT = 1e9
 """Most samples of a bin."""
 LEAST_ERROR = 1e-4
@@ -33,6 +35,7 @@ MAX_SPAN = 2_000_000
 DIGITS = 10
 """Digits of every number of a fit that is written."""
 
+Whole = Annotated[int, Field(ge=-MAX_SUM, le=MAX_SUM)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Triple = tuple[Finite, Finite, Finite]
 Rows = Annotated[list[Triple], Field(max_length=MAX_TERMS)]
@@ -73,18 +76,20 @@ class _ModelFile(_FilePart):
     distance_weight: Annotated[Finite, Field(ge=0, le=1000)]
     distance_weight_unit: Literal["1/m"]
     landing_error: Annotated[Finite, Field(ge=0, le=0.1)]
-    support: Annotated[int, Field(ge=0)]
+    support: Annotated[int, Field(ge=0, lt=2**31)]
     relief: bool = False
-    enough: Annotated[Finite, Field(ge=0)] | None = None
+    enough: Annotated[Finite, Field(gt=0)] | None = None
     base: Annotated[list[Annotated[Finite, Field(ge=0, le=10)]], Field(max_length=1 + len(KNOTS))] = []
     trials: Annotated[list[Annotated[str, Field(pattern=r"^[0-9a-f]{12}$")]], Field(max_length=MAX_TRIALS)] = []
-    seed: Annotated[int, Field(ge=0)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
     lattice: _LatticePart
     ranges: tuple[tuple[Finite, Finite], tuple[Finite, Finite], tuple[Finite, Finite]]
     terms: _TermsPart
     choice: dict[str, Finite]
     provenance: Annotated[list[str], Field(max_length=1000)]
-    bins: Annotated[list[tuple[int, int, int, Annotated[Finite, Field(gt=0)], int, int]], Field(max_length=MAX_BINS)]
+    bins: Annotated[
+        list[tuple[Whole, Whole, Whole, Annotated[Finite, Field(gt=0)], Whole, Whole]], Field(max_length=MAX_BINS)
+    ]
 
 
 def encode(model: LearnedModel) -> bytes:

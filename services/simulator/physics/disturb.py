@@ -74,9 +74,7 @@ class Disturbances:
     def clear(self) -> None:
         """Begin a run: undo every change."""
         self.pushes: list[Push] = []
-        eyes = (("landmarks", self.robot.camera), ("range", self.robot.ranger))
-        sensors = (*STAMPED, *(name for name, profile in eyes if profile is not None))
-        self.faults = FaultBank(self.robot.joint_names, self.robot.leg_names, sensors)
+        self.faults = FaultBank(self.robot.joint_names, self.robot.leg_names, STAMPED)
         self.settings: dict[str, float] = {}
         self._limit: Array | None = None
         if self._changed:

@@ -21,6 +21,8 @@ CHANNELS = ("imu", "joints", "contacts", "command")
 MAX_DELAY_TICKS = 100
 SENSORS = ("imu", "joints", "contacts", "landmarks", "range")
 """Sensors that fail as a whole, in the seven ways of PX4's failure injection (`sensor_*`)."""
+IMAGE = "image"
+"""Camera that takes images; only `camera_*` break it."""
 STAMPED = SENSORS[:3]
 """Sensors whose samples keep their stamp when they are delayed."""
 GARBAGE = {"imu": np.repeat((160.0, 35.0), 3), "joints": math.pi, "contacts": 100.0, "landmarks": math.pi, "range": 5.0}
@@ -59,10 +61,11 @@ class Fault:
 class FaultBank:
     """Faults of a run, their random streams and held values."""
 
-    def __init__(self, joints: tuple[str, ...], legs: tuple[str, ...], sensors: tuple[str, ...] = SENSORS) -> None:
-        self._names = {
-            "joint": joints, "leg": legs, "axis": IMU_AXES, "channel": CHANNELS, "sensor": sensors, "": (),
-        }  # fmt: skip
+    def __init__(
+        self, joints: tuple[str, ...], legs: tuple[str, ...], sensors: tuple[str, ...] = (*SENSORS, IMAGE)
+    ) -> None:
+        self._names = {"joint": joints, "leg": legs, "axis": IMU_AXES, "channel": CHANNELS, "": ()}
+        self.equip(sensors)
         self.faults: list[Fault] = []
         self._random: list[np.random.Generator] = []
         self._held: dict[str, list[float]] = {}
@@ -72,6 +75,11 @@ class FaultBank:
     def __bool__(self) -> bool:
         """Return whether any fault was ever planned: a run without faults pays nothing."""
         return bool(self.faults)
+
+    def equip(self, sensors: tuple[str, ...]) -> None:
+        """Set the sensors of the robot, of `SENSORS` and `IMAGE`: faults of others are refused."""
+        self._sensors = sensors
+        self._names["sensor"] = tuple(name for name in SENSORS if name in sensors)
 
     def add(self, fault: Fault) -> None:
         """Plan a fault.
@@ -83,6 +91,10 @@ class FaultBank:
             raise FaultError("kind", f"got {fault.kind!r}, known are {', '.join(KINDS)}")
         if not (np.isfinite(fault.duration) and fault.duration > 0.0):
             raise FaultError("duration", f"must be > 0 s, got {fault.duration!r}")
+        needed = _needed(fault.kind)
+        if needed and not any(name in self._sensors for name in needed):
+            there = f"the robot has {', '.join(self._sensors)}"
+            raise FaultError("kind", f"{fault.kind} goes with {' or '.join(needed)} only, {there}")
         self._indices(fault)
         if fault.kind == "sensor_delayed" and fault.target not in ("", *STAMPED):
             raise FaultError("target", f"sensor_delayed takes {', '.join(STAMPED)}, not {fault.target!r}: no own stamp")
@@ -322,6 +334,15 @@ def _target_of(kind: str) -> str:
     if kind.startswith("foot"):
         return "leg"
     return "joint" if kind.startswith(("servo", "encoder")) else ""
+
+
+def _needed(kind: str) -> tuple[str, ...]:
+    """Return the sensors, one of which a fault breaks; empty = every robot has it."""
+    if kind in ("camera_dark", "camera_freeze"):
+        return "landmarks", IMAGE
+    if kind.startswith("camera"):
+        return (IMAGE,)
+    return tuple(name for name in ("landmarks", "range") if kind.startswith(name))
 
 
 def _limits(kind: str) -> tuple[float, float]:

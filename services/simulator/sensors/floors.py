@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import regular_size
+
 from ..ground.grid import random_stream
 from ..ground.shapes import inside
 from ..ground.terrain import Terrain, TerrainError
@@ -123,11 +125,18 @@ def _photograph(path: Path, width: float, shape: tuple[int, int]) -> Array:
     from PIL import Image, UnidentifiedImageError
 
     try:
+        if "\0" in str(path):
+            raise OSError
+        regular_size(path)
         with Image.open(path) as file:
             if file.width * file.height > MOST_PIXELS:
                 raise TerrainError("texture", f"{path.name} has {file.width} x {file.height} pixels, too many")
             size = max(8, round(width / TEXEL))
-            grey = file.convert("L").resize((size, max(8, round(size * file.height / file.width))))
+            tall = max(8, round(size * file.height / file.width))
+            if 4 * size * tall > MOST_PIXELS:
+                text = f"{path.name} on {width:g} x {tall * TEXEL:.1f} m of floor is too large for one"
+                raise TerrainError("texture_width", text)
+            grey = file.convert("L").resize((size, tall))
             tile = np.asarray(grey, dtype=np.float32)[::-1] / np.float32(255.0)
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         known = ", ".join(PAINTERS)

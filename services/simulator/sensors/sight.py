@@ -16,7 +16,7 @@ from surefoot.schemas.topics import TICK_NS, TICK_S
 from ..ground.grid import random_stream
 from ..ground.terrain import Terrain
 from ..physics.addresses import Addresses
-from ..physics.faults import FaultBank
+from ..physics.faults import IMAGE, FaultBank
 from ..physics.samples import CameraFrame, ExactState, Reach
 from .floors import paint
 from .images import ImageSensor, Optics, TakenImage
@@ -120,6 +120,12 @@ class Senses:
         self.before: CameraPose | None = None
         self.frame: CameraFrame | None = None
         self.reach: Reach | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sensors that there are, as faults have them."""
+        there = (("landmarks", self.landmarks), ("range", self.ranger), (IMAGE, self.eye))
+        return tuple(name for name, sensor in there if sensor is not None)
 
     def look(self, ticks: int, truth: Callable[[], ExactState], model: Any, data: Any, address: Addresses) -> None:
         """Take the state at the end of a tick; sets `frame` and `reach` where they are due.

@@ -8,7 +8,8 @@ from pathlib import Path
 from surefoot.errors import BusError
 
 _LISTEN = "0A"  # state of a listening socket in /proc/net/tcp
-_LOOPBACK = ("7F", f"{0:024}01000000")  # ends of 127.x.y.z, also in IPv6, and ::1, in the kernel's order of bytes
+_LOOPBACK = re.compile(r"(0{16}FFFF0000)?.{6}7F|0{24}01000000")
+"""127.x.y.z, also in IPv6, and ::1, in the kernel's order of bytes."""
 
 
 def port_of(endpoint: str) -> int | None:
@@ -53,7 +54,7 @@ def _listening(*, beyond_loopback: bool = False) -> dict[str, int]:
         for line in lines:
             fields = line.split()
             address, _, port = fields[1].rpartition(":")
-            if fields[3] == _LISTEN and not (beyond_loopback and address.endswith(_LOOPBACK)):
+            if fields[3] == _LISTEN and not (beyond_loopback and _LOOPBACK.fullmatch(address)):
                 ports[fields[9]] = int(port, 16)
     return ports
 

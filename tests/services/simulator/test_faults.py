@@ -227,6 +227,9 @@ def test_a_sensor_that_a_robot_lacks_is_refused_with_those_that_it_has() -> None
     found = FaultBank(JOINTS, LEGS, ("imu", "joints", "contacts"))
     with pytest.raises(FaultError, match="'landmarks', known are imu, joints, contacts"):
         found.add(Fault("sensor_off", 0, 1.0, "landmarks"))
+    for kind in ("camera_dark", "camera_flip", "landmarks_drop", "range_drop"):
+        with pytest.raises(FaultError, match=f"{kind} goes with"):
+            found.add(Fault(kind, 0, 1.0))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Images of the floor: geometry against a projection of its own, blur as a mean of still images, faults, refusals."""
 
 import math
+import os
 from base64 import b64decode
 from io import BytesIO
 
@@ -13,7 +14,7 @@ from surefoot.robot.profiles import CameraFile, read_profile
 from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import TerrainError, make_terrain
 from surefoot.services.simulator.messages import image_message, lacking, sight_messages
-from surefoot.services.simulator.physics.faults import Fault, FaultBank
+from surefoot.services.simulator.physics.faults import Fault, FaultBank, FaultError
 from surefoot.services.simulator.sensors import floors, images
 from surefoot.services.simulator.sensors.landmarks import CAMERA_AXES, CameraPose
 from surefoot.services.simulator.sensors.sight import Floor
@@ -114,6 +115,19 @@ def taken(seq: int) -> images.TakenImage:
     return images.TakenImage(seq, seq, pixels, np.zeros(3), np.eye(3), 100.0, 0.03, 0.01, "gray8")
 
 
+@pytest.mark.parametrize("width", [2.0, 30.0])
+def test_a_picture_that_is_a_pipe_or_becomes_too_large_is_refused(tmp_path, width):
+    path = tmp_path / "picture.png"
+    if width == 2.0:
+        os.mkfifo(path)
+    else:
+        Image.new("L", (100, 100)).save(path)
+    with pytest.raises(TerrainError, match="texture"):
+        floors.paint(make_terrain("flat"), str(path), width, 1.0, 0)
+    with pytest.raises(TerrainError, match="texture"):
+        floors.paint(make_terrain("flat"), "a\0b", width, 1.0, 0)
+
+
 def test_faults_of_the_camera_do_what_their_names_state():
     floor = texture(np.zeros((64, 64)))
 
@@ -148,6 +162,10 @@ def test_a_world_with_a_texture_has_images_and_no_landmarks_and_a_restore_repeat
         load_robot("nao"), make_terrain("flat"), 2, WorldConfig(floor=Floor(texture="random"), camera="nao_eyes")
     )
     assert {topic.key for topic in lacking(made.sight)} == {"hw/landmarks", "terrain/landmarks"}
+    for kind, target in (("sensor_off", "landmarks"), ("landmarks_drop", "")):
+        with pytest.raises(FaultError, match="landmarks"):  # none are seen: the fault would break nothing
+            made.add_fault(Fault(kind, 0, 1.0, target))
+    made.add_fault(Fault("camera_zoom", 1000, 1.0, value=0.1))
     for _ in range(15):
         made.step_tick()
     saved, runs = made.checkpoint(), []

@@ -55,3 +55,8 @@ def test_unfinished_torn_and_repeated_trials() -> None:
     assert read == first
     assert trials == {"t00": 3}
     assert bad == 3  # torn, nonsense, an end without its samples
+
+
+@pytest.mark.parametrize("line", ['{"end": "a", "samples": 1e999}', "[" * 100_000, "1", "[]", '"sample"', "null"])
+def test_lines_that_are_no_samples_are_counted(line: str) -> None:
+    assert read_lines([line]) == ([], {}, 1)

@@ -11,7 +11,7 @@ import pytest
 
 from surefoot.services.supervisor.processes.identity import await_end, end, identify
 from surefoot.services.supervisor.processes.logs import tail
-from surefoot.services.supervisor.processes.ports import owner_of, port_of, ports_of
+from surefoot.services.supervisor.processes.ports import _LOOPBACK, owner_of, port_of, ports_of
 from surefoot.services.supervisor.processes.process import Child, busy_s, resolve_command
 from tests.processes import GRACE_S, run_process, running, running_child
 
@@ -114,6 +114,7 @@ def test_a_busy_port_is_told_with_its_owner():
         port = listener.getsockname()[1]
         assert owner_of(port).startswith(f"process {os.getpid()} (")
         assert port in ports_of(os.getpid())
+        assert port not in ports_of(os.getpid(), beyond_loopback=True)
     assert owner_of(port) == ""
 
 
@@ -146,3 +147,10 @@ def test_who_waits_for_processes_returns_when_one_ends_and_not_before(tmp_path) 
         assert time.monotonic() - began < 30.0
         assert dying.wait(0.5) is not None
     assert not await_end(pids, 60.0)  # both are gone altogether: nothing to wait by
+
+
+def test_addresses_of_loopback_are_known_as_the_kernel_writes_them():
+    local = ("0100007F", "0500007F", f"{0:024}01000000", "0000000000000000FFFF00000100007F")
+    others = ("00000000", f"{0:032}", "0100A8C0", "B80D01200000000000000000" + "0100007F", "0000007E")
+    assert all(_LOOPBACK.fullmatch(address) for address in local)
+    assert not any(_LOOPBACK.fullmatch(address) for address in others)
