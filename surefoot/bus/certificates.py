@@ -1,7 +1,6 @@
 """A private certificate authority and the certificates it signs, by the library `cryptography` (extra `security`)."""
 
 import os
-import re
 from datetime import UTC, datetime, timedelta
 from importlib import import_module
 from ipaddress import ip_address
@@ -15,8 +14,6 @@ AUTHORITY = "ca"
 """Name of the files of the authority."""
 INSTALL = "pip install 'surefoot[security]'"
 BEGINS_BEFORE = timedelta(minutes=5)  # clocks of two hosts may differ
-_IDENTITY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
-_HOST = re.compile(r"[A-Za-z0-9_*.-]{1,253}")
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -66,13 +63,9 @@ def issue(folder: Path, identity: str, days: int, hosts: tuple[str, ...] = ()) -
         hosts: names and addresses, besides those of loopback, under which its process is reached.
 
     Raises:
-        SurefootError: a name that cannot be used, or an authority that cannot be read or has ended.
+        SurefootError: an authority that cannot be read or has ended.
     """
     x509 = _library("x509")
-    if not _IDENTITY.fullmatch(identity):
-        raise SurefootError(
-            "invalid", f"got {identity!r}, wanted are at most 64 letters, digits, _ - and .", "identity"
-        )
     authority, key = _certificate(folder, AUTHORITY), _new_key()
     if authority.not_valid_after_utc <= datetime.now(UTC):
         raise SurefootError("ended", f"the authority of {folder} has ended; delete the folder and make it anew")
@@ -109,10 +102,7 @@ def _host(name: str) -> Any:
     try:
         return x509.IPAddress(ip_address(name))
     except ValueError:
-        pass
-    if not _HOST.fullmatch(name):
-        raise SurefootError("invalid", f"got {name!r}, wanted is a host name of ASCII letters or an address", "host")
-    return x509.DNSName(name)
+        return x509.DNSName(name)
 
 
 def _new_key() -> Any:
