@@ -32,7 +32,11 @@ def messages(path: str | PathLike[str], *keys: str) -> Iterator[Message]:
 
 
 def arrays(path: str | PathLike[str]) -> Columns:
-    """Return samples, truth and estimates of a run as named arrays with a row per sample, see docs/estimate.md.
+    """Return samples, truth and estimates of a run as named arrays, each with a row per sample, in SI units.
+
+    `gyro` and `acc` (n, 3) in IMU axes with `stamp_ns` (n,); `joints` (m, nj) rad with `joints_stamp_ns`; `touch` and
+    `force` of the feet with `contacts_stamp_ns`; truth of base_link as `base_...`, published estimates as
+    `published_...`, where they were recorded.
 
     Raises:
         SurefootError: the file cannot be read, or has no inertial samples.

@@ -70,7 +70,12 @@ class Client:
         self.bus.close()
 
     def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
-        """Asks a query by its row or key; ``fields`` are those of the request.
+        """Send a request and return its reply.
+
+        Args:
+            query: key, such as `stability/check`, or its row of the table.
+            timeout_s: longest wait, s of wall time; None = that of the query.
+            fields: of the request.
 
         Raises:
             SurefootError: no such query, or a field the request does not have.

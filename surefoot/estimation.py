@@ -122,13 +122,18 @@ def run(
         sensors: what is known of the sensors, as `sigma_w` in rad/s and `sigma_q` in m/s^2.
 
     Raises:
-        SurefootError: the log, the robot or the name cannot be used.
+        SurefootError: the log, the robot, the name or a statement on the sensors cannot be used.
     """
     from surefoot.lab.estimation.files import open_log
     from surefoot.lab.estimation.results import estimate
     from surefoot.lab.estimation.track import check_name
 
     check_name(name)
+    for key in sensors:
+        if key not in EstimatorParams.__dataclass_fields__:
+            raise FieldError(
+                "unknown_key", key, f"got {sensors[key]!r}, known are fields of EstimatorParams: sigma_w ..."
+            )
     known: dict[str, Any] = {name: number(value, name) for name, value in sensors.items()}
     opened = open_log(Path(log), robot, **known)
     with TemporaryDirectory() as folder:

@@ -91,10 +91,8 @@ def whatif(
 
     Without a change the repetition has the recorded hash. The run is repeated from its beginning in this process.
     """
-    from tempfile import TemporaryDirectory
-
     from .compare import compare
-    from .repeat import Change, RecordedRun, changed
+    from .repeat import Change, RecordedRun, changed, kept
 
     use_json(json)
     changes = [Change.of(text) for text in change or ()]
@@ -102,8 +100,7 @@ def whatif(
         refuse_existing(out, force=False)
     run = RecordedRun.of(file)
     notify(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
-    with TemporaryDirectory() as folder:
-        target = out or Path(folder) / "whatif.mcap"
+    with kept(out) as target:
         found = changed(run, at, changes, target)
         rows = compare(file, target, at)
     if json:

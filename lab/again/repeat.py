@@ -1,7 +1,8 @@
 """A recorded run again: from its metadata, as it was or with changes from a tick on."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from surefoot.bus.codec import refusal_of
+from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.lockstep.local import LocalSystem
 from surefoot.record.recording import HASHES, SUMMARY, recording_info
@@ -107,6 +109,17 @@ class Verification:
         return self.recorded == self.repeated
 
 
+@contextmanager
+def kept(out: Path | None) -> Generator[Path]:
+    """Yield the file for a repetition: that of `out`, whole at the end or not there; None = a temporary one."""
+    if out is not None:
+        with whole(out) as part:
+            yield part
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder) / "again.mcap"
+
+
 def verify(path: Path, keep: Path | None = None) -> Verification:
     """Repeat a run from its recording alone, and compare.
 
@@ -118,8 +131,7 @@ def verify(path: Path, keep: Path | None = None) -> Verification:
         SurefootError: the recording holds too little, see `RecordedRun.of`.
     """
     run = RecordedRun.of(path)
-    with tempfile.TemporaryDirectory() as folder:
-        target = keep or Path(folder) / "again.mcap"
+    with kept(keep) as target:
         found = run.again(target)
         metadata = recording_info(target)["metadata"]
         now, digests = metadata.get(VERSIONS, {}), metadata.get(HASHES, {})

@@ -30,7 +30,7 @@ from ..report.traces import read_traces
 
 @dataclass(frozen=True)
 class LocalRun:
-    """Result of a run in one process."""
+    """Result of a run in one process: seed, verdict on the limits, run hash, control ticks, wall time (s)."""
 
     seed: int
     verdict: RunVerdict

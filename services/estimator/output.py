@@ -44,7 +44,10 @@ class VelocityAndTilt(NamedTuple):
 
 
 class OdometryPose(NamedTuple):
-    """Pose of base_link in odom."""
+    """Pose of base_link in odom: position, m, `quat_wxyz` (rot_odom_from_base), yaw, rad, not wrapped, velocity, m/s.
+
+    The covariance (6, 6) is that of x, y, z and of the rotation about x, y, z, in odom axes.
+    """
 
     position: Array  # (3,) m
     quat_wxyz: Array  # (4,) rot_odom_from_base

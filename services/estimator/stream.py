@@ -90,7 +90,14 @@ class Estimator:
         names: Iterable[str] = (BEST, *ESTIMATORS),
         **changes: object,
     ) -> "Estimator":
-        """Return an estimator with sensors and feet of a robot; `changes` replace fields of `EstimatorParams`."""
+        """Return an estimator with sensors and feet of a robot.
+
+        Args:
+            robot: description.
+            start: pose at the start, if it is known.
+            names: estimators that run side by side.
+            changes: parameters that differ from those of the robot, by name, as `sigma_w` (gyro noise of a row, rad/s).
+        """
         params = EstimatorParams.from_robot(robot, **changes)
         return cls(foot_mount(robot), params, start, names, contact_points(robot) if params.soles else None)
 
@@ -136,7 +143,14 @@ class Estimator:
         return result
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take joint angles q (nj,) rad, and contacts as in `feet`."""
+        """Take joint angles.
+
+        Args:
+            stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
+            q: angles in the order of the robot's joints, (nj,) rad.
+            contact: flag or probability of each foot, (L,), or at each of its S switches, (L, S); None or NaN: no
+                sensor, decided by the height of the feet.
+        """
         model, q = self._mount.model, _plain(q)
         if model is None or q.shape != model.lower.shape:
             return self._refuse_shape("kinematics", stamp_ns)
@@ -187,7 +201,7 @@ class Estimator:
 
     @property
     def externals(self) -> ExternalUse:
-        """Counts of the samples from elsewhere, and the frame of their poses."""
+        """Counts of the poses and velocities of other sources (`ExternalSample`), and the frame of the poses."""
         return self._best.externals
 
     def _refuse_shape(self, source: str, stamp_ns: int) -> InputResult:

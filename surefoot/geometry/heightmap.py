@@ -30,7 +30,17 @@ class HeightMapError(InvalidField):
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Ground heights on a regular grid in frame `map`; immutable."""
+    """Ground heights on a regular grid in frame `map`; immutable.
+
+    Args:
+        z: heights, (ny, nx) m, row 0 = y-min, NaN = unknown.
+        cell: edge of a cell, m.
+        origin: x and y of the centre of cell [0, 0], m, frame `map`.
+        version: number that rises with every change of the heights.
+
+    Raises:
+        HeightMapError: a shape, a size or a number that cannot be; names the field.
+    """
 
     z: NDArray[np.float32]
     """Heights, (ny, nx), m, NaN = unknown, row 0 = y-min; stored as a read-only contiguous copy."""
@@ -42,17 +52,17 @@ class HeightMap:
     """Rises with every change of content by the map's owner."""
 
     def __post_init__(self) -> None:
-        z: NDArray[np.float32] = np.array(self.z, dtype=np.float32, order="C", copy=True)
+        z: NDArray[np.float32] = self._numbers("z", self.z)
         if z.ndim != 2 or z.size == 0 or z.size > MAX_CELLS:
             raise HeightMapError("z", f"a map has 2 dimensions and 1 to {MAX_CELLS} cells, got shape {z.shape}")
         if np.isinf(z).any():
             raise HeightMapError("z", "heights must be finite, or NaN where unknown; got infinity")
-        cell = float(self.cell)
-        if not (math.isfinite(cell) and cell > 0.0):
+        self._numbers("cell", self.cell)
+        if np.shape(self.cell) or not (math.isfinite(self.cell) and self.cell > 0.0):
             raise HeightMapError("cell", f"must be finite and > 0 m, got {self.cell!r}")
-        origin = (float(self.origin[0]), float(self.origin[1]))
-        if len(self.origin) != 2 or not all(math.isfinite(value) for value in origin):
+        if np.shape(self._numbers("origin", self.origin)) != (2,) or not all(map(math.isfinite, self.origin)):
             raise HeightMapError("origin", f"must be two finite metres, got {self.origin!r}")
+        cell, origin = float(self.cell), (float(self.origin[0]), float(self.origin[1]))
         if self.version < 0:
             raise HeightMapError("version", f"must be >= 0, got {self.version!r}")
         z.flags.writeable = False
@@ -60,6 +70,14 @@ class HeightMap:
         object.__setattr__(self, "cell", cell)
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "version", int(self.version))
+
+    @staticmethod
+    def _numbers(name: str, value: object) -> NDArray[np.float32]:
+        """Return a copy of a field as numbers (raises HeightMapError)."""
+        try:
+            return np.array(value, dtype=np.float32, order="C", copy=True)
+        except (TypeError, ValueError):
+            raise HeightMapError(name, f"got {str(value)[:60]!r}, expected numbers in m") from None
 
     # --- geometry -----------------------------------------------------------------------------------------------
 

@@ -46,7 +46,7 @@ class Findings:
 
     @property
     def whole(self) -> bool:
-        """Nothing is wrong."""
+        """True if every message can be read and every checksum is right."""
         return not self.problems
 
 

@@ -2,12 +2,16 @@
 
 import importlib.util
 import re
+import shlex
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
 from surefoot.lab import configuration_page
 from surefoot.lab.cli.graph import declared, mermaid
+from surefoot.lab.cli.main import app
 from surefoot.lab.topics_page import page
 
 ROOT = Path(__file__).parents[2]
@@ -19,6 +23,7 @@ CODE = re.compile(r"`([^`\n]+)`")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 RUN = re.compile(r"python -m ([\w.]+)")
+SHELL = re.compile(r"^(?:[A-Z_]+=\S+ )*surefoot (.+)$", re.MULTILINE)
 MAKE = re.compile(r"make ([a-z][\w-]*)")
 PATH = re.compile(r"[\w<>*.-]+(/[\w<>*.-]+)*/?")
 NAME = re.compile(r"surefoot(\.\w+)+")
@@ -113,6 +118,19 @@ def test_targets_of_make_exist(path: Path) -> None:
     in_blocks = "\n".join(text for _, text in BLOCK.findall(path.read_text(encoding="utf-8")))
     words = [*codes(path), *re.findall(r"^make .*", in_blocks, re.MULTILINE)]
     assert {target for word in words for target in MAKE.findall(word)} <= targets
+
+
+@each_page()
+def test_commands_in_blocks_are_those_of_the_command_line(path: Path) -> None:
+    for _, block in BLOCK.findall(shown(path)):
+        for line in SHELL.findall(block):
+            words = shlex.split(line, comments=True)
+            command: Any = get_command(app)
+            while hasattr(command, "commands"):
+                name = words.pop(0)
+                assert name in command.commands, line
+                command = command.commands[name]
+            command.make_context(name, words)  # raises: an option or a value is none
 
 
 def test_page_of_topics_is_the_generated_one() -> None:

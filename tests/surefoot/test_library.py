@@ -111,6 +111,7 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: surefoot.estimation.estimator("ragno").joints(0, (0, 0)), "shape", "joints", "(nj,)"),
     (lambda: surefoot.estimation.estimator("ragno").joints(0, np.zeros(18), (True,)), "shape", "joints", "contact"),
     (lambda: surefoot.estimation.estimator("ragno").external(0, None), "type", "external", "None"),  # type: ignore[arg-type]
+    (lambda: surefoot.estimation.run("log.csv", sigma_z=1.0), "unknown_key", "sigma_z", "EstimatorParams"),
     (lambda: surefoot.estimation.estimator(feet=4).joints(0, (0, 0)), "unsupported", "joints", "robot"),
     (lambda: surefoot.simulation.world(friction=0.0), "range", "friction", "1e-06"),
     (lambda: surefoot.simulation.run("stnd"), "not_found", "", "stand"),

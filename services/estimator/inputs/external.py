@@ -18,7 +18,13 @@ LARGEST = {"position": 1e7, "yaw": 1e3, "velocity": 1e3}
 
 @dataclass(frozen=True)
 class ExternalSample:
-    """Report of one source about one moment; None = it does not report that."""
+    """Report of another source, such as a camera, about one moment; None = it does not report that.
+
+    Args:
+        position: of the IMU in the frame of the source, z up, (3,) m, with its covariance, (3, 3) or (9,) m^2.
+        yaw: heading of base_link in that frame, rad, with its variance, rad^2; a position needs one.
+        velocity: of the IMU in IMU axes, (3,) m/s, with its covariance, (3, 3) or (9,) (m/s)^2.
+    """
 
     position: ArrayLike | None = None  # (3,) m, IMU in the frame of the source, z up
     position_covariance: ArrayLike | None = None  # (3, 3) or (9,) m^2, axes of that frame

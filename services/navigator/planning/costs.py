@@ -32,6 +32,13 @@ WIDEST = 200
 class Clearance:
     """Distances that routes keep from obstacles.
 
+    Args:
+        radius: of the robot, m: no route comes closer to an obstacle.
+        comfort: distance from an obstacle from which on a cell is no cheaper, m.
+        dearest: cost of a cell at `radius` over that of one at `comfort`, 1 to 4.
+        obstacle: occupancy from which on a cell is an obstacle, 1 to 100.
+        through_unknown: unknown cells may be walked over; the outside of the grid never.
+
     Raises:
         Refusal: a number is out of range; `field` names it.
     """

@@ -26,6 +26,12 @@ class GridError(Refusal):
 class FloorGrid:
     """Occupancy in frame `map`, as map_server publishes it; immutable.
 
+    Args:
+        cells: occupancy, (rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown.
+        cell: edge of a cell, m.
+        origin: x, y of the lower-left corner of cell [0, 0], m.
+        source: origin of the grid, in words.
+
     Raises:
         GridError: no cells or too many, values outside -1 to 100, a cell size or an origin that cannot be.
     """

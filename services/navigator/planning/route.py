@@ -50,7 +50,7 @@ class RouteLimits:
 
 @dataclass(frozen=True, eq=False)
 class PlannedRoute:
-    """A way to a goal."""
+    """Route to a goal in frame `map`: start and waypoints, m, length, m, cost, and clearance from obstacles, m."""
 
     start: Point
     """Begin of the route, m, frame map."""

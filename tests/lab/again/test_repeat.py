@@ -9,7 +9,7 @@ import pytest
 
 from surefoot.errors import SurefootError
 from surefoot.lab.again.bisect import first_difference
-from surefoot.lab.again.repeat import Change, RecordedRun, changed, verify
+from surefoot.lab.again.repeat import Change, RecordedRun, changed, kept, verify
 from surefoot.lab.cli.main import main
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
@@ -119,3 +119,19 @@ def test_recordings_that_cannot_be_repeated_are_refused_in_a_sentence(
     for at, change, part in ((99.0, "friction=1", "allowed is 0 to"), (3.0, "foot=xx:0.01", "legs are lf")):
         with expect_error(SurefootError, "invalid", text=part):
             changed(run, at, [Change.of(change)], tmp_path / "no.mcap")
+
+
+def test_a_repetition_that_is_interrupted_leaves_no_file(tmp_path: Path) -> None:
+    out = tmp_path / "again.mcap"
+
+    def interrupted() -> None:
+        with kept(out) as target:
+            target.write_bytes(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []
+    with kept(out) as target:
+        target.write_bytes(b"whole")
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"whole"]
