@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 
 from surefoot.arguments import number, whole
+from surefoot.errors import FieldError
 from surefoot.files import names
 from surefoot.lab.runs.local import LocalRun, run_local
 from surefoot.robot.description import Robot
@@ -39,11 +40,17 @@ def run(
         recording: MCAP file to write; None = none.
 
     Raises:
-        SurefootError: there is no such scenario, or its system cannot be started.
+        SurefootError: there is no such scenario, its system cannot be started, or the recording cannot be written.
     """
     chosen = None if seed is None else whole(seed, "seed", low=0, high=MOST_SEED)
-    found = load_scenario(str(scenario))
-    return run_local(found, chosen, recording=None if recording is None else Path(recording))
+    found, out = load_scenario(str(scenario)), None if recording is None else Path(recording)
+    if out is not None:
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.open("ab").close()
+        except OSError as error:
+            raise FieldError("unwritable", "recording", f"{out} cannot be written: {error.strerror}") from None
+    return run_local(found, chosen, recording=out)
 
 
 def world(

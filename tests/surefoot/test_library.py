@@ -114,6 +114,7 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: surefoot.estimation.run("log.csv", sigma_z=1.0), "unknown_key", "sigma_z", "EstimatorParams"),
     (lambda: surefoot.estimation.estimator(feet=4).joints(0, (0, 0)), "unsupported", "joints", "robot"),
     (lambda: surefoot.simulation.world(friction=0.0), "range", "friction", "1e-06"),
+    (lambda: surefoot.simulation.run("stand", recording="/"), "unwritable", "recording", "cannot be written"),
     (lambda: surefoot.simulation.run("stnd"), "not_found", "", "stand"),
     (lambda: surefoot.bags.check("no.mcap"), "unreadable", "path", "no.mcap"),
     (lambda: surefoot.bags.messages("no.mcap", "state/velocit"), "unknown_topic", "", "state/velocity"),

@@ -17,7 +17,7 @@ from .relearn import Form, relearned
 from .samples import StanceSample
 
 MOST = 100_000
-"""Largest number of outcomes that wait for a round: none begins while no learned model is in force."""
+"""Largest number of outcomes that wait for a round, while no learned model is in force, and that are known again."""
 LAG = 4
 """Number of choices from the begin of a round to the first with its model: two seconds of a tripod gait."""
 
@@ -46,8 +46,8 @@ class Relearner:
     refused: dict[str, int] = field(default_factory=dict)
     """Number of outcomes left out and of rounds that failed, by reason."""
     _waiting: list[StanceSample] = field(default_factory=list)
-    _known: set[str] = field(default_factory=set)
-    """Trials of the outcomes taken: one each."""
+    _known: dict[str, None] = field(default_factory=dict)
+    """Trials of the last `MOST` outcomes taken: one each."""
     _due: int = 0
     _thread: threading.Thread | None = None
     _made: LearnedModel | None = None
@@ -62,7 +62,9 @@ class Relearner:
                 self.refuse(problem)
             else:
                 self._waiting.append(each)
-                self._known.add(each.trial)
+                self._known[each.trial] = None
+                if len(self._known) > MOST:
+                    del self._known[next(iter(self._known))]
                 self.taken += 1
 
     def refuse(self, reason: str) -> None:

@@ -97,6 +97,9 @@ def encode(model: LearnedModel) -> bytes:
     basis, c = model.terms.basis, model.conditions
     if not isinstance(basis, Gaussians):
         raise ModelError("invalid", f"{model.name}: only Gaussians are written, got {type(basis).__name__}", "terms")
+    if len(model.trials) > MAX_TRIALS:
+        text = f"{model.name} has {len(model.trials)} trials, at most {MAX_TRIALS} are written"
+        raise ModelError("too_large", text, "trials")
     terms: dict[str, Any] = {
         "family": "gaussian", "scales": _rounded(model.terms.scales), "warps": list(model.terms.warps),
         "constant": basis.constant, "weights": _rounded(model.terms.weights), "centres": _rounded(basis.centres),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from surefoot.services.footholds.learning import relearner
 from surefoot.services.footholds.learning.fit import Candidate, LearnError, LearnOptions, learn
 from surefoot.services.footholds.learning.merge import merge
 from surefoot.services.footholds.learning.relearn import relearned
@@ -88,3 +89,15 @@ def test_the_source_of_outcomes_keeps_one_line() -> None:
 def test_outcomes_that_do_not_go_with_the_model_are_refused(outcomes: list, weight: float, code: str) -> None:
     with refused(LearnError, code):
         relearned(old(), outcomes, "counted", weight)
+
+
+def test_outcomes_that_are_known_again_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(relearner, "MOST", 5)
+    learner = relearner.Relearner(relearner.RelearnParams(every=100), lambda text: None)
+    taken = [spoiled(each, trial=f"own {k}") for k, each in enumerate(samples(8))]
+    learner.take(taken[:1] * 2)
+    assert learner.refused == {"twice": 1}
+    for each in taken:
+        learner.close()  # nothing waits
+        learner.take([each])
+    assert len(learner._known) == 5

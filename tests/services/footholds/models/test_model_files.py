@@ -1,6 +1,7 @@
 """Model files: they come back to the byte, and what is wrong is refused by name."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
-from surefoot.services.footholds.models.files import MAX_BYTES, ModelError, decode, encode, load, save
+from surefoot.services.footholds.models.files import MAX_BYTES, MAX_TRIALS, ModelError, decode, encode, load, save
 from tests.services.footholds.learning.made import gather, samples
 from tests.services.refusals import refused
 
@@ -25,6 +26,13 @@ def test_a_file_comes_back(data: bytes, tmp_path: Path) -> None:
     assert encode(again) == data
     assert again.name == "learned/300"
     assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_file_that_could_not_be_read_again_is_not_written(data: bytes, tmp_path: Path) -> None:
+    model = replace(decode(data), trials=("0" * 12,) * (MAX_TRIALS + 1))
+    with pytest.raises(ModelError, match="trials"):
+        save(model, tmp_path / "m.json")
+    assert not list(tmp_path.iterdir())
 
 
 def changed(data: bytes, **changes: Any) -> bytes:
