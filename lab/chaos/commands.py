@@ -63,6 +63,8 @@ def chaos(
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
     use_json(json)
+    if not zenoh and (force or listen is not None):
+        raise typer.BadParameter("got --listen or --force without --zenoh, which alone has processes and a folder")
     path = find_scenario(scenario)
     loaded = load_scenario(path)
     draw = _Draw(events, _chosen(kinds, zenoh=zenoh), ticks)

@@ -66,7 +66,7 @@ def _verify(file: Path, *, json: bool) -> None:
         write_json({"path": str(file), "ok": found.whole, "readable": readable, **vars(found)})
     else:
         lost = f"{'at least ' * found.uncounted}{found.lost or 'none'} lost"
-        lost = "how many are lost nobody knows" if found.uncounted and not found.lost else lost
+        lost = "how many are lost is unknown" if found.uncounted and not found.lost else lost
         write(f"{file}: {'whole' if found.whole else 'damaged'}, {readable} messages can be read, {lost}")
         write(f"{found.chunks} chunks with a checksum each, {found.damaged} damaged")
         for problem in found.problems:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.disk import regular_size
+from surefoot.disk import regular_size, whole
 
 from .landmarks import (
     LONGEST_DESCRIPTOR,
@@ -27,9 +27,9 @@ SD = "sd"
 
 
 def save(world: FloorLandmarks, path: str | Path) -> Path:
-    """Write a landmark map; return the path, which ends in `.npz`."""
+    """Write a landmark map, whole or not at all; return the path, which ends in `.npz`."""
     target = Path(path).with_suffix(".npz")
-    with target.open("wb") as file:
+    with whole(target) as part, part.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, schema=np.asarray(SCHEMA), positions=world.positions,
             descriptors=world.descriptors, version=np.asarray(world.version), source=np.asarray(world.source),

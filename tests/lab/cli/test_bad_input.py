@@ -50,6 +50,7 @@ def here(monkeypatch, tmp_path):
         ("whatif file.mcap --set servo=-1", "--set 'servo=-1'.value"),
         ("whatif file.mcap --set fault=imu_drop:-1", "--set 'fault=imu_drop:-1'.duration"),
         ("whatif file.mcap --set fault=nothing:1", "--set 'fault=nothing:1'.kind"),
+        ("chaos flat --listen tcp/127.0.0.1:7450", "without --zenoh"),
         ("security show", "surefoot security init"),
         ("security init --operator ../x", "got '../x'"),
         ("security init --guest <script>", "got '<script>'"),
