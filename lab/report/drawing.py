@@ -2,8 +2,9 @@
 
 import io
 import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 
+S = TypeVar("S")
 INK, GRID, PAPER = "#1c2733", "#dfe5ea", "none"
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb2", "#e07b1a", "#2a9d63", "#cc3b3b", "#7a4fb5", "#8a97a3"
 
@@ -58,6 +60,24 @@ def save_picture(figure: Figure, path: Path) -> Path:
     with whole(path) as part:
         figure.savefig(part, format=ending[1:])
     return path
+
+
+def write_figures(plots: Mapping[str, Callable[[S], Figure]], study: S, folder: Path | None) -> tuple[Path, ...]:
+    """Write figures of a study as SVG files into a folder, which is made; return their paths.
+
+    Args:
+        plots: what draws each figure, by the name of its file.
+        study: argument of the functions.
+        folder: None = nothing is written.
+    """
+    if folder is None:
+        return ()
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.svg" for name in plots]
+    with mpl.rc_context({**STYLE, "svg.hashsalt": "surefoot"}):
+        for path, plot in zip(paths, plots.values(), strict=True):
+            plot(study).savefig(path, format="svg", metadata={"Date": None})
+    return tuple(paths)
 
 
 def svg_of(figure: Figure, prefix: str) -> str:

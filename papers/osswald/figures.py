@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Rectangle
 from numpy.typing import NDArray
 
-from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE, new_figure
+from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, new_figure, write_figures
 from surefoot.services.navigator.policy.params import Scene
 
 from .episode import Episode
@@ -26,21 +26,15 @@ CHI2 = 5.991  # 95 % of 2 degrees of freedom
 ELLIPSE_EVERY = 8  # actions
 
 
-def draw(study: NavigationStudy, out: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder, which is made."""
-    out.mkdir(parents=True, exist_ok=True)
+def draw(study: NavigationStudy, out: Path | None) -> tuple[Path, ...]:
+    """Write all figures into a folder, which is made; without one draw nothing."""
     plots: dict[str, Callable[[NavigationStudy], Figure]] = {
         "fig3-training-paths": _figure_3,
         "fig4-training-times": _figure_4,
         "fig5-trajectory": _figure_5,
         "fig6-features": _figure_6,
     }
-    paths: list[Path] = []
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "surefoot"}):
-        for name, plot in plots.items():
-            paths.append(out / f"{name}.svg")
-            plot(study).savefig(paths[-1], format="svg", metadata={"Date": None})
-    return tuple(paths)
+    return write_figures(plots, study, out)
 
 
 def _corridor(figure: Figure, scene: Scene, title: str) -> Axes:

@@ -14,6 +14,7 @@ from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TU
 
 from . import live as live_runs
 from . import pixels
+from .figures import draw
 from .measures import (
     FAR,
     NEAR,
@@ -257,12 +258,6 @@ def reproduce(
     """
     robot = [] if live is None else live_runs.findings(live)
     done = study(notify)
-    figures: tuple[Path, ...] = ()
-    if out is not None:
-        from .figures import draw
-
-        notify("drawing")
-        figures = draw(done, out)
     notes = NOTES if live is not None else (*NOTES, LIVE_NOTE)
     notify("blur from pixels")
-    return Reproduction(TITLE, (*findings(done, robot), *pixels.findings()), figures, notes)
+    return Reproduction(TITLE, (*findings(done, robot), *pixels.findings()), draw(done, out), notes)

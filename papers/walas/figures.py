@@ -3,14 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, STYLE
+from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, new_figure, write_figures
 
 from . import ragno as walas_ragno
 from .ragno import CM
@@ -19,9 +17,8 @@ from .study import StabilityStudy
 Array = NDArray[np.float64]
 
 
-def draw(study: StabilityStudy, out: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder, which is made."""
-    out.mkdir(parents=True, exist_ok=True)
+def draw(study: StabilityStudy, out: Path | None) -> tuple[Path, ...]:
+    """Write all figures into a folder, which is made; without one draw nothing."""
     plots: dict[str, Callable[[StabilityStudy], Figure]] = {
         "fig15-com-displacement": _figure_15,
         "fig16-21-procedure": _figure_16,
@@ -32,17 +29,11 @@ def draw(study: StabilityStudy, out: Path) -> tuple[Path, ...]:
         "fig23-forward-movement": lambda s: _movement(s, 1.0, "Fig. 23: forward movement"),
         "fig24-forces-and-com": _figure_24,
     }
-    paths: list[Path] = []
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "surefoot"}):
-        for name, plot in plots.items():
-            paths.append(out / f"{name}.svg")
-            plot(study).savefig(paths[-1], format="svg", metadata={"Date": None})
-    return tuple(paths)
+    return write_figures(plots, study, out)
 
 
 def _new(width: float, height: float, title: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    FigureCanvasSVG(figure)
+    figure = new_figure(width, height)
     axes = figure.add_subplot(1, 1, 1)
     axes.set_title(title, loc="left", fontsize=10)
     return figure, axes

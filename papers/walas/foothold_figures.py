@@ -3,13 +3,11 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from surefoot.lab.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, STYLE
+from surefoot.lab.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, new_figure, write_figures
 from surefoot.services.footholds.learning.samples import StanceSample, gather
 from surefoot.services.footholds.models.lattice import filled, inputs
 from surefoot.services.footholds.models.learned import LearnedModel
@@ -21,33 +19,21 @@ COLOURS = (GREY, "#444444", RED, ORANGE, BLUE, PURPLE, GREEN, "#c0a000")
 MM = 1e3
 
 
-def draw(study: FootholdStudy, out: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder; returns their paths."""
-    plots: dict[str, Callable[[], Figure]] = {
-        "fig07-data": lambda: _cloud(study.exact, study.models["primitives K1, K2"], "Fig. 7: stances and bin means"),
-        "fig08-elementary": lambda: _surface(
-            study.models["primitives K1, K2"], study.exact, "Fig. 8: elementary terms"
-        ),
-        "fig09-gaussian": lambda: _surface(
-            study.models["Gaussian"], study.noisy, "Fig. 9: Gaussians, noisy primitives"
-        ),
-        "fig10-window": lambda: _window(study),
-        "fig11-accumulated": lambda: _curves(study.walks, "Fig. 11: accumulated slip"),
-        "fig12-re-learning": lambda: _curves(
-            {"random": study.walks["random"], **study.relearned}, "Fig. 12: re-learning"
-        ),
+def draw(study: FootholdStudy, out: Path | None) -> tuple[Path, ...]:
+    """Write all figures into a folder, which is made; without one draw nothing."""
+    plots: dict[str, Callable[[FootholdStudy], Figure]] = {
+        "fig07-data": lambda s: _cloud(s.exact, s.models["primitives K1, K2"], "Fig. 7: stances and bin means"),
+        "fig08-elementary": lambda s: _surface(s.models["primitives K1, K2"], s.exact, "Fig. 8: elementary terms"),
+        "fig09-gaussian": lambda s: _surface(s.models["Gaussian"], s.noisy, "Fig. 9: Gaussians, noisy primitives"),
+        "fig10-window": _window,
+        "fig11-accumulated": lambda s: _curves(s.walks, "Fig. 11: accumulated slip"),
+        "fig12-re-learning": lambda s: _curves({"random": s.walks["random"], **s.relearned}, "Fig. 12: re-learning"),
     }
-    paths: list[Path] = []
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "surefoot"}):
-        for name, plot in plots.items():
-            paths.append(out / f"{name}.svg")
-            plot().savefig(paths[-1], format="svg", metadata={"Date": None})
-    return tuple(paths)
+    return write_figures(plots, study, out)
 
 
 def _new(title: str, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(5.2 * columns, 4.2), layout="constrained", facecolor="white")
-    FigureCanvasSVG(figure)
+    figure = new_figure(5.2 * columns, 4.2)
     axes = [figure.add_subplot(1, columns, k + 1) for k in range(columns)]
     axes[0].set_title(title, loc="left", fontsize=10)
     return figure, axes

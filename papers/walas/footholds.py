@@ -24,6 +24,7 @@ from surefoot.services.footholds.select import SelectParams
 from surefoot.services.simulator.ground.terrain import make_terrain
 
 from .finders import finder, keep
+from .foothold_figures import draw
 from .foothold_runs import FLAT, NOISE, Runs, WalkKey, WalkResult
 from .foothold_study import FootholdStudy, predicted
 
@@ -254,10 +255,4 @@ def reproduce(
     """Do all trials and walks and check each claim; a folder keeps them and gets the figures."""
     with tempfile.TemporaryDirectory() as temporary:
         done = study(out or Path(temporary), seeds, notify, jobs)
-    figures: tuple[Path, ...] = ()
-    if out is not None:
-        from .foothold_figures import draw
-
-        notify("drawing")
-        figures = draw(done, out)
-    return Reproduction(TITLE, findings(done), figures, NOTES)
+    return Reproduction(TITLE, findings(done), draw(done, out), NOTES)

@@ -13,6 +13,7 @@ from surefoot.services.stability.sensing.pressure import PressureSensor
 from . import messor as walas_messor
 from . import ragno as walas_ragno
 from . import stand as walas_stand
+from .figures import draw
 from .study import StabilityStudy
 
 Array = NDArray[np.float64]
@@ -132,10 +133,4 @@ def _both(ways: tuple[float, float]) -> str:
 def reproduce(out: Path | None, notify: Callable[[str], None] = lambda text: None) -> Reproduction:
     """Compute everything; write the figures into a folder when there is one."""
     done = study(notify)
-    figures: tuple[Path, ...] = ()
-    if out is not None:
-        from .figures import draw
-
-        notify("drawing")
-        figures = draw(done, out)
-    return Reproduction(TITLE, findings(done), figures, NOTES)
+    return Reproduction(TITLE, findings(done), draw(done, out), NOTES)

@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from surefoot.lab.report.drawing import BLUE, GREY, INK, ORANGE, STYLE, new_figure
+from surefoot.lab.report.drawing import BLUE, GREY, INK, ORANGE, new_figure, write_figures
 
 from .study import PAPER, Experiment
 
@@ -18,15 +17,9 @@ TITLES = {
 LIMIT = 0.3  # m/s, of the axes but those of the IMU alone
 
 
-def draw(done: Sequence[Experiment], out: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder, which is made."""
-    out.mkdir(parents=True, exist_ok=True)
-    paths: list[Path] = []
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "surefoot"}):
-        for name, figure in (("fig3-velocity", _figure_3(done[0])), ("errors", _errors(done))):
-            paths.append(out / f"{name}.svg")
-            figure.savefig(paths[-1], format="svg", metadata={"Date": None})
-    return tuple(paths)
+def draw(done: Sequence[Experiment], out: Path | None) -> tuple[Path, ...]:
+    """Write all figures into a folder, which is made; without one draw nothing."""
+    return write_figures({"fig3-velocity": lambda all_: _figure_3(all_[0]), "errors": _errors}, done, out)
 
 
 def _figure_3(one: Experiment) -> Figure:

@@ -8,6 +8,7 @@ import numpy as np
 from surefoot.lab.report.findings import Finding, Reproduction, told
 from surefoot.lab.statistics import interval
 
+from .figures import draw
 from .study import BRIEF, LOST, PAPER, Experiment, errata, run
 
 TITLE = "Wawrzynski, Mozaryn & Klimaszewski, section VI: velocity of a walking Bioloid"
@@ -41,13 +42,7 @@ def reproduce(out: Path | None, notify: Callable[[str], None] = lambda text: Non
         notify: function that takes a line of progress.
     """
     done = run(notify=notify)
-    figures: tuple[Path, ...] = ()
-    if out is not None:
-        from .figures import draw
-
-        notify("drawing")
-        figures = draw(done, out)
-    return Reproduction(TITLE, tuple(findings(done)), figures, NOTES)
+    return Reproduction(TITLE, tuple(findings(done)), draw(done, out), NOTES)
 
 
 def findings(done: Sequence[Experiment]) -> list[Finding]:
