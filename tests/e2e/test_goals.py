@@ -1,6 +1,7 @@
 """Goals over Zenoh: the same run as in one process, and a navigator that is killed on the way and goes on."""
 
 import json
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from tests.ports import free_address
 from tests.processes import run_process, running
 
 pytestmark = pytest.mark.e2e
+
+END_S = 80.0  # s wall; takes 1 to 2
 
 SHORT = """
 description = "Nao walks 30 cm to a goal"
@@ -80,13 +83,15 @@ def test_the_example_walks_to_its_goal_in_paced_time(tmp_path: Path) -> None:
         log.open("wb") as stream,
         running(
             [*command, "up", "nao-goal", "--terrain", "corridor"], cwd=ROOT, env=around, stdout=stream, stderr=stream
-        ),
+        ) as up,
     ):
         wait_until(lambda: stands(where), 120.0, "the robot")
         done = run_process(
             [sys.executable, str(ROOT / "examples" / "goto.py"), where],
             cwd=tmp_path, env=around, timeout=200, capture_output=True, text=True,
         )  # fmt: skip
+        up.send_signal(signal.SIGINT)
+        assert up.wait(END_S) == 0
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[-1].startswith("succeeded"), done.stdout

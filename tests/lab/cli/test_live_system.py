@@ -1,10 +1,13 @@
-"""A system that is up, by the command line."""
+"""A system that is up: by plain Zenoh, zenoh-cli and the examples, nothing of ours imported; by the command line."""
 
 import json
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -14,10 +17,26 @@ from surefoot.errors import CallError
 from surefoot.geometry.heightmap_files import load
 from surefoot.services.supervisor.processes.rundir import RunFolder
 from tests.ports import free_address
+from tests.processes import run_process, running
 
 pytestmark = pytest.mark.e2e
 
+ROOT = Path(__file__).parents[3]
 WAIT_S = 80.0  # s wall; takes 1 to 3
+PLAIN = """
+import json, sys, zenoh
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+with zenoh.open(config) as session:
+    subscriber = session.declare_subscriber("surefoot/ragno/state/velocity")
+    v = json.loads(subscriber.recv().payload.to_string())
+    feet = [{"position": [x, y, 0], "normal": [0, 0, 1], "mu": 0.5} for x, y in [(0.1, 0.1), (0.1, -0.1), (-0.1, 0)]]
+    answers = session.get("surefoot/ragno/stability/region", payload=json.dumps({"contacts": feet}), timeout=60.0)
+    region = json.loads(next(iter(answers)).ok.payload.to_string())
+    typo = json.dumps({"contacts": feet, "direction": 8})
+    wrong = session.get("surefoot/ragno/stability/region", payload=typo, timeout=60.0)
+    error = json.loads(next(iter(wrong)).err.payload.to_string())
+print(json.dumps({"velocity": v["velocity"], "region": region, "error": error, "ours": "surefoot" in sys.modules}))
+"""
 
 
 def processes(place):
@@ -30,6 +49,60 @@ def system(surefoot):
     assert done.returncode == 0, done.stderr
     yield
     assert surefoot("down").returncode == 0
+
+
+@pytest.fixture
+def endpoint(system, place):
+    return place[1]["SUREFOOT_LISTEN"]
+
+
+def test_plain_zenoh_python(endpoint, tmp_path):
+    done = run_process([sys.executable, "-I", "-c", PLAIN, endpoint], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    got = json.loads(done.stdout)
+    assert len(got["velocity"]) == 3
+    assert got["region"]["status"] == "ok"
+    assert len(got["region"]["inner"]) == 3
+    assert got["error"]["code"] == "invalid"
+    assert got["error"]["field"] == "direction"
+    assert got["ours"] is False
+
+
+def test_zenoh_cli_asks_for_a_region(endpoint, tmp_path):
+    contacts = [{"position": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5}]
+    done = run_process(
+        [
+            str(Path(sys.executable).parent / "zenoh"), "--mode", "client", "--connect", endpoint, "get",
+            "--selector", "surefoot/ragno/stability/region", "--value", json.dumps({"contacts": contacts}),
+            "--encoder", "text", "--decoder", "json",
+        ],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert "point" in done.stdout, done.stdout + done.stderr
+
+
+def test_zenoh_cli_echoes_the_velocity(endpoint, tmp_path):
+    command = [
+        str(Path(sys.executable).parent / "zenoh"), "--mode", "client", "--connect", endpoint, "subscribe",
+        "-k", "surefoot/ragno/state/velocity", "--decoder", "text", "--line", "{value}",
+    ]  # fmt: skip
+    environment = dict(os.environ, PYTHONUNBUFFERED="1")
+    with running(command, cwd=tmp_path, env=environment, text=True, stdout=subprocess.PIPE) as echo:
+        assert echo.stdout is not None
+        ticks = [json.loads(echo.stdout.readline())["tick"] for _ in range(5)]
+    assert ticks == sorted(set(ticks))
+
+
+EXAMPLES = sorted({p.name for p in (ROOT / "examples").glob("*.py")} - {"goto.py"})
+"""Those for Ragno; `tests/e2e/test_goals.py` runs the other one."""
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_example_runs(endpoint, name, tmp_path):
+    command = [sys.executable, str(ROOT / "examples" / name), endpoint]
+    done = run_process(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
 
 
 def test_tells_how_to_watch_it(system, surefoot):

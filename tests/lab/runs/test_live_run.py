@@ -51,24 +51,23 @@ def test_the_recording_gives_the_same_numbers(outcome, surefoot):
     assert {name: again["values"][name] for name in live} == live
 
 
-def test_the_hash_is_that_of_one_process_and_another_seed_gives_another(outcome, surefoot):
-    other = json.loads(surefoot("run", "stand", "--json", "--no-record", "--seed", "1").stdout)
+def test_the_hash_is_that_of_one_process(outcome):
     assert run_local(load_scenario(find_scenario("stand"))).run_hash == outcome["message_hash"]
-    assert other["message_hash"] != outcome["message_hash"]
-    assert other["recording"] is None
 
 
-def test_a_limit_that_is_not_met_is_exit_code_1(surefoot, tmp_path):
+def test_a_limit_that_is_not_met_is_exit_code_1_and_another_seed_gives_another_hash(surefoot, tmp_path):
     strict = tmp_path / "strict.toml"
     strict.write_text(
         'description = "stands, and should not"\nmax_duration_s = 1.0\n'
         '[[step]]\nat_tick = 10\ndo = "push"\nforce = [0.1, 0.0, 0.0]\nduration = 0.1\n'
         "[limits]\nmin_distance_m = 1.0\n"
     )
-    done = surefoot("run", strict, "--no-record", "--out", tmp_path / "out")
-    assert done.returncode == 1
-    assert "FAIL" in done.stdout
-    assert (tmp_path / "out" / "report.html").is_file()
+    done = surefoot("run", strict, "--no-record", "--seed", "1", "--json", "--out", tmp_path / "out")
+    found = json.loads(done.stdout)
+    assert (done.returncode, found["ok"], found["recording"]) == (1, False, None)
+    assert "FAIL" in (tmp_path / "out" / "report.html").read_text()
+    first, other = (run_local(load_scenario(strict), seed).run_hash for seed in (0, 1))
+    assert found["message_hash"] == other != first
 
 
 def test_a_full_disk_costs_recording_and_report_but_not_the_verdict(place, command_line, outcome):

@@ -12,6 +12,7 @@ from surefoot.robot import kinematics as kin
 from surefoot.robot.files import RobotFile
 from surefoot.robot.profiles import ROBOTS
 from surefoot.robot.reader import _robot, load_robot, robot_names
+from tests.surefoot.robot.test_kinematics import random_points_are_reached_or_refused
 
 LUPO = (ROBOTS / "lupo" / "robot.toml").read_text()
 
@@ -75,21 +76,9 @@ def test_random_postures_are_found_again(name):
 
 @pytest.mark.parametrize("name", LEGGED)
 def test_random_points_are_reached_or_refused(name):
-    robot, rng, hits = LEGGED[name], np.random.default_rng(2), 0
-    size = 1.2 * float(robot.model.rolled.segment[0].sum())
-    for _ in range(1000):
-        leg = int(rng.integers(robot.nlegs))
-        joints = list(robot.legs[leg].joints)
-        target = robot.model.rolled.hip[leg] + rng.uniform(-size, size, 3)
-        angles, reachable = kin.leg_ik(robot.model, leg, target)
-        assert np.all(angles >= robot.joint_lower[joints])
-        assert np.all(angles <= robot.joint_upper[joints])
-        q = robot.neutral.copy()
-        q[joints] = angles
-        error = np.linalg.norm(kin.foot_positions(robot.model, q)[leg] - target)
-        assert reachable == (error < 1e-6)
-        hits += reachable
-    assert hits > 20
+    robot = LEGGED[name]
+    rolled, rng = robot.model.rolled, np.random.default_rng(2)
+    random_points_are_reached_or_refused(robot, rolled.hip, 1.2 * float(rolled.segment[0].sum()), rng, 1000)
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=12, max_size=12))

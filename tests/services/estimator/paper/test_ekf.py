@@ -51,7 +51,7 @@ def inputs(n, seed):
 
 @pytest.mark.parametrize("exact", [False, True])
 def test_equals_filterpy(exact):
-    n, params = 10_000, EstimatorParams(exact_transition=exact)
+    n, params = 2_000, EstimatorParams(exact_transition=exact)
     w, q, has, measured = inputs(n, 0)
     g0, p0 = np.array([0.1, -0.2, 9.8]), np.eye(6) * 1e-3
     ekf, referee = PaperEkf(params), Referee(params, g0, p0)
