@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..cli.bag import app as bag
-from ..cli.output import Json, refuse_existing, use_json, write, write_json, write_table
+from ..cli.output import Json, refuse_existing, use_json, write, write_answer, write_json, write_table
 
 if TYPE_CHECKING:
     from .raw import RawLog
@@ -131,7 +131,4 @@ def export_recording(
 
     use_json(json)
     path = export(file, to, out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}"), robot)
-    if json:
-        write_json({"file": str(path)})
-    else:
-        write(f"file  {path}")
+    write_answer({"file": str(path)}, f"file  {path}")

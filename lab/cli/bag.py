@@ -16,6 +16,7 @@ from .output import (
     refuse_existing,
     use_json,
     write,
+    write_answer,
     write_json,
 )
 
@@ -97,10 +98,9 @@ def record(
         notify(f"recording to {file}; end with Ctrl-C")
         count = record_bag(robot, file, key or [], duration)
         still = "" if count else robot.standing_still()
-    if json:
-        write_json({"file": str(file), "messages": count})
-    else:
-        write(f"{count} messages in {file}" + (f": {still}" if still else ""))
+    write_answer(
+        {"file": str(file), "messages": count}, f"{count} messages in {file}" + (f": {still}" if still else "")
+    )
     if not count:
         raise typer.Exit(EXIT_CHECK)
 
@@ -126,9 +126,6 @@ def play(
     count = play_bag(
         file, rate, loop=loop, window=(start, end), keys=key or [], listen=listen, connect=connect, namespace=namespace
     )
-    if json:
-        write_json({"file": str(file), "messages": count})
-    else:
-        write(f"{count} messages played")
+    write_answer({"file": str(file), "messages": count}, f"{count} messages played")
     if not count:
         raise typer.Exit(EXIT_CHECK)

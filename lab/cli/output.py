@@ -99,6 +99,14 @@ def write_json(content: Any) -> None:
     write(json.dumps(content, indent=None if isinstance(content, str) else 1, default=_plain))
 
 
+def write_answer(content: Any, text: str) -> None:
+    """Write the answer of a command: JSON for programs (`use_json`), else its text."""
+    if state.json:
+        write_json(content)
+    else:
+        write(text)
+
+
 def _plain(value: Any) -> Any:
     if hasattr(value, "model_dump"):
         return value.model_dump(mode="json")

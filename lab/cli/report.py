@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .output import EXIT_CHECK, Json, near, use_json, write, write_json
+from .output import EXIT_CHECK, Json, near, use_json, write_answer
 
 
 def report(
@@ -24,9 +24,9 @@ def report(
         raise typer.BadParameter(f"got {near(out)}, allowed is a file *.html", param_hint="--out")
     loaded = None if scenario is None else load_scenario(find_scenario(scenario))
     path, verdict = report_recording(file, loaded, out or file.with_suffix(".html"))
-    if json:
-        write_json({"ok": verdict.ok, "values": {r.name: r.value for r in verdict.rows}, "report": near(path)})
-    else:
-        write(f"report        {near(path)}")
+    write_answer(
+        {"ok": verdict.ok, "values": {r.name: r.value for r in verdict.rows}, "report": near(path)},
+        f"report        {near(path)}",
+    )
     if not verdict.ok:
         raise typer.Exit(EXIT_CHECK)

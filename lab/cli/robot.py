@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, near, refuse_existing, state, use_json, write, write_json, write_table
+from .output import Json, near, refuse_existing, use_json, write, write_answer, write_json, write_table
 
 if TYPE_CHECKING:
     from surefoot.robot.description import Robot
@@ -122,10 +122,7 @@ def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable
     out = out or Path(f"{robot.name}{suffix}")
     refuse_existing(out, force=force)
     make(robot, out)
-    if state.json:
-        write_json({"out": near(out)})
-    else:
-        write(f"wrote {near(out)}")
+    write_answer({"out": near(out)}, f"wrote {near(out)}")
 
 
 def _words(worst: Mapping[str, float]) -> str:

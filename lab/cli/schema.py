@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, use_json, write, write_json, write_table
+from .output import Json, use_json, write_answer, write_json, write_table
 
 if TYPE_CHECKING:
     from surefoot.schemas.base import Wire
@@ -99,10 +99,9 @@ def export(
     }
     queries = {q.key: {"request": q.request.__name__, "reply": q.reply.__name__, "owner": q.owner} for q in QUERIES}
     _write(folder / "keys.json", {"topics": topics, "queries": queries})
-    if json:
-        write_json({"folder": str(folder), "schemas": list(found)})
-    else:
-        write(f"{len(found)} schemas and keys.json written to {folder}")
+    write_answer(
+        {"folder": str(folder), "schemas": list(found)}, f"{len(found)} schemas and keys.json written to {folder}"
+    )
 
 
 def _write(path: Path, content: object) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from .connect import client
-from .output import EXIT_CHECK, Connect, Json, Namespace, use_json, write, write_json
+from .output import EXIT_CHECK, Connect, Json, Namespace, use_json, write_answer
 
 app = typer.Typer(help="Simulated time: pause, step, disturb, begin anew.", no_args_is_help=True)
 AtTick = Annotated[int | None, typer.Option(min=0, help="Control tick it happens in (reproducible) [the next].")]
@@ -19,10 +19,7 @@ def status(connect: Connect = None, namespace: Namespace = None, json: Json = Fa
     use_json(json)
     with client(connect, namespace) as robot:
         found = robot.call("sim/status")
-    if json:
-        write_json(found)
-    else:
-        write(pace(found))
+    write_answer(found, pace(found))
 
 
 @app.command()
@@ -146,9 +143,6 @@ def _act(
             why = "the driver of a real robot has no simulated time"
             raise CallError("absent", f"no driver answers {key}: {why}") from None
     content = reply.model_dump(mode="json")
-    if json:
-        write_json(content)
-    else:
-        write(content.get("reason") or text.format(**content))
+    write_answer(content, content.get("reason") or text.format(**content))
     if content.get("accepted") is False:
         raise typer.Exit(EXIT_CHECK)

@@ -24,6 +24,7 @@ from .output import (
     state,
     use_json,
     write,
+    write_answer,
     write_json,
     write_table,
 )
@@ -138,10 +139,7 @@ def down(
         if folder.end_leftovers() and folder.name not in stopped:
             stopped.append(folder.name)
         folder.release()
-    if json:
-        write_json({"stopped": stopped})
-    else:
-        write(f"stopped {', '.join(stopped)}" if stopped else "nothing is running")
+    write_answer({"stopped": stopped}, f"stopped {', '.join(stopped)}" if stopped else "nothing is running")
 
 
 def status(
@@ -203,10 +201,9 @@ def health(
     use_json(json)
     with client(connect, namespace) as robot:
         found = robot.bus.call(HEALTH_GET.of(service), HealthRequest(), 2.0).health
-    if json:
-        write_json(found)
-    else:
-        write(f"{service}: {found.state}" + (f", waits for {', '.join(found.waiting_for)}" * bool(found.waiting_for)))
+    write_answer(
+        found, f"{service}: {found.state}" + (f", waits for {', '.join(found.waiting_for)}" * bool(found.waiting_for))
+    )
     if found.state not in ("joining", "ready", "running"):
         raise typer.Exit(EXIT_CHECK)
 

@@ -16,6 +16,7 @@ from .output import (
     notify,
     use_json,
     write,
+    write_answer,
     write_fields,
     write_json,
     write_table,
@@ -138,10 +139,7 @@ def pub(
             raise SurefootError("unknown_key", f"{topic.key} has no field {name!r}{hint}", name)
     with client(connect, namespace) as robot:
         robot.bus.publisher(topic, framed=False).put(message)
-    if json:
-        write_json({"key": topic.key, "published": message})
-    else:
-        write(f"published on {topic.key}: {readable(message)}")
+    write_answer({"key": topic.key, "published": message}, f"published on {topic.key}: {readable(message)}")
 
 
 @app.command()

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..cli.output import Json, notify, use_json, write, write_json, write_table
+from ..cli.output import Json, notify, use_json, write, write_answer, write_json, write_table
 
 if TYPE_CHECKING:
     from .walks import Setting
@@ -182,10 +182,9 @@ def merge(
     use_json(json)
     model = joined(load(first), load(second), weight)
     save(model, out)
-    if json:
-        write_json({"out": str(out), "model": model.name, "bins": len(model.bins)})
-    else:
-        write(f"{out}: {model.name}, {len(model.bins)} bins")
+    write_answer(
+        {"out": str(out), "model": model.name, "bins": len(model.bins)}, f"{out}: {model.name}, {len(model.bins)} bins"
+    )
 
 
 @app.command()

@@ -6,8 +6,9 @@ from surefoot.files import names
 from surefoot.lab.runs.local import run_local
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
-LONG = {"nao-corner", "nao-lost"}
-"""Two minutes of walking each; `make test` walks the corridor, and short goals over Zenoh."""
+LONG = {"nao-corner", "nao-lost", "nao-walk", "ragno-goal", "flat", "crawl-flat", "bioloid-walk"}
+"""Walks of a robot whose harder walk is in every run: of Nao the corridor, of Ragno and the quadruped rough ground, of
+the Bioloid the fast one and ice; short goals are in `tests/e2e/test_goals.py` and `tests.contract.short_walks`."""
 
 
 @pytest.mark.parametrize(
