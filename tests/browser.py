@@ -45,7 +45,9 @@ class Browser:
         self._open.callback(self._end)
         try:
             place = self._page(self.folder / "DevToolsActivePort")
-            self._socket = self._open.enter_context(connect(place, max_size=None, open_timeout=START_S, ping_interval=None))
+            self._socket = self._open.enter_context(
+                connect(place, max_size=None, open_timeout=START_S, ping_interval=None)
+            )
         except BaseException:
             self._open.close()
             raise

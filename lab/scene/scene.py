@@ -153,6 +153,13 @@ class RobotScene:
         if key in KEYS:
             self._waiting[key] = read
 
+    def forget(self) -> None:
+        """Drop all messages but the maps: another system goes on under the same keys, and counts its epochs anew."""
+        self._latest = {old: kept for old, kept in self._latest.items() if old.startswith("terrain/")}
+        self.epoch, self._world_from_odom, self._stances = -1, None, ()
+        self._waiting.clear()
+        self.marks.clear()
+
     def snapshot(self) -> Snapshot | None:
         """Return the scene now; None before the first joint angles, or those of another robot."""
         for key, read in self._take():

@@ -43,7 +43,7 @@ class Shown:
 
     Attributes:
         number: counts up.
-        epoch, marks: of the scene: its epoch, and how many items stay so far.
+        epoch, marks: number of the run, and how many items stay so far in it.
         world: counts changes of the ground and of the services that live; a page asks for the head again.
         frame: the frame, JSON; "null" before the first joint angles.
         report: number of the report on health, with its JSON.
@@ -176,7 +176,7 @@ class LiveFrames:
             came, snapshot = self._newest.look()
             if not came and reported is before.report:
                 return before
-            epoch, marks = self._newest.scene.epoch, self._newest.scene.marks
+            epoch, marks = self._newest.runs, self._newest.scene.marks
             if epoch != before.epoch or len(marks) < len(self._marks):
                 self._marks = []
             self._marks += [_json(mark(each)) for each in marks[len(self._marks) :]]

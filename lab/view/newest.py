@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
+from surefoot.bus.interface import Delivery
 from surefoot.client import Client
 from surefoot.errors import CallError, SurefootError
 from surefoot.robot.description import Robot, RobotError
@@ -14,6 +15,8 @@ from ..scene.scene import KEYS, RobotScene, Snapshot
 
 FRAME_S = 1.0 / 30.0
 """Wall time between two looks at the newest messages."""
+CLOCK = "hw/joints"
+"""Topic of every driver whose stamps show that another one was started."""
 ASK_S = 2.0
 """Wall time that a driver gets for its maps, features and description."""
 
@@ -49,11 +52,13 @@ class NewestScene:
     Attributes:
         scene: of the robot; hold `lock` to read it.
         grounds: counts the grounds that the scene has had.
+        runs: counts the runs: epochs of a driver, and drivers that were started anew.
     """
 
     def __init__(self, client: Client, robot: Robot) -> None:
         self.client, self.scene, self.lock = client, RobotScene(robot), threading.Lock()
         self.grounds, self._ground = 0, self.scene.ground
+        self.runs, self._stamp = 0, (-1, 0)
         self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
 
     def ask_for_maps(self) -> None:
@@ -72,9 +77,23 @@ class NewestScene:
         for newest in self._newest:
             delivery = newest()
             if delivery is not None and not delivery.prime:
+                self._count_runs(delivery)
                 self.scene.feed(delivery.key, delivery.message)
                 came = True
         snapshot = self.scene.snapshot()
         if self.scene.ground is not self._ground:
             self._ground, self.grounds = self.scene.ground, self.grounds + 1
         return came, snapshot
+
+    def _count_runs(self, delivery: Delivery) -> None:
+        """Note by the joints when epoch or time begins anew."""
+        if delivery.key != CLOCK:
+            return
+        with suppress(SurefootError):
+            header = delivery.header()
+            now = header.epoch, header.stamp_ns
+            if now[0] > self._stamp[0] or now < self._stamp:
+                self.runs += 1
+            if now < self._stamp:  # not by a reset, which raises the epoch
+                self.scene.forget()
+            self._stamp = now

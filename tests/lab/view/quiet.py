@@ -25,11 +25,12 @@ class QuietClient:
             raise CallError("absent", f"no service answers {key}")
         return self.answers[key]
 
-    def hand_over(self, recording, until_s=2.0, without=()):
-        """Deliver the messages of a recording up to a time; return the last of each key."""
+    def hand_over(self, recording, until_s=2.0, without=(), **header):
+        """Deliver the messages of a recording up to a time, with another header; return the last of each key."""
         last = {}
         for item in read_recording(recording, KEYS):
             if item.stamp_ns < until_s * 1e9 and item.key not in without:
-                last[item.key] = item.message()
+                last[item.key] = item
+        last = {key: item.message().model_copy(update=header) for key, item in last.items()}
         self.newest = {key: Delivery(topic_of(key), message, None) for key, message in last.items()}
         return last

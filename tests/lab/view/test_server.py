@@ -166,6 +166,17 @@ def test_another_ground_makes_a_page_ask_again(live, client, recorded):
     assert next_frame(reader)["world"] == before + 1 == live.head()["world"]
 
 
+def test_a_driver_that_was_started_anew_is_shown_though_its_epochs_begin_anew(live, client, recorded):
+    reader = live.reader()
+    client.hand_over(recorded, 4.0, epoch=7)
+    before = next_frame(reader)
+    last = client.hand_over(recorded, 1.0)
+    after = next_frame(reader)
+    assert last["sim/truth"].epoch < 7
+    assert after["frame"]["t"] == pytest.approx(last["sim/truth"].stamp_ns * 1e-9)
+    assert after["epoch"] == before["epoch"] + 1
+
+
 def test_lines_of_logs_and_health_are_reported(live, client):
     line = LogRecord(level="warning", text="a foot slides", stamp_ns=0, tick=0, epoch=1, seq=0, source="walker")
     client.sinks[LOG.key](Delivery(LOG, line, None))
