@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.lockstep.config import load_config
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.sim import PushRequest
+from surefoot.services.navigator.config import NavigatorConfig
 from surefoot.services.supervisor.scenarios.scenario import ScenarioError, find_scenario, load_scenario, parse_scenario
 from tests.services.refusals import refused
 
@@ -46,11 +48,18 @@ def test_reads_every_part():
         do = "kill"
         service = "estimator"
 
+        [config.navigator]
+        params = "nao"
+        set = ['conduct.looks=2', "conduct.look=1"]
+
         [limits]
         no_fall = true
         min_distance_m = 1.4
         """
     )
+    assert load_config(NavigatorConfig, "navigator", None, scenario.environment).set == (
+        "conduct.looks=2", "conduct.look=1",
+    )  # fmt: skip
     assert (scenario.name, scenario.seed, scenario.policy, scenario.max_ticks) == ("two-things", 7, "degrade", 1250)
     assert (scenario.world.terrain, scenario.world.amplitude) == ("hills", 0.087)
     walk, push, kill = scenario.steps
@@ -74,6 +83,7 @@ def test_reads_every_part():
         (HEAD + "[world]\nterain = 'flat'", "unknown_key", "world.terain"),
         (HEAD + "[world]\nfriction = -1.0", "value", "world.friction"),
         (HEAD + "[world]\nfriction = inf", "value", "world.friction"),
+        (HEAD + "[config.navigator]\nset = [{}]", "type", "config.navigator.set"),
         (HEAD + "[limits]\nmin_distance = 1", "unknown_key", "limits.min_distance"),
         (HEAD + "[limits]\nno_fall = 1", "type", "limits.no_fall"),
         (HEAD + "[[step]]\ndo = 'walk'", "missing", "step[0].at_tick"),
