@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.goals import ARMS, GOAL, saved
+from benchmarks.goals import ARMS, GOAL, predicted, saved
 from benchmarks.report import Bench, table, words_of
 from benchmarks.studies import failures, named
 from surefoot.lab.runs.local import run_local
 from surefoot.lab.statistics import deviation, wilson
-from surefoot.lab.studies import Line, seeds_of, study, verdict_line
+from surefoot.lab.studies import Line, finished, seeds_of, study, verdict_line
 from surefoot.lab.vision.blur import MatchCount, StillCamera, along, by_speed, map_by_grid, share, still_camera
 from surefoot.lab.vision.replay import Published, RecordedMotion, WalkReplay, floor, images_of, read_motion
 from surefoot.services.navigator.policy.params import load as load_params
@@ -227,7 +227,7 @@ def blind(
     cases: str = ",".join(FAULTS),
     seconds: float = math.inf,
 ) -> None:
-    """Blind cases along a recorded walk: wrong certain poses, and time until the flag.
+    """Blind cases along a recorded walk: wrong certain poses, and time until the flag, of floors from the first image.
 
     Goals: no certain pose that is wrong (sd below 10 cm, error above 30 cm, not lost), a flag within 1 s.
 
@@ -246,7 +246,8 @@ def blind(
         for seed in range(runs):
             shown = floor("carpet" if case == "other texture" else texture, 5 if case.startswith("other f") else 0)
             found = WalkReplay(world).run(motion, images_of(motion, shown, seed, None, FAULTS[case]))
-            begin = 0 if case.startswith("other") else 150
+            read = next((each.tick for each in found if each.seen.features), 0)  # the first image
+            begin = read if case.startswith("other") else 150
             sds = [math.sqrt(each.covariance[0, 0] + each.covariance[1, 1]) for each in found]
             wrong += sum(
                 sd < CERTAIN and math.hypot(*each.error[:2]) > WRONG and not each.lost
@@ -277,10 +278,10 @@ def from_elsewhere(world: Path, arm: str, texture: str, seed: int) -> Scenario:
     """
     rng = np.random.default_rng([seed, 28])
     start = rng.uniform(-1.0, 1.0, 3) * STARTS
-    model = load_params("nao").filter
+    scenario = named("examples/vision/nao-eyes.toml")
+    model = load_params(str(scenario.config["navigator"]["params"])).filter
     sds = (model.position_sd, model.position_sd, math.radians(model.heading_sd_deg))
     x, y, yaw = (start + rng.standard_normal(3) * sds).tolist()
-    scenario = named("examples/vision/nao-eyes.toml")
     policy, actions = ARMS[arm]
     navigator = scenario.config["navigator"] | {
         "landmarks": str(world), "policy": policy, "actions": actions, "start_x": x, "start_y": y, "start_yaw": yaw,
@@ -356,3 +357,32 @@ def live(
     header = ("policy", "runs", "arrived", "within 0.2 m", "largest error m", "time s", "sd", "pose rms cm", "NEES",
               f"faster than {names[0]}")  # fmt: skip
     table(f"{texture}, images alone, seeds {seeds}", header, rows)
+
+
+@BENCH.part()
+def transfer(
+    fitted: str = "", /, *, others: str = "nao", live: Path | None = None, arms: str = "hand,planner arcs",
+    episodes: int = 1000,
+) -> None:  # fmt: skip
+    """Time to the goal that a fit of images predicts, for policies made for the fit and for other models, beside live.
+
+    Goals: within 5 % of the live runs; the policy of the fit at most 1 % slower than that of another model.
+
+    Args:
+        fitted: model of `surefoot fit navigator --landmarks`, the environment of all episodes.
+        others: models that policies are made for, besides that, by commas.
+        live: results file of `vision live`, of other seeds than the recordings.
+        arms: policies of `goals`, by commas.
+        episodes: of each.
+    """
+    environment = load_params(fitted)
+    closing = environment.switching.get("walk", {}).get("stand", 0.0)
+    rows: list[tuple[object, ...]] = []
+    for arm in words_of(arms):
+        times = [line["values"]["goal_time_s"] for line in finished(live, arm=arm)]
+        walked = float(np.mean(times)) if times else math.nan
+        for name in (fitted, *words_of(others)):
+            found = predicted(environment, load_params(name), arm, episodes)
+            time_s = found["mean_s"] + closing
+            rows.append((arm, name, time_s, found["success"], len(times), walked, 100.0 * (time_s / walked - 1.0)))
+    table(f"{episodes} episodes", ("policy", "made for", "s", "success", "live runs", "live s", "error %"), rows)
