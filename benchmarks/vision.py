@@ -23,7 +23,7 @@ from surefoot.services.navigator.policy.params import load as load_params
 from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.vision.eye import Eye
-from surefoot.services.vision.feature_map import FeatureMap
+from surefoot.services.vision.feature_map import FeatureMap, save
 from surefoot.services.vision.features import Extractor, Kind
 from surefoot.services.vision.recognise import Believed
 
@@ -261,6 +261,21 @@ def blind(
         rows.append((case, runs, wrong, max(times), float(np.mean(first)), float(np.mean(last)), lost))
     header = ("case", "runs", "wrong certain", "flag after s", "sd before cm", "sd at the end cm", "lost")
     table(f"{texture}, {0.01 * len(motion.ticks):.0f} s of motion", header, rows)
+
+
+@BENCH.part()
+def grid(out: str = "grid.npz", /, *, texture: str = "parquet", seed: int = 1, features: Kind = "orb") -> None:
+    """Write the map of the corridor from still images of known poses.
+
+    Args:
+        out: file.
+        texture: of the floor.
+        seed: of the texture.
+        features: orb or sift.
+    """
+    camera = still_camera(floor(texture, seed), 0.01)
+    world = map_by_grid(camera, features, np.arange(-0.6, 5.6, 0.1).tolist(), (-0.5, -0.25, 0.0, 0.25, 0.5))
+    print(f"{save(world, out)}: {len(world)} features")
 
 
 STARTS = (0.3, 0.25, 0.3)
