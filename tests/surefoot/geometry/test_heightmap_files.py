@@ -89,6 +89,61 @@ def test_files_that_are_no_map(tmp_path: Path, name: str, content: bytes, field:
         heightmap_files.load(path)
 
 
+def kept(folder: Path, **changes: object) -> Path:
+    """Return a map file with some of its arrays changed, without a sidecar."""
+    arrays = {"z": np.zeros((2, 3), np.float32), "cell": 0.1, "origin": np.zeros(2), "version": 1, "frame": "map"}
+    path = folder / "field.npz"
+    np.savez(path, **(arrays | changes))
+    return path
+
+
+@pytest.mark.parametrize(("field", "value"), [("frame", "odom"), ("origin", np.zeros(3))])
+def test_arrays_that_mean_something_else(tmp_path: Path, field: str, value: object) -> None:
+    assert heightmap_files.load(kept(tmp_path)).version == 1
+    with expect_error(HeightMapError, field=field):
+        heightmap_files.load(kept(tmp_path, **{field: value}))
+
+
+def test_a_sidecar_of_another_kind_of_file(tmp_path: Path) -> None:
+    path = save(with_hole(), tmp_path / "field")
+    sidecar = path.with_suffix(".json")
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {"schema": "other/1"}))
+    with expect_error(HeightMapError, field="schema"):
+        heightmap_files.load(path)
+
+
+@pytest.mark.parametrize("kind", ["npz", "asc", "png", "json"])
+def test_files_that_are_too_large_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    path = tmp_path / f"field.{kind}"
+    if kind == "npz":
+        kept(tmp_path)
+    elif kind == "asc":
+        save_asc(made(), path)
+    elif kind == "png":
+        Image.fromarray(np.zeros((4, 4), dtype=np.uint8)).save(path)
+    else:
+        small = save(with_hole(), path)
+        path.write_text(path.read_text() + " " * 3 * small.stat().st_size)
+    monkeypatch.setattr(heightmap_files, "MAX_FILE_BYTES", path.stat().st_size - 1)
+    source = path.with_suffix(".npz") if kind == "json" else path
+    with pytest.raises(HeightMapError, match=f"{path.name} has .* bytes, more than"):
+        heightmap_files.load(source) if kind != "png" else heightmap_files.load_png(source, CELL, 0.0, 1.0)
+
+
+def test_a_folder_is_no_text_grid(tmp_path: Path) -> None:
+    (tmp_path / "dem.asc").mkdir()
+    with pytest.raises(HeightMapError, match="no regular file"):
+        heightmap_files.load(tmp_path / "dem.asc")
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.bool_)], ids=["colours", "bits"])
+def test_images_that_are_not_grey(tmp_path: Path, pixels: np.ndarray) -> None:
+    path = tmp_path / "dem.png"
+    Image.fromarray(pixels).save(path)
+    with pytest.raises(HeightMapError, match="must be grey"):
+        heightmap_files.load_png(path, CELL, 0.0, 1.0)
+
+
 def test_png_of_16_bits(tmp_path: Path) -> None:
     path = tmp_path / "dem.png"
     Image.fromarray(np.array([[0, 65535], [32768, 0]], dtype=np.uint16)).save(path)

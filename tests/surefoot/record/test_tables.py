@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
-from surefoot.record.tables import read_table
+from surefoot.record.tables import LATEST_S, read_table
 
 N = 60
 HEADER = "t,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z"
@@ -165,6 +165,56 @@ BAD_NPZ = {
 def test_bad_npz_is_refused_by_name(npz, kind):
     changes, field = BAD_NPZ[kind]
     assert refused(npz(**changes)).field == field
+
+
+TIMES = 0.01 * np.arange(N)
+BAD_TIMES = {
+    "another clock, later": ({"foot_t": 1e5 + TIMES}, "another clock"),
+    "another clock, earlier": ({"foot_t": TIMES - 1e5}, "another clock"),
+    "ms": ({"foot_t": 1e3 * TIMES}, "in ms, multiply by 0.001"),
+    "us as ns": ({"foot_stamp_ns": 10_000 * np.arange(N)}, "in us, multiply by 1000"),
+    "far future": ({"t": 2.0 * LATEST_S + 0.125 * np.arange(N)}, "reaches"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_TIMES)
+def test_times_that_do_not_belong_together(npz, kind):
+    changes, words = BAD_TIMES[kind]
+    assert words in refused(npz(**changes)).message
+
+
+def test_a_log_may_have_times_of_feet_and_no_foot(npz):
+    none = {"foot_position": np.zeros((0, 2, 3)), "contact": np.ones((0, 2)), "foot_t": np.zeros(0)}
+    assert len(read_table(npz(**none))["foot_stamp_ns"]) == 0
+
+
+def test_names_are_no_numbers_and_may_stand_in_a_log(npz):
+    names = np.array(["a", "b"])
+    assert list(read_table(npz(joints=np.zeros((N, 2)), joint_names=names))["joint_names"]) == ["a", "b"]
+
+
+def test_external_samples_need_times(npz):
+    assert refused(npz(external_yaw=np.zeros(3))).field == "external_t"
+
+
+def test_an_npz_that_is_not_there(tmp_path):
+    assert refused(tmp_path / "none.npz").code == "unreadable"
+
+
+def test_torques_are_of_all_joints(csv):
+    lines = [f"{row},0.1,0.2,3.0" for row in rows()]
+    assert refused(csv(lines, HEADER + ",joint_a,joint_b,torque_a")).field == "torque_b"
+
+
+def test_a_csv_without_gyro_names_what_it_has_and_the_page(csv):
+    error = refused(csv(["0.1,1,1"] * 3, "t,speed,tilt"))
+    assert error.field == "gyro"
+    assert "it has t, speed, tilt" in error.message
+    assert "docs/estimate.md" in error.message
+
+
+def test_empty_lines_of_a_csv_count_for_nothing(csv):
+    assert len(read_table(csv([*rows(9), "", *rows()[9:], ""]))["gyro"]) == N
 
 
 def test_a_truncated_npz(npz, tmp_path):
