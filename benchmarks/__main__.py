@@ -15,7 +15,7 @@ from surefoot.errors import SurefootError
 NAMES = (
     "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "foothold_grounds", "trials", "estimator",
     "accuracy", "foreign", "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep",
-    "simulator", "starts", "soak", "flood", "accidents", "secure", "vision", "robots", "fuzz", "view",
+    "simulator", "starts", "soak", "flood", "accidents", "secure", "vision", "vision_live", "robots", "fuzz", "view",
 )  # fmt: skip
 
 
