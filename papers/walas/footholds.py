@@ -70,7 +70,7 @@ KNOWN = {
     "3.4, Fig. 11: slip of Gaussian over": NOISY,
     "3.4, Fig. 11: slip of primitives K1..K3 over terrain": "walks on the terrain itself teach more than primitives do",
     "3.5, Fig. 12: slip without edges over random": "ground without edges teaches most of what edges need",
-    "3.5, Fig. 12: slip of re-learned, c = 0.5": "the drop is within the spread of ten walks: there is little left to learn",
+    "3.5, Fig. 12: slip of re-learned, c = 0.5": "the drop is within the spread of ten walks; little is left to learn",
 }
 """Statements of the paper that do not come out here, by the beginning of their rows, and why."""
 
