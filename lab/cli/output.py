@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
+from .completion import robots
+
 EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 1, 2, 130
 USAGE = (
     "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
@@ -30,7 +32,8 @@ Listen = Annotated[
     str | None, typer.Option("--listen", help="Endpoint of the router, e.g. tcp/127.0.0.1:7448 [SUREFOOT_LISTEN].")
 ]
 RobotChoice = Annotated[
-    str | None, typer.Option("--robot", help="Name of a robot or its folder [that of the compose file].")
+    str | None,
+    typer.Option("--robot", help="Name of a robot or its folder [that of the compose file].", autocompletion=robots),
 ]
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .completion import scenarios
 from .output import (
     EXIT_CHECK,
     EXIT_INTERRUPT,
@@ -29,7 +30,10 @@ if TYPE_CHECKING:
 
 
 def run(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.", autocompletion=scenarios),
+    ],
     robot: RobotChoice = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random [the scenario's].")] = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="Write an MCAP recording.")] = True,

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .completion import queries
 from .connect import client
 from .output import (
     EXIT_CHECK,
@@ -22,7 +23,7 @@ from .output import (
 )
 
 app = typer.Typer(help="Queries the services answer: list, show, call.", no_args_is_help=True)
-Key = Annotated[str, typer.Argument(help="Key of a query, e.g. stability/check.")]
+Key = Annotated[str, typer.Argument(help="Key of a query, e.g. stability/check.", autocompletion=queries)]
 
 
 @app.command("list")

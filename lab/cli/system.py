@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .completion import services, systems
 from .connect import client, joined
 from .output import (
     EXIT_CHECK,
@@ -35,7 +36,9 @@ if TYPE_CHECKING:
     from surefoot.services.supervisor.processes.rundir import RunFolder
 
 OPEN = "without certificates, loopback is trust in every local user: see `surefoot up --secure`"
-System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
+System = Annotated[
+    str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.", autocompletion=systems)
+]
 
 
 def up(
@@ -113,7 +116,9 @@ def supervise(
 
 
 def down(
-    system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
+    system: Annotated[
+        str | None, typer.Argument(help="Name of the system [the one that runs].", autocompletion=systems)
+    ] = None,
     every: Annotated[bool, typer.Option("--all", help="Stop every system.")] = False,
     json: Json = False,
 ) -> None:
@@ -143,7 +148,9 @@ def down(
 
 
 def status(
-    system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
+    system: Annotated[
+        str | None, typer.Argument(help="Name of the system [the one that runs].", autocompletion=systems)
+    ] = None,
     json: Json = False,
 ) -> None:
     """Show the systems that run and their health. Exit code 1: nothing runs, or a service is not well."""
@@ -164,7 +171,7 @@ def status(
 
 
 def logs(
-    service: Annotated[str | None, typer.Argument(help="Name of a service [all].")] = None,
+    service: Annotated[str | None, typer.Argument(help="Name of a service [all].", autocompletion=services)] = None,
     system: Annotated[str | None, typer.Option(help="Name of the system [the last one that ran].")] = None,
     lines: Annotated[int, typer.Option("--lines", "-n", min=0, help="Lines from the end of each log.")] = 20,
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on as lines come; end with Ctrl-C.")] = False,
@@ -189,7 +196,7 @@ def logs(
 
 
 def health(
-    service: Annotated[str, typer.Argument(help="Name of a service.")],
+    service: Annotated[str, typer.Argument(help="Name of a service.", autocompletion=services)],
     connect: Connect = None,
     namespace: Namespace = None,
     json: Json = False,

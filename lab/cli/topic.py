@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .completion import topics
 from .connect import client
 from .output import (
     EXIT_CHECK,
@@ -35,7 +36,7 @@ SHOWN, LONGEST = 24, 200
 """Elements of a list and characters of a text that a readable line shows."""
 
 app = typer.Typer(help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
-Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.")]
+Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.", autocompletion=topics)]
 
 
 @app.command("list")

@@ -1,0 +1,52 @@
+"""Names that bash and zsh complete: scenarios, systems, robots, services, keys. See `surefoot --install-completion`.
+
+Each function takes the beginning that was typed and returns the names that begin so.
+"""
+
+from collections.abc import Iterable
+
+
+def _of(names: Iterable[str], incomplete: str) -> list[str]:
+    return sorted(name for name in names if name.startswith(incomplete))
+
+
+def scenarios(incomplete: str) -> list[str]:
+    """Return names of scenarios."""
+    from surefoot.files import names
+
+    return _of(names("scenarios", ".toml"), incomplete)
+
+
+def systems(incomplete: str) -> list[str]:
+    """Return names of systems."""
+    from surefoot.files import names
+
+    return _of(names("compose", ".yaml"), incomplete)
+
+
+def robots(incomplete: str) -> list[str]:
+    """Return names of robots."""
+    from surefoot.robot.reader import robot_names
+
+    return _of(robot_names(), incomplete)
+
+
+def services(incomplete: str) -> list[str]:
+    """Return names of services."""
+    from surefoot.lockstep.discover import service_names
+
+    return _of(service_names(), incomplete)
+
+
+def topics(incomplete: str) -> list[str]:
+    """Return keys of topics."""
+    from surefoot.schemas.topics import TOPICS
+
+    return _of((row.key for row in TOPICS), incomplete)
+
+
+def queries(incomplete: str) -> list[str]:
+    """Return keys of queries."""
+    from surefoot.schemas.topics import QUERIES
+
+    return _of((row.key for row in QUERIES), incomplete)

@@ -1,0 +1,35 @@
+"""Completion as bash asks for it."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from surefoot.lab.cli import completion
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["ru"], ["run"]),
+        (["run", "bioloid-w"], ["bioloid-walk"]),
+        (["run", "flat", "--robot", "lu"], ["lupo"]),
+        (["up", "messor"], ["messor"]),
+        (["topic", "echo", "state/velocity/ek"], ["state/velocity/ekf"]),
+        (["call", "stability/r"], ["stability/region"]),
+        (["logs", "esti"], ["estimator"]),
+    ],
+)
+def test_a_word_is_completed(words: list[str], found: list[str]) -> None:
+    asked = {"_SUREFOOT_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(["surefoot", *words])}
+    command = [sys.executable, "-m", "surefoot.lab.cli.entry"]
+    environment = {**os.environ, **asked, "COMP_CWORD": str(len(words))}
+    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == found
+
+
+def test_every_beginning_is_open() -> None:
+    for names in ("scenarios", "systems", "robots", "services", "topics", "queries"):
+        assert len(getattr(completion, names)("")) >= 3
+        assert getattr(completion, names)("no such") == []
