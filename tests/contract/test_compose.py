@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -79,3 +80,35 @@ def test_scripts_are_plain_shell() -> None:
         pytest.skip("no shell here")
     for name in ("up", "down"):
         run_process(["sh", "-n", ROOT / "compose" / name], check=True)
+
+
+def test_the_image_holds_what_its_commands_import(tmp_path: Path) -> None:
+    lines = (ROOT / "compose" / "Containerfile").read_text(encoding="utf-8").splitlines()
+    copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
+    for name in copied:
+        if (ROOT / name).is_dir():
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(ROOT / name, tmp_path / name, symlinks=True, ignore=ignored)
+        else:
+            shutil.copy(ROOT / name, tmp_path)
+    project = tomllib.loads((tmp_path / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for place in project["scripts"].values():
+        module = tmp_path / (place.partition(":")[0].replace(".", "/") + ".py")
+        assert module.exists(), place
+    for service in service_names():
+        assert (tmp_path / "surefoot" / "services" / service / "__init__.py").exists(), service
+
+
+def test_the_unit_is_one_for_systemd(tmp_path: Path) -> None:
+    verify = shutil.which("systemd-analyze")
+    if verify is None:
+        pytest.skip("no systemd-analyze: apt install systemd")
+    text = (ROOT / "compose" / "surefoot@.service").read_text(encoding="utf-8")
+    command = tmp_path / "surefoot"
+    command.write_text("#!/bin/sh\n")
+    command.chmod(0o755)
+    assert "ExecStart=%h/.local/bin/surefoot up %i" in text
+    unit = tmp_path / "surefoot@ragno.service"
+    unit.write_text(text.replace("%h/.local/bin/surefoot", str(command)))
+    done = run_process([verify, "verify", "--man=no", str(unit)], capture_output=True, text=True)
+    assert "surefoot" not in done.stderr, done.stderr
