@@ -32,7 +32,6 @@ from surefoot.schemas.topics import (
 
 from .experiment import outcome_of
 from .ground.terrain import KINDS, MAP_PROFILES
-from .physics.faults import KINDS as FAULTS
 from .physics.faults import Fault, FaultError
 from .physics.samples import Checkpoint
 from .run import SimulatedRun
@@ -191,6 +190,6 @@ class SimulatorQueries:
     def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:
         """Return the terrains, faults, map profiles and queries of this simulator."""
         return sim.FeaturesReply(
-            robot=self.run.robot.name, terrains=KINDS, faults=FAULTS, map_profiles=MAP_PROFILES,
-            queries=tuple(query.key for query in self.run.driver.serves), version=mujoco.__version__,
+            robot=self.run.robot.name, terrains=KINDS, faults=self.run.world.disturb.faults.possible,
+            map_profiles=MAP_PROFILES, queries=tuple(query.key for query in self.run.driver.serves), version=mujoco.__version__,
         )  # fmt: skip

@@ -81,6 +81,11 @@ class FaultBank:
         self._sensors = sensors
         self._names["sensor"] = tuple(name for name in SENSORS if name in sensors)
 
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """Kinds that the robot has a sensor for."""
+        return tuple(kind for kind in KINDS if not _needed(kind) or set(_needed(kind)) & set(self._sensors))
+
     def add(self, fault: Fault) -> None:
         """Plan a fault.
 
@@ -91,10 +96,9 @@ class FaultBank:
             raise FaultError("kind", f"got {fault.kind!r}, known are {', '.join(KINDS)}")
         if not (np.isfinite(fault.duration) and fault.duration > 0.0):
             raise FaultError("duration", f"must be > 0 s, got {fault.duration!r}")
-        needed = _needed(fault.kind)
-        if needed and not any(name in self._sensors for name in needed):
-            there = f"the robot has {', '.join(self._sensors)}"
-            raise FaultError("kind", f"{fault.kind} goes with {' or '.join(needed)} only, {there}")
+        if fault.kind not in self.possible:
+            needed, there = " or ".join(_needed(fault.kind)), ", ".join(self._sensors)
+            raise FaultError("kind", f"{fault.kind} goes with {needed} only, the robot has {there}")
         self._indices(fault)
         if fault.kind == "sensor_delayed" and fault.target not in ("", *STAMPED):
             raise FaultError("target", f"sensor_delayed takes {', '.join(STAMPED)}, not {fault.target!r}: no own stamp")

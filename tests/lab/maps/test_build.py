@@ -138,7 +138,7 @@ def test_the_command_line_shows_and_checks_maps(tmp_path, answer, in_process):
     (tmp_path / "torn.npz").write_bytes(good.read_bytes()[:100])
     code, out, _ = in_process("map", "check", tmp_path / "torn.npz", "--json")
     assert (code, json.loads(out)["error"]["code"]) == (2, "malformed")
-    assert in_process("map", "show", tmp_path / "none.npz")[0] == 1
+    assert in_process("map", "show", tmp_path / "none.npz")[0] == 2
     cells = np.zeros((40, 60), dtype=np.int8)
     cells[:, 28:32] = 100
     yaml = map_files.save(FloorGrid(cells, 0.05), tmp_path / "split")
