@@ -190,6 +190,10 @@ class SimulatorQueries:
     def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:
         """Return the terrains, faults, map profiles and queries of this simulator."""
         return sim.FeaturesReply(
-            robot=self.run.robot.name, terrains=KINDS, faults=self.run.world.disturb.faults.possible,
-            map_profiles=MAP_PROFILES, queries=tuple(query.key for query in self.run.driver.serves), version=mujoco.__version__,
-        )  # fmt: skip
+            robot=self.run.robot.name,
+            terrains=KINDS,
+            faults=self.run.world.disturb.faults.possible,
+            map_profiles=MAP_PROFILES,
+            queries=tuple(query.key for query in self.run.driver.serves),
+            version=mujoco.__version__,
+        )
