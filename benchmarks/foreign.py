@@ -81,7 +81,7 @@ def chosen_of(estimators: str) -> tuple[str, ...]:
     return found
 
 
-@BENCH.part("--logs synthetic --estimators best,linear,legs --no-tuned")
+@BENCH.part("--logs synthetic --estimators best,legs --no-tuned")
 def tables(
     *, logs: str = "", estimators: str = "", no_tuned: bool = False, data: Path = DATA, json_: Path | None = None
 ) -> None:
