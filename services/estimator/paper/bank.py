@@ -111,6 +111,8 @@ class PaperEstimators:
             self._initialise()
         elif self.standstill.settled is not None and p.refine_gyro_bias:
             self._refine_bias(self.standstill.settled)
+        else:
+            self.gyro_bias.interrupt()
         self._w = w - self.bias
         self._advance(w, q - self.acc_bias, 1e-9 * step, step)
 

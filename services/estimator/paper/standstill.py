@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 DISAGREE = 4.0  # sigma
+PATIENCE = 4
+"""Windows in a row at rest that must contradict a bias before it is replaced: the first rest was a slow turn."""
 MIN_SPREAD = 0.02  # m; feet closer to one line have no plane
 
 
@@ -166,6 +168,11 @@ class GyroBias:
         """Unknown bias."""
         self.value = np.zeros(3)  # (3,) rad/s, IMU axes
         self.samples = 0
+        self._against = 0
+
+    def interrupt(self) -> None:
+        """Take note that the robot moves: contradictions of two rests do not add up."""
+        self._against = 0
 
     def start(self, mean: Array, samples: int) -> None:
         """Take the mean of a whole window."""
@@ -173,10 +180,23 @@ class GyroBias:
         self.samples = samples
 
     def refine(self, mean: Array, w: Array, length: int) -> None:
-        """Take one more sample at rest, w (3,), unless the mean of the last `length` shows that the robot turns."""
-        self.value, self.samples = _refined(
-            self.value, self.samples, mean, w, length, self.sigma, self.floor, self.most
-        )
+        """Take one more sample at rest.
+
+        A window that contradicts the bias shows a slow turn of the robot, which is left out; a rest that does so for
+        `PATIENCE` windows shows that the bias was learned in one, and gives a new bias.
+
+        Args:
+            mean: of the gyro over the last `length` samples, (3,) rad/s.
+            w: the sample, (3,) rad/s.
+            length: samples of a window.
+        """
+        value, samples = _refined(self.value, self.samples, mean, w, length, self.sigma, self.floor, self.most)
+        refused = samples == self.samples and bool(np.all(value == self.value))
+        self._against = self._against + 1 if refused else 0
+        self.value, self.samples = value, samples
+        if self._against >= PATIENCE * length:
+            self.start(mean, length)
+            self._against = 0
 
 
 def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:

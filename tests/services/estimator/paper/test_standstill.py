@@ -90,6 +90,21 @@ def test_a_slow_turn_is_not_taken_for_the_bias():
     np.testing.assert_allclose(bias.value, 1e-4)
 
 
+def test_a_bias_that_was_learned_in_a_slow_turn_is_replaced_by_a_long_rest():
+    rng, bias = np.random.default_rng(2), GyroBias(0.0054, 1e-4)
+    true, turning = np.array([0.05, -0.02, 0.01]), np.array([0.05, -0.01, 0.01])
+    bias.start(turning, 50)
+    samples = true + 0.0054 * rng.normal(size=(600, 3))
+    for k in range(50, 240):
+        bias.refine(samples[k - 50 : k].mean(axis=0), samples[k], 50)
+    assert bias.value[1] == turning[1]  # not before two seconds
+    bias.interrupt()
+    for k in range(50, 600):
+        bias.refine(samples[k - 50 : k].mean(axis=0), samples[k], 50)
+        assert bool(bias.value[1] == turning[1]) is (k < 249)
+    assert np.abs(bias.value - true).max() < 4 * 0.0054 / np.sqrt(300)
+
+
 def test_gravity_is_the_accelerometer_unless_the_ground_is_known():
     mean, up = np.array([0.2, 0.0, 9.81]), np.array([0.0, 0.0, 1.0])
     level = EstimatorParams(start_slope_sd=0.0)
