@@ -95,6 +95,6 @@ def at_most(where: str, what: str, ours: float, limit: float, paper: str = "", f
     return Finding(where, what, paper, f"{ours:{form}}", abs(ours) <= limit, f"<= {limit:g}")
 
 
-def told(where: str, what: str, paper: str, ours: str, ok: bool | None = None, limit: str = "") -> Finding:
+def fact(where: str, what: str, paper: str, ours: str, ok: bool | None = None, limit: str = "") -> Finding:
     """A row without arithmetic."""
     return Finding(where, what, paper, ours, ok, limit)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.errors import SurefootError
-from surefoot.lab.report.findings import Finding, told
+from surefoot.lab.report.findings import Finding, fact
 from surefoot.lab.statistics import welch
 
 COMMAND = "python -m benchmarks goals --seeds 100:120 --arms hand,sarsa --results FILE"
@@ -50,13 +50,13 @@ def findings(path: Path) -> list[Finding]:
     for arm, printed in ARMS.items():
         reached, of = len(times[arm]), len(runs[arm])
         shown = f"{_shown(times[arm])} ({reached} of {of})"
-        rows.append(told(where, f"simulated Nao, {arm}, s (arrived)", printed, shown, reached == of, "all arrive"))
+        rows.append(fact(where, f"simulated Nao, {arm}, s (arrived)", printed, shown, reached == of, "all arrive"))
     hand, learned = np.array(times["hand"]), np.array(times["sarsa"])
     if hand.size < 2 or learned.size < 2:
         return rows
     gain = 100.0 * (1.0 - learned.mean() / hand.mean())
     p = welch(hand, learned)
-    rows.append(told(where, "gain of the learned policy, % (p of the t-test)", "7.1 (< 0.05)", f"{gain:.1f} ({p:.1e})",
+    rows.append(fact(where, "gain of the learned policy, % (p of the t-test)", "7.1 (< 0.05)", f"{gain:.1f} ({p:.1e})",
                      bool(gain > 0.0 and p < 0.05), "faster, p < 0.05"))  # fmt: skip
     return rows
 

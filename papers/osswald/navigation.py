@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.report.findings import Finding, Reproduction, at_most, near, told, with_known
+from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact, near, with_known
 from surefoot.lab.statistics import welch
 from surefoot.lab.train.evaluation import paired, summary
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
@@ -82,10 +82,10 @@ def _errata(s: NavigationStudy) -> list[Finding]:
     goal = -walk.duration * (1.0 - g**last) / (1.0 - g) + g**last * model.reward.goal
     printed, late = summary(s.printed_gamma), float(s.reversed_eps[-100:].mean())
     return [
-        told("V-F (7)", "gamma .95: value of standing for ever / of the goal after 58 actions", "",
+        fact("V-F (7)", "gamma .95: value of standing for ever / of the goal after 58 actions", "",
              f"{for_ever:.2f} > {goal:.2f}", for_ever > goal and bool(s.refusal), "refused"),
-        told("V-F (7)", "gamma .95, no guard: goal reached after training, %", "", f"{100 * printed['success']:.0f}"),
-        told("V-B", "greedy only once in ten: time of the last 100 training episodes, s", "", f"{late:.0f}"),
+        fact("V-F (7)", "gamma .95, no guard: goal reached after training, %", "", f"{100 * printed['success']:.0f}"),
+        fact("V-B", "greedy only once in ten: time of the last 100 training episodes, s", "", f"{late:.0f}"),
     ]  # fmt: skip
 
 
@@ -98,17 +98,17 @@ def _training(s: NavigationStudy) -> list[Finding]:
     left = 100.0 * np.mean([e.drift > 0.0 for _, e in s.paths])
     ways = [np.mean([e.way for n, e in s.paths if low <= n < low + 500]) for low in (0, 500, 1000)]
     return [
-        told("VI-A, Fig. 3", "training episodes cut off, first 10 / last 100, %", "all / none",
+        fact("VI-A, Fig. 3", "training episodes cut off, first 10 / last 100, %", "all / none",
              f"{first:.0f} / {last:.0f}", bool(first > 50.0 and last == 0.0), "most / none"),
-        told("VI-A, Fig. 3", "length of the paths, episodes 1-500 / 501-1000 / 1001-1500, m", "shorter and shorter",
+        fact("VI-A, Fig. 3", "length of the paths, episodes 1-500 / 501-1000 / 1001-1500, m", "shorter and shorter",
              " / ".join(f"{w:.2f}" for w in ways), bool(ways[0] > ways[1]), "second < first"),
-        told("VI-A, Fig. 3", "training episodes that drift to the left, %", "alternates", f"{left:.0f}"),
-        told("VI-A, Fig. 4", "time, first 100 / last 100 training episodes, s", "",
+        fact("VI-A, Fig. 3", "training episodes that drift to the left, %", "alternates", f"{left:.0f}"),
+        fact("VI-A, Fig. 4", "time, first 100 / last 100 training episodes, s", "",
              f"{seconds[:100].mean():.0f} / {seconds[-100:].mean():.0f}"),
-        told("VI-A, Fig. 4", "settled (mean of 100 stays within 5 % of that of the last 500) after", "700, 800",
+        fact("VI-A, Fig. 4", "settled (mean of 100 stays within 5 % of that of the last 500) after", "700, 800",
              f"{converged(seconds)}", converged(seconds) <= 800, "<= 800"),
-        told("VI-A, Fig. 4", "first within these 5 % after", "", f"{first_near_the_end(seconds)}"),
-        told("VI-A, Fig. 4", f"settled, all {len(all_)} trainings: median; within 800", "",
+        fact("VI-A, Fig. 4", "first within these 5 % after", "", f"{first_near_the_end(seconds)}"),
+        fact("VI-A, Fig. 4", f"settled, all {len(all_)} trainings: median; within 800", "",
              f"{np.median(all_):.0f}; {sum(n <= 800 for n in all_)}"),
     ]  # fmt: skip
 
@@ -121,13 +121,13 @@ def _against(where: str, v: Vision, printed: tuple[str, str, str], least: float)
     thousand = paired(v.paired_learned[v.chosen], v.paired_hand)
     low, high = (-x for x in reversed(thousand["difference_ci95_percent"]))
     return [
-        told(where, f"hand controller, 35 deg, h > {v.threshold:g} nats, 100 episodes, s", printed[0], _time(h)),
-        told(where, "learned policy, 100 episodes, s", printed[1], _time(ours)),
-        told(where, "gain of the learned policy, %", printed[2], f"{gain:.1f}", gain >= least, f">= {least:g}"),
-        told(where, "p of Welch's t-test, 100 and 100 episodes", f"< {LEVEL:g}", f"{p:.1e}", p < LEVEL, f"< {LEVEL:g}"),
-        told(where, "goal reached, hand / learned, %", "100 / -", f"{100 * h['success']:g} / {100 * ours['success']:g}",
+        fact(where, f"hand controller, 35 deg, h > {v.threshold:g} nats, 100 episodes, s", printed[0], _time(h)),
+        fact(where, "learned policy, 100 episodes, s", printed[1], _time(ours)),
+        fact(where, "gain of the learned policy, %", printed[2], f"{gain:.1f}", gain >= least, f">= {least:g}"),
+        fact(where, "p of Welch's t-test, 100 and 100 episodes", f"< {LEVEL:g}", f"{p:.1e}", p < LEVEL, f"< {LEVEL:g}"),
+        fact(where, "goal reached, hand / learned, %", "100 / -", f"{100 * h['success']:g} / {100 * ours['success']:g}",
              h["success"] == 1.0 and ours["success"] == 1.0, "100 / 100"),
-        told(where, "gain on 1000 further episodes, paired, % (95 %)", "",
+        fact(where, "gain on 1000 further episodes, paired, % (95 %)", "",
              f"{-thousand['difference_percent']:.1f} ({low:.1f} to {high:.1f})"),
         _trainings(where, "alpha .2, eps .1 throughout", v, v.paired_learned, judged=False),
         _trainings(where, "both falling, tables averaged", v, v.paired_settling, judged=True),
@@ -141,14 +141,14 @@ def _trainings(where: str, what: str, v: Vision, results: Array, *, judged: bool
     sure = sum(summary(each)["success"] == 1.0 for each in results)
     ours = f"{np.mean(gains):.1f} ({min(gains):.1f} to {max(gains):.1f}); {better} faster, {sure} at 100 %"
     ok = better == sure == len(gains) if judged else None
-    return told(where, f"{len(gains)} trainings, {what}: gain, % (range); p < {LEVEL:g}; success", "", ours, ok,
+    return fact(where, f"{len(gains)} trainings, {what}: gain, % (range); p < {LEVEL:g}; success", "", ours, ok,
                 "all faster, all at 100 %" if judged else "")  # fmt: skip
 
 
 def _normal(s: NavigationStudy) -> list[Finding]:
     rows = _against("VI-B", s.normal, ("117.18 +- 8.41", "106.66 +- 10.05", "9.0"), GAIN)
     p = welch_of(117.18, 8.41, 106.66, 10.05, 100)
-    rows.insert(4, told("VI-B", "p of the printed means and deviations", "< 0.05", f"{p:.1e}", p < LEVEL, "< 0.05"))
+    rows.insert(4, fact("VI-B", "p of the printed means and deviations", "< 0.05", f"{p:.1e}", p < LEVEL, "< 0.05"))
     return rows
 
 
@@ -161,15 +161,15 @@ def _turning(s: NavigationStudy) -> list[Finding]:
     against = paired(v.paired_learned[v.chosen], v.tuned)
     low, high = against["difference_ci95_percent"]
     return [
-        told("VI-B", f"turns to and fro an episode, threshold {least:g} / {paper:g} deg", "oscillates / not",
+        fact("VI-B", f"turns to and fro an episode, threshold {least:g} / {paper:g} deg", "oscillates / not",
              f"{swings[least]:.1f} / {swings[paper]:.1f}", swings[least] > swings[paper] + 1.0, "oscillates / not"),
-        told("VI-B", f"episodes that meet a wall, threshold {paper:g} / {most:g} deg, %", "larger: frequent",
+        fact("VI-B", f"episodes that meet a wall, threshold {paper:g} / {most:g} deg, %", "larger: frequent",
              f"{walls[paper]:.0f} / {walls[most]:.0f}", walls[most] > walls[paper], "more"),
-        told("VI-B", "turning threshold of least time, deg (its time, s)", f"{paper:g}",
+        fact("VI-B", "turning threshold of least time, deg (its time, s)", f"{paper:g}",
              f"{best:g} ({times[best]:.1f}; {paper:g}: {times[paper]:.1f})", best == paper, f"{paper:g}"),
-        told("VI-B", f"at {best:g} deg: turns to and fro an episode / episodes that meet a wall, %", "",
+        fact("VI-B", f"at {best:g} deg: turns to and fro an episode / episodes that meet a wall, %", "",
              f"{swings[best]:.1f} / {walls[best]:.0f}"),
-        told("VI-B", f"learned against hand at {TUNED_TURN_DEG:g} deg, time, % (95 %)", "",
+        fact("VI-B", f"learned against hand at {TUNED_TURN_DEG:g} deg, time, % (95 %)", "",
              f"{against['difference_percent']:+.1f} ({low:+.1f} to {high:+.1f})"),
     ]  # fmt: skip
 
@@ -187,15 +187,15 @@ def _robot(s: NavigationStudy) -> list[Finding]:
     shorter = welch(ways[0], ways[1])
     stands = 100.0 * float(np.mean(np.concatenate([e.stands for e in learned])))
     return [
-        told("VI-C", "runs of each controller from which on the printed times differ by a t-test", "", f"{runs}"),
-        told("VI-C, Fig. 5", "learned: turns that undo the drift, % (one turn in so many s)", "re-aligns",
+        fact("VI-C", "runs of each controller from which on the printed times differ by a t-test", "", f"{runs}"),
+        fact("VI-C, Fig. 5", "learned: turns that undo the drift, % (one turn in so many s)", "re-aligns",
              f"{undo:.0f} ({per_turn:.0f})", undo > 75.0, "> 75"),
-        told("VI-C", "learned: time with drift to the left against to the right, % (95 %)", "not adapted to a side",
+        fact("VI-C", "learned: time with drift to the left against to the right, % (95 %)", "not adapted to a side",
              f"{side:+.1f} ({low:+.1f} to {high:+.1f})", max(-low, high) < SIDES, f"interval within {SIDES:g}"),
         near("VI-C", "features matched per frame while moving", MATCHES, matches_expected(v.world, (*hand, *learned)),
              0.1 * MATCHES),
         at_most("VI-C", "learned: stands among the actions, %", stands, 100.0 * RARELY, "rarely", ".1f"),
-        told("VI-C", "length of the paths, hand / learned, m (p)", "learned shorter",
+        fact("VI-C", "length of the paths, hand / learned, m (p)", "learned shorter",
              f"{ways[0].mean():.2f} / {ways[1].mean():.2f} ({shorter:.0e})",
              bool(ways[1].mean() < ways[0].mean() and shorter < LEVEL), f"shorter, p < {LEVEL:g}"),
     ]  # fmt: skip
@@ -216,16 +216,16 @@ def _blur(s: NavigationStudy) -> list[Finding]:
     where = "VI-D, Fig. 6"
     return [
         *rows,
-        told(where, "stands an episode, hand / learned", "", f"{stands[0]:.1f} / {stands[1]:.1f}"),
-        told(where, "time from stop to stop, sd / mean, hand / learned (at random: 1)", "hand: more regular",
+        fact(where, "stands an episode, hand / learned", "", f"{stands[0]:.1f} / {stands[1]:.1f}"),
+        fact(where, "time from stop to stop, sd / mean, hand / learned (at random: 1)", "hand: more regular",
              f"{apart[0]:.2f} / {apart[1]:.2f}", apart[0] < apart[1], "hand < learned"),
-        told(where, f"hand: actions that stand, d > {FAR:g} / < {NEAR:g} m, %", "no difference", _rates(rates[0])),
-        told(where, f"learned: actions that stand, d > {FAR:g} / < {NEAR:g} m, %", "more near the goal",
+        fact(where, f"hand: actions that stand, d > {FAR:g} / < {NEAR:g} m, %", "no difference", _rates(rates[0])),
+        fact(where, f"learned: actions that stand, d > {FAR:g} / < {NEAR:g} m, %", "more near the goal",
              _rates(rates[1]), rates[1][1] > rates[1][0], "more near"),
-        told(where, f"trainings of {len(v.walks)} that stand more often near the goal", "", f"{more}"),
-        told(where, f"mean h at d > {FAR:g} m, hand / learned, nats", "learned higher",
+        fact(where, f"trainings of {len(v.walks)} that stand more often near the goal", "", f"{more}"),
+        fact(where, f"mean h at d > {FAR:g} m, hand / learned, nats", "learned higher",
              f"{by_hand[0]:.2f} / {ours[0]:.2f}", ours[0] > by_hand[0], "higher"),
-        told(where, f"learned: mean h at d > {FAR:g} / < {NEAR:g} m, nats", "lower near the goal",
+        fact(where, f"learned: mean h at d > {FAR:g} / < {NEAR:g} m, nats", "lower near the goal",
              f"{ours[0]:.2f} / {ours[1]:.2f}", ours[1] < ours[0], "lower near"),
     ]  # fmt: skip
 

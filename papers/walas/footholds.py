@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.report.findings import Finding, Reproduction, told, with_known
+from surefoot.lab.report.findings import Finding, Reproduction, fact, with_known
 from surefoot.lab.statistics import resampled_mean
 from surefoot.services.footholds.assess import assess, window_about
 from surefoot.services.footholds.ground import build_ground
@@ -156,11 +156,11 @@ def _figure_7(s: FootholdStudy) -> list[Finding]:
     v = inputs(wedge.x)
     filled_in = np.minimum(v[:, 1] - np.abs(v[:, 0]), np.abs(v[:, 0])) >= 0.03
     return [
-        told("3.2, Fig. 7", "stances on primitives with K2 = |K1| or K1 = 0 (within .03), %", "all",
+        fact("3.2, Fig. 7", "stances on primitives with K2 = |K1| or K1 = 0 (within .03), %", "all",
              f"{100 * near.mean():.0f}", bool(near.mean() > 0.9), ">= 90"),
-        told("3.1, Fig. 7", "variance of r within bins of equal K1, K2, K3, %", "ambiguous", f"{100 * inside:.0f}",
+        fact("3.1, Fig. 7", "variance of r within bins of equal K1, K2, K3, %", "ambiguous", f"{100 * inside:.0f}",
              bool(inside > 0.05), "> 5"),
-        told("3.2, Fig. 9", "the same with noise: stances between the lines, %", "wider variety",
+        fact("3.2, Fig. 9", "the same with noise: stances between the lines, %", "wider variety",
              f"{100 * filled_in.mean():.0f}", bool(filled_in.mean() > 2 * (1 - near.mean())), "more than twice"),
     ]  # fmt: skip
 
@@ -172,9 +172,9 @@ def _figures_8_9(s: FootholdStudy) -> list[Finding]:
         flat, hole, deep = predicted(model, 0.0, 0.0), predicted(model, -0.3, 0.3), predicted(model, -0.8, 0.8)
         peak = predicted(model, 0.5, 0.5)
         rows += [
-            told(figure, f"{name}: P of hole / flat / peak", "hole < flat < peak",
+            fact(figure, f"{name}: P of hole / flat / peak", "hole < flat < peak",
                  f"{hole:.3f} / {flat:.3f} / {peak:.3f}", hole < flat < peak, "in this order"),
-            told(figure, f"{name}: P of a deep depression / a hole", "deep is worse", f"{deep:.3f} / {hole:.3f}",
+            fact(figure, f"{name}: P of a deep depression / a hole", "deep is worse", f"{deep:.3f} / {hole:.3f}",
                  deep > hole, "larger"),
         ]  # fmt: skip
     a, b = s.models["primitives K1, K2"], s.models["Gaussian"]
@@ -182,12 +182,12 @@ def _figures_8_9(s: FootholdStudy) -> list[Finding]:
     surfaces = np.array([[predicted(model, *at) for at in grid] for model in (a, b)])
     alike = float(np.corrcoef(surfaces)[0, 1])
     rows.append(
-        told("3.2, Figs 8, 9", "correlation of both surfaces over (K1, K2)", "similar", f"{alike:.2f}", alike > 0.5,
+        fact("3.2, Figs 8, 9", "correlation of both surfaces over (K1, K2)", "similar", f"{alike:.2f}", alike > 0.5,
              "> .5")
     )  # fmt: skip
     same = [_learned("x", s.noisy, each).choice["error"] for each in (ELEMENTARY, GAUSSIANS)]
     rows.append(
-        told("3.2", f"error on held-back trials, {TERMS} terms, elementary / Gaussian", "Gaussian is better",
+        fact("3.2", f"error on held-back trials, {TERMS} terms, elementary / Gaussian", "Gaussian is better",
              f"{same[0]:.4f} / {same[1]:.4f}", same[1] < same[0], "smaller")
     )  # fmt: skip
     return rows
@@ -199,7 +199,7 @@ def _figure_10(s: FootholdStudy) -> list[Finding]:
     counts = ", ".join(f"{name} {int(((mask.astype(np.int64) >> bit) & 1).sum())}" for bit, name in enumerate(REASONS))
     least = float(q[free].min()) if free.any() else float("nan")
     return [
-        told("3.3, Fig. 10", f"window of 225 cells: free {int(free.sum())}; {counts}", "some excluded", f"{least:.3f}",
+        fact("3.3, Fig. 10", f"window of 225 cells: free {int(free.sum())}; {counts}", "some excluded", f"{least:.3f}",
              bool(0 < free.sum() < 225), "least Q of the rest"),
     ]  # fmt: skip
 
@@ -219,7 +219,7 @@ def _ratio(s: dict[str, list[WalkResult]], one: str, other: str) -> tuple[float,
 
 def _less(where: str, s: dict[str, list[WalkResult]], one: str, other: str, printed: str) -> Finding:
     ratio, low, high = _ratio(s, one, other)
-    return told(where, f"slip of {one} over {other} (95 %)", printed, f"{ratio:.2f} ({low:.2f} to {high:.2f})",
+    return fact(where, f"slip of {one} over {other} (95 %)", printed, f"{ratio:.2f} ({low:.2f} to {high:.2f})",
                 high < 1.0, "interval < 1")  # fmt: skip
 
 
@@ -228,15 +228,15 @@ def _figure_11(s: FootholdStudy) -> list[Finding]:
     fell = sum(each.fell for some in w.values() for each in some)
     stood = sum(each.steps == 0 for some in w.values() for each in some)
     rows = [
-        told("3.4, Fig. 11", f"falls in {sum(map(len, w.values()))} walks", "none", f"{fell}", fell == 0, "0"),
-        told("3.4, Fig. 11", "walks that found nowhere to step", "none", f"{stood}", stood == 0, "0"),
+        fact("3.4, Fig. 11", f"falls in {sum(map(len, w.values()))} walks", "none", f"{fell}", fell == 0, "0"),
+        fact("3.4, Fig. 11", "walks that found nowhere to step", "none", f"{stood}", stood == 0, "0"),
     ]
     for name, some in w.items():
         steps = max(1, min(each.steps for each in some))
         mean, low, high = resampled_mean([each.accumulated(steps)[-1] / steps for each in some])
         d = float(np.mean([each.accumulated(steps, 2)[-1] / steps for each in some]))
         rows.append(
-            told("3.4, Fig. 11", f"{name}: S / step, sliding (95 %); d as printed", "", f"{mean:.3f} ({low:.3f} to "
+            fact("3.4, Fig. 11", f"{name}: S / step, sliding (95 %); d as printed", "", f"{mean:.3f} ({low:.3f} to "
                  f"{high:.3f}); {d:.3f}")
         )  # fmt: skip
     primitives = "primitives K1..K3"
@@ -255,7 +255,7 @@ def _figure_12(s: FootholdStudy) -> list[Finding]:
     first, second, third = s.relearned
     ratio, low, high = _ratio(w, first, "random")
     return [
-        told("3.5, Fig. 12", f"slip {first} over random (95 %)", "no better", f"{ratio:.2f} ({low:.2f} to {high:.2f})",
+        fact("3.5, Fig. 12", f"slip {first} over random (95 %)", "no better", f"{ratio:.2f} ({low:.2f} to {high:.2f})",
              high >= 1.0, "interval holds 1 or more"),
         _less("3.5, Fig. 12", w, second, first, "big drop"),
         _less("3.5, Fig. 12", w, third, second, "slight drop"),

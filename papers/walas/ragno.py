@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.polygon import area, hull
-from surefoot.lab.report.findings import Finding, at_most, near, told
+from surefoot.lab.report.findings import Finding, at_most, fact, near
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions, forward, legs_ik
 from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
@@ -153,14 +153,14 @@ def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
         rows.append(near(f"{where} (note)", "largest x of the region, cm", reach, largest, 0.06))
         without, with_ = gsm(s.plain), gsm(s.corrected)
         rows.append(
-            told(where, "signed GSM without / with kinematic correction, cm", "", f"{without:.2f} / {with_:.2f}")
+            fact(where, "signed GSM without / with kinematic correction, cm", "", f"{without:.2f} / {with_:.2f}")
         )
     demo = next(s for s in found if s.mu == DEMO_MU)
     smaller = demo.share < 1.0
     sliding = found[0]
     rows += [
-        told("4.3, Fig. 17", "region smaller than the hull", "yes", "yes" if smaller else "no", smaller),
-        told(
+        fact("4.3, Fig. 17", "region smaller than the hull", "yes", "yes" if smaller else "no", smaller),
+        fact(
             "4.3, Fig. 17",
             "kinematic correction r_KIN for r_M = +4.3 cm, cm",
             "backward",
@@ -170,7 +170,7 @@ def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
         ),
         near("4.3", "GSM with minus without correction = -r_KIN, cm", -CM * float(demo.shift[0]),
              gsm(demo.corrected) - gsm(demo.plain), 1e-6),
-        told(
+        fact(
             "(28)",
             f"GSM at mu {sliding.mu:g}, as printed (a norm) / signed, cm",
             "",
@@ -182,7 +182,7 @@ def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
     left_out = 1.0 - area(demo.sixteen.inner) / area(demo.region.inner)
     adaptive = 1.0 - area(region(demo.contacts, tolerance=1e-9, limit=16).inner) / area(demo.region.inner)
     rows.append(
-        told(
+        fact(
             "4.1",
             f"area left out by 16 fixed / 16 adaptive directions, mu {DEMO_MU:g}, %",
             "",

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.report.findings import Finding, Reproduction, at_most, told
+from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact
 from surefoot.robot.reader import load_robot
 from surefoot.services.stability.sensing.pressure import PressureSensor
 
@@ -65,7 +65,7 @@ def _extended(s: StabilityStudy) -> list[Finding]:
     now, then = walas_ragno.extended_check(s.demo, measured)
     value = float("nan") if now.value is None else 100.0 * now.value
     return [
-        told(
+        fact(
             "4.6, Fig. 21",
             "margin now / GSM after, CoM measured 1 cm ahead, mu 0.45, cm",
             "",
@@ -84,10 +84,10 @@ def _forces(s: StabilityStudy) -> list[Finding]:
     loaded = g.true > 0.05 * weight
     ours, printed = (float(np.sqrt(np.mean((f - g.true)[loaded] ** 2))) for f in (g.measured, g.printed))
     return [
-        told("4.5, Fig. 18", "range taken as linear, kg", "0.5-2", f"{sensor.least / 9.81:g}-{sensor.most / 9.81:g}"),
-        told("4.5, Fig. 18", "largest error of the straight line in it, N", "", f"{error:.2f}"),
-        told("4.5, Fig. 20", "tripod gait: largest force at the tip, N (weight 35.7 N)", "", f"{peak:.1f}"),
-        told("4.5, Fig. 20", "force of a standing leg from currents, RMS error, (30) as printed / ours, N", "",
+        fact("4.5, Fig. 18", "range taken as linear, kg", "0.5-2", f"{sensor.least / 9.81:g}-{sensor.most / 9.81:g}"),
+        fact("4.5, Fig. 18", "largest error of the straight line in it, N", "", f"{error:.2f}"),
+        fact("4.5, Fig. 20", "tripod gait: largest force at the tip, N (weight 35.7 N)", "", f"{peak:.1f}"),
+        fact("4.5, Fig. 20", "force of a standing leg from currents, RMS error, (30) as printed / ours, N", "",
              f"{printed:.2f} / {ours:.2f}", ours < printed, "ours smaller"),
     ]  # fmt: skip
 
@@ -107,19 +107,19 @@ def _calibration(s: StabilityStudy) -> list[Finding]:
     centre = s.standing.measured
     middle = float(np.linalg.norm(centre - s.standing.feet[:, :2].mean(axis=0)))
     return [
-        told("4.7, Figs 22, 23", "way of the trunk forward / backward, cm", "10 / 10", _both(trunk)),
-        told("4.7, Figs 22, 23", "way of the CoM, true, cm", "10 / 10 taken", _both(way)),
-        told("4.7, Figs 22, 23", "way of the CoM by (30), (31) and 0.845 Nm/A, cm", "15.27 / 11.32", _both(read)),
-        told("4.7", "factor of the motors by the printed rule, trunk's way / CoM's way", "0.752",
+        fact("4.7, Figs 22, 23", "way of the trunk forward / backward, cm", "10 / 10", _both(trunk)),
+        fact("4.7, Figs 22, 23", "way of the CoM, true, cm", "10 / 10 taken", _both(way)),
+        fact("4.7, Figs 22, 23", "way of the CoM by (30), (31) and 0.845 Nm/A, cm", "15.27 / 11.32", _both(read)),
+        fact("4.7", "factor of the motors by the printed rule, trunk's way / CoM's way", "0.752",
              f"{w.gain_by_trunk:.3f} / {w.gain_by_com:.3f}"),
-        told("4.7", "factor by the fit of this project (constant in Nm/A)", "0.752",
+        fact("4.7", "factor by the fit of this project (constant in Nm/A)", "0.752",
              f"{fit.common:.4f} +- {fit.common_sd:.4f} ({walas_stand.DATA_SHEET * fit.common:.4f})"),
         gain_row,
         at_most("4.4 (31)", "CoM from forces, torques 30 % off, no noise, worst, mm", 1e3 * exact, 1.0, form=".2f"),
         at_most("4.4 (31)", "the same with noise, level and tilted, currents alone, mm", 1e3 * noisy, 3.0, form=".2f"),
         at_most("4.5", "the same, currents fused with pressure sensors, mm", 1e3 * fused, 3.0, form=".2f"),
         at_most("4.7, Figs 22, 23", "CoM along the calibration, gain-free, worst error, mm", along, 3.0, form=".2f"),
-        told("4.7, Fig. 24", "measured CoM (paper: from its own frame), cm", "(-4.47, 1.07)",
+        fact("4.7, Fig. 24", "measured CoM (paper: from its own frame), cm", "(-4.47, 1.07)",
              f"({100 * centre[0]:.2f}, {100 * centre[1]:.2f})"),
         at_most("4.7, Fig. 24", 'distance from the middle of the feet, mm ("in the middle of the convex hull")',
                 1e3 * middle, 10.0, form=".2f"),

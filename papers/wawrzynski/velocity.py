@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.lab.report.findings import Finding, Reproduction, told
+from surefoot.lab.report.findings import Finding, Reproduction, fact
 from surefoot.lab.statistics import interval
 
 from .figures import draw
@@ -62,10 +62,10 @@ def _experiment(done: Sequence[Experiment]) -> list[Finding]:
     speed = [100 * one.average["paper"][1] for one in done]
     at = "VI"
     return [
-        told(at, "walks that end as planned", "1 of 1", f"{good} of {len(done)}", good == len(done), "all"),
-        told(at, "way, m", "about 1", spread(ways), bool(0.8 < np.mean(ways) < 1.2), "0.8 to 1.2"),
-        told(at, "duration, s", "about 28", spread(times, 1), bool(24.0 < np.mean(times) < 32.0), "24 to 32"),
-        told(at, "true mean velocity along x of the IMU, cm/s", "3.57", spread(speed),
+        fact(at, "walks that end as planned", "1 of 1", f"{good} of {len(done)}", good == len(done), "all"),
+        fact(at, "way, m", "about 1", spread(ways), bool(0.8 < np.mean(ways) < 1.2), "0.8 to 1.2"),
+        fact(at, "duration, s", "about 28", spread(times, 1), bool(24.0 < np.mean(times) < 32.0), "24 to 32"),
+        fact(at, "true mean velocity along x of the IMU, cm/s", "3.57", spread(speed),
              bool(3.0 < np.mean(speed) < 4.2), "3.0 to 4.2"),
     ]  # fmt: skip
 
@@ -81,22 +81,22 @@ def _average(done: Sequence[Experiment]) -> list[Finding]:
         errors = np.abs(errors_38(done, name))
         estimated = [100 * one.average[name][0] for one in done]
         if name == "paper":
-            rows.append(told("(38)", "estimated mean velocity, EKF, cm/s", "3.28", spread(estimated)))
+            rows.append(fact("(38)", "estimated mean velocity, EKF, cm/s", "3.28", spread(estimated)))
         printed = "8.1" if name == "paper" else ""
         limit = (bool(errors.mean() <= MOST_AVERAGE), f"<= {MOST_AVERAGE:g}") if name == "paper" else (None, "")
         rows.append(
-            told("(38)", f"error of the mean velocity, {name}, |%|", printed, spread(errors.tolist(), 1), *limit)
+            fact("(38)", f"error of the mean velocity, {name}, |%|", printed, spread(errors.tolist(), 1), *limit)
         )
     brief = np.abs(errors_38(done, BRIEF))
     rows.append(
-        told("(38)", "... with the mean gyro of the first half second only, |%|", "", spread(brief.tolist(), 1))
+        fact("(38)", "... with the mean gyro of the first half second only, |%|", "", spread(brief.tolist(), 1))
     )
     errors = np.abs(errors_38(done, "paper"))
     rows.append(
-        told("(38)", "median and largest of our walks, |%|", "", f"{np.median(errors):.1f}, {errors.max():.1f}")
+        fact("(38)", "median and largest of our walks, |%|", "", f"{np.median(errors):.1f}, {errors.max():.1f}")
     )
     share = np.mean(errors <= 8.1)
-    rows.append(told("(38)", "share of our walks with at most the paper's error", "", f"{share:.2f}"))
+    rows.append(fact("(38)", "share of our walks with at most the paper's error", "", f"{share:.2f}"))
     return rows
 
 
@@ -112,21 +112,21 @@ def _conclusions(done: Sequence[Experiment]) -> list[Finding]:
     final = [100 * float(np.linalg.norm((one.tracks["imu"].v - one.log.v)[one.walking][-1])) for one in done]
     at = "VI, Fig. 3"
     return [
-        told(at, f"IMU alone: off by more than {100 * LOST:.2f} cm/s for good after, s", "several seconds",
+        fact(at, f"IMU alone: off by more than {100 * LOST:.2f} cm/s for good after, s", "several seconds",
              spread(lost, 1), bool(max(lost) < 15.0), "every walk < 15"),
-        told(at, "IMU alone: error at the end, cm/s", "useless", spread(final, 0), bool(min(final) > 100 * LOST),
+        fact(at, "IMU alone: error at the end, cm/s", "useless", spread(final, 0), bool(min(final) > 100 * LOST),
              f"every walk > {100 * LOST:.2f}"),
-        told(at, "kinematics: noise of v_x, cm/s", "very noisy", spread(k.tolist())),
-        told(at, "... share of its power made by encoder steps and play of the joints, %", "because of encoders",
+        fact(at, "kinematics: noise of v_x, cm/s", "very noisy", spread(k.tolist())),
+        fact(at, "... share of its power made by encoder steps and play of the joints, %", "because of encoders",
              spread((100.0 * (1.0 - (k_exact / k) ** 2)).tolist(), 0)),
-        told(at, "kinematics with gyro: the same share, %", "",
+        fact(at, "kinematics with gyro: the same share, %", "",
              spread((100.0 * (1.0 - (kg_exact / kg) ** 2)).tolist(), 0), bool(kg_exact.mean() < 0.7 * kg.mean()),
              "> 50"),
-        told(at, "kinematics with gyro against without: rms difference of v_x, cm/s", "significant difference",
+        fact(at, "kinematics with gyro against without: rms difference of v_x, cm/s", "significant difference",
              spread(apart), bool(np.mean(apart) > 0.5), "> 0.5"),
-        told(at, "kinematics with gyro: noise of v_x, cm/s", "", spread(kg.tolist())),
-        told(at, "EKF: noise of v_x, cm/s", "", spread(ekf.tolist())),
-        told(at, "EKF / kinematics with gyro: noise", "significantly reduced", spread((ekf / kg).tolist()),
+        fact(at, "kinematics with gyro: noise of v_x, cm/s", "", spread(kg.tolist())),
+        fact(at, "EKF: noise of v_x, cm/s", "", spread(ekf.tolist())),
+        fact(at, "EKF / kinematics with gyro: noise", "significantly reduced", spread((ekf / kg).tolist()),
              bool((ekf / kg).max() <= 0.4), "every walk <= 0.40"),
     ]  # fmt: skip
 
@@ -137,9 +137,9 @@ def _beside(done: Sequence[Experiment]) -> list[Finding]:
         scores = [one.scores[name] for one in done]
         rmse, drift = [100 * s.rmse for s in scores], [100 * s.drift for s in scores]
         share = [s.percent for s in scores]
-        rows.append(told("beside", f"{name}: velocity error, rms, cm/s", "", spread(rmse)))
-        rows.append(told("beside", f"{name}: |mean error| along the track in the world, %", "", spread(share, 1)))
-        rows.append(told("beside", f"{name}: drift, cm/s", "", spread(drift)))
+        rows.append(fact("beside", f"{name}: velocity error, rms, cm/s", "", spread(rmse)))
+        rows.append(fact("beside", f"{name}: |mean error| along the track in the world, %", "", spread(share, 1)))
+        rows.append(fact("beside", f"{name}: drift, cm/s", "", spread(drift)))
     return rows
 
 
@@ -150,7 +150,7 @@ def _errata() -> list[Finding]:
         ("(12)", "rad/s", found.rate_printed, found.rate),
     )  # fmt: skip
     return [
-        told(where, f"printed / corrected: largest error, {unit}", "", f"{printed:.2g} / {right:.1e}",
+        fact(where, f"printed / corrected: largest error, {unit}", "", f"{printed:.2g} / {right:.1e}",
              right < 1e-6 < 1e-2 < printed, "corrected < 1e-6 < printed")
         for where, unit, printed, right in pairs
     ]  # fmt: skip

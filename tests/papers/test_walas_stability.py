@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.polygon import area, hull
-from surefoot.lab.report.findings import Reproduction, at_most, near, told
+from surefoot.lab.report.findings import Reproduction, at_most, fact, near
 from surefoot.lab.runs.local import run_local
 from surefoot.papers.walas import messor as walas_messor
 from surefoot.papers.walas import ragno as walas_ragno
@@ -139,7 +139,7 @@ def test_verdicts() -> None:
     assert near("", "", 1.0, 1.04, 0.05).ok
     assert not near("", "", 1.0, 1.06, 0.05).ok
     assert not at_most("", "", float("nan"), 1.0).ok
-    rows = (told("", "", "", ""), at_most("", "", 0.5, 1.0))
+    rows = (fact("", "", "", ""), at_most("", "", 0.5, 1.0))
     assert Reproduction("", rows).ok
     assert not Reproduction("", (*rows, at_most("", "", 2.0, 1.0))).ok
 

@@ -59,14 +59,14 @@ def test_the_driver_is_who_is_alive_as_driver(listen, appear):
 
 @pytest.mark.parametrize("simulates", [True, False])
 def test_only_a_driver_that_can_be_reset_is(listen, appear, simulates):
-    resets, told, stop = [], [], threading.Event()
+    resets, lines, stop = [], [], threading.Event()
     pause = threading.Event()
-    arguments = {"listen": listen, "notify": told.append}
+    arguments = {"listen": listen, "notify": lines.append}
     thread = threading.Thread(target=keep, args=(parse_compose(SYSTEM), StartOrder(World()), stop), kwargs=arguments)
     thread.start()
     try:
         for _ in range(4000):
-            if len(told) >= 2:  # both processes are started, so the router is there
+            if len(lines) >= 2:  # both processes are started, so the router is there
                 break
             pause.wait(0.02)
         appear(resets if simulates else None)
@@ -79,4 +79,4 @@ def test_only_a_driver_that_can_be_reset_is(listen, appear, simulates):
         thread.join(80.0)
     assert not thread.is_alive()
     assert [request.expect for request in resets] == ([("walker", "supervisor")] if simulates else [])
-    assert not any("could not be started" in line for line in told)
+    assert not any("could not be started" in line for line in lines)

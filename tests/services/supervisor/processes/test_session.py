@@ -191,11 +191,11 @@ def test_the_same_system_runs_once(listen):
 
 
 def test_is_kept_until_the_end_is_asked_for(listen):
-    stop, told = threading.Event(), []
+    stop, lines = threading.Event(), []
     thread = threading.Thread(
         target=keep,
         args=(parse_compose(IDLE), StartOrder(World()), stop),
-        kwargs={"listen": listen, "notify": told.append},
+        kwargs={"listen": listen, "notify": lines.append},
     )
     thread.start()
     folder = RunFolder("idle")
@@ -209,7 +209,7 @@ def test_is_kept_until_the_end_is_asked_for(listen):
         thread.join(WAIT_S)
     assert not thread.is_alive()
     assert [row["service"] for row in rows] == ["a", "b"]
-    assert told[0].startswith("start a")
+    assert lines[0].startswith("start a")
     assert all(gone(row["pid"]) for row in rows)
 
 
