@@ -239,12 +239,12 @@ def gait(robot: Robot, factor: float, seed: int = 0, distance: float = 0.25, leg
         )  # fmt: skip
         if s.joints is not None and started:
             g_up = GRAVITY * rot[2]
-            fact = DATA_SHEET * s.joints.current
-            found = forces_from_torques(robot, s.joints.position, factor * fact, g_up, TORQUE_VARIANCE)
+            nominal = DATA_SHEET * s.joints.current
+            found = forces_from_torques(robot, s.joints.position, factor * nominal, g_up, TORQUE_VARIANCE)
             level = level_from_up(rot[2])
             upward = (found.force @ level.T)[:, 2]
             inverse = leg_inverses(robot, s.joints.position, g_up).inverse[leg]
-            bare = -level[2] @ inverse @ fact[robot.model.leg_joints[leg, :3]]
+            bare = -level[2] @ inverse @ nominal[robot.model.leg_joints[leg, :3]]
             rows.append((0.01 * world.tick, upward[leg], bare, truth.foot_force[leg, 2], upward.sum()))
         if not started and out.state == "standing":
             started = walker.command(MotionCommand("walk", distance=distance)).accepted
