@@ -51,6 +51,7 @@ bench: warm ## the long studies and side-by-side timings
 	$(BIN)/python -m benchmarks all
 
 site: setup ## the pages as a site in site/ (needs pip install -e '.[docs]')
+	@[ -x $(BIN)/mkdocs ] || { echo "make site needs mkdocs: $(BIN)/pip install -e '.[docs]'" >&2; exit 1; }
 	$(BIN)/mkdocs build --strict
 
 lock: ## pin the newest allowed packages

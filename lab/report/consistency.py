@@ -12,6 +12,8 @@ from scipy.special import chdtri
 from . import judge
 from .traces import Array, Traces
 
+NIS = "NIS of the velocity filter, a slide of each foot allowed for"
+"""Its covariance holds what a sliding foot may do: feet that stand firmly stay far below 1."""
 BOUND = 0.95
 """Share of a consistent filter's values below the bound."""
 OVERCONFIDENT, CAUTIOUS = 1.5, 0.5
@@ -51,7 +53,7 @@ class ConsistencyTest:
     def text(self) -> str:
         """Verdict in one sentence."""
         over = 100.0 * float((self.rows[:, 1] > self.bound).mean())
-        mean = f"mean per degree of freedom {self.mean:.2f} (1 is right)"
+        mean = f"mean per degree of freedom {self.mean:.2g} (1 is right)"
         return f"{self.verdict}: {mean}, {over:.0f} % above the 95 % bound"
 
 
@@ -61,7 +63,7 @@ def consistency(traces: Traces) -> list[ConsistencyTest]:
     velocity, truth = traces.series("state/velocity"), traces.series("sim/truth")
     if len(velocity):
         rows = velocity[(velocity[:, 4] > 0.5) & np.isfinite(velocity[:, 8])]
-        found.append(ConsistencyTest("NIS of the velocity filter", 3, rows[:, [0, 8]]))
+        found.append(ConsistencyTest(NIS, 3, rows[:, [0, 8]]))
         error = judge.velocity_error(truth, velocity)
         if len(error):
             sigma = velocity[velocity[:, 4] > 0.5][:, [0, 5, 6, 7]]

@@ -150,7 +150,7 @@ def _broken(path: Path, why: str) -> SurefootError:
     if not MAGIC.startswith(head):
         return SurefootError("malformed", f"{path} is not an MCAP file: it begins with {head!r}")
     told = f" ({why[:120]})" if why else ""
-    hint = "`surefoot bag info --verify` tells what can be read of it"
+    hint = "`surefoot bag info --verify` reports what can be read of it"
     return SurefootError("malformed", f"{path} is cut off or damaged{told}; {hint}")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from surefoot.lab.report.charts import charts
-from surefoot.lab.report.consistency import consistency
+from surefoot.lab.report.consistency import NIS, consistency
 from surefoot.lab.report.judge import judge
 from surefoot.lab.report.moments import moments
 from surefoot.lab.report.page import About, render, write_report
@@ -114,8 +114,8 @@ def test_truth_lies_over_the_estimate(invented, limits):
 def test_consistency_names_a_filter_that_claims_too_much(invented):
     traces = invented.walk(400)
     found = {test.name: test for test in consistency(traces)}
-    assert found["NIS of the velocity filter"].verdict == "consistent"
-    assert found["NIS of the velocity filter"].mean == pytest.approx(1.0)
+    assert found[NIS].verdict == "consistent"
+    assert found[NIS].mean == pytest.approx(1.0)
     rows = np.array(traces.rows["state/velocity"])
     rows[:, 5:8] *= 1e-2
     traces.rows["state/velocity"] = [tuple(row) for row in rows]
