@@ -32,7 +32,7 @@ class Arrivals:
         self.at: dict[float, float] = {}
 
     def take(self, delivery: Delivery) -> None:
-        """Note a message."""
+        """Keep the time of arrival of a message."""
         if not delivery.prime:
             self.at[round(delivery.header().stamp_ns * 1e-9, 3)] = 1000.0 * time.time()
 

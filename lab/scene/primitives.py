@@ -35,7 +35,7 @@ class Primitives:
         self.messages = sdk().messages
 
     def time(self, stamp_ns: int) -> Any:
-        """Return a stamp."""
+        """Return the Timestamp message of a simulated time in ns."""
         return self.messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
 
     def pose(self, position: Array, rot: Array) -> Any:
@@ -43,17 +43,17 @@ class Primitives:
         return self.messages.Pose(position=self.vector(position), orientation=self.turn(rot))
 
     def turn(self, rot: Array) -> Any:
-        """Return a rotation."""
+        """Return the Quaternion message of a rotation matrix, (3, 3)."""
         w, x, y, z = quat_from_matrix(np.ascontiguousarray(rot)).tolist()
         return self.messages.Quaternion(x=x, y=y, z=z, w=w)
 
     def vector(self, place: Array) -> Any:
-        """Return a vector of (3,)."""
+        """Return the Vector3 message of a place, (3,) m."""
         x, y, z = (float(each) for each in place)
         return self.messages.Vector3(x=x, y=y, z=z)
 
     def points(self, places: Array) -> list[Any]:
-        """Return points of (n, 3)."""
+        """Return the Point3 messages of places, (n, 3) m."""
         point = self.messages.Point3
         return [point(x=x, y=y, z=z) for x, y, z in np.asarray(places, dtype=float).tolist()]
 

@@ -61,7 +61,7 @@ class FoxgloveBridge:
         return f"ws://{HOST}:{self.port}"
 
     def close(self) -> None:
-        """End it."""
+        """Stop publishing, and disconnect the clients."""
         self._closed.set()
         self._thread.join(timeout=2.0)
         self._server.stop()
@@ -96,9 +96,9 @@ class _Newcomers:
         self._note = again
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Note it."""
+        """Take note that a client subscribed to a channel."""
         self._note.set()
 
     def __getattr__(self, name: str) -> Any:
-        """Ignore all other events."""
+        """Return a function that ignores an event; the server calls one for each kind."""
         return lambda *_: None
