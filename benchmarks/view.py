@@ -76,7 +76,7 @@ def live(seconds: float = 20.0, walk: float = 3.0) -> None:
     ages = np.array([at - arrivals.at[t] for t, at, _ in painted if t in arrivals.at])
     print(f"load of the machine {os.getloadavg()[0]:.1f}, {os.cpu_count()} processors, {len(ages)} pictures")
     goal("view, no page open", 100.0 * rest, unit="% of a core")
-    goal("view, one page looks", 100.0 * share, "<=", 8.0, "% of a core")
+    goal("view, one page open", 100.0 * share, "<=", 8.0, "% of a core")
     goal("pictures a second in the page", frames / seconds, ">=", 20.0, "1/s")
     goal("age of a picture, median", float(np.median(ages)), unit="ms")
     goal("age of a picture, p99", float(np.percentile(ages, 99)), "<=", 50.0, "ms")
