@@ -9,14 +9,17 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
 import zenoh
+from zenoh.handlers import Callback
 
 from benchmarks.report import Bench, goal, table
-from surefoot.bus.codec import encode
+from surefoot.bus.codec import decode, encode
+from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request
@@ -84,9 +87,10 @@ class Asker:
         replies: SimpleQueue[bytes | None] = SimpleQueue()
 
         def take(reply: zenoh.Reply) -> None:
+            keep_thread_state()
             replies.put(None if reply.ok is None else reply.ok.payload.to_bytes())
 
-        self.querier.get(take, payload=payload)
+        self.querier.get(Callback(take, indirect=False), payload=payload)
         try:
             return replies.get(timeout=6.0)
         except Empty:
@@ -159,7 +163,7 @@ def start(router: str) -> tuple[subprocess.Popen[bytes], float, float]:
 
 
 def pairs(router: str, count: int, asked: Asked) -> None:
-    """Print p50 and p99 of single queries, ours and raw in turn."""
+    """Print p50 and p99 of single queries in turn: raw, ours, typed by the first answer and by the owner's."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE))
     rows: list[tuple[object, ...]] = []
     for kind in range(KINDS):
@@ -167,26 +171,28 @@ def pairs(router: str, count: int, asked: Asked) -> None:
         query, name = chosen[0][0], chosen[0][0].key.rsplit("/", 1)[1]
         payloads = [encode(r)[0] for _, r in chosen]
         mine, raw = Asker(bus.session, query.key), Asker(bus.session, f"{RAW}/{name}")
-        times: dict[str, list[float]] = {"raw": [], "ours": [], "typed": []}
+        times: dict[str, list[float]] = {"raw": [], "ours": [], "first": [], "owner": []}
         for i in range(count + 50):
             payload, request = payloads[i % SETS], chosen[i % SETS][1]
-            began = time.perf_counter()
+            marks = [time.perf_counter()]
             raw.ask(payload)
-            middle = time.perf_counter()
+            marks.append(time.perf_counter())
             mine.ask(payload)
-            later = time.perf_counter()
+            marks.append(time.perf_counter())
+            decode(query.reply, mine.ask(encode(request)[0]) or b"")
+            marks.append(time.perf_counter())
             bus.call(query, request)
-            end = time.perf_counter()
+            marks.append(time.perf_counter())
             if i >= 50:
-                times["raw"].append(middle - began)
-                times["ours"].append(later - middle)
-                times["typed"].append(end - later)
+                for what, (began, end) in zip(times, pairwise(marks), strict=True):
+                    times[what].append(end - began)
         p50, p99 = ({k: 1e6 * float(np.quantile(v, q)) for k, v in times.items()} for q in (0.5, 0.99))
         for q, found, most in (("p50", p50, 2.5), ("p99", p99, 5.0)):
-            rows.append((f"{name}, {q}", *found.values(), found["ours"] / found["raw"], f"<= {most:g}"))
+            ratios = (found["ours"] / found["raw"], f"<= {most:g}", found["owner"] / found["first"], "<= 1.1")
+            rows.append((f"{name}, {q}", *found.values(), *ratios))
     bus.close()
-    header = ("query", "raw", "ours", "typed client", "ours / raw", "goal")
-    table("one query, ours and raw Zenoh in turn, us", header, rows)
+    header = ("query", "raw", "ours", "first", "owner", "ours / raw", "goal", "owner / first", "goal")
+    table("one query in turn: raw Zenoh, ours, typed with the first answer, with the owner's, us", header, rows)
 
 
 def load(router: str, queries: int) -> None:

@@ -195,6 +195,7 @@ def _zenoh() -> Diagnosis:
     router = ZenohBus(ZenohOptions("router", (), (endpoint,), "doctor/self"))
     try:
         router.serve(query, lambda incoming: incoming.reply(reply))
+        router.announce("doctor", router.new_instance())
         asker = ZenohBus(ZenohOptions("client", (endpoint,), (), "doctor/self"))
         try:
             times = []

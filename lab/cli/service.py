@@ -14,6 +14,7 @@ from .output import (
     Connect,
     Json,
     Namespace,
+    notify,
     refuse_existing,
     use_json,
     write,
@@ -83,6 +84,8 @@ def call(
     _check(query, fields)
     with client(connect, namespace) as robot:
         reply = robot.call(query, timeout, **fields)
+        for _, process in robot.bus.refused:
+            notify(f"refused: an answer of process {process!r}, which is not {query.owner}", "warning")
     if out is not None:
         _save(reply, out)
     content = reply.model_dump(mode="json")

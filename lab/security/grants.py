@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import Any, NamedTuple
 
+from surefoot.bus.asking import LIVE
 from surefoot.bus.codec import MAX_BULK_BYTES, MAX_JSON_BYTES
 from surefoot.bus.frame import MAX_FRAME_BYTES
 from surefoot.bus.publish import BATCH, FRAME, apart, participants_key
-from surefoot.bus.zenoh import LIVE
 from surefoot.lockstep.driver import Driver
 from surefoot.lockstep.join import DRIVER, Delayed
 from surefoot.lockstep.service import Service

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
 
 from surefoot.bus.codec import decode, encode, encoding_of, read_header
-from surefoot.errors import Refusal, SurefootError
+from surefoot.errors import CallError, Refusal, SurefootError
 from surefoot.schemas.base import Message, Request, Wire
 from surefoot.schemas.topics import Query, Topic
 
@@ -232,15 +232,20 @@ class Bus(Protocol):
             request: what is asked.
             timeout_s: limit on the wait, s; None = that of the row.
             instance: process that shall answer, on the way of participants, which no flood of other clients' queries
-                fills; empty = whichever serves the key.
+                fills; empty = the one that shows the token of the query's owner.
 
         Raises:
-            CallError: absent, timeout, or the server's refusal under the server's code.
+            CallError: absent, timeout, ``second`` where two processes answer as the owner and neither is known, or
+                the server's refusal under the server's code.
         """
         ...
 
     def probe(self, query: Query[Any, Any], *, instance: str = "") -> bool:
-        """Return whether a query is answered, by the process ``instance`` or by whichever serves the key."""
+        """Return whether a query is answered, by the process ``instance`` or by the one that owns the query."""
+        ...
+
+    def new_instance(self) -> str:
+        """Return the name of a process on this bus, by which its answers and its token are known."""
         ...
 
     def announce(self, service: str, instance: str) -> None:
@@ -254,3 +259,9 @@ class Bus(Protocol):
     def close(self) -> None:
         """Ends it; harmless when repeated."""
         ...
+
+
+def two_owners(query: Query[Any, Any], processes: Iterable[str]) -> CallError:
+    """Return the error of a query that two processes serve as its owner."""
+    both = " and ".join(map(repr, processes))
+    return CallError("second", f"{query.key!r}: processes {both} both are {query.owner}; end one of them")

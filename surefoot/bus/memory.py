@@ -1,12 +1,13 @@
 """The bus inside one process: same interface, no bytes, deterministic. For tests, replay and studies over seeds."""
 
+import uuid
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
-from surefoot.bus.interface import Delivery, Incoming, Life
+from surefoot.bus.interface import Delivery, Incoming, Life, two_owners
 from surefoot.errors import CallError, SurefootError
 from surefoot.schemas.base import Message, Request, Wire
-from surefoot.schemas.topics import Query, Topic
+from surefoot.schemas.topics import HEALTH_GET, Query, Topic
 
 M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
@@ -75,8 +76,9 @@ class MemoryBus:
     def __init__(self) -> None:
         self._sinks: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._families: list[tuple[str, Callable[[Delivery], Any]]] = []
-        self._servers: dict[str, dict[str, Callable[[Incoming], Any]]] = {}
-        """Sinks by key and process, "" = that of whoever is no participant, of the last that served."""
+        self._servers: dict[str, dict[str, tuple[Callable[[Incoming], Any], Callable[[Incoming], Any]]]] = {}
+        """Sinks of any client's queries and of participants' by key and process."""
+        self._owners: dict[str, str] = {}
         self._pumps: dict[str, Callable[[], bool]] = {}
         self._routes: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._watchers: list[Callable[[Life], Any]] = []
@@ -116,18 +118,18 @@ class MemoryBus:
         participants: Callable[[Incoming], Any] | None = None,
         instance: str = "",
     ) -> None:
-        self._servers.setdefault(query.key, {}).update({instance: participants or sink, "": sink})
+        self._servers.setdefault(query.key, {})[instance] = (sink, participants or sink)
 
     def pump_with(self, query: Query[Any, Any], pump: Callable[[], bool]) -> None:
         """Set the function that makes the server of ``query`` work and returns whether it did anything."""
         self._pumps[query.key] = pump
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
-        server = self._servers.get(query.key, {}).get(instance)
+        server = self._servers.get(query.key, {}).get(instance or self._owner(query))
         if server is None:
             raise CallError("absent", f"nobody serves {query.key!r}")
         incoming = MemoryIncoming(query, request)
-        server(incoming)
+        server[1 if instance else 0](incoming)
         pump = self._pumps.get(query.key)
         while incoming.answer is None and incoming.error is None:
             if pump is None or not pump():
@@ -140,7 +142,27 @@ class MemoryBus:
         return answer
 
     def probe(self, query: Query[Any, Any], *, instance: str = "") -> bool:
-        return instance in self._servers.get(query.key, {})
+        try:
+            return (instance or self._owner(query)) in self._servers.get(query.key, {})
+        except CallError:
+            return False
+
+    def _owner(self, query: Query[Any, Any]) -> str:
+        """Return the process that shows the token of a query's owner and serves it, "" = there is none."""
+        servers = self._servers.get(query.key, {})
+        shown = [life.instance for life in self._alive if life.service == query.owner and life.instance in servers]
+        if self._owners.get(query.owner) in shown:
+            return self._owners[query.owner]
+        if len(shown) > 1:
+            raise two_owners(query, shown)
+        if shown:
+            self._owners[query.owner] = shown[0]
+        elif query.key.startswith(HEALTH_GET.key[:-1]):  # of a service that starts
+            return next(iter(servers), "")
+        return next(iter(shown), "")
+
+    def new_instance(self) -> str:
+        return uuid.uuid4().hex[:12]
 
     def announce(self, service: str, instance: str) -> None:
         life = Life(service, instance, True)

@@ -5,6 +5,7 @@ next to nothing; the thread takes them out no faster than the reader works, and 
 """
 # pyright: reportUnknownMemberType=false
 
+import ctypes
 import threading
 import time
 import traceback
@@ -17,6 +18,21 @@ MOST_HZ = 2000.0
 """Messages per s of one key that are only observed, and queries per s of one key, beyond which some are dropped."""
 REST_S = 0.02  # s, how long a full reader is left alone
 BURST = 64
+
+
+_kept: set[int] = set()
+
+
+def keep_thread_state() -> None:
+    """To be called first on a thread of Zenoh's.
+
+    Python gives a foreign thread a new state at every call and takes it away after: memory mapped and unmapped per
+    message, and every other thread of the process interrupted for it. One more hold on the state lets it stay.
+    """
+    ident = threading.get_ident()
+    if ident not in _kept:
+        _kept.add(ident)
+        ctypes.pythonapi.PyGILState_Ensure()
 
 
 def pour(

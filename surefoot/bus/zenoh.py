@@ -2,17 +2,17 @@
 # pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
 
-import ctypes
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
-from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 import zenoh
 from zenoh.handlers import Callback, RingChannel
 
+from surefoot.bus.asking import LIVE, Asking
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
@@ -20,7 +20,7 @@ from surefoot.bus.interface import Delivery, Incoming, Life, Raw
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
 from surefoot.bus.options import why_not_open, zenoh_config
-from surefoot.bus.pour import MOST_HZ, pour
+from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
@@ -38,10 +38,6 @@ BOUNDED_KEEP = 64
 PROBE = b"probe"
 CLOSE_S = 1.0  # s, how long a reader that works may delay the end
 PROBE_S = 0.2
-LIVE = "alive"
-_TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that was not ended in time
-
-_BLOCK = zenoh.CongestionControl.BLOCK
 
 
 class ZenohIncoming:
@@ -112,7 +108,7 @@ class ZenohBus:
         self._replies = Replies()
         self._keep: list[Any] = []
         self._pours: list[threading.Thread] = []
-        self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+        self._asking = Asking(self.session, endpoint.namespace)
         self._framers: dict[str, Framer] = {}
 
     def publisher(
@@ -206,16 +202,10 @@ class ZenohBus:
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
         timeout = query.timeout_s if timeout_s is None else timeout_s
-        querier = self._querier(query, timeout, instance)
-        reply = _ask(querier, timeout, encoding_of(query.request), *encode(request))
-        if reply is None:
-            status: Any = querier.matching_status  # typed bool in the stubs
-            if not status.matching:
-                raise CallError("absent", f"nobody serves {query.key!r} in {self.endpoint.namespace!r}")
-            raise CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s")
+        reply = self._asking.ask(query, timeout, *encode(request), instance=instance)
         if reply.ok is None:
             assert reply.err is not None
-            raise _call_error(reply.err.payload.to_bytes(), query.key, timeout)
+            raise _call_error(reply.err.payload.to_bytes())
         attachment = reply.ok.attachment
         try:
             return decode(
@@ -228,26 +218,18 @@ class ZenohBus:
             raise CallError(refusal.code, refusal.message, refusal.field) from None
 
     def probe(self, query: Query[Any, Any], *, instance: str = "") -> bool:
-        querier = self._querier(query, PROBE_S, instance)
-        reply = _ask(querier, PROBE_S, encoding_of(query.request), b"", PROBE)
-        return reply is not None and reply.ok is not None
+        try:
+            return self._asking.ask(query, PROBE_S, b"", PROBE, instance=instance).ok is not None
+        except CallError:
+            return False
 
-    def _querier(self, query: Query[Any, Any], timeout: float, instance: str) -> zenoh.Querier:
-        key = participants_key(query, instance) if instance else query.key
-        querier = self._queriers.get((key, timeout))
-        if querier is None:
-            encoding_of(query.reply)
-            querier = self.session.declare_querier(
-                key,
-                target=zenoh.QueryTarget.BEST_MATCHING,
-                consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=timeout,
-                congestion_control=_BLOCK,
-                priority=zenoh.Priority.INTERACTIVE_HIGH,
-                express=True,
-            )
-            self._queriers[(key, timeout)] = querier
-        return querier
+    @property
+    def refused(self) -> Counter[tuple[str, str]]:
+        """Answers of processes that are not the one that owns the query, by key and process."""
+        return self._asking.refused
+
+    def new_instance(self) -> str:
+        return str(self.session.zid())
 
     def announce(self, service: str, instance: str) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
@@ -266,43 +248,6 @@ class ZenohBus:
         for thread in self._pours:  # one that is still in the network library when the interpreter ends aborts it
             if thread is not threading.current_thread():
                 thread.join(CLOSE_S)
-
-
-def _ask(
-    querier: zenoh.Querier, timeout: float, encoding: str, payload: bytes, attachment: bytes | None
-) -> zenoh.Reply | None:
-    """First reply, or None; the wait is bounded here too, should the network forget the query."""
-    replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
-
-    def on_reply(reply: zenoh.Reply) -> None:
-        _keep_thread_state()
-        replies.put(reply)
-
-    querier.get(
-        handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
-        payload=payload,
-        encoding=encoding,
-        attachment=attachment,
-    )
-    try:
-        return replies.get(timeout=timeout + 0.2)
-    except Empty:
-        return None
-
-
-_kept: set[int] = set()
-
-
-def _keep_thread_state() -> None:
-    """To be called first on a thread of Zenoh's.
-
-    Python gives a foreign thread a new state at every call and takes it away after: memory mapped and unmapped per
-    message, and every other thread of the process interrupted for it. One more hold on the state lets it stay.
-    """
-    ident = threading.get_ident()
-    if ident not in _kept:
-        _kept.add(ident)
-        ctypes.pythonapi.PyGILState_Ensure()
 
 
 def _delivery(topic: Topic[Any], sample: zenoh.Sample) -> Delivery:
@@ -327,7 +272,7 @@ def _frame_sink(
     owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any]
 ) -> Callable[[zenoh.Sample], None]:
     def on_sample(sample: zenoh.Sample) -> None:
-        _keep_thread_state()
+        keep_thread_state()
         index = sample.attachment
         sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
 
@@ -340,17 +285,15 @@ def _from_stranger(replies: Replies, query: Query[Any, Any], asked: zenoh.Query)
 
 def _query_sink(query: Query[Any, Any], key: str, sink: Callable[[Incoming], Any]) -> Callable[[zenoh.Query], None]:
     def on_query(asked: zenoh.Query) -> None:
-        _keep_thread_state()
+        keep_thread_state()
         sink(ZenohIncoming(query, key, asked))
 
     return on_query
 
 
-def _call_error(payload: bytes, key: str, timeout: float) -> CallError:
+def _call_error(payload: bytes) -> CallError:
     try:
         error = validate_json(ErrorReply, payload)
     except Refusal:
-        if payload == _TIMEOUT:
-            return CallError("timeout", f"{key!r} did not answer within {timeout:g} s")
         return CallError("error", payload[:200].decode("utf-8", "replace"))
     return CallError(error.code, error.message, error.field)

@@ -6,7 +6,6 @@ Whatever arrives, from whatever thread, is put into one inbox. ``pump`` handles 
 import math
 import sys
 import time
-import uuid
 from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -49,7 +48,7 @@ class Node:
     def __init__(self, service: Service[Any], bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
         self.service, self.bus, self.clock = service, bus, clock
         self.name = service.name
-        self.instance = uuid.uuid4().hex[:12]
+        self.instance = bus.new_instance()
         self.inbox = Inbox()
         self.join = Join(service.name, service.inputs, service.batched)
         self.bindings = Bindings()
@@ -80,7 +79,8 @@ class Node:
                 raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
             self._publishers[topic.key] = self.bus.publisher(topic, self.instance)
-        self.bus.serve(HEALTH_GET.of(self.name), self._early)  # the only question that a cold service answers
+        # the only question that a cold service answers
+        self.bus.serve(HEALTH_GET.of(self.name), self._early, instance=self.instance)
         began, before = self.clock(), COMPILING.done
         with COMPILING.told(self._on_compile):
             service.on_start()

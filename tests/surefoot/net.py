@@ -75,7 +75,14 @@ def serve(bus: ZenohBus, answer: Any) -> None:
             return
         incoming.reply(reply)
 
-    bus.serve(STABILITY_REGION, on_query)
+    own(bus, STABILITY_REGION, on_query)
+
+
+def own(bus: ZenohBus, query: Any, sink: Callable[[Incoming], Any] | None = None) -> None:
+    """Show the token of the service that owns a query, and serve it."""
+    if sink is not None:
+        bus.serve(query, sink)
+    bus.announce(query.owner, bus.new_instance())
 
 
 def reached(bus: ZenohBus, query: Any) -> ZenohBus:

@@ -34,7 +34,7 @@ from surefoot.schemas.topics import (
 )
 from tests.ports import free_address
 from tests.surefoot.expect import expect_error
-from tests.surefoot.net import WAIT_S, Inbox, Net, matched, reached, serve, wait_until
+from tests.surefoot.net import WAIT_S, Inbox, Net, matched, own, reached, serve, wait_until
 from tests.surefoot.toys import estimate
 
 IMU = Imu(acc=(0.1, -1 / 3, 9.81), gyro=(1e-17, 0.0, -5.5), stamp_ns=7, tick=0, epoch=1, seq=0, source="driver")
@@ -107,7 +107,8 @@ def test_order_of_one_key_is_kept_and_participants_lose_nothing(net: Net) -> Non
     reader.take((STATE_VELOCITY,), frames.put)
     reader.subscribe(STATE_VELOCITY, observer.put)
     publisher = matched(owner, STATE_VELOCITY)
-    wait_until(lambda: owner._framers["estimator"]._frames.matching_status.matching)
+    frames_of: Any = owner._framers["estimator"]._frames
+    wait_until(lambda: frames_of.matching_status.matching)
     ticks = itertools.count()
 
     def put() -> int:
@@ -143,7 +144,7 @@ def test_participants_get_a_tick_in_one_piece_and_a_batch_when_it_is_full(net: N
     net.open().take(both, ticks.put)
     net.open().take(both, batches.put, batched=True)
     publishers = [owner.publisher(topic) for topic in both]
-    framer = owner._framers["estimator"]
+    framer: Any = owner._framers["estimator"]
     wait_until(lambda: framer._frames.matching_status.matching and framer._batches.matching_status.matching)
     for tick in range(10):
         velocities(owner, publishers, tick, batch=tick % 5 == 4)
@@ -199,7 +200,7 @@ def test_what_strangers_publish_is_refused_by_name(net: Net, payload: bytes, enc
     inbox = Inbox()
     net.open().subscribe(HW_IMU, inbox.put)
     with net.plain() as stranger:
-        publisher = stranger.declare_publisher(
+        publisher: Any = stranger.declare_publisher(
             f"{net.namespace}/hw/imu", encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK
         )
         wait_until(lambda: publisher.matching_status.matching)
@@ -241,7 +242,7 @@ def test_absent_server_is_told_at_once(net: Net) -> None:
 
 def test_silent_server_is_a_time_out(net: Net) -> None:
     kept: list[Incoming] = []
-    net.open().serve(STABILITY_REGION, lambda q: q.accept_probe() if q.probe else kept.append(q))
+    own(net.open(), STABILITY_REGION, lambda q: q.accept_probe() if q.probe else kept.append(q))
     tool = reached(net.open("client"), STABILITY_REGION)
     with expect_error(CallError, "timeout", text="0.3 s"):
         tool.call(STABILITY_REGION, RegionRequest(contacts=()), 0.3)
@@ -255,6 +256,7 @@ def test_reply_in_another_schema_is_refused(net: Net) -> None:
             asked.reply(STABILITY_REGION.key, b"{}", encoding="application/json;surefoot/RegionReply/9.0")
 
     server._keep.append(server.session.declare_queryable(STABILITY_REGION.key, wrong, complete=True))
+    own(server, STABILITY_REGION)
     tool = reached(net.open("client"), STABILITY_REGION)
     with expect_error(CallError, "schema"):
         tool.call(STABILITY_REGION, RegionRequest(contacts=()))
@@ -262,7 +264,7 @@ def test_reply_in_another_schema_is_refused(net: Net) -> None:
 
 def test_array_as_an_answer(net: Net) -> None:
     message = HeightMapMessage(rows=1, cols=2, cell=0.02, origin=(0.0, 0.0), data=b"\0" * 8)
-    net.open().serve(TERRAIN_MAP_GET, lambda q: q.accept_probe() if q.probe else q.reply(message))
+    own(net.open(), TERRAIN_MAP_GET, lambda q: q.accept_probe() if q.probe else q.reply(message))
     tool = reached(net.open("client"), TERRAIN_MAP_GET)
     assert tool.call(TERRAIN_MAP_GET, MapRequest()) == message
 
@@ -276,7 +278,7 @@ class Asked:
             assert len(replies) == 1
             (reply,) = replies
             self.ok = reply.ok is not None
-            sample = reply.ok or reply.err
+            sample: Any = reply.ok or reply.err
             self.text = sample.payload.to_bytes()
             self.encoding = str(sample.encoding)
 
@@ -322,6 +324,7 @@ def test_an_empty_question_asks_for_the_defaults_but_never_acts(net: Net) -> Non
             incoming.fail(refusal)
 
     server = net.open()
+    own(server, SIM_PAUSE)
     for query in (SIM_PAUSE, SIM_FEATURES):
         server.serve(query, answer)
         reached(net.open("client"), query)

@@ -11,7 +11,7 @@ import sys
 
 import zenoh
 
-NAME, INSTANCE = "estimator", f"foreign-{os.getpid()}"
+NAME = "estimator"
 INPUT, OUTPUT = "hw/imu", "state/velocity"
 BLOCK = zenoh.CongestionControl.BLOCK
 ZERO = [0.0, 0.0, 0.0]
@@ -22,6 +22,7 @@ class Member:
 
     def __init__(self, session, prefix):
         self.session, self.prefix = session, prefix
+        self.instance = str(session.zid())
         self.proved, self.answers, self.batch = False, {}, []
 
     def put(self, key, payload, attachment=None):
@@ -38,7 +39,7 @@ class Member:
             return
         if manifest["tick"] == -1:
             self.answers.clear()
-            self.put(f"@frame/{NAME}", b"[]", f"{INSTANCE};{OUTPUT},0,-1,0,0,0")
+            self.put(f"@frame/{NAME}", b"[]", f"{self.instance};{OUTPUT},0,-1,0,0,0")
             if self.proved:
                 self.done(manifest, ready=True)
         elif NAME in manifest["roster"]:
@@ -52,22 +53,22 @@ class Member:
             self.answers[at] = (body, f"{OUTPUT},{len(body)},{at[1]},{at[0]},{imu['stamp_ns']},{at[1]}")
             self.batch.append(self.answers[at])
         body, index = self.answers[at]
-        self.put(f"@frame/{NAME}", f"[{body}]", f"{INSTANCE};{index}")
+        self.put(f"@frame/{NAME}", f"[{body}]", f"{self.instance};{index}")
         if manifest["report"]:
             bodies, indices = zip(*self.batch, strict=True) if self.batch else ((), ())
-            self.put(f"@batch/{NAME}", f"[{','.join(bodies)}]", ";".join((INSTANCE, *indices)))
+            self.put(f"@batch/{NAME}", f"[{','.join(bodies)}]", ";".join((self.instance, *indices)))
             self.batch.clear()
             self.done(manifest)
 
     def done(self, manifest, **more):
-        header = {"tick": manifest["tick"], "epoch": manifest["epoch"], "source": NAME, "instance": INSTANCE}
+        header = {"tick": manifest["tick"], "epoch": manifest["epoch"], "source": NAME, "instance": self.instance}
         self.put(f"@tick/{NAME}", json.dumps({**header, **more}))
 
     def on_health(self, query):
         if query.attachment is not None and query.attachment.to_bytes() == b"probe":
             query.reply(f"{self.prefix}/health/{NAME}", b"", attachment=b"probe")
             return
-        health = {"service": NAME, "instance": INSTANCE, "state": "running", "pid": os.getpid()}
+        health = {"service": NAME, "instance": self.instance, "state": "running", "pid": os.getpid()}
         query.reply(f"{self.prefix}/health/{NAME}", json.dumps({"health": health}))
 
 
@@ -85,8 +86,8 @@ def main(endpoint, prefix):
         member, arrived = Member(session, prefix), queue.SimpleQueue()
         subscriber = session.declare_subscriber(f"{prefix}/@frame/driver", arrived.put)
         health = session.declare_queryable(f"{prefix}/health/{NAME}", member.on_health)
-        token = session.liveliness().declare_token(f"{prefix}/alive/{NAME}/{INSTANCE}")
-        request = json.dumps({"service": NAME, "instance": INSTANCE})
+        token = session.liveliness().declare_token(f"{prefix}/alive/{NAME}/{member.instance}")
+        request = json.dumps({"service": NAME, "instance": member.instance})
         while not member.answers:
             try:
                 member.on_frame(arrived.get(timeout=0.5))

@@ -66,7 +66,7 @@ def test_a_handler_that_fails_answers_internal_and_the_node_lives(bench: Bench) 
 
     bench.subject.answer = broken
     with expect_error(CallError, "internal", text="no feet"):
-        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()), instance=bench.node.instance)
     assert bench.node.refused == {"internal": 1}
     bench.both(0)
     assert bench.subject.ticks == [0]
@@ -78,7 +78,7 @@ def test_a_handler_that_refuses_is_heard_under_its_own_code(bench: Bench) -> Non
 
     bench.subject.answer = refuses
     with pytest.raises(CallError) as caught:
-        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()), instance=bench.node.instance)
     assert (caught.value.code, caught.value.message, caught.value.field) == ("refused", "not today", "contacts")
 
 
@@ -133,7 +133,7 @@ def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monk
 
 def test_probe_is_answered_without_a_request(bench: Bench) -> None:
     asked: list[object] = []
-    bench.service.answer = asked.append
+    bench.subject.answer = asked.append  # type: ignore[assignment]
     incoming = MemoryIncoming(STABILITY_REGION, None)
     bench.node.handle(incoming)
     assert incoming.answer is None
@@ -145,7 +145,8 @@ def test_nobody_there_and_nobody_answers() -> None:
     bus = MemoryBus()
     with expect_error(CallError, "absent"):
         bus.call(STABILITY_REGION, RegionRequest(contacts=()))
-    bus.serve(STABILITY_REGION, lambda incoming: None)
+    bus.serve(STABILITY_REGION, lambda incoming: None, instance="s")
+    bus.announce("stability", "s")
     with expect_error(CallError, "timeout"):
         bus.call(STABILITY_REGION, RegionRequest(contacts=()))
 

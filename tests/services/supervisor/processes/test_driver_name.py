@@ -39,7 +39,8 @@ def appear(listen, monkeypatch):
                 incoming.reply(ResetReply(epoch=1, run_id="bench"))
 
             bus.serve(SIM_RESET, on_reset)
-        for name, instance in (("walker", "w1"), ("motors", "m1"), (DRIVER, "m1")):
+        drives = bus.new_instance()
+        for name, instance in (("walker", "w1"), ("motors", drives), (DRIVER, drives)):
             bus.announce(name, instance)
 
     yield announce

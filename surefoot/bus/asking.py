@@ -1,0 +1,138 @@
+"""Queries over Zenoh: the answer of the process that owns the query, and of no other.
+
+A query goes to every process that serves its key, so that one which answers first, wrongly or never delays no answer.
+Zenoh names the session that answers, and the liveliness token of a service ends with the name of its session: by that
+the owner is known.
+"""
+# pyright: reportUnknownMemberType=false
+
+import time
+from collections import Counter
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import zenoh
+from zenoh.handlers import Callback
+
+from surefoot.bus.codec import encoding_of
+from surefoot.bus.interface import two_owners
+from surefoot.bus.pour import keep_thread_state
+from surefoot.bus.publish import participants_key
+from surefoot.errors import CallError
+from surefoot.schemas.topics import HEALTH_GET, Query
+
+LIVE = "alive"
+TOKENS_S = 0.5
+"""Most time for the tokens of a service, s; they come in a millisecond."""
+
+
+class Asking:
+    """Queries of a session, and the processes that it knows as owners of queries."""
+
+    def __init__(self, session: zenoh.Session, namespace: str) -> None:
+        self.refused: Counter[tuple[str, str]] = Counter()
+        """Answers of other processes, by key and process."""
+        self._session, self._namespace = session, namespace
+        self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+        self._owners: dict[str, str] = {}
+
+    def ask(
+        self, query: Query[Any, Any], timeout: float, payload: bytes, attachment: bytes | None, *, instance: str = ""
+    ) -> zenoh.Reply:
+        """Return the first answer of the process that owns a query.
+
+        Args:
+            query: row of the table.
+            timeout: limit on the wait, s; it holds too where the network forgets the query.
+            payload: encoded request.
+            attachment: the same.
+            instance: process that shall answer; empty = the one that shows the owner's token.
+
+        Raises:
+            CallError: absent or timeout, with the processes that answered without owning the query; ``second`` where
+                two processes of the owner's name answer and neither is known.
+        """
+        querier, replies = self._querier(query, timeout, instance), SimpleQueue[zenoh.Reply | None]()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            keep_thread_state()
+            replies.put(reply)
+
+        querier.get(
+            handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
+            payload=payload,
+            encoding=encoding_of(query.request),
+            attachment=attachment,
+        )
+        deadline = time.monotonic() + timeout + 0.2
+        owner, claims, strangers = instance or self._owners.get(query.owner, ""), dict[str, zenoh.Reply](), set[str]()
+        while reply := _next(replies, deadline):
+            by = _replier(reply)
+            if by == owner:
+                return reply
+            if not by or by in claims or by in strangers:  # without a name: the router's note of a time-out
+                continue
+            if not instance and self._may_own(query, by):
+                claims[by] = reply
+                if self._owners.get(query.owner) == by:
+                    return reply
+                if len(claims) > 1:
+                    raise two_owners(query, claims)
+            else:
+                strangers.add(by)
+                self.refused[(query.key, by)] += 1
+        if claims:
+            return next(iter(claims.values()))
+        raise self._unanswered(querier, query, timeout, strangers)
+
+    def _may_own(self, query: Query[Any, Any], process: str) -> bool:
+        """Return whether a process shows the token of a query's owner; one that is alone in it is the owner."""
+        found = self._session.liveliness().get(f"{LIVE}/{query.owner}/*", timeout=TOKENS_S)
+        tokens = {str(one.ok.key_expr).rpartition("/")[2] for one in found if one.ok is not None}
+        if not tokens and query.key.startswith(HEALTH_GET.key[:-1]):
+            return True  # of a service that starts: it shows its token when it is ready
+        if process not in tokens or self._owners.get(query.owner) in tokens:
+            return False
+        if len(tokens) == 1:
+            self._owners[query.owner] = process
+        return True
+
+    def _querier(self, query: Query[Any, Any], timeout: float, instance: str) -> zenoh.Querier:
+        key = participants_key(query, instance) if instance else query.key
+        querier = self._queriers.get((key, timeout))
+        if querier is None:
+            encoding_of(query.reply)
+            querier = self._session.declare_querier(
+                key,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                express=True,
+            )
+            self._queriers[(key, timeout)] = querier
+        return querier
+
+    def _unanswered(
+        self, querier: zenoh.Querier, query: Query[Any, Any], timeout: float, strangers: set[str]
+    ) -> CallError:
+        status: Any = querier.matching_status  # typed bool in the stubs
+        if not status.matching:
+            return CallError("absent", f"nobody serves {query.key!r} in {self._namespace!r}")
+        named = " and ".join(map(repr, sorted(strangers)))
+        others = f"; an answer of {named} was refused, which is not {query.owner}" if named else ""
+        return CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s{others}")
+
+
+def _next(replies: SimpleQueue[zenoh.Reply | None], deadline: float) -> zenoh.Reply | None:
+    try:
+        return replies.get(timeout=max(0.0, deadline - time.monotonic()))
+    except Empty:
+        return None
+
+
+def _replier(reply: zenoh.Reply) -> str:
+    """Return the name of the session that answered; "" where the router itself did."""
+    by = reply.replier_id
+    return "" if by is None else str(by.zid)
