@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from .base import MAX_FEET, Bulk, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
+from .base import MAX_FEET, Bulk, Message, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
 
 MAX_WINDOW = 301
 LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support"]
@@ -127,6 +127,16 @@ class SelectReply(Reply):
     model_tick: int | None = Field(
         default=None, description="tick of the first request this model answered; null = that request named none"
     )
+    explored: bool = Field(default=False, description="the footholds were drawn at random, to learn from them")
+
+
+class FootholdChoice(Message):
+    """Footholds that the service chose last, as `footholds/select` returned them; for views and recordings."""
+
+    legs: Annotated[tuple[LegFoothold, ...], Field(max_length=MAX_FEET)] = Field(
+        description="one entry for each leg of the request"
+    )
+    model: str = Field(description="name of the slip model the choice rests on")
     explored: bool = Field(default=False, description="the footholds were drawn at random, to learn from them")
 
 

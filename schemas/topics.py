@@ -72,6 +72,9 @@ STATE_ODOMETRY = Topic("state/odometry", state.Odometry, Kind.STATE, "estimator"
 STATE_GAIT = Topic("state/gait", state.GaitState, Kind.STATE, "walker", TICK_HZ)
 STATE_LANDMARKS = Topic("state/landmarks", state.SeenLandmarks, Kind.STATE, "vision", 20.0)
 STATE_STABILITY = Topic("state/stability", stability.StabilityStatus, Kind.STATE, "stability", 50.0)
+FOOTHOLDS_CHOSEN = Topic(
+    "footholds/chosen", footholds.FootholdChoice, Kind.STATUS, "footholds", EVENT, deterministic=False
+)
 STATE_POSE = Topic("state/pose", navigation.PoseBelief, Kind.STATE, "navigator", 10.0)
 NAVIGATOR_ORDER = Topic("navigator/order", navigation.MotionOrder, Kind.STATE, "navigator", TICK_HZ)
 NAVIGATOR_FEEDBACK = Topic("navigator/feedback", navigation.NavigationFeedback, Kind.STATE, "navigator", 10.0)

@@ -14,8 +14,9 @@ from surefoot.record.recording import ReadableRecording
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 
-from .scene import KEYS, STYLES, VALUES, Item, Lasting, RobotScene, Snapshot
+from .scene import KEYS, Item, Lasting, RobotScene, Snapshot
 from .shapes import DrawnGround
+from .styles import STYLES, VALUES
 
 UNITS_PER_M = 10_000
 """Lengths on a page are whole tenths of a millimetre: they are short, and more cannot be seen."""
@@ -166,9 +167,9 @@ def mark(each: Lasting) -> list[Any]:
     return [round(each.time, 3), *encoded(each.item)]
 
 
-def encoded(item: Item) -> list[int]:
-    """Return an item as the number of its style and the coordinates of its points."""
-    return [STYLE_NUMBERS[item.style], *_whole(item.points)]
+def encoded(item: Item) -> list[Any]:
+    """Return an item as the number of its style, the coordinates of its points, and the text of a label."""
+    return [STYLE_NUMBERS[item.style], *_whole(item.points), *([item.text] if item.text else [])]
 
 
 def _whole(metres: Any) -> list[int]:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from .primitives import GROUND_COLOUR, Primitives, centres, sdk, surface
-from .scene import VALUES, RobotScene, Snapshot
+from .scene import RobotScene, Snapshot
 from .shapes import DrawnGround
+from .styles import VALUES
 
 WORLD, BASE, ESTIMATE = "world", "base_link", "estimate"
 KINDS = {

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from .scene import STYLES, VALUES, Item, RobotScene, Snapshot
+from .scene import Item, RobotScene, Snapshot
 from .shapes import Array, DrawnGround
+from .styles import STYLES, VALUES
 
 FINER = 2
 """Pixels across for one of the picture, which is made smaller at the end: smooth edges."""
@@ -144,6 +145,12 @@ class Painter:
             for x, y, _ in seen:
                 box = (x - r, y - flat, x + r, y + flat)
                 draw.ellipse(box, fill=style.colour + "40", outline=style.colour, width=max(2, round(0.2 * r)))
+        elif style.kind == "label":
+            font = ImageFont.load_default(max(FINER * 9.0, r))
+            draw.text(
+                (seen[0, 0] + r, seen[0, 1] + r), item.text, fill=style.colour, font=font, stroke_width=1,
+                stroke_fill=LOW_SKY,
+            )  # fmt: skip
         else:
             for tail, tip in zip(seen[::2, :2], seen[1::2, :2], strict=True):
                 self._arrow(draw, tail, tip, r, style.colour)

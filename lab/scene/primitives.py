@@ -8,8 +8,9 @@ import numpy as np
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import quat_from_matrix
 
-from .scene import STYLES, UP, Item
+from .scene import UP, Item
 from .shapes import Array, Body, DrawnGround
+from .styles import STYLES
 
 INSTALL = "pip install 'surefoot[foxglove]'"
 GROUND_COLOUR = "#b9bfb4"
@@ -109,7 +110,8 @@ class Primitives:
     def drawn(self, items: tuple[Item, ...], extent: float) -> dict[str, list[Any]]:
         """Return the primitives of items beside a robot of this extent, m."""
         m = self.messages
-        made: dict[str, list[Any]] = {"lines": [], "triangles": [], "spheres": [], "cylinders": [], "arrows": []}
+        kinds = ("lines", "triangles", "spheres", "cylinders", "arrows", "texts")
+        made: dict[str, list[Any]] = {kind: [] for kind in kinds}
         for item in items:
             style = STYLES[item.style]
             size = style.size * extent
@@ -127,6 +129,13 @@ class Primitives:
             elif style.kind == "arrow":
                 pairs = zip(item.points[::2], item.points[1::2], strict=True)
                 made["arrows"] += [self.arrow(tail, tip, size, style.colour) for tail, tip in pairs]
+            elif style.kind == "label":
+                place = self.pose(item.points[0] + size * UP, np.eye(3))
+                made["texts"].append(
+                    m.TextPrimitive(
+                        pose=place, billboard=True, font_size=size, color=self.colour(style.colour), text=item.text
+                    )
+                )
         return made
 
     def grid(self, ground: DrawnGround, frame: str, stamp_ns: int) -> Any:

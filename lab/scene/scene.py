@@ -16,17 +16,24 @@ from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import forward
+from surefoot.services.footholds.learning.quality import slip_interval
+from surefoot.services.stability.programs.contacts import ContactSet, StabilityError
+from surefoot.services.stability.regions.equilibrium import least_forces
 
 from .shapes import Array, DrawnGround, body_of
 
 KEYS = (
     "sim/truth", "hw/joints", "hw/contacts", "hw/imu", "state/velocity", "state/odometry", "state/gait",
-    "state/stability", "state/pose", "navigator/feedback", "terrain/map", "terrain/landmarks",
+    "state/stability", "footholds/chosen", "state/pose", "navigator/feedback", "terrain/map", "terrain/landmarks",
 )  # fmt: skip
 """Keys that a scene is made of; others are ignored."""
 
 POSTURE = ("sim/truth", "state/odometry", "hw/joints")
 """Keys of the pose of the robot, the best first; a snapshot has the time of its pose."""
+SAME_PLACE = 1e-3
+"""Distance within which the foothold of the gait is the one that the service chose, m."""
+FORCE_LENGTH = 1.2
+"""Length of an arrow for a force of the robot's weight, share of the robot's extent."""
 SLIPS = 0.002
 """Way of a contact point in its stance from which a foot is drawn as sliding, m."""
 CONFIDENCE_95 = 2.4477
@@ -36,61 +43,18 @@ LANDMARKS_DRAWN = 2000
 UP = np.array([0.0, 0.0, 1.0])
 
 
-class Style(NamedTuple):
-    """Look of one kind of item.
+class Item(NamedTuple):
+    """Points (n, 3) m in the world that are drawn in a style; of an arrow, tails and heads in turn.
 
     Attributes:
-        layer: group that a reader may hide.
-        kind: line, fill (a polygon), dot (spheres), ring (circles on the ground), arrow (pairs of points).
-        colour: as in HTML.
-        size: width or radius, share of the robot's extent.
-        title: legend.
+        style: name in `STYLES`.
+        points: (n, 3) m; one of a label.
+        text: of a label.
     """
-
-    layer: str
-    kind: str
-    colour: str
-    size: float
-    title: str
-
-
-STYLES: dict[str, Style] = {
-    "region": Style("support", "fill", "#2a9d63", 0.008, "support region"),
-    "unsafe": Style("support", "fill", "#cc3b3b", 0.008, "support region, CoM outside"),
-    "plumb": Style("CoM", "line", "#1c7a4b", 0.005, "height of the CoM"),
-    "com_planned": Style("CoM", "dot", "#1c7a4b", 0.022, "CoM, planned"),
-    "com_measured": Style("CoM", "ring", "#1c2733", 0.022, "CoM, measured"),
-    "force": Style("forces", "arrow", "#e07b1a", 0.012, "force on a foot"),
-    "foothold": Style("footholds", "ring", "#1f6fb2", 0.035, "planned foothold"),
-    "foothold_bad": Style("footholds", "ring", "#cc3b3b", 0.035, "foothold with a remark"),
-    "slips": Style("slip", "ring", "#cc3b3b", 0.06, "foot slides"),
-    "footprint": Style("slip", "ring", "#5d6b78", 0.02, "end of a stance"),
-    "footprint_slid": Style("slip", "ring", "#cc3b3b", 0.03, "end of a stance, slid"),
-    "ghost": Style("estimate", "line", "#7a4fb5", 0.007, "estimated pose"),
-    "belief": Style("belief", "fill", "#e07b1a", 0.006, "pose in the map, 95 %"),
-    "goal": Style("belief", "arrow", "#2a9d63", 0.02, "goal"),
-    "landmark": Style("landmarks", "dot", "#b08d2e", 0.012, "landmark"),
-}  # fmt: skip
-"""Looks of all items, by name."""
-
-VALUES: dict[str, tuple[str, str, int]] = {
-    "speed": ("speed forward", "m/s", 3),
-    "speed_true": ("speed forward, true", "m/s", 3),
-    "margin": ("margin, planned CoM", "mm", 1),
-    "margin_measured": ("margin, measured CoM", "mm", 1),
-    "tilt": ("tilt", "deg", 2),
-    "drift": ("odometry error", "cm", 2),
-    "remaining": ("still to go", "m", 2),
-    "nis": ("NIS", "", 2),
-}
-"""Numbers of a snapshot: title, unit, decimals."""
-
-
-class Item(NamedTuple):
-    """Points (n, 3) m in the world that are drawn in a style; of an arrow, tails and heads in turn."""
 
     style: str
     points: Array
+    text: str = ""
 
 
 class Lasting(NamedTuple):
@@ -146,6 +110,7 @@ class RobotScene:
         self._latest: dict[str, Any] = {}
         self._world_from_odom: tuple[Array, Array] | None = None
         self._stances: tuple[int, ...] = ()
+        self._chosen: dict[str, Any] = {}
         self._waiting: dict[str, Callable[[], Any]] = {}
 
     def feed(self, key: str, read: Callable[[], Any]) -> None:
@@ -156,7 +121,7 @@ class RobotScene:
     def forget(self) -> None:
         """Drop all messages but the maps: another system goes on under the same keys, and counts its epochs anew."""
         self._latest = {old: kept for old, kept in self._latest.items() if old.startswith("terrain/")}
-        self.epoch, self._world_from_odom, self._stances = -1, None, ()
+        self.epoch, self._world_from_odom, self._stances, self._chosen = -1, None, (), {}
         self._waiting.clear()
         self.marks.clear()
 
@@ -187,7 +152,7 @@ class RobotScene:
         except SurefootError:
             return  # of another version: the scene lacks it
         if message.epoch > self.epoch:
-            self.epoch, self._world_from_odom, self._stances = message.epoch, None, ()
+            self.epoch, self._world_from_odom, self._stances, self._chosen = message.epoch, None, (), {}
             self._latest = {old: kept for old, kept in self._latest.items() if old.startswith("terrain/")}
             self.marks.clear()
         if message.epoch < self.epoch and not key.startswith("terrain/"):
@@ -199,6 +164,8 @@ class RobotScene:
         elif key == "terrain/landmarks" and message.count:
             rows = np.frombuffer(message.data, dtype="<f4").reshape(message.count, -1)[:LANDMARKS_DRAWN, :2]
             self.marks.append(Lasting(0.0, Item("landmark", self._on_ground(rows.astype(float)))))
+        elif key == "footholds/chosen":
+            self._chosen |= {leg.leg: leg for leg in message.legs}
         elif key == "sim/truth":
             self._ends_of_stances(message)
 
@@ -290,6 +257,9 @@ class RobotScene:
         if len(m.region) > 2:
             outside = m.margin_planned is not None and m.margin_planned < 0.0
             items.append(Item("unsafe" if outside else "region", lifted(m.region)))
+            if not outside and m.com_planned is not None:
+                touching = feet[np.array(m.stance)] - np.outer(self.robot.foot_radii[np.array(m.stance)], UP)
+                items += self._holding(touching, lifted(m.com_planned)[0, :2], m.mu)
         if m.com_planned is not None:
             truth = self._latest.get("sim/truth")
             top = lifted(m.com_planned, position[2] if truth is None else truth.com[2])
@@ -298,6 +268,22 @@ class RobotScene:
         if m.com_measured is not None:
             items.append(Item("com_measured", lifted(m.com_measured)))
         return items
+
+    def _holding(self, touching: Array, com: Array, mu: float) -> list[Item]:
+        """Return the forces that hold the CoM above a place (2,) m: why the place is in the region.
+
+        They are those of `stability/equilibrium` for the contacts that the region was made of: points (n, 3) m on level
+        ground, with one coefficient of friction.
+        """
+        n = len(touching)
+        try:
+            force = least_forces(ContactSet(touching, np.tile(UP, (n, 1)), np.full(n, mu)), com)
+        except StabilityError:  # no solution to full accuracy
+            force = None
+        if force is None:  # by the posture of another time than the margin's
+            return []
+        tips = touching + FORCE_LENGTH * self.body.extent * force
+        return [Item("holding", np.stack((touching, tips), axis=1).reshape(-1, 3))]
 
     def _feet(self, feet: Array) -> list[Item]:
         """Return forces, sliding feet and planned footholds."""
@@ -308,7 +294,7 @@ class RobotScene:
         weight = GRAVITY * self.robot.mass
         for foot, force in zip(feet, forces, strict=False):
             if force:
-                length = 1.2 * self.body.extent * force / weight
+                length = FORCE_LENGTH * self.body.extent * force / weight
                 items.append(Item("force", np.array([foot, foot + length * UP])))
         sliding = truth.contact_sliding if truth is not None else ()
         slips = [way > SLIPS for way in sliding] or list(() if velocity is None else velocity.slipping)
@@ -321,8 +307,23 @@ class RobotScene:
             for i, place in enumerate(places):
                 if not gait.stance[i]:
                     good = i >= len(gait.foothold_status) or gait.foothold_status[i] in ("ok", "nominal")
-                    items.append(Item("foothold" if good else "foothold_bad", (place - radius[i] * UP)[None]))
+                    ground = (place - radius[i] * UP)[None]
+                    items.append(Item("foothold" if good else "foothold_bad", ground))
+                    items += self._expected(self.robot.leg_names[i], gait.footholds[i], ground)
         return items
+
+    def _expected(self, leg: str, foothold: Any, ground: Array) -> list[Item]:
+        """Return score and expected slip of a leg's foothold, where the service chose it."""
+        choice = self._chosen.get(leg)
+        if choice is None or choice.slip is None or choice.score is None or choice.foothold is None:
+            return []
+        if math.dist(choice.foothold[:2], foothold[:2]) > SAME_PLACE:
+            return []
+        text = f"Q {choice.score:.3f}  slip {choice.slip:.3f}"
+        if choice.spread is not None:
+            (low,), (high,) = slip_interval(np.array([choice.slip]), np.array([choice.spread]))
+            text += f" ({low:.3f} to {high:.3f})"
+        return [Item("expected", ground, text)]
 
     def _navigation(self) -> list[Item]:
         """Return the belief of the pose in the map and the goal."""

@@ -11,13 +11,17 @@ from surefoot.errors import Refusal
 from surefoot.schemas.footholds import (
     AssessReply,
     AssessRequest,
+    FootholdChoice,
     LegFoothold,
     LegRequest,
     MaskCounts,
     ModelReply,
+    SelectReply,
     SelectRequest,
 )
 from surefoot.schemas.footholds import BasePose as BaseMessage
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.topics import TICK_NS
 
 from .assess import Assessment, Window, whole_map, window_about
 from .ground import FootholdGround
@@ -125,3 +129,12 @@ def leg_foothold(asked: LegRequest, found: Foothold) -> LegFoothold:
         counts=_mask_counts(found.counts),
         reason=found.reason,
     )
+
+
+def choice_message(reply: SelectReply, asked: int | None, now: Tick) -> FootholdChoice:
+    """Return a choice as it is published, under the tick that its request named, else under the last one."""
+    tick = now.tick if asked is None else asked
+    return FootholdChoice(
+        legs=reply.legs, model=reply.model, explored=reply.explored, epoch=now.epoch, tick=tick,
+        stamp_ns=now.stamp_ns + (tick - now.tick) * TICK_NS,
+    )  # fmt: skip

@@ -1,18 +1,26 @@
 """Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`, learns slip models."""
 
 from surefoot.errors import Refusal
-from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.geometry.heightmap import HeightMapError
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.footholds import AssessReply, AssessRequest, ModelReply, ModelRequest, SelectReply, SelectRequest
-from surefoot.schemas.terrain import HeightMapMessage
-from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_LEARN, FOOTHOLDS_MODEL, FOOTHOLDS_SELECT, TERRAIN_MAP
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.topics import (
+    FOOTHOLDS_ASSESS,
+    FOOTHOLDS_CHOSEN,
+    FOOTHOLDS_LEARN,
+    FOOTHOLDS_MODEL,
+    FOOTHOLDS_SELECT,
+    TERRAIN_MAP,
+)
 
 from .assess import assess
 from .config import FootholdsConfig
-from .ground import FootholdGround, build_ground, updated_ground
-from .messages import asked_window, assess_reply, base_pose, leg_foothold, select_params
+from .ground import build_ground, updated_ground
+from .latched import LatchedGround
+from .messages import asked_window, assess_reply, base_pose, choice_message, leg_foothold, select_params
 from .registry import SlipModels
 from .rehearsal import made_up_map, made_up_requests
 from .select import Landing, placement, select
@@ -24,6 +32,7 @@ class Footholds(Service[FootholdsConfig]):
     name = "footholds"
     Config = FootholdsConfig
     inputs = (TERRAIN_MAP,)
+    outputs = (FOOTHOLDS_CHOSEN,)
     batched = True
     serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS, FOOTHOLDS_MODEL, FOOTHOLDS_LEARN)
 
@@ -39,11 +48,9 @@ class Footholds(Service[FootholdsConfig]):
         """Tick of the first request that the model in force answered."""
         self._named = ""
         """Name of the model that answered the last request."""
-        self._message: HeightMapMessage | None = None
-        self._raw: HeightMap | None = None
-        """Map that the ground was made of."""
-        self._ground: FootholdGround | None = None
-        self.handle(FOOTHOLDS_SELECT, self.select)
+        self._now: Tick | None = None
+        self.latched = LatchedGround(self.robot.foot_radius, self.config.smooth)
+        self.handle(FOOTHOLDS_SELECT, self.choose)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
         self.handle(FOOTHOLDS_MODEL, self.use_model)
         self.handle(FOOTHOLDS_LEARN, self.models.job.answer)
@@ -60,7 +67,7 @@ class Footholds(Service[FootholdsConfig]):
         ground = build_ground(heights, other.robot.foot_radius, self.config.smooth)
         changed = heights.z.copy()
         changed[:2, :2] = 0.01
-        other._ground = updated_ground(ground, heights, heights.with_z(changed))
+        other.latched.ground = updated_ground(ground, heights, heights.with_z(changed))
         selects, assesses = made_up_requests(other.robot)
         for model in (other.models.chosen, other.models.hand_made):
             other.models.active = model
@@ -71,37 +78,35 @@ class Footholds(Service[FootholdsConfig]):
 
     def on_reset(self) -> None:
         """Forget the map, and the model that a job of the past epoch was to put in force."""
-        self._message = self._ground = self._raw = None
-        self._choices = 0
+        self._now, self._choices = None, 0
+        self.latched.forget()
         self.models.reset()
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Prepare the map when a new one has arrived."""
-        message = inputs.get(TERRAIN_MAP)
-        if message is None or message is self._message:
-            return
-        self._message = message
+        self._now = inputs.tick
         try:
-            heights = HeightMap.from_wire(message.model_dump(), message.data)
+            if self.latched.take(inputs.get(TERRAIN_MAP)):
+                self.models.fit(self.latched.ground)
         except HeightMapError as error:
-            self._ground = self._raw = self.models.ground = None
+            self.models.ground = None
             self.log("error", f"terrain/map refused: {error}")
-            return
-        if self._ground is not None and self._raw is not None:
-            self._ground = updated_ground(self._ground, self._raw, heights)
-        else:
-            self._ground = build_ground(heights, self.robot.foot_radius, self.config.smooth)
-        self._raw = heights
-        self.models.fit(self._ground)
 
     def use_model(self, request: ModelRequest) -> ModelReply:
         """Put another slip model in force, if one is named, and report the one in force."""
         return self.models.answer(request, self.params.distance_weight)
 
+    def choose(self, request: SelectRequest) -> SelectReply:
+        """Answer `footholds/select`, and publish the choice under the tick of the request."""
+        reply = self.select(request)
+        if self._now is not None:
+            self.publish(FOOTHOLDS_CHOSEN, choice_message(reply, request.tick, self._now))
+        return reply
+
     def select(self, request: SelectRequest) -> SelectReply:
         """Return the footholds of all legs of a request."""
         self.models.take_learned()
-        ground = self._map()
+        ground = self.latched.known()
         self._choices += 1
         self.models.take_outcomes(request, ground)
         landings = [
@@ -121,7 +126,7 @@ class Footholds(Service[FootholdsConfig]):
 
     def assess(self, request: AssessRequest) -> AssessReply:
         """Return layers of a window or of the whole map."""
-        ground, model = self._map(), self.models.active
+        ground, model = self.latched.known(), self.models.active
         window = asked_window(request, ground)
         leg = None
         if request.leg is not None:
@@ -132,11 +137,6 @@ class Footholds(Service[FootholdsConfig]):
                 raise Refusal("invalid", f"no rotation: {request.base.quat_wxyz}", "base.quat_wxyz")
         found = assess(ground, model, window, request.centre, request.stroke, request.layers, self.params, leg)
         return assess_reply(request.layers, ground, window, found, model.name)
-
-    def _map(self) -> FootholdGround:
-        if self._ground is None:
-            raise Refusal("not_ready", "no terrain map has come yet")
-        return self._ground
 
     def _leg(self, name: str, field: str) -> int:
         if name not in self.legs:

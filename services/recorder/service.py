@@ -13,7 +13,17 @@ from surefoot.record.runhash import RunHash
 from surefoot.schemas.base import Message
 from surefoot.schemas.system import RecorderReply, RecorderRequest
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
-from surefoot.schemas.topics import HW_IMAGE, HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TOPICS, Kind, Topic
+from surefoot.schemas.topics import (
+    FOOTHOLDS_CHOSEN,
+    HW_IMAGE,
+    HW_TICK,
+    LOG,
+    RECORDER_STATUS,
+    SIM_STATUS,
+    TOPICS,
+    Kind,
+    Topic,
+)
 from surefoot.version import VERSION
 
 from .config import RecorderConfig
@@ -28,7 +38,7 @@ class Recorder(Service[RecorderConfig]):
     name = "recorder"
     Config = RecorderConfig
     inputs = (*JOINED, HW_IMAGE)
-    observes = (*LATCHED, SIM_STATUS, LOG)
+    observes = (*LATCHED, FOOTHOLDS_CHOSEN, SIM_STATUS, LOG)
     serves = (RECORDER_STATUS,)
     raw = batched = True
 

@@ -128,6 +128,9 @@ class View {
       for (let i = begin; i < p.length; i += 3) {
         ctx.beginPath(); ctx.ellipse(this.x(p, i), this.y(p, i), r, Math.max(0.25 * r, r * Math.abs(this.near[2])), 0, 0, 7); ctx.globalAlpha = 0.25; ctx.fill(); ctx.globalAlpha = 1; ctx.stroke();
       }
+    } else if (style.kind == "label") {
+      ctx.font = `600 ${Math.max(10 * this.ratio, r)}px system-ui,sans-serif`; ctx.textAlign = "left"; ctx.lineWidth = 3 * this.ratio; ctx.strokeStyle = "rgba(247,249,251,.85)";
+      const at = [p[begin + 3], this.x(p, begin) + r, this.y(p, begin) + 1.6 * r]; ctx.strokeText(...at); ctx.fillText(...at);
     } else for (let i = begin; i + 5 < p.length; i += 6) this.arrow(this.x(p, i), this.y(p, i), this.x(p, i + 3), this.y(p, i + 3), r);
   }
   arrow(x0, y0, x1, y1, r) {

@@ -93,12 +93,12 @@ def slip_interval(mean: Array, sd: Array, share: float = SHARE, least: float = L
 
     Slips are never negative, most are small and a few are large: a normal distribution would be wrong on both sides.
     """
-    from scipy.stats import gamma
+    from scipy.special import gammaincinv
 
     mean, sd = np.maximum(mean - least, 1e-4), np.maximum(sd, 1e-4)
     shape = (mean / sd) ** 2
     scale = mean / shape
-    low, high = (gamma.ppf(0.5 + side * 0.5 * share, shape, scale=scale) for side in (-1.0, 1.0))
+    low, high = (scale * gammaincinv(shape, 0.5 + side * 0.5 * share) for side in (-1.0, 1.0))
     return least + low, least + high
 
 

@@ -15,6 +15,7 @@ FELT = 1e-8  # relative; twists that contacts feel less are not felt, and a smal
 CLOSE = 1e-9  # to that the least share of friction is found
 NOTHING = 1e-10  # of the weight; less friction than that in excess is none
 LARGEST_GAP = 1e-7  # of clarabel's answer, by which it is accepted
+EXACT = 1e-12  # of the weight; forces that miss the load by more do not hold it
 MOST_LOAD = 100.0  # weights, on all contacts together: the harder one presses between two walls, the less the share
 
 
@@ -188,8 +189,12 @@ def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tupl
 def least_forces(contacts: ContactSet, com: Array) -> Array | None:
     """Forces (n, 3) with the smallest sum of squares, in units of the weight; None if the CoM is not held.
 
-    A quadratic program over cones, solved by clarabel; what a force controller would command.
+    What a force controller would command: the least of all forces where those lie in the cones, as they mostly do on
+    level ground, else a quadratic program over cones, solved by clarabel.
     """
+    least = _least_of_all(contacts, com)
+    if least is not None:
+        return least
     if not equilibrium(contacts, com).held:
         return None
     clarabel, sparse = clarabel_and_sparse()
@@ -213,3 +218,26 @@ def least_forces(contacts: ContactSet, com: Array) -> Array | None:
     if "Solved" not in str(solution.status):
         raise StabilityError("no_convergence", "contacts", f"clarabel ended with {solution.status}")
     return np.einsum("iqd,iq->id", column, np.array(solution.x).reshape(n, 3))
+
+
+def _least_of_all(contacts: ContactSet, com: Array) -> Array | None:
+    """Return the forces with the smallest sum of squares, cones or not, (n, 3); None unless they lie in the cones."""
+    n = len(contacts)
+    if n == 0:
+        return None
+    arm = contacts.position - [*com, 0.0]
+    length = max(float(np.abs(arm).max()), SPOT)
+    x, y, z = (arm / length).T
+    sums = np.zeros((6, n, 3))
+    for axis in range(3):
+        sums[axis, :, axis] = 1.0
+    sums[3, :, 1], sums[3, :, 2] = -z, y
+    sums[4, :, 0], sums[4, :, 2] = z, -x
+    sums[5, :, 0], sums[5, :, 1] = -y, x
+    load = np.eye(6)[2]
+    force = np.linalg.lstsq(sums.reshape(6, 3 * n), load, rcond=None)[0].reshape(n, 3)
+    press = np.einsum("id,id->i", contacts.normal, force)
+    slide = np.linalg.norm(force - press[:, None] * contacts.normal, axis=1)
+    most = np.where(np.isinf(contacts.mu), np.inf, np.where(np.isinf(contacts.mu), 0.0, contacts.mu) * press)
+    held = float(np.abs(np.einsum("rid,id->r", sums, force) - load).max()) < EXACT
+    return force if held and bool((press >= 0.0).all() and (slide <= most).all()) else None

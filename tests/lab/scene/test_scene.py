@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.lab.scene.film import UNITS_PER_M, film_of_recording, frame
-from surefoot.lab.scene.scene import STYLES, VALUES, RobotScene
+from surefoot.lab.scene.scene import FORCE_LENGTH, KEYS, RobotScene
 from surefoot.lab.scene.shapes import DrawnGround, body_of
+from surefoot.lab.scene.styles import STYLES, VALUES
 from surefoot.record.recording import open_readable, read_recording
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot, robot_names
+from surefoot.services.footholds.learning.quality import LEAST
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +60,55 @@ def test_centre_of_mass_and_forces_lie_where_they_truly_are(film, truths):
         tails = [item.points[0] for item in shown.items if item.style == "force"]
         loaded = [p for p, f in zip(truth.foot_position, truth.foot_force_n, strict=True) if f > 0.0]
         assert np.allclose(tails, loaded, atol=1e-6)
+
+
+def test_certificate_arrows_hold_the_planned_centre_of_mass_within_the_friction_of_the_status(film, recorded):
+    """Balance of forces and moments, and cones, by the arrows alone; nothing of the solver."""
+    robot = load_robot("ragno")
+    statuses = [m.message() for m in read_recording(recorded, ("state/stability",))]
+    shown = [s for s in film.snapshots[30:] if any(item.style == "holding" for item in s.items)]
+    assert len(shown) > 60
+    for snapshot in shown:
+        known = [each for each in statuses if abs(each.stamp_ns * 1e-9 - snapshot.time) < 0.1]
+        arrows = next(item.points for item in snapshot.items if item.style == "holding")
+        com = next(item.points[0] for item in snapshot.items if item.style == "com_planned")
+        touching, force = arrows[::2], (arrows[1::2] - arrows[::2]) / (FORCE_LENGTH * body_of(robot).extent)
+        assert len(force) in {sum(status.stance) for status in known}
+        assert force.sum(axis=0) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+        moment = np.cross(touching - [*com[:2], 0.0], force).sum(axis=0)
+        assert moment == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+        assert (np.hypot(force[:, 0], force[:, 1]) <= known[0].mu * force[:, 2] + 1e-9).all()
+
+
+def test_a_centre_of_mass_outside_has_no_forces_that_hold_it(recorded):
+    scene = RobotScene(load_robot("ragno"))
+    last = {m.key: m for m in read_recording(recorded, KEYS)}
+    for key, item in last.items():
+        scene.feed(key, item.message)
+    assert "holding" in {item.style for item in scene.snapshot().items}
+    away = last["state/stability"].message().model_copy(update={"com_planned": (0.5, 0.0), "margin_planned": None})
+    scene.feed("state/stability", lambda: away)
+    assert "holding" not in {item.style for item in scene.snapshot().items}
+
+
+def test_labels_are_score_slip_and_interval_of_the_choice_whose_foothold_is_stepped_to(film, recorded):
+    chosen, gaits = (
+        [m.message() for m in read_recording(recorded, (key,))] for key in ("footholds/chosen", "state/gait")
+    )
+    names, labels = load_robot("ragno").leg_names, 0
+    for snapshot in film.snapshots[30:]:
+        gait = [m for m in gaits if m.stamp_ns * 1e-9 <= snapshot.time + 1e-9][-1]
+        known = {leg.leg: leg for m in chosen if m.tick <= gait.tick for leg in m.legs}
+        expected = set()
+        for name, stands, status in zip(names, gait.stance, gait.foothold_status, strict=True):
+            if not stands and status == "ok":
+                leg = known[name]
+                spread = scipy.stats.gamma(a := ((leg.slip - LEAST) / leg.spread) ** 2, scale=(leg.slip - LEAST) / a)
+                low, high = LEAST + spread.ppf([0.1, 0.9])
+                expected.add(f"Q {leg.score:.3f}  slip {leg.slip:.3f} ({low:.3f} to {high:.3f})")
+        assert {item.text for item in snapshot.items if item.style == "expected"} == expected
+        labels += len(expected)
+    assert labels > 100
 
 
 def test_region_holds_the_centre_of_mass_when_the_margin_says_so(film):

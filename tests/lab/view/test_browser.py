@@ -3,10 +3,15 @@
 import json
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
 from surefoot.lab.report.recorded import report_recording
-from surefoot.lab.scene.scene import VALUES
+from surefoot.lab.scene.film import UNITS_PER_M
+from surefoot.lab.scene.scene import FORCE_LENGTH
+from surefoot.lab.scene.shapes import body_of
+from surefoot.lab.scene.styles import STYLES, VALUES
+from surefoot.robot.reader import load_robot
 from tests.browser import CHROMIUM, MISSING, Browser
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
@@ -37,6 +42,8 @@ def test_a_report_replays_and_asks_for_nothing(recorded, tmp_path, browser):
     browser.wait(READY)
     assert browser.run("document.querySelector('.clock').textContent") == "2.50 s"
     assert browser.run("document.querySelectorAll('figcaption').length") > 8
+    drawn = set(json.loads(browser.run("JSON.stringify(report.replay.frames.flatMap(f => f.items.map(i => i[0])))")))
+    assert {"holding", "expected"} <= {list(STYLES)[number] for number in drawn}
     assert path.as_uri() in browser.asked
     assert not outside(browser)
     assert not browser.faults
@@ -64,6 +71,33 @@ def test_the_live_page_shows_the_numbers_of_the_bus(server, client, recorded, br
     assert browser.run("document.querySelector('.words').textContent").startswith(last["state/gait"].state)
     assert browser.asked
     assert not outside(browser)
+    assert not browser.faults
+
+
+def test_the_page_draws_the_certificate_and_the_scores_of_the_bus(server, client, recorded, browser):
+    browser.go(server.url)
+    browser.wait("window.live")
+    browser.run(
+        "window.words = new Set(); const fill = CanvasRenderingContext2D.prototype.fillText;"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {"
+        " words.add(text); return fill.call(this, text, ...at); }; 0"
+    )
+    last = client.hand_over(recorded, 2.4)  # three feet swing
+    browser.wait(READY)
+    styles = list(STYLES)
+    items = json.loads(browser.run("JSON.stringify(window.live.frame.items)"))
+    (arrows,) = (item[1:] for item in items if styles[item[0]] == "holding")
+    ends = np.array(arrows).reshape(-1, 2, 3) / UNITS_PER_M
+    robot = load_robot("ragno")
+    weights = (ends[:, 1, 2] - ends[:, 0, 2]) / (FORCE_LENGTH * body_of(robot).extent)
+    assert len(ends) == sum(last["state/stability"].stance)
+    assert weights.sum() == pytest.approx(1.0, abs=0.01)
+    labels = [item[-1] for item in items if styles[item[0]] == "expected"]
+    scores = {f"Q {leg.score:.3f}  slip {leg.slip:.3f}" for leg in last["footholds/chosen"].legs}
+    assert {label.partition(" (")[0] for label in labels} == scores
+    browser.wait(f"{json.dumps(labels)}.every(label => words.has(label))")
+    for layer in ("certificate", "footholds"):
+        assert browser.run(f"[...document.querySelectorAll('.layers span')].some(e => e.textContent == '{layer}')")
     assert not browser.faults
 
 

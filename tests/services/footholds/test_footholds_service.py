@@ -10,10 +10,10 @@ from surefoot.errors import CallError, Refusal
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
-from surefoot.schemas.footholds import AssessRequest, BasePose, LegRequest, SelectRequest
+from surefoot.schemas.footholds import AssessRequest, BasePose, FootholdChoice, LegRequest, SelectRequest
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.terrain import HeightMapMessage
-from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
+from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_CHOSEN, FOOTHOLDS_SELECT, TERRAIN_MAP
 from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.service import SERVICE, Footholds
 from tests.services.footholds.grounds import CELL, STROKE, flat, neutral, ragno
@@ -105,6 +105,18 @@ def test_over_the_bus(service: Footholds) -> None:
     assert reply.counts.free == 225
 
 
+def test_a_choice_is_published_under_the_tick_of_its_request(service: Footholds) -> None:
+    bus = service.runtime.bus  # type: ignore[attr-defined]
+    heard: list[FootholdChoice] = []
+    bus.subscribe(FOOTHOLDS_CHOSEN, lambda delivery: heard.append(delivery.message()))
+    tick = Tick.model_construct(tick=12, epoch=4, stamp_ns=120_000_000)
+    service.on_tick(TickInputs(tick, {TERRAIN_MAP.key: message(flat())}))
+    reply = service.choose(asked("lf", "rm", tick=9, epoch=4))
+    (choice,) = heard
+    assert (choice.epoch, choice.tick, choice.stamp_ns, choice.source) == (4, 9, 90_000_000, "footholds")
+    assert (choice.legs, choice.model) == (reply.legs, reply.model)
+
+
 def test_no_map_is_not_ready_and_a_new_epoch_forgets(service: Footholds) -> None:
     for _ in range(2):
         with refused(Refusal, "not_ready"):
@@ -180,7 +192,7 @@ def test_wrong_assessments_name_the_field(mapped: Footholds, request_: AssessReq
 
 def test_same_map_is_prepared_once(service: Footholds, monkeypatch: pytest.MonkeyPatch) -> None:
     terrain, built = message(flat()), []
-    monkeypatch.setattr("surefoot.services.footholds.service.build_ground", lambda *a: built.append(a))
+    monkeypatch.setattr("surefoot.services.footholds.latched.build_ground", lambda *a: built.append(a))
     for _ in range(3):
         give(service, terrain)
     give(service, message(flat(), version=4))
