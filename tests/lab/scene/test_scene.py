@@ -1,12 +1,14 @@
 """The picture of a run against the messages it is made of."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.stats
 
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.lab.scene.film import UNITS_PER_M, film_of_recording, frame
-from surefoot.lab.scene.scene import FORCE_LENGTH, KEYS, RobotScene
+from surefoot.lab.scene.scene import FORCE_LENGTH, KEYS, RobotScene, Snapshot
 from surefoot.lab.scene.shapes import DrawnGround, body_of
 from surefoot.lab.scene.styles import STYLES, VALUES
 from surefoot.record.recording import open_readable, read_recording
@@ -23,6 +25,15 @@ def film(recorded):
 @pytest.fixture(scope="module")
 def truths(recorded):
     return {round(m.stamp_ns * 1e-9, 6): m.message() for m in read_recording(recorded, ("sim/truth",))}
+
+
+def decoded(recorded: Any, key: str) -> list[Any]:
+    return [item.message() for item in read_recording(recorded, (key,))]
+
+
+def styles(shown: Snapshot | None) -> set[str]:
+    assert shown is not None
+    return {item.style for item in shown.items}
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -65,7 +76,7 @@ def test_centre_of_mass_and_forces_lie_where_they_truly_are(film, truths):
 def test_certificate_arrows_hold_the_planned_centre_of_mass_within_the_friction_of_the_status(film, recorded):
     """Balance of forces and moments, and cones, by the arrows alone; nothing of the solver."""
     robot = load_robot("ragno")
-    statuses = [m.message() for m in read_recording(recorded, ("state/stability",))]
+    statuses = decoded(recorded, "state/stability")
     shown = [s for s in film.snapshots[30:] if any(item.style == "holding" for item in s.items)]
     assert len(shown) > 60
     for snapshot in shown:
@@ -85,16 +96,14 @@ def test_a_centre_of_mass_outside_has_no_forces_that_hold_it(recorded):
     last = {m.key: m for m in read_recording(recorded, KEYS)}
     for key, item in last.items():
         scene.feed(key, item.message)
-    assert "holding" in {item.style for item in scene.snapshot().items}
+    assert "holding" in styles(scene.snapshot())
     away = last["state/stability"].message().model_copy(update={"com_planned": (0.5, 0.0), "margin_planned": None})
     scene.feed("state/stability", lambda: away)
-    assert "holding" not in {item.style for item in scene.snapshot().items}
+    assert "holding" not in styles(scene.snapshot())
 
 
 def test_labels_are_score_slip_and_interval_of_the_choice_whose_foothold_is_stepped_to(film, recorded):
-    chosen, gaits = (
-        [m.message() for m in read_recording(recorded, (key,))] for key in ("footholds/chosen", "state/gait")
-    )
+    chosen, gaits = decoded(recorded, "footholds/chosen"), decoded(recorded, "state/gait")
     names, labels = load_robot("ragno").leg_names, 0
     for snapshot in film.snapshots[30:]:
         gait = [m for m in gaits if m.stamp_ns * 1e-9 <= snapshot.time + 1e-9][-1]

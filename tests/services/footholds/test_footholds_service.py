@@ -1,6 +1,8 @@
 """The service around the choice: latched map, queries, refusals."""
 
 import json
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +35,7 @@ def give(service: Footholds, terrain: HeightMapMessage) -> None:
 
 
 @pytest.fixture
-def service() -> Footholds:
+def service() -> Iterator[Footholds]:
     one = Footholds(FootholdsConfig(slip_model="hand-made"))
     system = LocalSystem([one])
     yield one
@@ -47,7 +49,7 @@ def mapped(service: Footholds) -> Footholds:
     return service
 
 
-def asked(*legs: str, **changes: object) -> SelectRequest:
+def asked(*legs: str, **changes: Any) -> SelectRequest:
     names = [leg.name for leg in ragno().legs]
     requests = tuple(
         LegRequest(leg=leg, nominal=tuple(neutral(names.index(leg))), stroke=STROKE) if leg in names
