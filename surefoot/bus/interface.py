@@ -7,12 +7,15 @@ themselves, which are published as well as soon as somebody listens.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar, cast
 
 from surefoot.bus.codec import decode, encode, encoding_of, read_header
 from surefoot.errors import CallError, Refusal, SurefootError
 from surefoot.schemas.base import Message, Request, Wire
 from surefoot.schemas.topics import Query, Topic
+
+if TYPE_CHECKING:
+    from surefoot.bus.unread import UnreadPeer
 
 M = TypeVar("M", bound=Message)
 M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
@@ -254,6 +257,10 @@ class Bus(Protocol):
 
     def watch(self, sink: Callable[[Life], Any]) -> None:
         """Delivers the appearance and disappearance of services, those already there first."""
+        ...
+
+    def unread(self) -> "list[UnreadPeer]":
+        """Return the peers that have read nothing of what waits for them since the last call."""
         ...
 
     def close(self) -> None:

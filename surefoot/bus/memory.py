@@ -164,6 +164,9 @@ class MemoryBus:
     def new_instance(self) -> str:
         return uuid.uuid4().hex[:12]
 
+    def unread(self) -> list[Any]:
+        return []
+
     def announce(self, service: str, instance: str) -> None:
         life = Life(service, instance, True)
         self._alive.append(life)

@@ -23,6 +23,7 @@ from surefoot.bus.options import why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
+from surefoot.bus.unread import Unread, UnreadPeer
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Message, Request, Wire
 from surefoot.schemas.topics import Kind, Query, Topic
@@ -109,6 +110,7 @@ class ZenohBus:
         self._keep: list[Any] = []
         self._pours: list[threading.Thread] = []
         self._asking = Asking(self.session, endpoint.namespace)
+        self._unread = Unread(self.session)
         self._framers: dict[str, Framer] = {}
 
     def publisher(
@@ -230,6 +232,9 @@ class ZenohBus:
 
     def new_instance(self) -> str:
         return str(self.session.zid())
+
+    def unread(self) -> list[UnreadPeer]:
+        return self._unread.look()
 
     def announce(self, service: str, instance: str) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))

@@ -79,8 +79,7 @@ class Node:
                 raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
             self._publishers[topic.key] = self.bus.publisher(topic, self.instance)
-        # the only question that a cold service answers
-        self.bus.serve(HEALTH_GET.of(self.name), self._early, instance=self.instance)
+        self.bus.serve(HEALTH_GET.of(self.name), self._early, instance=self.instance)  # all a cold service answers
         began, before = self.clock(), COMPILING.done
         with COMPILING.told(self._on_compile):
             service.on_start()
@@ -181,6 +180,8 @@ class Node:
         now = self.clock()
         if now >= self._next_health:
             self._next_health = now + HEALTH_PERIOD_S
+            for peer in self.bus.unread():
+                self.refuse("unread", peer.describe(), peer.name)
             self._publishers[f"health/{self.name}"].put(self.health())
         if now >= self._next_join:
             self._next_join = now + JOIN_RETRY_S
@@ -244,8 +245,7 @@ class Node:
         return True
 
     def _on_delivery(self, delivery: Delivery) -> None:
-        topic = delivery.topic
-        key = topic.key
+        topic, key = delivery.topic, delivery.topic.key
         try:
             if key in self._observed:
                 self.service.on_message(topic, delivery.message())

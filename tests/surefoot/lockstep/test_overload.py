@@ -1,11 +1,12 @@
 """Readers that never read, floods on observed keys and queries: a run goes on as if they were not there."""
 
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,15 +15,17 @@ import pytest
 from surefoot.bus.inbox import OBSERVED_ITEMS, QUERY_ITEMS, Inbox, Lane
 from surefoot.bus.interface import Delivery, Raw
 from surefoot.bus.memory import MemoryBus
+from surefoot.bus.unread import Unread, UnreadPeer
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.node import Node
 from surefoot.lockstep.sample import DueSample
 from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import CancelRequest, NavigatorReply
-from surefoot.schemas.system import HealthRequest
+from surefoot.schemas.system import HealthRequest, LogRecord
 from surefoot.schemas.topics import CMD_ESTOP, HEALTH, HEALTH_GET, HW_LANDMARKS, NAVIGATOR_CANCEL, SIM_STATUS, TICK_NS
 from tests.processes import running
+from tests.surefoot.lockstep.node_bench import Bench
 from tests.surefoot.lockstep.test_zenoh_run import Threads
 from tests.surefoot.net import Net, spinning, wait_until
 from tests.surefoot.toys import ToyDriver, ToyEstimator
@@ -32,7 +35,7 @@ import json, sys, time, zenoh
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
 session = zenoh.open(config)
 subscriber = session.declare_subscriber(sys.argv[2], zenoh.handlers.FifoChannel(1))
-print("subscribed", flush=True)
+print(session.zid(), flush=True)
 time.sleep(600)
 """
 ASKER = """
@@ -97,15 +100,16 @@ class Watcher(ToyEstimator):
 
 
 @contextmanager
-def unread(net: Net, key: str, count: int) -> Iterator[None]:
-    """Client processes that subscribe to a key and never read; each blocks its whole session."""
+def unread(net: Net, key: str, count: int) -> Iterator[set[str]]:
+    """Client processes that subscribe to a key and never read, by name; each blocks its whole session."""
+    names = set[str]()
     with ExitStack() as stack:
         command = [sys.executable, "-c", READER, net.address, key]
         for _ in range(count):
             reader = stack.enter_context(running(command, stdout=subprocess.PIPE, text=True))
             assert reader.stdout is not None
-            assert reader.stdout.readline() == "subscribed\n"
-        yield
+            names.add(reader.stdout.readline().strip())
+        yield names
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "paced"])
@@ -126,7 +130,7 @@ def test_readers_of_everything_that_never_read_stop_nothing(net: Net, key: str, 
             seen = LandmarkDetections(landmarks=LANDMARKS)
             return [*super().release(tick), DueSample(HW_LANDMARKS, seen, tick * TICK_NS, tick)]
 
-    with unread(net, key, 2):
+    with unread(net, key, 2) as readers:
         driver, estimator = DriverNode(Timed(), net.open()), Node(ToyEstimator(ServiceConfig()), net.open())
         for node in (driver, estimator):
             node.start()
@@ -138,6 +142,42 @@ def test_readers_of_everything_that_never_read_stop_nothing(net: Net, key: str, 
             wait_until(lambda: driver.leader.state == "ended" or time.monotonic() > end)
             assert driver.leader.tick > 500
             assert max(gaps[51:]) < GAP_S
+            net.router.unread()
+            wait_until(lambda: {one.name for one in net.router.unread()} == readers)
+
+
+def test_a_peer_that_reads_nothing_is_counted_in_health_and_logged_once_by_name_and_address() -> None:
+    bench = Bench()
+    bench.bus.unread = lambda: [UnreadPeer("a1b2", "127.0.0.1:5", 3 << 20)]  # type: ignore[method-assign]
+    for _ in range(3):
+        bench.node._next_health = 0.0
+        bench.node.timers()
+    assert bench.node.health().refused == {"unread": 3}
+    (text,) = (record.text for record in bench.sent(LogRecord))
+    assert "'a1b2' at 127.0.0.1:5 reads nothing: 3.0 MiB" in text
+
+
+def test_a_connection_whose_other_end_reads_now_and_then_is_not_stuck() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as reader:
+        one, address = server.accept()
+        with one:
+            links = [SimpleNamespace(dst=f"tcp/127.0.0.1:{address[1]}", zid="a1b2")]
+            looks = Unread(SimpleNamespace(info=SimpleNamespace(links=lambda: links)))  # type: ignore[arg-type]
+            one.setblocking(False)
+            with suppress(BlockingIOError):
+                while True:
+                    one.send(bytes(1 << 16))
+
+            def stuck() -> list[str]:
+                return [peer.name for peer in looks.look()]
+
+            assert stuck() == []  # the first look has nothing to compare with
+            wait_until(lambda: stuck() == ["a1b2"])
+            assert looks.look()[0].waiting > 1 << 16
+            reader.settimeout(10.0)
+            while looks.look():
+                reader.recv(1 << 20)
+            wait_until(lambda: stuck() == ["a1b2"])
 
 
 def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_ends(net: Net) -> None:

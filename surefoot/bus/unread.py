@@ -1,0 +1,88 @@
+"""Peers that read nothing: what waits for them in the kernel, and has not become less for a while.
+
+Zenoh drops what such a peer does not take and names neither peer nor key. The kernel has two numbers of each
+connection: bytes that wait, and bytes that the other end has taken so far.
+"""
+# pyright: reportUnknownMemberType=false
+
+import fcntl
+import os
+import socket
+import stat
+import struct
+import termios
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import NamedTuple
+
+import zenoh
+
+_TAKEN_AT = 120  # of tcpi_bytes_acked in the kernel's struct tcp_info, whose fields keep their places
+_TCP_INFO_BYTES = 192
+
+
+class Connection(NamedTuple):
+    """A TCP connection of this process.
+
+    Attributes:
+        waiting: bytes that the other end has not taken.
+        taken: bytes that it has taken so far.
+    """
+
+    waiting: int
+    taken: int
+
+
+class UnreadPeer(NamedTuple):
+    """A peer that takes nothing.
+
+    Attributes:
+        name: of its session.
+        address: of its end of the connection.
+        waiting: bytes that wait for it.
+    """
+
+    name: str
+    address: str
+    waiting: int
+
+    def describe(self) -> str:
+        waiting = f"{self.waiting / 2**20:.1f} MiB wait for it"
+        return f"peer {self.name!r} at {self.address} reads nothing: {waiting}, what is beyond is dropped"
+
+
+class Unread:
+    """Looks at the connections of a session again and again; on Linux, elsewhere no peer is named."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._before: dict[str, Connection] = {}
+
+    def look(self) -> list[UnreadPeer]:
+        """Return the peers for which something waits that have taken nothing since the last look."""
+        names = {str(link.dst).partition("/")[2]: str(link.zid) for link in self._session.info.links()}
+        now = {address: found for address, found in connections() if address in names}
+        stuck = [
+            UnreadPeer(names[address], address, found.waiting)
+            for address, found in now.items()
+            if found.waiting and found.taken == self._before.get(address, Connection(0, -1)).taken
+        ]
+        self._before = now
+        return stuck
+
+
+def connections() -> Iterator[tuple[str, Connection]]:
+    """Yield address of the other end and state of each TCP connection of this process."""
+    try:
+        numbers = [int(name) for name in os.listdir("/proc/self/fd")]
+    except OSError:
+        return
+    for number in numbers:
+        with suppress(OSError, struct.error):  # closed meanwhile, no TCP, not connected, another kernel
+            if stat.S_ISSOCK(os.fstat(number).st_mode):
+                with socket.socket(fileno=os.dup(number)) as one:
+                    host, port = one.getpeername()[:2]
+                    (waiting,) = struct.unpack("i", fcntl.ioctl(one, termios.TIOCOUTQ, bytes(4)))
+                    info = one.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+                    (taken,) = struct.unpack_from("Q", info, _TAKEN_AT)
+                    yield (f"[{host}]:{port}" if ":" in host else f"{host}:{port}"), Connection(waiting, taken)
