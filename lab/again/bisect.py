@@ -1,6 +1,7 @@
 """First message and field in which two recordings differ."""
 
 import json
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 
 from surefoot.bus.interface import Raw
 from surefoot.errors import SurefootError
-from surefoot.record.recording import Recorded, read_recording, recording_info
+from surefoot.record.recording import LATEST_NS, Recorded, read_recording, recording_info
 from surefoot.schemas.base import Bulk
 from surefoot.schemas.topics import TOPICS, Kind
 
@@ -44,42 +45,91 @@ class FirstDifference:
 def first_difference(a: Path, b: Path) -> FirstDifference | None:
     """Return the first difference in what is the same whenever a run is repeated; None: there is none.
 
+    Both files are read once, side by side in the order of their stamps; of each key at most the messages are held that
+    one file is ahead by, within one stamp.
+
     Raises:
         SurefootError: a file cannot be read, or both have no key in common.
     """
-    keys = _keys(a) | _keys(b)
-    if not _keys(a) & _keys(b):
+    keys = _keys(a), _keys(b)
+    if not keys[0] & keys[1]:
         raise SurefootError("invalid", f"{a} and {b} have no deterministic topic in common", "recording")
-    found = [each for key in sorted(keys) if (each := _first_of(key, a, b)) is not None]
-    return min(found, key=lambda each: (each.tick, ORDER.get(each.key, len(ORDER))), default=None)
+    pairing = _Pairing(keys)
+    streams = tuple(read_recording(path, tuple(sorted(own))) for path, own in zip((a, b), keys, strict=True))
+    ahead = [next(stream, None) for stream in streams]
+    while (side := _earlier(ahead)) is not None:
+        item = ahead[side]
+        assert item is not None
+        other = ahead[1 - side]
+        pairing.take(side, item, LATEST_NS + 1 if other is None else other.stamp_ns)
+        ahead[side] = next(streams[side], None)
+    pairing.end()
+    return min(pairing.found, key=lambda each: (each.tick, ORDER.get(each.key, len(ORDER))), default=None)
+
+
+def _earlier(ahead: list[Recorded | None]) -> int | None:
+    """Return which of two messages comes first; None: both streams have ended."""
+    one, other = ahead
+    if one is None:
+        return None if other is None else 1
+    return 0 if other is None or one.stamp_ns <= other.stamp_ns else 1
+
+
+class _Pairing:
+    """Pairs the n-th message of a key in one file with the n-th in the other, until they differ.
+
+    Attributes:
+        found: first difference of each key that has one.
+    """
+
+    def __init__(self, keys: tuple[set[str], set[str]]) -> None:
+        self.found: list[FirstDifference] = []
+        self._keys, self._ended = keys, set[str]()
+        self._waiting: dict[str, tuple[int, deque[Recorded]]] = {}
+
+    def take(self, side: int, item: Recorded, now_ns: int) -> None:
+        """Take the next message of a file, while the other has come to `now_ns`."""
+        key = item.key
+        if key in self._ended:
+            return
+        owner, waiting = self._waiting.get(key) or self._waiting.setdefault(key, (side, deque()))
+        if waiting and owner != side:
+            before = waiting.popleft()
+            if before.data != item.data or before.stamp_ns != item.stamp_ns:
+                pair = (before, item) if owner == 0 else (item, before)
+                self._end(_field(key, _content(pair[0]), _content(pair[1]), *pair))
+            return
+        if key not in self._keys[1 - side]:
+            self._end(_absent(item, side))
+        elif not waiting:
+            self._waiting[key] = side, deque((item,))
+        elif waiting[0].stamp_ns >= now_ns:  # else what waits differs from all that the other can have
+            waiting.append(item)
+
+    def end(self) -> None:
+        """Take what still waits as absent in the other file."""
+        for side, waiting in list(self._waiting.values()):
+            if waiting and waiting[0].key not in self._ended:
+                self._end(_absent(waiting[0], side))
+
+    def _end(self, difference: FirstDifference) -> None:
+        self.found.append(difference)
+        self._ended.add(difference.key)
+        self._waiting.pop(difference.key, None)
+
+
+def _absent(item: Recorded, side: int) -> FirstDifference:
+    """Return the difference of a message that only the file `side` has."""
+    there = ("there", "absent") if side == 0 else ("absent", "there")
+    return FirstDifference(item.key, int(_content(item).get("tick", -1)), "", *there)
 
 
 def _keys(path: Path) -> set[str]:
     return {key for key in recording_info(path)["topics"] if key in COMPARED}
 
 
-def _first_of(key: str, a: Path, b: Path) -> FirstDifference | None:
-    one, other = _messages(key, a), _messages(key, b)
-    while True:
-        x, y = next(one, None), next(other, None)
-        if x is None and y is None:
-            return None
-        if x is None or y is None:
-            left = _content(x or y)
-            there = ("absent", "there") if x is None else ("there", "absent")
-            return FirstDifference(key, int(left.get("tick", -1)), "", *there)
-        if x.data != y.data or x.stamp_ns != y.stamp_ns:
-            return _field(key, _content(x), _content(y), x, y)
-
-
-def _messages(key: str, path: Path) -> Iterator[Recorded]:
-    return read_recording(path, (key,)) if key in recording_info(path)["topics"] else iter(())
-
-
-def _content(item: Recorded | None) -> dict[str, Any]:
+def _content(item: Recorded) -> dict[str, Any]:
     """Return the JSON of a message: the header of an array."""
-    if item is None:
-        return {}
     raw: Raw = item.raw()
     bulk = item.model is not None and issubclass(item.model, Bulk)
     try:

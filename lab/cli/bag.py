@@ -64,7 +64,9 @@ def _verify(file: Path, *, json: bool) -> None:
     found = verify_recording(file)
     readable = found.messages.total()
     if json:
-        write_json({"path": str(file), "ok": found.whole, "readable": readable, **vars(found)})
+        shown = ("chunks", "damaged", "messages", "lost", "uncounted", "problems", "lost_share")
+        parts = {name: getattr(found, name) for name in shown}
+        write_json({"path": str(file), "ok": found.whole, "readable": readable, **parts})
     else:
         lost = f"{'at least ' * found.uncounted}{found.lost or 'none'} lost"
         lost = "how many are lost is unknown" if found.uncounted and not found.lost else lost

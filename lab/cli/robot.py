@@ -102,7 +102,7 @@ def check(
     use_json(json)
     robot = load_robot(name)
     content, rows = _summary(robot)
-    if (Path(name) / "import.json").is_file():
+    if any((Path(name) / part).exists() for part in ("import.json", "source.xml")):
         from ..robots.compare import WITNESS, checked
 
         content["differences"] = found = checked(Path(name))

@@ -30,7 +30,8 @@ def report_recording(file: Path, scenario: Scenario | None, out: Path) -> tuple[
     recording = open_readable(file)
     run, summary = recording.metadata.get("run", {}), recording.metadata.get("surefoot", {})
     traces = read_traces(recording.messages((*KEYS, "terrain/map")))
-    notes = (f"only a part of the recording can be read: {recording.damage}",) if recording.damage else explained(file)
+    partly = (f"only a part of the recording can be read: {recording.damage}",) if recording.damage else ()
+    notes = (*partly, *explained(file))
     if scenario is None and SCENARIO in recording.metadata:
         scenario = recorded_scenario(recording.metadata, file)
     limits = {} if scenario is None else scenario.limits

@@ -81,23 +81,18 @@ def read_signals(path: Path) -> Signals:
     recording = open_readable(path)
     joints, feet = _names(recording.metadata)
     found, epoch = Signals(joints=joints, feet=feet, damage=recording.damage), -1
-    try:
-        for item in recording.messages(READ):
-            try:
-                row = json.loads(item.data)
-                now = int(row["epoch"])
-            except (ValueError, KeyError, TypeError, OverflowError):
-                found.unreadable += 1
-                continue
-            if now > epoch:
-                found.rows.clear()
-                epoch = now
-            if now == epoch:
-                found.rows[item.key].append(row)
-    except SurefootError as error:
-        if not found.rows:
-            raise
-        found.damage = error.message
+    for item in recording.messages(READ):
+        try:
+            row = json.loads(item.data)
+            now = int(row["epoch"])
+        except (ValueError, KeyError, TypeError, OverflowError):
+            found.unreadable += 1
+            continue
+        if now > epoch:
+            found.rows.clear()
+            epoch = now
+        if now == epoch:
+            found.rows[item.key].append(row)
     if not found.rows:
         raise SurefootError("invalid", f"{path} has none of {', '.join(READ)}", "recording")
     return found

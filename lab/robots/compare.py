@@ -4,7 +4,6 @@
 # pyright: reportAttributeAccessIssue=false
 import importlib
 import importlib.util
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from surefoot.robot.reader import load_robot
 
 from .anatomy import FileMark, pose
 from .inertia import mass_matrix
+from .notes import FILE, SOURCE, ImportNotes, read_notes, read_text
 from .source import BALANCED, compiled, is_urdf
 
 Array = NDArray[np.float64]
@@ -49,7 +49,11 @@ class _RandomPosture(NamedTuple):
 def differences(folder: Path) -> dict[str, float]:
     """Return the largest differences of a robot folder from MuJoCo's results for its source, by quantity."""
     robot, notes, text = _read(folder)
-    return _largest(robot, _mujoco(robot, notes, text))
+    try:
+        return _largest(robot, _mujoco(robot, notes, text))
+    except (KeyError, IndexError) as error:  # MuJoCo's: a name or number that the file does not have
+        why = str(error.args[0] if error.args else error).partition("\n")[0].strip(" '.")
+        raise RobotError("unknown_name", FILE, f"names what {SOURCE} does not have: {why}") from None
 
 
 def witness(folder: Path) -> dict[str, float] | None:
@@ -69,7 +73,7 @@ def checked(folder: Path) -> dict[str, dict[str, float]]:
     found = {"mujoco": differences(folder)}
     other, notes = witness(folder), _read(folder)[1]
     found |= {} if other is None else {WITNESS: other}
-    balanced = any(BALANCED in text for text in notes["assumed"])
+    balanced = any(BALANCED in text for text in notes.assumed)
     for program, worst in found.items():
         for name, value in worst.items():
             if value > MOST_DIFFERENCE and not (balanced and program == WITNESS and name == "inertia_kgm2"):
@@ -80,9 +84,25 @@ def checked(folder: Path) -> dict[str, dict[str, float]]:
     return found
 
 
-def _read(folder: Path) -> tuple[Robot, dict[str, Any], str]:
-    notes = json.loads((folder / "import.json").read_text(encoding="utf-8"))
-    return load_robot(folder), notes, (folder / "source.xml").read_text(encoding="utf-8")
+def _read(folder: Path) -> tuple[Robot, ImportNotes, str]:
+    """Return robot, notes and XML of a folder, which belong together.
+
+    Raises:
+        RobotError: one cannot be used, or the notes name a leg or joint that the robot does not have.
+    """
+    robot, notes = load_robot(folder), read_notes(folder)
+    for table, names, known in (("joints", notes.joints, robot.joint_names), ("feet", notes.feet, robot.leg_names)):
+        if lacking := sorted(set(known) - set(names)):
+            raise RobotError("missing", f"{FILE}.{table}.{lacking[0]}", "is missing: robot.toml has it")
+    for leg in robot.legs:
+        if (got := len(notes.feet[leg.name].spheres)) != len(leg.foot.points):
+            field, allowed = f"{FILE}.feet.{leg.name}.spheres", len(leg.foot.points)
+            raise RobotError("value", field, f"got {got}, allowed are {allowed}, as many as robot.toml has")
+    for other, name in notes.shared.items():
+        if name not in robot.joint_names:
+            known = ", ".join(robot.joint_names)
+            raise RobotError("unknown_name", f"{FILE}.shared.{other}", f"got {name!r}, known are {known}")
+    return robot, notes, read_text(folder, SOURCE)
 
 
 def _largest(robot: Robot, theirs: Any) -> dict[str, float]:
@@ -109,20 +129,20 @@ def ours(robot: Robot, q: Array, up: Array) -> ComparedRobot:
     )  # fmt: skip
 
 
-def _mujoco(robot: Robot, notes: dict[str, Any], text: str) -> Any:
-    model, _ = compiled(text, free=notes["trunk"])
-    data, trunk = mujoco.MjData(model), model.body(notes["trunk"]).id
-    ids = [model.joint(notes["joints"][name]).id for name in robot.joint_names]
+def _mujoco(robot: Robot, notes: ImportNotes, text: str) -> Any:
+    model, _ = compiled(text, free=notes.trunk)
+    data, trunk = mujoco.MjData(model), model.body(notes.trunk).id
+    ids = [model.joint(notes.joints[name]).id for name in robot.joint_names]
     pick = np.zeros((model.nv, 6 + robot.nj))  # rows: their degrees of freedom; a shared motor has two
     base = model.body_dofadr[trunk]
     pick[base : base + 6, :6] = np.eye(6)
     angles_of = np.zeros((model.njnt, robot.nj))
     for j, i in enumerate(ids):
         pick[model.jnt_dofadr[i], 6 + j] = angles_of[i, j] = 1.0
-    for theirs, name in notes["shared"].items():
+    for theirs, name in notes.shared.items():
         i, j = model.joint(theirs).id, robot.joint_names.index(name)
         pick[model.jnt_dofadr[i], 6 + j] = angles_of[i, j] = 1.0
-    feet = [notes["feet"][leg.name] for leg in robot.legs]
+    feet = [notes.feet[leg.name] for leg in robot.legs]
 
     def results(at: _RandomPosture) -> ComparedRobot:
         model.opt.gravity = -at.up
@@ -131,16 +151,16 @@ def _mujoco(robot: Robot, notes: dict[str, Any], text: str) -> Any:
         mujoco.mj_forward(model, data)
         full, jac = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
         mujoco.mj_fullM(model, data, full)
-        spheres = [FileMark(*mark).place(model, data) for foot in feet for mark in foot["spheres"]]
+        spheres = [FileMark(*mark).place(model, data) for foot in feet for mark in foot.spheres]
         places = iter(spheres)
         centres: list[Array] = []
         for foot in feet:
-            own = [next(places) for _ in foot["spheres"]]
-            mark = foot["centre"]
+            own = [next(places) for _ in foot.spheres]
+            mark = foot.centre
             centres.append(np.mean(own, axis=0) if mark is None else FileMark(*mark).place(model, data))
         columns = np.zeros_like(foot_jacobians(robot.model, at.q))
         for i, (foot, centre) in enumerate(zip(feet, centres, strict=True)):
-            mujoco.mj_jac(model, data, jac, None, centre, model.body(foot["body"]).id)
+            mujoco.mj_jac(model, data, jac, None, centre, model.body(foot.body).id)
             joints = list(robot.legs[i].joints)
             columns[i, :, : len(joints)] = (jac @ pick)[:, [6 + j for j in joints]]
         mass = float(model.body_subtreemass[trunk])
@@ -152,16 +172,16 @@ def _mujoco(robot: Robot, notes: dict[str, Any], text: str) -> Any:
     return results
 
 
-def _pinocchio(robot: Robot, notes: dict[str, Any], text: str) -> Any:
+def _pinocchio(robot: Robot, notes: ImportNotes, text: str) -> Any:
     pin: Any = importlib.import_module(WITNESS)
     model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()) if is_urdf(text) else _from_mjcf(pin, text)
     data, q = model.createData(), pin.neutral(model)
-    joints = [model.joints[model.getJointId(notes["joints"][name])] for name in robot.joint_names]
+    joints = [model.joints[model.getJointId(notes.joints[name])] for name in robot.joint_names]
     rows, places = [*range(6), *(joint.idx_v for joint in joints)], [joint.idx_q for joint in joints]
     pick = np.zeros((model.nv, 6 + robot.nj))
     pick[rows, range(6 + robot.nj)] = 1.0
     places_of = [(place, j) for j, place in enumerate(places)]
-    for theirs, name in notes["shared"].items():
+    for theirs, name in notes.shared.items():
         joint, j = model.joints[model.getJointId(theirs)], robot.joint_names.index(name)
         pick[joint.idx_v, 6 + j] = 1.0
         places_of.append((joint.idx_q, j))
@@ -172,7 +192,7 @@ def _pinocchio(robot: Robot, notes: dict[str, Any], text: str) -> Any:
         for place, j in places_of:
             q[place] = at.q[j]
         pin.framesForwardKinematics(model, data, q)
-        base = data.oMf[model.getFrameId(notes["trunk"], pin.FrameType.BODY)].copy()
+        base = data.oMf[model.getFrameId(notes.trunk, pin.FrameType.BODY)].copy()
         model.gravity.linear = -base.rotation @ at.up
         model.armature = np.zeros(model.nv)
         whole = pin.crba(model, data, q)
@@ -188,7 +208,7 @@ def _pinocchio(robot: Robot, notes: dict[str, Any], text: str) -> Any:
 
 
 def _frames(
-    pin: Any, model: Any, data: Any, q: Array, robot: Robot, notes: dict[str, Any], pick: Array
+    pin: Any, model: Any, data: Any, q: Array, robot: Robot, notes: ImportNotes, pick: Array
 ) -> tuple[Array, Array]:
     """Return centres and spheres of the feet, (L + k, 3) m, and Jacobians (L, 3, n) by the frames of their bodies."""
     pin.computeJointJacobians(model, data, q)
@@ -196,9 +216,9 @@ def _frames(
     columns = np.zeros((robot.nlegs, 3, robot.model.leg_joints.shape[1]))
     centres, spheres = list[Array](), list[Array]()
     for i, leg in enumerate(robot.legs):
-        note = notes["feet"][leg.name]
-        frame, joints = model.getFrameId(note["body"], pin.FrameType.BODY), list(leg.joints)
-        place, anchor = data.oMf[frame], np.array(note["anchor"])
+        note = notes.feet[leg.name]
+        frame, joints = model.getFrameId(note.body, pin.FrameType.BODY), list(leg.joints)
+        place, anchor = data.oMf[frame], np.array(note.anchor)
         centres.append(place.act(anchor + leg.foot.position))
         spheres += [place.act(anchor + point) for point in leg.foot.points]
         jac = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)

@@ -106,7 +106,10 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
         if is_urdf(text):  # a link without inertial has no mass, whatever its shape is
             spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         if free is not None and not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
-            spec.body(free).add_freejoint()
+            root = spec.body(free)
+            if root is None:
+                raise RobotError("unknown_name", "trunk", f"got {free!r}, which the file does not have")
+            root.add_freejoint()
         spec.compiler.fusestatic = spec.compiler.discardvisual = False
         spec.compiler.balanceinertia = spec.compiler.balanceinertia or balance
         return spec.compile(), balance

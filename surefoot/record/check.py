@@ -1,22 +1,25 @@
 """Reads a whole MCAP file, whatever has happened to it: what can be read, and how much is lost.
 
 A reader by index trusts the summary at the end, which a file that was cut off does not have. Here records are walked
-from the front, every chunk is unpacked and its checksum compared; where a record is nonsense, the summary (if there is
-one) gives the place of the next chunk. Format: MCAP specification, version 0.
+from the front, every chunk is unpacked and its checksum compared; where a record is nonsense, the summary gives the
+place of the next chunk; without one, the bytes that a chunk begins with do. Format: MCAP specification, version 0.
 """
 
+import heapq
+import mmap
 import struct
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Message, MessageIndex
+from mcap.records import Channel, Chunk, Message, MessageIndex, Metadata
 from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 from zstandard import ZstdError
 
@@ -26,7 +29,29 @@ BROKEN = (McapError, KeyError, ZstdError, struct.error, ValueError, EOFError, Me
 """Errors of reading a torn file: its records, their compression and their texts may each be damaged."""
 
 _HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, number, stamp and time of publication, ns."""
+_COMPRESSIONS = (b"\4\0\0\0zstd", b"\3\0\0\0lz4")
+_BEFORE_COMPRESSION = _HEAD.size + 28
+"""Bytes of a chunk before the name of its compression: times, size and checksum."""
 _OPCODES = frozenset(int(code) for code in Opcode)
+
+
+class SoundChunk(NamedTuple):
+    """A chunk that can be read: place of its content in the file, and stamps of its messages, ns."""
+
+    place: int
+    length: int
+    start_ns: int
+    end_ns: int
+
+
+class StoredMessage(NamedTuple):
+    """A message as it is stored: channel, stamp, ns, and bytes."""
+
+    channel: int
+    stamp_ns: int
+    data: bytes
 
 
 @dataclass
@@ -43,11 +68,27 @@ class Findings:
     uncounted: bool = False
     """There is no summary: messages after the last byte are unknown."""
     problems: list[str] = field(default_factory=list[str])
+    size: int = 0
+    """Bytes of the file."""
+    unread: int = 0
+    """Bytes of what cannot be read."""
+    pieces: list[SoundChunk] = field(default_factory=list[SoundChunk])
+    channels: dict[int, str] = field(default_factory=dict[int, str])
+    """Keys of the channels whose record, here or in the summary, can be read."""
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
 
     @property
     def whole(self) -> bool:
         """True if every message can be read and every checksum is right."""
         return not self.problems
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the messages that cannot be read; of the bytes, where the messages are not counted."""
+        total = self.messages.total() + self.lost
+        if self.uncounted:
+            return self.unread / self.size if self.size else 0.0
+        return self.lost / total if total else 0.0
 
 
 def check(path: Path) -> Findings:
@@ -59,7 +100,7 @@ def check(path: Path) -> Findings:
 class _FileCheck:
     def __init__(self, file: IO[bytes], size: int) -> None:
         self.file, self.size = file, size
-        self.found = Findings()
+        self.found = Findings(size=size)
         self.names: dict[int, str] = {}
         self.counts: Counter[int] = Counter()
         self.index: dict[int, list[tuple[int, int]]] | None = {}
@@ -84,6 +125,7 @@ class _FileCheck:
         place = self._first()
         while place is not None:
             place = self._record(place)
+        found.channels = dict(self.names)
         for number, count in self.counts.items():
             found.messages[self.names.get(number, f"channel {number}")] += count
         if self.total is None:
@@ -115,7 +157,7 @@ class _FileCheck:
             return self._again(place, f"the record at byte {place} goes beyond the end of the file, {self.size}")
         if code in (Opcode.DATA_END, Opcode.FOOTER):
             return None
-        if code in (Opcode.CHUNK, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.MESSAGE_INDEX):
+        if code in (Opcode.CHUNK, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.MESSAGE_INDEX, Opcode.METADATA):
             self._take(code, ReadDataStream(BytesIO(self.file.read(length))), place, length)
         return end
 
@@ -125,35 +167,38 @@ class _FileCheck:
             match code:
                 case Opcode.CHUNK:
                     found.chunks, self.index = found.chunks + 1, None
-                    self.index = self._unpack(Chunk.read(stream))
+                    chunk = Chunk.read(stream)
+                    self.index = self._unpack(chunk)
                     self.counts.update({channel: len(entries) for channel, entries in self.index.items()})
+                    piece = SoundChunk(place + _HEAD.size, length, chunk.message_start_time, chunk.message_end_time)
+                    found.pieces += [piece] * bool(self.index)
                 case Opcode.CHANNEL:
                     channel = Channel.read(stream)
                     self.names[channel.id] = channel.topic
+                case Opcode.METADATA:
+                    table = Metadata.read(stream)
+                    found.metadata[table.name] = dict(table.metadata)
                 case Opcode.MESSAGE:
                     self.counts[Message.read(stream, length).channel_id] += 1
                 case _:
                     self._compare(MessageIndex.read(stream))
         except BROKEN as error:
             found.damaged += code == Opcode.CHUNK
+            found.unread += _HEAD.size + length
             what = {Opcode.CHUNK: "chunk", Opcode.MESSAGE_INDEX: "index"}.get(Opcode(code), "record")
             why = "its checksum is wrong" if isinstance(error, CRCValidationError) else str(error)[:120]
             found.problems.append(f"the {what} at byte {place} cannot be read: {why or type(error).__name__}")
 
     def _unpack(self, chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
         """Index of a chunk by its messages: per channel time and offset of each."""
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         index: dict[int, list[tuple[int, int]]] = {}
-        while (offset := stream.count) < size:
-            code, length = stream.read1(), stream.read8()
+        for code, offset, record in _records(chunk):
             if code == Opcode.MESSAGE:
-                message = Message.read(stream, length)
-                index.setdefault(message.channel_id, []).append((message.log_time, offset))
+                channel, _, stamp_ns, _ = _MESSAGE.unpack_from(record)
+                index.setdefault(channel, []).append((stamp_ns, offset))
             elif code == Opcode.CHANNEL:
-                channel = Channel.read(stream)
-                self.names[channel.id] = channel.topic
-            else:
-                stream.read(length)
+                named = Channel.read(ReadDataStream(BytesIO(record)))
+                self.names[named.id] = named.topic
         return index
 
     def _compare(self, told: MessageIndex) -> None:
@@ -164,6 +209,59 @@ class _FileCheck:
             raise ValueError("it does not name the messages of its chunk")
 
     def _again(self, place: int, problem: str) -> int | None:
-        """Note what is wrong here, and go on with the next chunk the summary knows."""
+        """Note what is wrong here, and go on with the next chunk, by the summary or by its first bytes."""
         self.found.problems.append(problem)
-        return next((start for start in self.starts if start > place), None)
+        following = next((start for start in self.starts if start > place), None)
+        if following is None and not self.starts:
+            following = self._search(place + 1)
+        self.found.unread += (self.size if following is None else following) - place
+        return following
+
+    def _search(self, place: int) -> int | None:
+        """Return where the next chunk seems to begin."""
+        if place >= self.size:
+            return None
+        with mmap.mmap(self.file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            seen = [content.find(name, place + _BEFORE_COMPRESSION) for name in _COMPRESSIONS]
+            while at := min((x for x in seen if x >= 0), default=0):
+                begin = at - _BEFORE_COMPRESSION
+                code, length = _HEAD.unpack_from(content, begin)
+                if code == Opcode.CHUNK and begin + _HEAD.size + length <= self.size:
+                    return begin
+                seen = [content.find(name, at + 1) for name in _COMPRESSIONS]
+        return None
+
+
+def _records(chunk: Chunk) -> Iterator[tuple[int, int, bytes]]:
+    """Yield code, place and content of the records of a chunk (raises one of `BROKEN`)."""
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    content, place = stream.read(size), 0
+    while place < size:
+        code, length = _HEAD.unpack_from(content, place)
+        begin = place + _HEAD.size
+        if begin + length > size:
+            raise ValueError("a record goes beyond the end of its chunk")
+        yield code, place, content[begin : begin + length]
+        place = begin + length
+
+
+def sound_messages(path: Path, pieces: list[SoundChunk]) -> Iterator[StoredMessage]:
+    """Yield the messages of chunks in the order of their stamps; holds those of chunks that overlap.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    ordered = sorted(pieces, key=lambda piece: piece.start_ns)
+    waiting: list[tuple[int, int, StoredMessage]] = []
+    with path.open("rb") as file:
+        for number, piece in enumerate(ordered):
+            file.seek(piece.place)
+            chunk = Chunk.read(ReadDataStream(BytesIO(file.read(piece.length))))
+            for code, place, record in _records(chunk):
+                if code == Opcode.MESSAGE:
+                    channel, _, stamp_ns, _ = _MESSAGE.unpack_from(record)
+                    stored = StoredMessage(channel, stamp_ns, record[_MESSAGE.size :])
+                    heapq.heappush(waiting, (stamp_ns, piece.place + place, stored))
+            until = ordered[number + 1].start_ns if number + 1 < len(ordered) else None
+            while waiting and (until is None or waiting[0][0] < until):
+                yield heapq.heappop(waiting)[2]

@@ -3,22 +3,18 @@
 import json
 import struct
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from errno import EINVAL
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
-from mcap.records import Channel as ChannelRecord
-from mcap.records import Message as MessageRecord
-from mcap.records import Metadata as MetadataRecord
-from mcap.stream_reader import StreamReader
 
 from surefoot.bus.codec import decode, encoding_of, json_schema
 from surefoot.bus.interface import Raw
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
-from surefoot.record.check import BROKEN, Findings, check
+from surefoot.record.check import BROKEN, Findings, check, sound_messages
 from surefoot.record.chunks import MAGIC, ChunkWriter
 from surefoot.schemas.base import Bulk, Header, Message
 from surefoot.schemas.topics import TOPICS, Topic
@@ -206,7 +202,7 @@ class ReadableRecording:
         path: the file.
         metadata: tables by name.
         start_ns, end_ns: stamps of the first and last message, ns.
-        damage: why not all of it can be read; empty = it is whole.
+        damage: why not all of it can be read, and which share; empty = it is whole.
     """
 
     path: Path
@@ -214,52 +210,43 @@ class ReadableRecording:
     start_ns: int
     end_ns: int
     damage: str = ""
+    found: Findings = field(default_factory=Findings, repr=False)
 
     def messages(self, keys: tuple[str, ...] | None = None) -> Iterator[Recorded]:
-        """Yield the messages of some keys in the order of their stamps; of a damaged file those before the damage."""
+        """Yield the messages of some keys in the order of their stamps; of a damaged file those of sound chunks."""
         if not self.damage:
             yield from read_recording(self.path, keys)
             return
-        found = [item for item in _records_before_damage(self.path) if isinstance(item, Recorded)]
-        yield from sorted((m for m in found if keys is None or m.key in keys), key=lambda m: m.stamp_ns)
+        wanted = {number: key for number, key in self.found.channels.items() if keys is None or key in keys}
+        models = {number: None if (row := topic_of(key)) is None else row.model for number, key in wanted.items()}
+        for item in sound_messages(self.path, self.found.pieces):
+            if item.channel in wanted:
+                yield Recorded(wanted[item.channel], item.stamp_ns, models[item.channel], item.data)
 
 
 def open_readable(path: Path) -> ReadableRecording:
-    """Open a recording that may be cut off.
+    """Open a recording that may be cut off or damaged; all of it is read once, and its checksums compared.
 
     Raises:
-        SurefootError: it cannot be read, is empty, no MCAP file, or holds no message before its damage.
+        SurefootError: it cannot be read, is empty, no MCAP file, or holds no message that can be read.
     """
-    try:
+    found = verify_recording(path)
+    if found.whole:
         info = recording_info(path)
-        return ReadableRecording(path, info["metadata"], info["start_ns"], info["end_ns"])
-    except SurefootError as error:
-        stamps: list[int] = []
-        metadata: dict[str, dict[str, str]] = {}
-        if error.code == "malformed":
-            for item in _records_before_damage(path):
-                if isinstance(item, Recorded):
-                    stamps.append(item.stamp_ns)
-                else:
-                    metadata[item.name] = dict(item.metadata)
-        if not stamps:
-            raise
-        return ReadableRecording(path, metadata, min(stamps), max(stamps), error.message)
+        return ReadableRecording(path, info["metadata"], info["start_ns"], info["end_ns"], "", found)
+    pieces = found.pieces
+    if not pieces:
+        raise _broken(path, _loss(found))
+    damage = f"{path} is cut off or damaged: {_loss(found)}"
+    start, end = min(piece.start_ns for piece in pieces), max(piece.end_ns for piece in pieces)
+    return ReadableRecording(path, found.metadata, start, end, damage, found)
 
 
-def _records_before_damage(path: Path) -> Iterator[Recorded | MetadataRecord]:
-    """Yield messages and metadata from the front, until a record cannot be read."""
-    channels: dict[int, str] = {}
-    try:
-        with path.open("rb") as file:
-            for record in StreamReader(file, validate_crcs=True).records:
-                if isinstance(record, ChannelRecord):
-                    channels[record.id] = record.topic
-                elif isinstance(record, MetadataRecord):
-                    yield record
-                elif isinstance(record, MessageRecord):
-                    key = channels[record.channel_id]
-                    row = topic_of(key)
-                    yield Recorded(key, record.log_time, None if row is None else row.model, record.data)
-    except (*BROKEN, KeyError, OSError):
-        return
+def _loss(found: Findings) -> str:
+    """Return which share of a damaged recording is lost, and the first of its faults."""
+    share, parts = 100.0 * found.lost_share, f"{found.damaged} of {found.chunks} chunks are damaged"
+    if found.uncounted:
+        lost = f"{share:.1f} % of its bytes cannot be read, and what followed its end is unknown"
+    else:
+        lost = f"{share:.1f} % of its {found.messages.total() + found.lost} messages are lost"
+    return f"{lost}; {parts}; {found.problems[0][:160]}"

@@ -1,13 +1,17 @@
 """Reports of recordings: whole, cut off, without truth, of an unknown robot, with names that look like markup."""
 
 import json
+import re
+from typing import Any
 
 import pytest
 
+from surefoot.lab.cli.view import _recorded as shown
 from surefoot.lab.report.judge import judge
 from surefoot.lab.report.page import About, render
 from surefoot.lab.report.recorded import report_recording
 from surefoot.lab.report.traces import Traces
+from surefoot.lab.report.why import explain
 from surefoot.lab.scene.film import FRAMES_HZ
 from surefoot.record.recording import RecordingWriter, open_readable, read_recording, topic_of
 from surefoot.schemas.base import Header
@@ -22,7 +26,8 @@ def copy(source, target, metadata, keep=lambda key: True):
         if keep(item.key):
             raw = item.raw()
             header = Header(stamp_ns=item.stamp_ns, source=item.key.rpartition("/")[2])
-            writer.write(topic_of(item.key), header, raw)
+            topic: Any = topic_of(item.key)
+            writer.write(topic, header, raw)
     writer.close({})
     return target
 
@@ -61,7 +66,7 @@ def test_without_truth_the_robot_is_where_it_is_estimated(recorded, tmp_path):
     bare = copy(recorded, tmp_path / "bare.mcap", {"namespace": "surefoot/ragno"}, lambda key: key != "sim/truth")
     path, _ = report_recording(bare, None, tmp_path / "bare.html")
     film = content(path.read_text(encoding="utf-8"))["film"]
-    last = {item.key: item for item in read_recording(bare, ("state/odometry",))}["state/odometry"].message()
+    last: Any = {item.key: item for item in read_recording(bare, ("state/odometry",))}["state/odometry"].message()
     shown = [x / film["head"]["unit"] for x in film["frames"][-1]["base"]]
     assert shown == pytest.approx(last.position, abs=2e-3)
 
@@ -89,3 +94,30 @@ def test_names_are_never_markup(invented):
 def test_a_report_of_nothing_still_stands():
     text = render(About("x"), Traces(), judge(Traces(), {}))
     assert content(text) == {"charts": [], "film": None}
+
+
+DAMAGE = {
+    "cut": lambda data: data[: len(data) * 2 // 3],
+    "no summary": lambda data: data[:-200],
+    "flipped": lambda data: data[: len(data) // 2] + bytes([data[len(data) // 2] ^ 8]) + data[len(data) // 2 + 1 :],
+    "hole": lambda data: data[: len(data) // 3] + bytes(5000) + data[len(data) // 3 + 5000 :],
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_of_a_damaged_recording_report_why_and_view_use_what_is_sound_and_state_the_loss(recorded, tmp_path, kind):
+    spoilt = tmp_path / "spoilt.mcap"
+    spoilt.write_bytes(DAMAGE[kind](recorded.read_bytes()))
+    found = re.search(r"[\d.]+ % of its (\d+ messages|bytes)", open_readable(spoilt).damage)
+    assert found is not None
+    loss = found.group(0)
+    _, verdict = report_recording(spoilt, None, tmp_path / "spoilt.html")
+    assert loss in verdict.notes[0]
+    assert loss in explain(spoilt).sentence
+    text = shown(spoilt)
+    assert loss in text
+    times = [frame["t"] for frame in content(text)["film"]["frames"]]
+    assert times == sorted(times)
+    assert len(times) > 40
+    if kind in ("flipped", "no summary"):  # what stands behind the damage is shown, too
+        assert times[-1] > 4.0
