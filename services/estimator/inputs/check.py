@@ -40,7 +40,7 @@ the path by the gyro, rad."""
 
 NEVER, FOR_EVER = -(2**62), 2**62  # ns
 BAD_MEMORY_NS = 100_000_000  # time for which a refused input spoils `inputs_ok`
-LIGHT_FOR_NS = 100_000_000  # time without weight that shows a fall, or another unit
+LIGHT_FOR_NS = 300_000_000  # time without weight that shows a fall, or another unit; a leap lasts 0.2 s
 STEADY_ROWS = 30  # equal joint angles in a row, 1 s, that are a fault while the robot moves by the gyro
 NO_WEIGHT = 3.0  # m/s^2, a shorter specific force is that of a fall, or in another unit
 MEAN_WEIGHT = 0.02  # of a sample in the mean of the accelerometer
@@ -89,7 +89,7 @@ class Faults(NamedTuple):
 
     refused: bool  # an input of the last 100 ms, or there was a gap
     saturated: bool  # the inertial unit was at the end of its range in the last 100 ms
-    weightless: bool  # the accelerometer has shown no weight for a tenth of a second
+    weightless: bool  # the accelerometer has shown no weight for 0.3 s
     imu_frozen: bool  # the inertial unit repeats one sample
     feet_repeat: bool  # the encoders have repeated themselves for a second: a fault only where the robot moves
 

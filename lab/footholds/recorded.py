@@ -1,0 +1,96 @@
+"""Stances of a recorded walk as samples, whoever commanded it: slip as the estimator measured it, no choice of ours.
+
+The stroke f of a stance is the movement of its foot relative to the trunk from the stance's begin to its end,
+
+    f = R_0 (R_1^T (p - b_1) - R_0^T (p - b_0)),   p the foot, b and R place and heading of the trunk, odom.
+
+Footholds are looked up in the recorded map, laid over odom as the walker does; without a map the ground is a plane.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from surefoot.errors import SurefootError
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.record.recording import read_recording, recording_info
+from surefoot.robot.description import Robot
+from surefoot.schemas.state import Odometry, StanceEnd
+from surefoot.schemas.topics import HW_JOINTS, STATE_ODOMETRY, TERRAIN_MAP
+from surefoot.services.footholds.ground import FootholdGround, build_ground
+from surefoot.services.footholds.learning.samples import StanceSample
+from surefoot.services.footholds.outcomes import sample_at
+
+CELL_M, EDGE_M = 0.005, 0.1
+"""Cell of the plane that stands in for a map, and its width about the outermost footholds, m."""
+MOST_CELLS = 4_000_000
+"""Cells of that plane from which the walk is too long for one of that cell."""
+
+
+def robot_of(path: Path) -> str:
+    """Return the robot that a recording names (raises SurefootError: none)."""
+    named = str(recording_info(path)["metadata"].get("run", {}).get("robot", ""))
+    if not named:
+        raise SurefootError("missing", f"{path} names no robot", "robot")
+    return named
+
+
+def samples_of(path: Path, robot: Robot, smooth: bool = True) -> list[StanceSample]:
+    """Return the samples of the healthy stances of the last run of a recording.
+
+    Args:
+        path: MCAP file with `state/odometry`; its name names the trial.
+        robot: that walked.
+        smooth: 3 x 3 median over the map.
+
+    Raises:
+        SurefootError: the file cannot be read, or holds no stance.
+    """
+    ground, poses, epoch = None, list[Odometry](), -1
+    for item in read_recording(path, (TERRAIN_MAP.key, STATE_ODOMETRY.key)):
+        message: Any = item.message()
+        if message.epoch > epoch:
+            ground, poses, epoch = None, [], message.epoch
+        if item.key == TERRAIN_MAP.key:
+            ground = HeightMap.from_wire(message.model_dump(), message.data)
+        elif message.initialised:
+            poses.append(message)
+    ended = [(k, stance) for k, each in enumerate(poses) for stance in each.stances if stance.healthy]
+    if not ended:
+        raise SurefootError("missing", f"{path} holds no stance of a started estimator", STATE_ODOMETRY.key)
+    heights = _plane(stance for _, stance in ended) if ground is None else ground
+    built = build_ground(heights, robot.foot_radius, smooth)
+    stamps = np.array([each.stamp_ns for each in poses])
+    found: list[StanceSample] = []
+    for number, (k, stance) in enumerate(ended):
+        begin = int(np.searchsorted(stamps, stamps[k] - stance.samples * HW_JOINTS.period_ns))
+        found.append(_sample(stance, poses[begin], poses[k], built, (path.stem, stance.foot, number)))
+    return [replace(one, robot=robot.name, robot_hash=robot.hash, source="recorded walk") for one in found]
+
+
+def _sample(
+    stance: StanceEnd, begin: Odometry, end: Odometry, ground: FootholdGround, name: tuple[str, int, int]
+) -> StanceSample:
+    x, y, _ = stance.begin
+    turn = begin.yaw - end.yaw
+    dx, dy, dz = (p - b for p, b in zip(stance.begin, end.position, strict=True))
+    ahead, aside = math.cos(turn) * dx - math.sin(turn) * dy, math.sin(turn) * dx + math.cos(turn) * dy
+    before = [p - b for p, b in zip(stance.begin, begin.position, strict=True)]
+    stroke = ahead - before[0], aside - before[1], dz - before[2]
+    return sample_at(ground, (x, y), (x, y), stroke, stance.slip, name)
+
+
+def _plane(stances: Iterable[StanceEnd]) -> HeightMap:
+    """Return level ground about all footholds (raises SurefootError: the walk is too long)."""
+    places = np.array([stance.begin[:2] for stance in stances])
+    low = places.min(axis=0) - EDGE_M
+    cols, rows = (math.ceil(float(way) / CELL_M) for way in places.max(axis=0) + EDGE_M - low)
+    if rows * cols > MOST_CELLS:
+        text = f"the walk covers {rows * CELL_M:.0f} x {cols * CELL_M:.0f} m, at most {MOST_CELLS} cells are laid"
+        raise SurefootError("too_large", f"{text}: record the map, or a shorter walk", TERRAIN_MAP.key)
+    z = np.zeros((rows, cols), dtype=np.float32)
+    return HeightMap(z=z, cell=CELL_M, origin=(float(low[0]), float(low[1])))
