@@ -93,6 +93,21 @@ class RecorderReply(Reply):
     run_hash: str = Field(default="", description="sha256 over all deterministic topics, once finished")
 
 
+class SaveRequest(Request):
+    """Asks a recorder with ``ring_s`` to write the last seconds into a file."""
+
+    reason: str = Field(
+        default="request", pattern="^[a-z0-9_]{1,32}$", description="part of the file's name: small letters, digits, _"
+    )
+
+
+class SaveReply(Reply):
+    """The file that was written."""
+
+    path: str = Field(description="file on the machine of the recorder")
+    messages: int = Field(ge=0, description="messages in it")
+
+
 class ServiceStatus(Message):
     """One row of the supervisor's table."""
 

@@ -140,6 +140,7 @@ SIM_EXPERIMENT = Query(
 )
 SIM_FEATURES = Query("sim/features", sim.FeaturesRequest, sim.FeaturesReply, "driver")
 RECORDER_STATUS = Query("recorder/status", system.RecorderRequest, system.RecorderReply, "recorder")
+RECORDER_SAVE = Query("recorder/save", system.SaveRequest, system.SaveReply, "recorder", acts=True)
 HEALTH_GET = Query("health/*", system.HealthRequest, system.HealthReply, "*", timeout_s=2.0)
 
 _ROWS: list[object] = list(globals().values())

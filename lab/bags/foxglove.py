@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import ReadableRecording, open_readable
+from surefoot.record.recording import ReadableRecording, media_type, open_readable
 from surefoot.robot.description import Robot, RobotError
-from surefoot.robot.reader import ROBOTS, load_robot
+from surefoot.robot.reader import ROBOT_FILE, ROBOTS, load_robot
 
 from ..scene.film import NS, snapshots
 from ..scene.foxglove import FoxgloveScene
@@ -60,13 +60,15 @@ def _log_lines(recording: ReadableRecording) -> list[tuple[int, str, str, str]]:
 
 
 def _attachments(recording: ReadableRecording, robot: Robot) -> list[tuple[str, str, bytes]]:
-    """Return name, media type and content of the layout and, where it is found here, the robot's description."""
+    """Return name, media type and content of the layout, and of what the recording has taken with it.
+
+    Of a recording without files the robot's description is attached where it is found here.
+    """
+    files = dict(recording.found.attachments)
+    if ROBOT_FILE not in files:
+        for place in (Path(recording.metadata.get("run", {}).get("robot", "")), ROBOTS / robot.name):
+            with suppress(RobotError, OSError):
+                if load_robot(place / ROBOT_FILE).hash == robot.hash:
+                    files[ROBOT_FILE] = (place / ROBOT_FILE).read_bytes()
     found = [(LAYOUT, "application/json", asset(LAYOUT).encode())]
-    for place in (Path(recording.metadata.get("run", {}).get("robot", "")), ROBOTS / robot.name):
-        path = place / "robot.toml"
-        try:
-            if path.is_file() and load_robot(path).hash == robot.hash:
-                return [*found, ("robot.toml", "application/toml", path.read_bytes())]
-        except RobotError:
-            continue
-    return found
+    return found + [(name, media_type(name), data) for name, data in files.items()]

@@ -63,6 +63,7 @@ def up(
     from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import startable
 
+    from ..runs.attached import attached
     from .before import check_ground
     from .warming import warm_if_cold
 
@@ -73,7 +74,8 @@ def up(
     if record is not None:
         refuse_existing(record, force=force)
     compose = startable(system, environ=os.environ, robot=robot)
-    order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot)
+    files = {} if record is None else attached(compose)
+    order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot, files)
     if "simulator" in compose.service_names:
         check_ground(order.world, seed)
     warm_if_cold(compose, endpoint, notify)

@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import open_readable
-from surefoot.robot.reader import load_robot
+from surefoot.record.recording import ReadableRecording, open_readable
 from surefoot.schemas.topics import TICK_S
+
+from ..scene.film import robot_of
 
 Array = NDArray[np.float64]
 READ = (
@@ -79,7 +80,7 @@ def read_signals(path: Path) -> Signals:
         SurefootError: nothing of it can be read.
     """
     recording = open_readable(path)
-    joints, feet = _names(recording.metadata)
+    joints, feet = _names(recording)
     found, epoch = Signals(joints=joints, feet=feet, damage=recording.damage), -1
     for item in recording.messages(READ):
         try:
@@ -98,10 +99,10 @@ def read_signals(path: Path) -> Signals:
     return found
 
 
-def _names(metadata: Mapping[str, Mapping[str, str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _names(recording: ReadableRecording) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of joints and legs of the recorded robot, where it is known."""
     try:
-        robot = load_robot(metadata.get("run", {}).get("robot", ""))
+        robot = robot_of(recording)
     except SurefootError:
         return (), ()
     return tuple(joint.name for joint in robot.joints), robot.leg_names

@@ -31,6 +31,7 @@ from ..report.recorded import filmed
 from ..report.traces import Traces, read_traces
 from ..report.why import explain
 from ..scene.film import Film
+from .attached import attached
 
 START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled at the first start
 STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
@@ -139,9 +140,12 @@ def conduct(
     recording = (out / "run.mcap").resolve() if options.record else None
     request, about = _reset(scenario, options, seed), _about(scenario, compose, options, seed)
     director = Director(scenario)
+    files = {} if recording is None else attached(compose, scenario.environment)
     environment = {
         "SUREFOOT_RECORDER_PATH": str(recording) if recording else "",
-        "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, compose.service_names, request, scenario),
+        "SUREFOOT_RECORDER_ABOUT": about_run(
+            compose.robot, compose.name, compose.service_names, request, scenario, files
+        ),
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
         **scenario.environment,
     }

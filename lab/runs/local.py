@@ -26,6 +26,7 @@ from surefoot.services.supervisor.service import Supervisor
 
 from ..report.judge import RunVerdict, judge
 from ..report.traces import read_traces
+from .attached import attached
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,8 @@ def run_local(
         actuation_delay_ticks=0 if strict else scenario.actuation_delay_ticks,
         policy=scenario.policy, max_ticks=scenario.max_ticks,
     )  # fmt: skip
-    about = about_run(compose.robot, compose.name, names, request, scenario)
+    files = {} if recording is None else attached(compose, scenario.environment)
+    about = about_run(compose.robot, compose.name, names, request, scenario, files)
     services = build_services(names, compose, director, recording, about=about)
     system = LocalSystem(services)
     supervisor = next(service for service in services if isinstance(service, Supervisor))

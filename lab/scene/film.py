@@ -4,15 +4,18 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import numpy as np
 
 from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording
-from surefoot.robot.description import Robot
-from surefoot.robot.reader import load_robot
+from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.reader import ROBOT_FILE, load_robot
 
 from .scene import KEYS, Item, Lasting, RobotScene, Snapshot
 from .shapes import DrawnGround
@@ -48,12 +51,18 @@ class Film:
 
 
 def robot_of(recording: ReadableRecording) -> Robot:
-    """Return the robot of a recording: that of its metadata, else the last part of its keys' prefix.
+    """Return the robot of a recording: as attached, else that of its metadata, else by the prefix of its keys.
 
     Raises:
         SurefootError: the recording does not name it.
         RobotError: it is not known here.
     """
+    attached = recording.found.attachments.get(ROBOT_FILE)
+    if attached is not None:
+        with TemporaryDirectory() as folder, suppress(RobotError):  # of another version: the one known here will do
+            path = Path(folder) / ROBOT_FILE
+            path.write_bytes(attached)
+            return load_robot(path)
     run = recording.metadata.get("run", {})
     name = run.get("robot") or run.get("namespace", "").rpartition("/")[2]
     if not name:

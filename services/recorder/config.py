@@ -9,6 +9,13 @@ class RecorderConfig(ServiceConfig):
     """Where to write."""
 
     path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
+    ring_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=600,
+        description="s of simulated time: keep the last so many in memory, about 1 MB each, and write them on a fall, "
+        "a stop or `recorder/save`, a file each beside path, `run-fall.mcap`; 0 = the whole run into path",
+    )
     images: bool = Field(default=False, description="record hw/image, too; it then counts in the hash of the run")
     about: str = Field(default="", description="JSON object of tables of texts that become metadata of the file")
 

@@ -8,6 +8,7 @@ place of the next chunk; without one, the bytes that a chunk begins with do. For
 import heapq
 import mmap
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Message, MessageIndex, Metadata
+from mcap.records import Attachment, Channel, Chunk, Message, MessageIndex, Metadata
 from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 from zstandard import ZstdError
 
@@ -35,6 +36,7 @@ _COMPRESSIONS = (b"\4\0\0\0zstd", b"\3\0\0\0lz4")
 _BEFORE_COMPRESSION = _HEAD.size + 28
 """Bytes of a chunk before the name of its compression: times, size and checksum."""
 _OPCODES = frozenset(int(code) for code in Opcode)
+_READ = (Opcode.CHUNK, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.ATTACHMENT)
 
 
 class SoundChunk(NamedTuple):
@@ -76,6 +78,8 @@ class Findings:
     channels: dict[int, str] = field(default_factory=dict[int, str])
     """Keys of the channels whose record, here or in the summary, can be read."""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
+    attachments: dict[str, bytes] = field(default_factory=dict[str, bytes], repr=False)
+    """Files by name; of one that is damaged its checksum is wrong, and it is left out."""
 
     @property
     def whole(self) -> bool:
@@ -157,7 +161,7 @@ class _FileCheck:
             return self._again(place, f"the record at byte {place} goes beyond the end of the file, {self.size}")
         if code in (Opcode.DATA_END, Opcode.FOOTER):
             return None
-        if code in (Opcode.CHUNK, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.MESSAGE_INDEX, Opcode.METADATA):
+        if code in _READ:
             self._take(code, ReadDataStream(BytesIO(self.file.read(length))), place, length)
         return end
 
@@ -175,6 +179,8 @@ class _FileCheck:
                 case Opcode.CHANNEL:
                     channel = Channel.read(stream)
                     self.names[channel.id] = channel.topic
+                case Opcode.ATTACHMENT:
+                    found.attachments |= _attachment(stream, length)
                 case Opcode.METADATA:
                     table = Metadata.read(stream)
                     found.metadata[table.name] = dict(table.metadata)
@@ -230,6 +236,15 @@ class _FileCheck:
                     return begin
                 seen = [content.find(name, at + 1) for name in _COMPRESSIONS]
         return None
+
+
+def _attachment(stream: ReadDataStream, length: int) -> dict[str, bytes]:
+    """Return a file by its name (raises one of `BROKEN`)."""
+    content = stream.read(length)
+    attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+    if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+        raise ValueError("its checksum is wrong")
+    return {attachment.name: attachment.data}
 
 
 def _records(chunk: Chunk) -> Iterator[tuple[int, int, bytes]]:

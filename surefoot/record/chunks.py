@@ -33,6 +33,7 @@ class ChunkWriter:
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
         self._metadata: list[records.MetadataIndex] = []
+        self._attachments: list[records.AttachmentIndex] = []
         self._chunks: list[records.ChunkIndex] = []
         self._counts: dict[int, int] = {}
         self._compressor = zstandard.ZstdCompressor(level=LEVEL)
@@ -67,19 +68,31 @@ class ChunkWriter:
         self._write(data)
         self._metadata.append(records.MetadataIndex(offset=start, length=len(data), name=name))
 
+    def add_attachment(self, name: str, kind: str, data: bytes) -> None:
+        """Adds a file as it is, with its media type."""
+        record = _encoded(records.Attachment(create_time=0, log_time=0, name=name, media_type=kind, data=data))
+        index = records.AttachmentIndex(
+            offset=self._position, length=len(record), create_time=0, log_time=0, data_size=len(data), name=name,
+            media_type=kind,
+        )  # fmt: skip
+        self._write(record)
+        self._attachments.append(index)
+
     def finish(self) -> None:
         """Writes the last chunk, the summary and the index; the file stays open."""
         self._end_chunk()
         self._write(_encoded(records.DataEnd(data_section_crc=0)))
         start = self._position
         statistics = records.Statistics(
-            attachment_count=0, channel_count=len(self._channels), channel_message_counts=self._counts,
+            attachment_count=len(self._attachments), channel_count=len(self._channels),
+            channel_message_counts=self._counts,
             chunk_count=len(self._chunks), message_count=sum(self._counts.values()),
             message_end_time=max((c.message_end_time for c in self._chunks), default=0),
             message_start_time=min((c.message_start_time for c in self._chunks), default=0),
             metadata_count=len(self._metadata), schema_count=len(self._schemas),
         )  # fmt: skip
-        for record in (*self._schemas, *self._channels, statistics, *self._chunks, *self._metadata):
+        indices = (*self._chunks, *self._attachments, *self._metadata)
+        for record in (*self._schemas, *self._channels, statistics, *indices):
             self._write(_encoded(record))
         self._write(_encoded(records.Footer(summary_start=start, summary_offset_start=0, summary_crc=0)))
         self._write(MAGIC)

@@ -24,6 +24,8 @@ BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
 SUMMARY, HASHES = "surefoot", "hashes"
 """Names of the metadata at the end of a file: the run hash, and the digest of each key."""
+KINDS = {".toml": "application/toml", ".json": "application/json", ".yaml": "application/yaml"}
+"""Media types of attached files by suffix; of others: bytes."""
 LATEST_NS, MOST_SEQ = (1 << 64) - 1, (1 << 32) - 1
 """Largest stamp and number of a message that the format holds."""
 
@@ -32,8 +34,23 @@ class RecordingWriter:
     """Appends messages to an MCAP file; what is in a full chunk survives a crash."""
 
     def __init__(
-        self, path: Path, metadata: dict[str, str], tables: Mapping[str, Mapping[str, str]] | None = None
+        self,
+        path: Path,
+        metadata: dict[str, str],
+        tables: Mapping[str, Mapping[str, str]] | None = None,
+        files: Mapping[str, bytes] | None = None,
     ) -> None:
+        """Begin a file.
+
+        Args:
+            path: MCAP file to write; its folder is made.
+            metadata: of the run.
+            tables: further metadata by name.
+            files: to attach, by name.
+
+        Raises:
+            OSError: it cannot be written.
+        """
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
         self.messages = 0
@@ -41,6 +58,8 @@ class RecordingWriter:
         self._writer = ChunkWriter(self._file, f"surefoot {VERSION}")
         for name, values in {"run": metadata, **(tables or {})}.items():
             self._writer.add_metadata(name, values)
+        for name, data in (files or {}).items():
+            self._writer.add_attachment(name, media_type(name), data)
         self._channels: dict[str, tuple[int, bool]] = {}
 
     def write(self, topic: Topic[Any], header: Header, raw: Raw) -> None:
@@ -92,6 +111,11 @@ class Recorded:
         if self.model is None:
             raise SurefootError("unknown_key", f"{self.key!r} is not a topic of this version")
         return decode(self.model, *self.raw())
+
+
+def media_type(name: str) -> str:
+    """Return the media type of a file by its name."""
+    return KINDS.get(Path(name).suffix, "application/octet-stream")
 
 
 def topic_of(key: str) -> Topic[Any] | None:

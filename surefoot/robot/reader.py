@@ -18,6 +18,8 @@ from surefoot.robot.legs import closed_forms, matrix
 from surefoot.robot.profiles import ROBOTS, ImuFile, imu_profile, read_profile
 from surefoot.tables import FileModel, read_toml, unknown_key, validated
 
+ROBOT_FILE = "robot.toml"
+"""Name of the file in the folder of a robot."""
 BIPED_LEG_JOINTS = 6
 LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
 """Number of legs by kind of robot."""
@@ -33,20 +35,25 @@ def load_robot(name: str | PathLike[str]) -> r.Robot:
     Raises:
         RobotError: names the field, the received value and the allowed ones.
     """
+    data = read_toml(robot_file(name), RobotError)
+    file = validated(RobotFile, data, RobotError)
+    _check_sources(file, "", file.sources)
+    return _robot(file, data)
+
+
+def robot_file(name: str | PathLike[str]) -> Path:
+    """Return the file that describes a robot, given as to `load_robot` (raises RobotError: there is none)."""
     text = str(name)
     is_path = isinstance(name, PathLike) or text.endswith(".toml") or "/" in text
-    path = Path(name) if is_path else ROBOTS / text / "robot.toml"
+    path = Path(name) if is_path else ROBOTS / text / ROBOT_FILE
     if path.is_dir():
-        path = path / "robot.toml"
+        path = path / ROBOT_FILE
         if not path.is_file():
             raise RobotError("not_found", "name", f"{text!r} holds no robot.toml: a robot is a folder with that file")
     if not path.is_file():
         hint = f"; the folder here is './{text}'" if not is_path and Path(text, "robot.toml").is_file() else ""
         raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(robot_names())}{hint}")
-    data = read_toml(path, RobotError)
-    file = validated(RobotFile, data, RobotError)
-    _check_sources(file, "", file.sources)
-    return _robot(file, data)
+    return path
 
 
 def robot_place(name: str) -> str:

@@ -3,8 +3,8 @@
 import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ class StartOrder:
         rtf: pace, 0 = as fast as it goes.
         record: MCAP file, None = none.
         robot: name or folder, None = that of the compose file.
+        files: paths of what the recording takes with it, by name.
     """
 
     world: World
@@ -42,6 +43,7 @@ class StartOrder:
     rtf: float = 1.0
     record: Path | None = None
     robot: str | None = None
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def request(self) -> ResetRequest:
@@ -72,9 +74,10 @@ def keep(
         RobotError: no such robot.
         BusError: the port is taken, a service is not restarted any more, or the simulator refuses the world.
     """
+    names = compose.service_names
     environment = {
         "SUREFOOT_RECORDER_PATH": str(order.record.resolve()) if order.record is not None else "",
-        "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, compose.service_names, order.request),
+        "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, names, order.request, files=order.files),
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # time begins when everybody is there
     }
     with Session(compose, listen=listen, environment=environment, spawn=spawn, notify=notify) as session:

@@ -5,7 +5,7 @@ They travel to the recorder as one JSON text (`RecorderConfig.about`); each tabl
 
 import json
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,20 @@ from surefoot.tables import validated
 from .limits import LIMITS
 from .scenario import COMMANDS, Scenario, ScenarioError
 
-RUN, SCENARIO, VERSIONS = "run", "scenario", "versions"
-"""Names of the metadata tables."""
+RUN, SCENARIO, VERSIONS, FILES = "run", "scenario", "versions", "files"
+"""Names of the metadata tables; files, by name and path, are attached instead."""
 LARGEST = 96 * 1024
 """Bytes of a scenario that is recorded; an environment variable holds no more than 128 kB."""
 _COMPUTING = ("numpy", "numba", "mujoco", "clarabel", "pydantic")
 
 
 def about_run(
-    robot: str, system: str, services: Iterable[str], request: ResetRequest, scenario: Scenario | None = None
+    robot: str,
+    system: str,
+    services: Iterable[str],
+    request: ResetRequest,
+    scenario: Scenario | None = None,
+    files: Mapping[str, str] | None = None,
 ) -> str:
     """Return the facts on a run as the text that the recorder gets.
 
@@ -35,13 +40,14 @@ def about_run(
         robot, system, services: of the run.
         request: that begins it.
         scenario: None for a system without one.
+        files: paths of what the recording takes with it, by name.
     """
     run = {
         "system": system, "services": " ".join(services), "robot_hash": load_robot(robot).hash, "mode": request.mode,
         "actuation_delay_ticks": str(request.actuation_delay_ticks),
         "world": request.world.model_dump_json(exclude_none=True),
     }  # fmt: skip
-    tables: dict[str, dict[str, str]] = {RUN: run, VERSIONS: _versions()}
+    tables: dict[str, dict[str, str]] = {RUN: run, VERSIONS: _versions(), FILES: dict(files or {})}
     if scenario is not None:
         run["scenario"] = scenario.name
         text = json.dumps(scenario_table(scenario))

@@ -14,6 +14,7 @@ from surefoot.lab.report.traces import Traces
 from surefoot.lab.report.why import explain
 from surefoot.lab.scene.film import FRAMES_HZ
 from surefoot.record.recording import RecordingWriter, open_readable, read_recording, topic_of
+from surefoot.robot.reader import robot_file
 from surefoot.schemas.base import Header
 
 from .test_report import content
@@ -121,3 +122,14 @@ def test_of_a_damaged_recording_report_why_and_view_use_what_is_sound_and_state_
     assert len(times) > 40
     if kind in ("flipped", "no summary"):  # what stands behind the damage is shown, too
         assert times[-1] > 4.0
+
+
+def test_a_recording_carries_what_its_report_needs(recorded, tmp_path, monkeypatch):
+    """Robot and models are attached: a report elsewhere, where the robot is not known, has the replay."""
+    files = open_readable(recorded).found.attachments
+    assert files["robot.toml"] == robot_file("ragno").read_bytes()
+    assert json.loads(files["footholds.slip_model.json"])
+    monkeypatch.setattr("surefoot.robot.reader.ROBOTS", tmp_path / "none")
+    path, _ = report_recording(recorded, None, tmp_path / "report.html")
+    assert content(path.read_text(encoding="utf-8"))["film"]["frames"]
+    assert explain(recorded).outcome is None

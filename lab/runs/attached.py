@@ -1,0 +1,37 @@
+"""Files that a run depends on beside its scenario: the robot's description, models, maps."""
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from surefoot.robot.reader import ROBOT_FILE, load_robot, robot_file
+from surefoot.services.footholds.models.files import shipped
+from surefoot.services.supervisor.processes.compose import Compose
+
+LARGEST = 16 * 1024 * 1024
+"""Bytes of a file that a recording takes."""
+
+
+def attached(compose: Compose, more: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Return the files of a run by their names in the recording: `robot.toml`, `<service>.<field><suffix>`.
+
+    Args:
+        compose: the system.
+        more: variables that configure services, as of a scenario.
+    """
+    found = {ROBOT_FILE: robot_file(compose.robot)}
+    for service in compose.services:
+        found |= dict(_configured(service.name, {**service.environment, **(more or {})}))
+    own = shipped(load_robot(compose.robot).name)
+    if own is not None and "footholds" in compose.service_names:
+        found.setdefault(f"footholds.slip_model{own.suffix}", own)
+    return {name: str(path.resolve()) for name, path in found.items() if path.stat().st_size <= LARGEST}
+
+
+def _configured(service: str, variables: Mapping[str, str]) -> Iterator[tuple[str, Path]]:
+    """Yield the files that variables name for a service."""
+    begin = f"SUREFOOT_{service.upper()}_"
+    for name, value in variables.items():
+        path = Path(value.strip('"'))
+        if name.startswith(begin) and path.suffix and os.access(path, os.R_OK) and path.is_file():
+            yield f"{service}.{name.removeprefix(begin).lower()}{path.suffix}", path

@@ -1,0 +1,208 @@
+"""Files of the recorder: one of a whole run, or the last seconds of it when something happens."""
+
+import json
+import math
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from surefoot.bus.interface import Raw
+from surefoot.errors import Refusal
+from surefoot.record.recording import RecordingWriter
+from surefoot.schemas.topics import SIM_STATUS, SIM_TRUTH, STATE_VELOCITY, TICK_S, Kind, Topic
+from surefoot.version import VERSION
+
+from .config import RecorderConfig
+
+FALLEN_RAD = math.radians(45.0)
+"""Tilt by the estimator from which a robot without truth counts as fallen, as in `surefoot why`."""
+LOOK_TICKS = 10
+"""Control ticks between two looks at the tilt."""
+
+
+class Output(Protocol):
+    """Place that messages are written to."""
+
+    path: str
+    """File that was written last; empty = none."""
+
+    def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
+        """Begin an epoch; a run that has ``begun`` was recorded by an earlier process until now (raises OSError)."""
+        ...
+
+    def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
+        """Take a message of a tick (raises OSError)."""
+        ...
+
+    def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
+        """End the epoch (raises OSError)."""
+        ...
+
+    def save(self, reason: str) -> tuple[str, int]:
+        """Write a file at once; return its path and messages (raises OSError, Refusal)."""
+        ...
+
+
+class _Description:
+    """Facts and files that each file of a recorder carries."""
+
+    def __init__(self, config: RecorderConfig) -> None:
+        self._config = config
+
+    def writer(self, path: Path, **more: str) -> RecordingWriter:
+        """Begin a file (raises OSError)."""
+        tables = self._config.tables
+        run = {"robot": self._config.robot, **tables.pop("run", {}), **more, "version": VERSION}
+        files: dict[str, bytes] = {}
+        for name, place in tables.pop("files", {}).items():
+            try:
+                files[name] = Path(place).read_bytes()
+            except OSError as error:
+                run[f"not attached: {name}"] = error.strerror or str(error)
+        return RecordingWriter(path, run, tables, files)
+
+
+class WholeRun:
+    """One file of each epoch; what an earlier process recorded of a run is not overwritten."""
+
+    def __init__(self, config: RecorderConfig, path: Path) -> None:
+        self._description, self._path, self.path = _Description(config), path, str(path)
+        self._writer: RecordingWriter | None = None
+        self._files = 0
+
+    def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
+        """Begin a file, unless it is begun."""
+        if self._writer is not None:
+            return
+        self._files += 1
+        path = _free(self._path, self._files) if self._files > 1 or begun else self._path
+        self._writer = self._description.writer(path, epoch=str(epoch), seed=str(seed))
+        self.path = str(path)
+
+    def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
+        """Append a message."""
+        try:
+            if self._writer is not None:
+                self._writer.write(topic, header, raw)
+        except OSError:
+            self._writer = None
+            raise
+
+    def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
+        """Write summary and index."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.close(summary, hashes)
+
+    def save(self, reason: str) -> tuple[str, int]:
+        """Refuse: all is written anyway."""
+        raise Refusal("refused", "ring_s is 0: the whole run is written, to recorder/status.path", "ring_s")
+
+
+class _RingMessage(NamedTuple):
+    tick: int
+    topic: Topic[Any]
+    header: Any
+    raw: Raw
+
+
+class LastSeconds:
+    """The last seconds of a run, in memory; written on a fall, a stop and a request, a file each."""
+
+    def __init__(self, config: RecorderConfig, path: Path) -> None:
+        self._description, self._path, self.path = _Description(config), path, ""
+        self._span = max(1, round(config.ring_s / TICK_S))
+        self._ring_s = config.ring_s
+        self._begin(0, 0)
+
+    def _begin(self, epoch: int, seed: int) -> None:
+        self._epoch, self._seed, self._tick = epoch, seed, -1
+        self._ring: deque[_RingMessage] = deque()
+        self._latched: dict[str, _RingMessage] = {}
+        self._fallen, self._stopped = False, ""
+
+    def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
+        """Forget the epoch before."""
+        if epoch != self._epoch:
+            self._begin(epoch, seed)
+
+    def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
+        """Keep a message, drop those that are too old, and write all when it reports a fall or stop."""
+        kept = _RingMessage(tick, topic, header, raw)
+        if topic.kind is Kind.LATCHED:
+            self._latched[topic.key] = kept
+        else:
+            self._ring.append(kept)
+        self._tick = max(self._tick, tick)
+        while self._ring and self._ring[0].tick <= self._tick - self._span:
+            self._ring.popleft()
+        if event := self._event(topic, raw, tick):
+            self.save(event)
+
+    def _event(self, topic: Topic[Any], raw: Raw, tick: int) -> str:
+        """Return what has begun with a message: `fall`, `stop`; empty: nothing."""
+        if topic is SIM_STATUS:
+            before, self._stopped = self._stopped, str(_content(raw).get("stopped") or "")
+            return "stop" if self._stopped and not before else ""
+        if topic is SIM_TRUTH:
+            fallen = b'"fallen":true' in raw.payload
+        elif topic is STATE_VELOCITY and SIM_TRUTH.key not in self._seen and tick % LOOK_TICKS == 0:
+            fallen = _tilt(_content(raw).get("g_up")) > FALLEN_RAD
+        else:
+            return ""
+        before, self._fallen = self._fallen, fallen
+        return "fall" if fallen and not before else ""
+
+    @property
+    def _seen(self) -> set[str]:
+        """Keys of the messages of the last tick."""
+        found = set[str]()
+        for kept in reversed(self._ring):
+            if kept.tick < self._tick - 1:
+                break
+            found.add(kept.topic.key)
+        return found
+
+    def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
+        """Do nothing: an end is no event."""
+
+    def save(self, reason: str) -> tuple[str, int]:
+        """Write what is kept."""
+        path = _free(self._path.with_stem(f"{self._path.stem}-{reason}"), 1)
+        facts = {"reason": reason, "ring_s": f"{self._ring_s:g}", "epoch": str(self._epoch), "seed": str(self._seed)}
+        writer = self._description.writer(path, **facts)
+        for kept in (*self._latched.values(), *self._ring):
+            writer.write(kept.topic, kept.header, kept.raw)
+        writer.close({"last_tick": str(self._tick)})
+        self.path = str(path)
+        return self.path, writer.messages
+
+
+def output_of(config: RecorderConfig) -> Output | None:
+    """Return where a recorder writes; None: nowhere."""
+    if not config.path:
+        return None
+    return (LastSeconds if config.ring_s else WholeRun)(config, Path(config.path))
+
+
+def _content(raw: Raw) -> dict[str, Any]:
+    try:
+        return json.loads(raw.payload)
+    except ValueError:
+        return {}
+
+
+def _tilt(up: Any) -> float:
+    """Return the angle of the direction up (3,) to the trunk's z axis, rad; 0 where it is unknown."""
+    match up:
+        case [int() | float() as x, int() | float() as y, int() | float() as z]:
+            return math.atan2(math.hypot(x, y), z) if (x, y, z) != (0.0, 0.0, 0.0) else 0.0
+        case _:
+            return 0.0
+
+
+def _free(path: Path, number: int) -> Path:
+    """Return the path with the first number from ``number`` on that no file has; the number 1 is not written."""
+    found = path if number == 1 else path.with_stem(f"{path.stem}-{number}")
+    return _free(path, number + 1) if found.exists() else found
