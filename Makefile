@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/bytecode
 endif
 
-.PHONY: help demo setup style lint check test test-all test-processors bench warm site lock clean
+.PHONY: help demo setup style lint check test test-all test-processors bench warm site sbom lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -54,9 +54,12 @@ site: setup ## the pages as a site in site/ (needs pip install -e '.[docs]')
 	@[ -x $(BIN)/mkdocs ] || { echo "make site needs mkdocs: $(BIN)/pip install -e '.[docs]'" >&2; exit 1; }
 	$(BIN)/mkdocs build --strict
 
+sbom: setup ## bill of materials of the pinned packages, as sbom.json (CycloneDX)
+	$(BIN)/python scripts/sbom.py > sbom.json
+
 lock: ## pin the newest allowed packages
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --no-annotate pyproject.toml -o requirements.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --extra dev pyproject.toml -o requirements-dev.lock
 
 clean: ## remove what the commands above made
-	rm -rf .venv build dist site *.egg-info .lint-imports.log
+	rm -rf .venv build dist site sbom.json *.egg-info .lint-imports.log

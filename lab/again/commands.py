@@ -35,14 +35,27 @@ def why(file: Recording, json: Json = False) -> None:
 
 
 @app.command()
-def verify(file: Recording, out: Keep = None, json: Json = False) -> None:
+def verify(
+    file: Annotated[Path | None, typer.Argument(help="MCAP file of a run [the public list of hashes].")] = None,
+    scenario: Annotated[list[str] | None, typer.Option(help="Runs of this scenario in the public list.")] = None,
+    out: Keep = None,
+    json: Json = False,
+) -> None:
     """Repeat a run from its recording alone and compare every deterministic message. Exit code 1: it differs.
 
-    The scenario, the seed and the delay come from the recording; the run takes place in this process.
+    The scenario, the seed and the delay come from the recording; the run takes place in this process. Without a
+    recording it repeats the runs of the public list (scenario, seed, hash): some minutes.
     """
     from .repeat import verify as repeat
 
     use_json(json)
+    if file is None:
+        if out is not None:
+            raise typer.BadParameter("keeps the repetition of a recording", param_hint="--out")
+        _verify_list(tuple(scenario or ()), json=json)
+        return
+    if scenario:
+        raise typer.BadParameter("is of the public list, not of a recording", param_hint="--scenario")
     if out is not None:
         refuse_existing(out, force=False)
     notify(f"surefoot: repeating the run of {near(file)}")
@@ -58,6 +71,25 @@ def verify(file: Recording, out: Keep = None, json: Json = False) -> None:
             _show(found.first)
         write("the run repeats to the bit" if found.same else "the run does not repeat")
     if not found.same:
+        raise typer.Exit(EXIT_CHECK)
+
+
+def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
+    """Repeat runs of the public list and show which have its hash."""
+    from .public import public_runs
+
+    rows, runs = [], public_runs(names)
+    for run in runs:
+        notify(f"surefoot: repeating {run.scenario}, seed {run.seed}")
+        rows.append((run, run.again()))
+    same = sum(run == found for run, found in rows)
+    if json:
+        write_json({"same": same == len(rows), "runs": [{**a._asdict(), "found": b.run_hash} for a, b in rows]})
+    else:
+        shown = [(a.scenario, str(a.seed), a.run_hash[:12], "same" if a == b else b.run_hash[:12]) for a, b in rows]
+        write_table(("scenario", "seed", "public hash", "here"), shown)
+        write(f"{same} of {len(rows)} runs have the public hash")
+    if same != len(rows):
         raise typer.Exit(EXIT_CHECK)
 
 

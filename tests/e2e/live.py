@@ -117,9 +117,13 @@ class Live:
         command += ["--connect", self.address, "--namespace", self.namespace]
         with self.log(name).open("ab") as log:
             self.processes[name] = subprocess.Popen(
-                command, cwd=self.folder, env=environment(self.folder, **own), stdout=log, stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL, start_new_session=True,
+                self.words(name, command), cwd=self.folder, env=environment(self.folder, **own), start_new_session=True,
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
             )  # fmt: skip
+
+    def words(self, name: str, words: list[str]) -> list[str]:
+        """Return the words that start a service on its host."""
+        return words
 
     def log(self, name: str) -> Path:
         """What a service wrote."""

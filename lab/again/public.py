@@ -1,0 +1,47 @@
+"""Public list of runs: scenario, seed and the hash that every machine gives (`hashes.csv`)."""
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+from surefoot.errors import SurefootError
+from surefoot.nearest import did_you_mean
+from surefoot.services.supervisor.scenarios.scenario import load_scenario
+
+from ..runs.local import run_local
+
+LIST = Path(__file__).with_name("hashes.csv")
+
+
+class PublicRun(NamedTuple):
+    """A row of the list.
+
+    Attributes:
+        scenario: name of a shipped one.
+        seed: of the run.
+        ticks: control ticks of the run.
+        run_hash: that a run in lockstep has.
+    """
+
+    scenario: str
+    seed: int
+    ticks: int
+    run_hash: str
+
+    def again(self) -> "PublicRun":
+        """Return what the run is on this machine."""
+        found = run_local(load_scenario(self.scenario), self.seed)
+        return PublicRun(self.scenario, found.seed, found.ticks, found.run_hash)
+
+
+def public_runs(names: tuple[str, ...] = ()) -> tuple[PublicRun, ...]:
+    """Return the list, or its rows of some scenarios (raises SurefootError: a name that it lacks)."""
+    with LIST.open(encoding="utf-8", newline="") as stream:
+        found = [row.values() for row in csv.DictReader(stream)]
+    rows = [PublicRun(scenario, int(seed), int(ticks), run_hash) for scenario, seed, ticks, run_hash in found]
+    known = [row.scenario for row in rows]
+    for name in names:
+        if name not in known:
+            text = f"scenario: got {name!r}, the list has {', '.join(dict.fromkeys(known))}{did_you_mean(name, known)}"
+            raise SurefootError("invalid", text, "scenario")
+    return tuple(row for row in rows if not names or row.scenario in names)
