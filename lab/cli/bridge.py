@@ -1,5 +1,6 @@
-"""`surefoot bridge foxglove`."""
+"""`surefoot bridge foxglove` and `surefoot bridge ros2`."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -7,12 +8,12 @@ import typer
 from .output import Connect, Json, Namespace, use_json
 from .viewing import Duration, Shape, seen, show_place, until
 
-app = typer.Typer(help="Live bridges to the viewers of others.", no_args_is_help=True)
+app = typer.Typer(help="Live bridges to the programs of others.", no_args_is_help=True)
 
 
 @app.callback()
 def bridges() -> None:
-    """Live bridges to the viewers of others."""
+    """Live bridges to the programs of others."""
 
 
 @app.command()
@@ -36,3 +37,29 @@ def foxglove(
             until(duration)
         finally:
             bridge.close()
+
+
+@app.command()
+def ros2(
+    names: Annotated[Path | None, typer.Option(help="TOML file with a table [ros2]: topics, frames, router.")] = None,
+    odom: Annotated[str | None, typer.Option(help="Topic of the odometry, e.g. /odometry/filtered.")] = None,
+    base_state: Annotated[str | None, typer.Option(help="Topic of the base's state, e.g. /base_state.")] = None,
+    router: Annotated[str | None, typer.Option(help="That of rmw_zenohd [tcp/127.0.0.1:7447].")] = None,
+    more: Annotated[list[str], typer.Option("--set", help="FIELD=VALUE of docs/configuration.md, ros2.")] = [],  # noqa: B006
+    robot: Shape = None,
+    connect: Connect = None,
+    namespace: Namespace = None,
+) -> None:
+    """Publish the running system on ROS 2 over Zenoh, under names of a file or of options. Ends with Ctrl-C."""
+    from surefoot.lockstep.launch import main
+    from surefoot.services.ros2.service import SERVICE
+
+    from .running import only_one, systems
+
+    system = only_one(systems(connect, namespace), "--namespace or --connect")
+    shape = robot or system.robot or system.namespace.rpartition("/")[2]
+    given = {"odom": odom, "base_state": base_state, "router": router}
+    fields = [f"robot={shape!r}", *(f"{name}={value!r}" for name, value in given.items() if value is not None), *more]
+    words = ["--connect", system.connect, "--namespace", system.namespace]
+    words += [] if names is None else ["--config", str(names)]
+    main(SERVICE, [*words, *(word for field in fields for word in ("--set", field))])

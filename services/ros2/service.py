@@ -43,6 +43,10 @@ class Ros2Config(ServiceConfig):
     contacts: str = Field(default="", description="std_msgs/UInt8MultiArray, a flag a foot")
     height_map: str = Field(default="/height_map", description="grid_map_msgs/GridMap")
     cmd_vel: str = Field(default="/cmd_vel", description="geometry_msgs/Twist, obeyed by the walker")
+    base_state: str = Field(default="", description="state of the base for Quadruped-PyMPC")
+    base_state_type: Literal["BaseState", "BaseStateMsg"] = Field(
+        default="BaseState", description="dls2_interface/BaseState of /base_state, dls2_msgs/BaseStateMsg of /dls2/..."
+    )
     odom_frame: str = Field(default="odom", description="name of the frame odom")
     base_frame: str = Field(default="base_link", description="name of the frame base_link")
     clock: Literal["wall", "robot"] = Field(default="wall", description="time of the stamps")
@@ -62,8 +66,10 @@ class Ros2Bridge(Service[Ros2Config]):
         self._rot_base_from_imu = matrix_from_quat(self.robot.imu.quat_wxyz)
         self.connection = Ros2Node("surefoot", c.router, c.domain)
         named = {"odometry": c.odom, "tf": c.tf, "joints": c.joint_states, "imu": c.imu, "contacts": c.contacts,
-                 "map": c.height_map}  # fmt: skip
+                 "map": c.height_map, c.base_state_type: c.base_state}  # fmt: skip
         self._out = {kind: self.connection.publisher(topic, ros.KINDS[kind]) for kind, topic in named.items() if topic}
+        hips = [leg.hip for leg in self.robot.legs]
+        self._legs = sorted(range(len(hips)), key=lambda i: (hips[i][0] < 0.0, -hips[i][1]))  # fore left first
         self._twists = deque[Any](maxlen=1)  # the newest counts
         self._broken = 0
         if c.cmd_vel:
@@ -75,6 +81,7 @@ class Ros2Bridge(Service[Ros2Config]):
         self.steering, self._offset_ns, self._wall = Steering(), 0, WallOffset()
         self._twists.clear()  # velocities of before are of another run
         self._map: HeightMapMessage | None = None
+        self._stance = (False,) * self.robot.nlegs
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Publish what has come, and pass velocity commands on."""
@@ -82,16 +89,20 @@ class Ros2Bridge(Service[Ros2Config]):
             self._offset_ns = self._wall.measure(inputs.tick.stamp_ns)
         c, frames = self.config, (self.config.odom_frame, self.config.base_frame)
         velocity, odometry = inputs.get(STATE_VELOCITY), inputs.get(STATE_ODOMETRY)
+        if (contacts := inputs.get(HW_CONTACTS)) is not None:
+            self._stance = tuple(any(contacts.touch[leg]) for leg in self._legs)
+            self._put("contacts", ros.contacts_message(contacts))
         if velocity is not None and odometry is not None and odometry.initialised:
             made = ros.odometry_message(odometry, velocity, self._rot_base_from_imu, frames)
             self._put("odometry", made)
             self._put("tf", ros.transform_message(odometry, frames))
+            if c.base_state:
+                kind, robot = c.base_state_type, self.robot.name
+                self._put(kind, ros.base_state_message(odometry, velocity, self._stance, frames[0], robot, kind))
         if (joints := inputs.get(HW_JOINTS)) is not None:
             self._put("joints", ros.joints_message(joints, self.robot.joint_names))
         if c.imu and (imu := inputs.get(HW_IMU)) is not None:
             self._put("imu", ros.imu_message(imu, "imu"))
-        if c.contacts and (contacts := inputs.get(HW_CONTACTS)) is not None:
-            self._put("contacts", ros.contacts_message(contacts))
         heights = inputs.get(TERRAIN_MAP)
         if heights is not None and (heights is not self._map or inputs.number % MAP_TICKS == 0):
             self._map = heights

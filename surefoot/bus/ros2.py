@@ -37,7 +37,21 @@ GRID_MAP = {
         "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index\n"
     ),
 }
-"""Types that the store of `rosbags` lacks."""
+BASE_STATE = {
+    "dls2_interface/msg/Pose": "float64[3] position\nfloat64[4] orientation\n",
+    "dls2_interface/msg/Screw": "float64[3] linear\nfloat64[3] angular\n",
+    "dls2_interface/msg/BaseState": (
+        "string frame_id\nuint32 sequence_id\nfloat64 timestamp\nstring robot_name\nPose pose\nScrew velocity\n"
+        "Screw acceleration\nbool[] stance_status\n"
+    ),
+    "dls2_msgs/msg/BaseStateMsg": (
+        "string frame_id\nuint32 sequence_id\nfloat64 timestamp\nstring robot_name\nfloat64[3] position\n"
+        "float64[4] orientation\nfloat64[3] linear_velocity\nfloat64[3] angular_velocity\n"
+        "float64[3] linear_acceleration\nfloat64[3] angular_acceleration\nfloat64[4] stance_status\n"
+    ),
+}
+"""State of the base for Quadruped-PyMPC: that of its `/base_state`, and the flat one of its `/dls2/base_state`.
+These and `GRID_MAP` are types that the store of `rosbags` lacks."""
 _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
@@ -49,7 +63,7 @@ def types() -> Any:
     except ImportError:
         raise SurefootError("not_installed", f"ROS 2 messages need their types: {INSTALL}", "ros2") from None
     store = get_typestore(Stores.ROS2_JAZZY)
-    for name, text in GRID_MAP.items():
+    for name, text in {**GRID_MAP, **BASE_STATE}.items():
         store.register(get_types_from_msg(text, name))
     return store
 

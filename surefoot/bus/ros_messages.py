@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 KINDS = {
     "imu": "sensor_msgs/msg/Imu", "joints": "sensor_msgs/msg/JointState", "contacts": "std_msgs/msg/UInt8MultiArray",
     "odometry": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage", "map": "grid_map_msgs/msg/GridMap",
-    "cmd_vel": "geometry_msgs/msg/Twist",
+    "cmd_vel": "geometry_msgs/msg/Twist", "BaseState": "dls2_interface/msg/BaseState",
+    "BaseStateMsg": "dls2_msgs/msg/BaseStateMsg",
 }  # fmt: skip
 """Types by what they carry."""
 UNKNOWN = -1.0
@@ -114,6 +115,45 @@ def odometry_message(pose: Odometry, v: VelocityEstimate, rot_base_from_imu: Arr
     )  # fmt: skip
 
 
+def base_state_message(
+    pose: Odometry, v: VelocityEstimate, stance: Sequence[bool], frame: str, robot: str, kind: str
+) -> Any:
+    """Return the state of the base for Quadruped-PyMPC; its accelerations are not known and zero.
+
+    Position and linear velocity in `frame` (odom), orientation x, y, z, w, angular velocity in axes of base_link.
+
+    Args:
+        pose: of base_link.
+        v: of the same time.
+        stance: feet that stand: fore left, fore right, hind left, hind right.
+        frame: name of odom.
+        robot: name of the robot.
+        kind: `BaseState`, or `BaseStateMsg`, which is flat.
+    """
+    w, x, y, z = pose.quat_wxyz
+    place, turn, speed, rate = map(np.array, (pose.position, (x, y, z, w), pose.velocity, v.angular_velocity))
+    head = {"frame_id": frame, "sequence_id": pose.seq % 2**32, "timestamp": 1e-9 * pose.stamp_ns, "robot_name": robot}
+    zero = np.zeros(3)
+    if kind == "BaseStateMsg":
+        return _make(
+            KINDS[kind], **head, position=place, orientation=turn, linear_velocity=speed, angular_velocity=rate,
+            linear_acceleration=zero, angular_acceleration=zero, stance_status=_four(stance),
+        )  # fmt: skip
+    screw, package = "dls2_interface/msg/Screw", "dls2_interface/msg/Pose"
+    return _make(
+        KINDS[kind], **head, pose=_make(package, position=place, orientation=turn),
+        velocity=_make(screw, linear=speed, angular=rate), acceleration=_make(screw, linear=zero, angular=zero),
+        stance_status=np.array(stance, dtype=np.bool_),
+    )  # fmt: skip
+
+
+def _four(stance: Sequence[bool]) -> Array:
+    """Return the first four flags as numbers (4,), 0 where there are fewer feet."""
+    out = np.zeros(4)
+    out[: len(stance)] = stance[:4]
+    return out
+
+
 def transform_message(pose: Odometry, frames: tuple[str, str]) -> Any:
     """Return the transform from the second frame, base_link, to the first, odom."""
     turn = _make("geometry_msgs/msg/Transform", translation=_vector(pose.position),
@@ -151,3 +191,5 @@ def delay(message: Any, offset_ns: int) -> None:
     for each in getattr(message, "transforms", [message]):
         if offset_ns and hasattr(each, "header"):
             each.header = header(stamp_of(each) + offset_ns, each.header.frame_id)
+        elif hasattr(each, "timestamp"):
+            each.timestamp += 1e-9 * offset_ns

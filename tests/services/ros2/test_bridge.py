@@ -72,7 +72,9 @@ class Walker(Service[ServiceConfig]):
 def test_odometry_joints_and_velocities(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bridge, "Ros2Node", Wire)
     log = fitted(log_of_rows(sway().cut(slice(0, 500))), load_robot(ROBOT))
-    config = bridge.Ros2Config(robot=ROBOT, odom="/odometry/filtered", tf="", contacts="/feet", clock="robot")
+    config = bridge.Ros2Config(
+        robot=ROBOT, odom="/odometry/filtered", tf="", contacts="/feet", base_state="/base_state", clock="robot"
+    )
     made, walker = bridge.Ros2Bridge(config), Walker(ServiceConfig(robot=ROBOT))
     player = Player(ServiceConfig(robot=ROBOT), log)
     system = LocalSystem([player, EstimatorService(EstimatorConfig(robot=ROBOT)), walker, made])
@@ -87,12 +89,18 @@ def test_odometry_joints_and_velocities(monkeypatch: pytest.MonkeyPatch) -> None
     system.run_until(lambda: leader.state == "ended" and leader.all_done())
     system.close()
     sent = wire.sent
-    assert set(sent) == {"/odometry/filtered", "/joint_states", "/feet", "/height_map"}
+    assert set(sent) == {"/odometry/filtered", "/joint_states", "/feet", "/height_map", "/base_state"}
     assert len(sent["/joint_states"]) == player.last_tick + 1
     assert sent["/joint_states"][3].name == list(load_robot(ROBOT).joint_names)
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in sent["/odometry/filtered"]]
     assert stamps
     assert (np.diff(stamps) > 0).all()
     assert all((np.linalg.eigvalsh(m.pose.covariance.reshape(6, 6)) > -1e-12).all() for m in sent["/odometry/filtered"])
+    for state, pose in zip(sent["/base_state"], sent["/odometry/filtered"], strict=True):
+        place, turn = pose.pose.pose.position, pose.pose.pose.orientation
+        assert state.pose.position.tolist() == [place.x, place.y, place.z]
+        assert state.pose.orientation.tolist() == [turn.x, turn.y, turn.z, turn.w]
+        assert state.timestamp == pytest.approx(pose.header.stamp.sec + 1e-9 * pose.header.stamp.nanosec)
+    assert sent["/base_state"][0].stance_status.tolist() == [True] * 4
     assert all(m.data.tolist() == [1, 1, 1, 1] for m in sent["/feet"][:20])
     assert [order.action for order in walker.orders] == ["walk", "turn", "stop"]
