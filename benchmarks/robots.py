@@ -7,8 +7,12 @@ import math
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+
+from benchmarks.own_walks import RULES, chosen, learned, taught
 from benchmarks.report import Bench, goal, in_turns, table
 from benchmarks.studies import failures
 from benchmarks.trotting import GAITS, measured, watch
@@ -16,6 +20,7 @@ from surefoot.lab.robots.compare import MOST_DIFFERENCE, differences, witness
 from surefoot.lab.robots.export import mjcf_of
 from surefoot.lab.robots.folder import import_robot
 from surefoot.lab.robots.packages import PREFIX, source_file
+from surefoot.lab.statistics import ratio
 from surefoot.lab.studies import Line, metrics, run_scenario, seeds_of, study
 from surefoot.robot.description import RobotError
 from surefoot.robot.kinematics import foot_jacobians, foot_positions
@@ -197,3 +202,38 @@ def trot(
         goal("the same", nees, "<=", 2.0)
         goal("estimates that report a false fall", sum(line["values"]["false_falls"] for line in own), "<=", 0.0)
         goal("falls", sum(line["values"]["fell"] for line in own), "<=", 0.0)
+
+
+@BENCH.part()
+def footholds(
+    robot: str = "lupo", /, *, seeds: str = "0:20", walks: int = 20, results: Path | None = None,
+    processes: int | None = None,
+) -> None:  # fmt: skip
+    """Footholds of a quadruped on rough ground of 4 cm: learned from its own walks, by the hexapod's model, by hand.
+
+    The robot learns from walks with random footholds on other ground (seeds from 2000 on) with the slip that it
+    measured itself. Goal: feet slide at most 0.8 times as far as with the hand-made score.
+
+    Args:
+        robot: PACKAGE/ROBOT or the name of one of ours.
+        walks: from which it learns.
+    """
+    lessons = [{"robot": robot, "seed": 2000 + k} for k in range(walks)]
+    with tempfile.TemporaryDirectory() as folder:
+        model = Path(folder) / "model.json"
+        taken = learned(study(taught, lessons, results, processes=processes), model)
+        print(f"{taken} stances of {walks} walks", flush=True)
+        jobs = [{"robot": robot, "rule": rule, "seed": seed} for seed in seeds_of(seeds) for rule in RULES]
+        walked = partial(chosen, model=str(model))
+        lines = study(walked, jobs, results, processes=processes)
+    slides = {rule: np.array([line["sliding_mm"] for line in lines if line["rule"] == rule]) for rule in RULES}
+    rows: list[tuple[object, ...]] = []
+    for rule, found in slides.items():
+        own = [line for line in lines if line["rule"] == rule]
+        over = ratio(found, slides["hand"])
+        arrived, fell = (sum(line[name] for line in own) for name in ("reached", "fallen"))
+        rows.append((rule, float(found.mean()), over.value, over.low, over.high, arrived, fell, len(own)))
+    header = ("footholds", "mm a stance", "over hand", "95 %", "", "arrived", "fell", "walks")
+    table(f"{robot}, rough ground of 4 cm", header, rows)
+    goal("learned over hand-made", ratio(slides["learned"], slides["hand"]).value, "<=", 0.8)
+    goal("learned over hexapod's", ratio(slides["learned"], slides["hexapod"]).value)
