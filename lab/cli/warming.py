@@ -14,7 +14,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from queue import Empty, Queue
 from subprocess import PIPE
@@ -23,10 +24,13 @@ from typing import Any
 
 from surefoot.errors import SurefootError
 from surefoot.files import PACKAGE, find, names
+from surefoot.kernels.processor import processor
 from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
 from surefoot.services.supervisor.processes.ports import refuse_taken
 
 DEFAULT_SYSTEM = "ragno"
+BROUGHT = PACKAGE / "kernels" / "brought.txt"
+"""Names of the jobs whose kernels came with a compiled wheel."""
 ORDER = ("stability", "walker", "estimator", "footholds", "simulator")
 """The longest first. What the first two have in common the walker compiles at its begin, stability at its end."""
 
@@ -41,10 +45,15 @@ class Job:
     """With the kernels that only rare queries need."""
 
     @property
-    def stamp(self) -> Path:
-        """File that marks the job as done for this version of the sources."""
+    def name(self) -> str:
+        """Name that holds for one version of the sources, of numba and of Python, and one processor."""
         robot = hashlib.sha256(self.robot.encode()).hexdigest()[:12]
-        return _stamps() / f"{signature()}-{self.service}-{robot}{'-rare' * self.rare}"
+        return f"{signature()}-{self.service}-{robot}{'-rare' * self.rare}"
+
+    @property
+    def stamp(self) -> Path:
+        """File that marks the job as done in this installation."""
+        return _stamps() / hashlib.sha256(str(PACKAGE).encode()).hexdigest()[:12] / self.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +100,16 @@ def all_systems() -> list[Compose]:
     return systems_of(names("compose", ".yaml"))
 
 
+@cache
 def signature() -> str:
     """Return a hash of everything compiled code depends on: sources, Python, numba, processor."""
     from importlib.metadata import version
 
-    digest = hashlib.sha256(f"{sys.version}|{version('numba')}|{os.uname().machine}|{PACKAGE}".encode())
+    digest = hashlib.sha256(f"{sys.implementation.cache_tag}|{version('numba')}|{processor()}".encode())
     sources = {path for folder in (PACKAGE, PACKAGE / "services") for path in folder.rglob("*.py")}
     for path in sorted(sources):
+        if path.relative_to(PACKAGE).parts[0] in ("lab", "papers"):  # no service needs their kernels
+            continue
         content = path.read_bytes()
         if b"kernel" in content:
             digest.update(content)
@@ -106,7 +118,9 @@ def signature() -> str:
 
 def is_cold(jobs: Iterable[Job]) -> bool:
     """Report whether kernels have to be compiled before these services start quickly."""
-    return any(not job.stamp.exists() for job in jobs)
+    brought = BROUGHT.read_text().split() if BROUGHT.exists() else ()
+    done = [(job, replace(job, rare=True)) for job in jobs]
+    return not all(any(job.name in brought or job.stamp.exists() for job in pair) for pair in done)
 
 
 def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], None]) -> None:

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate
 from scipy.spatial.transform import Rotation, Slerp
 
 from .log import Log, TrueMotion
@@ -169,8 +168,7 @@ def _by_gyro(log: Log) -> tuple[Found, Found, float]:
     if not size > TURNS**2:
         return Found(np.zeros(1), np.full(1, np.inf)), _unknown(3), float("nan")
     most = min(round(LAGS_S / period), len(t) // 2)
-    whole = np.array([[correlate(b[:, j], a[:, i]) for j in range(3)] for i in range(3)])  # (3, 3, lags)
-    fits = _fit(np.moveaxis(whole, 2, 0)[len(t) - 1 - most : len(t) + most])
+    fits = _fit(correlations(a, b, most))
     lag = int(np.argmax(fits)) - most
     near = lag + np.arange(-2, 3)
     parts = np.array_split(np.arange(2 + abs(lag), len(t) - 2 - abs(lag)), BLOCKS)
@@ -187,6 +185,20 @@ def _by_gyro(log: Log) -> tuple[Found, Found, float]:
         Found(rotvec, np.hypot(_jackknife(turns), FINEST_DEG)),
         fit,
     )
+
+
+def correlations(a: Array, b: Array, most: int) -> Array:
+    """Return the sums of a_i(t) b_j(t + lag) over the common rows for lags of -most to most, (2 most + 1, 3, 3).
+
+    Args:
+        a: (n, 3).
+        b: (n, 3).
+        most: largest lag, rows, less than n.
+    """
+    size = 2 ** int(np.ceil(np.log2(len(a) + most + 1)))  # so that no lag wraps around
+    spectra = np.conj(np.fft.rfft(a, size, axis=0))[:, :, None] * np.fft.rfft(b, size, axis=0)[:, None, :]
+    whole = np.fft.irfft(spectra, size, axis=0)
+    return np.concatenate([whole[size - most :], whole[: most + 1]])
 
 
 def _fit(sums: Array) -> Array:

@@ -1,6 +1,5 @@
 """Typed ways to compile a numeric kernel."""
 
-import contextlib
 import gc
 import importlib
 import os
@@ -11,6 +10,7 @@ from typing import Any, TypeVar, cast
 from numba.core import event  # pyright: ignore[reportMissingTypeStubs]
 
 from surefoot.kernels.compiling import COMPILING
+from surefoot.kernels.kept import choose_processor
 from surefoot.kernels.sources import fingerprint
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -74,6 +74,7 @@ else:
 _KERNELS: list[Any] = []
 
 COMPILING.used = True
+choose_processor()
 event.register("numba:compile", _Listener())  # pyright: ignore[reportUnknownMemberType]
 
 
@@ -116,14 +117,10 @@ def set_aside() -> None:
 
 
 def _compiled(function: F, **options: Any) -> F:
-    """Kept beside the source, else in the user's cache folder; where neither can be written, every process compiles.
-
-    Code is as old as the oldest file that went into it: see `surefoot.kernels.sources`.
-    """
+    """Return the kernel, kept by `surefoot.kernels.kept` and as old as the oldest file that went into it."""
     compiled: Any = Kernel(function, targetoptions=dict(options, nopython=True))
     _KERNELS.append(compiled)
-    with contextlib.suppress(RuntimeError):  # numba finds no place to write
-        compiled.enable_caching()
-        for index in compiled.cache_files():
-            index._source_stamp = (index._source_stamp, *map(fingerprint, (function.__module__, Kernel.__module__)))
+    compiled.enable_caching()
+    for index in compiled.cache_files():
+        index._source_stamp = (index._source_stamp, *map(fingerprint, (function.__module__, Kernel.__module__)))
     return cast(F, compiled)

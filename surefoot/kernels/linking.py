@@ -12,10 +12,12 @@ from typing import Any
 
 import llvmlite.binding as llvm
 import numba.core.dispatcher  # noqa: F401 - registers what codegen needs
-from numba.core import caching, types
+from numba.core import types
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.environment import Environment, lookup_environment
 from numba.core.registry import CPUDispatcher
+
+from surefoot.kernels.kept import KeptCache, KeptImpl
 
 ENVIRONMENT = "_ZN08NumbaEnv"
 """Prefix of the variables that hold the Python objects of a compiled function."""
@@ -98,7 +100,7 @@ class Library(JITCodeLibrary):
         return self
 
 
-class _LinkedImpl(caching.CompileResultCacheImpl):
+class _LinkedImpl(KeptImpl):
     """Files of code to link, beside those of the machine code."""
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
@@ -112,7 +114,7 @@ class _LinkedImpl(caching.CompileResultCacheImpl):
         return *kept, tuple(each for each in found if each is not None and each.can_cache())
 
 
-class _LinkedCache(caching.FunctionCache):
+class _LinkedCache(KeptCache):
     _impl_class = _LinkedImpl
 
 
@@ -160,12 +162,12 @@ class Kernel(CPUDispatcher):
         self._aside: dict[tuple[Any, ...], Any] = {}
 
     def enable_caching(self) -> None:
-        super().enable_caching()
+        self._cache = KeptCache(self.py_func)
         self.linked.enable_caching()
 
     def cache_files(self) -> tuple[Any, ...]:
-        """Return the indices of the files on disk; numba has no public name for them."""
-        return self._cache._cache_file, self.linked._cache._cache_file
+        """Return the indices of the files on disk."""
+        return *self._cache.files, *self.linked._cache.files
 
     def set_aside(self) -> None:
         """Have no signatures for now; those that Python calls again come back."""

@@ -6,13 +6,18 @@ from typing import Any
 from numba.core import types
 from numba.core.registry import CPUDispatcher
 
+from surefoot.kernels.kept import KeptCache
+
 
 class PlainKernel(CPUDispatcher):
     """A function that Python and other kernels call; constant arguments make no specialisation of their own."""
 
+    def enable_caching(self) -> None:
+        self._cache = KeptCache(self.py_func)
+
     def cache_files(self) -> tuple[Any, ...]:
-        """Return the indices of the files on disk; numba has no public name for them."""
-        return (self._cache._cache_file,)
+        """Return the indices of the files on disk."""
+        return self._cache.files
 
     def set_aside(self) -> None:
         """Keep all signatures: a count of kernels by service is an upper bound here."""

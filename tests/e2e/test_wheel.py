@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.kernels.processor import LEVEL, processor
 from tests.processes import run_process
 
 ROOT = Path(__file__).parents[2]
@@ -28,6 +29,21 @@ for path in sorted(glob.glob("library/*.py")):
 print(json.dumps({"shown": shown, "theirs": [services.__file__, schemas.__file__]}))
 """
 """Runs every example of `library/` in one process, which saves the start of a dozen."""
+COMPILES = processor() == LEVEL
+"""This processor can compile the kernels of a wheel."""
+FIRST = """
+import sys, time
+from surefoot.kernels.compiling import COMPILING
+from surefoot import simulation, stability
+stability.region(stability.contacts([[.1, .1, 0], [.1, -.1, 0], [-.1, 0, 0]]))
+simulation.run("stand", seed=3, recording=sys.argv[1])
+from surefoot.lab.cli.main import main
+try:
+    main(["estimate", sys.argv[1]])
+finally:
+    from surefoot.lab.cli import warming
+    print("compiled", COMPILING.done, "cold", warming.is_cold(warming.jobs_of(warming.systems_of(["ragno"]))))
+"""
 UNPACK = "import sys, zipfile; zipfile.ZipFile(sys.argv[1]).extractall(sys.argv[2])"
 
 
@@ -39,9 +55,13 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def install(source: Path, wheels: Path, site: Path) -> None:
-    """Build the wheel of a folder and unpack it where Python finds it."""
+def build(source: Path, wheels: Path) -> None:
+    """Build the wheel of a folder."""
     run_process([sys.executable, "-c", BUILD, str(wheels)], cwd=source, check=True, capture_output=True)
+
+
+def install(wheels: Path, site: Path) -> None:
+    """Unpack the only wheel of a folder where Python finds it."""
     (wheel,) = wheels.glob("*.whl")
     run_process([sys.executable, "-c", UNPACK, str(wheel), str(site)], check=True)
 
@@ -52,24 +72,17 @@ def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     environment = tmp_path_factory.mktemp("installed") / "env"
     venv.create(environment, with_pip=False, symlinks=True)
     (site,) = environment.glob("lib/python*/site-packages")
-    here = next(path for path in sys.path if path.endswith("site-packages"))
-    install(source, tmp_path_factory.mktemp("core"), site)
+    wheels = tmp_path_factory.mktemp("core")
+    if COMPILES:
+        words = (str(source / "scripts" / "build_wheel.py"), str(wheels), "--systems", "ragno", "--kernels", str(ROOT))
+        run_process([sys.executable, *words], check=True, capture_output=True)
+    else:
+        build(source, wheels)
+    install(wheels, site)
     for data in site.glob("surefoot-*.data/data/*"):
         data.rename(environment / data.name)
-    (site / "dependencies.pth").write_text(here + "\n")
-    take_kernels(site / "surefoot")
+    (site / "dependencies.pth").write_text(next(path for path in sys.path if path.endswith("site-packages")) + "\n")
     return environment
-
-
-def take_kernels(package: Path) -> None:
-    """Give modules that are those of the checkout their time and compiled kernels: nothing is compiled twice."""
-    for path in package.rglob("*.py"):
-        ours = ROOT / "surefoot" / path.relative_to(package)
-        if ours.is_file() and ours.read_bytes() == path.read_bytes():
-            shutil.copystat(ours, path)
-            for compiled in (ours.parent / "__pycache__").glob(f"{path.stem}.*.nb[ic]"):
-                (path.parent / "__pycache__").mkdir(exist_ok=True)
-                shutil.copy2(compiled, path.parent / "__pycache__")
 
 
 def run(environment: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -107,7 +120,9 @@ def test_papers_are_a_distribution_of_their_own(
     done = run(installed, tmp_path, *words, "--json")
     assert json.loads(done.stdout)["error"]["code"] == "not_installed"
     (site,) = installed.glob("lib/python*/site-packages")
-    install(source / "papers", tmp_path_factory.mktemp("papers"), site)
+    wheels = tmp_path_factory.mktemp("papers")
+    build(source / "papers", wheels)
+    install(wheels, site)
     done = run(installed, tmp_path, *words)
     assert done.returncode == 2
     assert "walas-stability" in done.stderr
@@ -125,3 +140,16 @@ def test_examples_run_beside_packages_of_our_names(installed: Path, tmp_path: Pa
     assert len(found["shown"]) == len(list((tmp_path / "library").glob("*.py")))
     assert all(found["shown"].values()), found
     assert "falls" in found["shown"]["library/will_it_fall.py"]
+
+
+@pytest.mark.skipif(not COMPILES, reason=f"the kernels of a wheel need a processor of level {LEVEL}")
+@pytest.mark.parametrize("kept", ["beside the sources", "elsewhere"])
+def test_first_calls_find_their_kernels_in_the_wheel(
+    installed: Path, tmp_path: Path, kept: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    if kept == "elsewhere":  # as where nothing can be written beside the sources
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    done = run(installed, tmp_path, "-c", FIRST, str(tmp_path / "stand.mcap"))
+    assert done.stdout.splitlines()[-1] == "compiled 0 cold False", done.stderr
+    assert "velocity" in done.stdout

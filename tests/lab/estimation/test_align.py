@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import correlate
 from scipy.spatial.transform import Rotation
 
-from surefoot.lab.estimation.align import Alignment, align, aligned
+from surefoot.lab.estimation.align import Alignment, align, aligned, correlations
 from surefoot.lab.estimation.export import save_npz
 from surefoot.lab.estimation.files import open_log
 from surefoot.lab.estimation.log import Log, TrueMotion
@@ -90,3 +91,11 @@ def test_the_reader_notes_and_mends(answer, tmp_path):
     assert report["errors"]["rmse"] < 0.02
     assert not any("--align" in note for note in report["notes"])
     assert "point from the IMU" in answer("estimate", path, "--align")
+
+
+@pytest.mark.parametrize(("rows", "most"), [(50, 10), (257, 100), (1024, 511), (9, 0)])
+def test_correlations_are_those_of_scipy(rows, most):
+    a, b = np.random.default_rng(rows).normal(size=(2, rows, 3))
+    whole = np.array([[correlate(b[:, j], a[:, i]) for j in range(3)] for i in range(3)])
+    expected = np.moveaxis(whole, 2, 0)[rows - 1 - most : rows + most]
+    np.testing.assert_allclose(correlations(a, b, most), expected, atol=1e-12)

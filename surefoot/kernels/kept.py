@@ -1,0 +1,65 @@
+# pyright: basic, reportPrivateUsage=false, reportAttributeAccessIssue=false
+"""Where compiled kernels are kept, and the processor that they are compiled for.
+
+A kernel is looked for where numba keeps it, beside its source or in the user's cache folder, and then beside its source
+even where nothing can be written: an installed wheel or an image brings its kernels along. Code is valid for one text
+of the sources, one version of numba and of Python, and one processor; so that it serves more than the machine that
+compiled it, all x86-64 processors with AVX2 and FMA count as one.
+"""
+
+import contextlib
+import os
+import pickle
+from typing import Any
+
+from numba.core import caching, config
+
+from surefoot.kernels.processor import LEVEL, processor
+
+
+def choose_processor() -> None:
+    """Let numba compile for `processor.LEVEL` where the processor has it; NUMBA_CPU_NAME overrides."""
+    if processor() == LEVEL and not {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & set(os.environ):
+        config.CPU_NAME, config.CPU_FEATURES = LEVEL, ""
+
+
+class _BesideSource(caching.InTreeCacheLocator):
+    """The folder beside the source, read only: for an installation where no folder can be written."""
+
+    def ensure_cache_path(self) -> None:
+        """Nothing is made."""
+
+
+class KeptImpl(caching.CompileResultCacheImpl):
+    """Files of machine code."""
+
+    _locator_classes = (*caching.CompileResultCacheImpl._locator_classes, _BesideSource)
+
+
+class KeptCache(caching.FunctionCache):
+    """Machine code of one function by argument types; reads what came with the installation, too."""
+
+    _impl_class = KeptImpl
+
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)
+        own = self._cache_file
+        beside = _BesideSource(py_func, py_func.__code__.co_filename).get_cache_path()
+        brought = caching.IndexDataCacheFile(beside, self._impl.filename_base, own._source_stamp)
+        self.files = (own,) if beside == self._cache_path else (own, brought)
+        """Indices of the files on disk, the one to write first."""
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        key = self._index_key(sig, target_context.codegen())
+        for index in self.files if self._enabled else ():
+            data = None
+            with contextlib.suppress(OSError, EOFError, ValueError, pickle.UnpicklingError):  # torn or not to be read
+                data = index.load(key)
+            if data is not None:
+                return self._impl.rebuild(target_context, data)
+        return None
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        """Keep machine code; a folder that cannot be written, or a full disk, costs the next process its time only."""
+        with contextlib.suppress(OSError):
+            super()._save_overload(sig, data)
