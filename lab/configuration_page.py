@@ -10,7 +10,7 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 
 from surefoot.files import PACKAGE
-from surefoot.lockstep.config import PREFIX
+from surefoot.lockstep.config import PREFIX, is_live
 from surefoot.lockstep.discover import own_service_names, service_class
 from surefoot.services.supervisor.processes.compose import load_compose
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
@@ -35,6 +35,10 @@ Values are read as TOML where they can be (numbers, booleans, lists), else as te
 anything starts. Numbers of a robot are in its `robot.toml`, those of a run in its scenario: `surefoot schema file
 robot`, `surefoot schema file scenario`. The last column names the files of `compose/` and `scenarios/` that set the
 parameter.
+
+A parameter that is live can be changed while its service runs, between two ticks: `surefoot param set SERVICE PARAMETER
+VALUE`. It lasts until the service ends; a recording holds the change as a line of the log, and a repeat of that run
+differs from there on.
 """
 _COLUMNS = ("parameter", "default", "allowed", "unit and meaning", "set in")
 _SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
@@ -65,7 +69,7 @@ def _allowed(field: FieldInfo) -> str:
     types = [kind.__name__ for kind in kinds or (field.annotation,) if isinstance(kind, type)]
     null = ["null"] if "NoneType" in types else []
     plain = [name for name in types if name != "NoneType"] if not words else []
-    return ", ".join([*plain, *words, *limits, *null])
+    return ", ".join([*plain, *words, *limits, *null, *["live"] * is_live(field)])
 
 
 def _limits(part: Any) -> list[tuple[str, float]]:

@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from .base import Message, Reply, Request
+from .base import Message, Reply, Request, Wire
 
 
 class Done(Message):
@@ -69,6 +69,35 @@ class HealthReply(Reply):
 
     schema_version: ClassVar[str] = "2.2"
     health: Health = Field(description="as published on health/<service>")
+
+
+class ServiceParameter(Wire):
+    """A parameter of a service's configuration."""
+
+    name: str = Field(description="name, as in the configuration file")
+    value: str = Field(description="present value, as JSON")
+    default: str = Field(description="default, as JSON")
+    live: bool = Field(description="may be changed while the service runs")
+    meaning: str = Field(description="unit and meaning")
+
+
+class ConfigRequest(Request):
+    """Asks a service for its configuration."""
+
+
+class ConfigReply(Reply):
+    """The configuration of a service."""
+
+    parameters: tuple[ServiceParameter, ...] = Field(description="all of them, after the change if one was asked for")
+    config_hash: str = Field(description="sha256 of the effective configuration")
+
+
+class ConfigureRequest(Request):
+    """Changes live parameters of a service between two ticks, all or none; a restart brings the old ones back."""
+
+    values: dict[str, bool | int | float | str | None] = Field(
+        max_length=64, description="new values by name of the parameter"
+    )
 
 
 class LogRecord(Message):

@@ -142,6 +142,8 @@ SIM_FEATURES = Query("sim/features", sim.FeaturesRequest, sim.FeaturesReply, "dr
 RECORDER_STATUS = Query("recorder/status", system.RecorderRequest, system.RecorderReply, "recorder")
 RECORDER_SAVE = Query("recorder/save", system.SaveRequest, system.SaveReply, "recorder", acts=True)
 HEALTH_GET = Query("health/*", system.HealthRequest, system.HealthReply, "*", timeout_s=2.0)
+CONFIG_GET = Query("config/*", system.ConfigRequest, system.ConfigReply, "*")
+CONFIGURE = Query("configure/*", system.ConfigureRequest, system.ConfigReply, "*", acts=True)
 
 _ROWS: list[object] = list(globals().values())
 TOPICS: tuple[Topic[Any], ...] = tuple(cast("Topic[Any]", row) for row in _ROWS if isinstance(row, Topic))

@@ -4,6 +4,7 @@ Each function takes the beginning that was typed and returns the names that begi
 """
 
 from collections.abc import Iterable
+from contextlib import suppress
 
 
 def _of(names: Iterable[str], incomplete: str) -> list[str]:
@@ -50,3 +51,14 @@ def queries(incomplete: str) -> list[str]:
     from surefoot.schemas.topics import QUERIES
 
     return _of((row.key for row in QUERIES), incomplete)
+
+
+def parameters(incomplete: str) -> list[str]:
+    """Return names of parameters of any service."""
+    from surefoot.lockstep.discover import service_class, service_names
+
+    names: set[str] = set()
+    for each in service_names():
+        with suppress(ImportError):  # its extra is not installed
+            names.update(service_class(each).Config.model_fields)
+    return _of(names, incomplete)

@@ -12,6 +12,8 @@ from . import (
     bridge,
     doctor,
     graph,
+    node,
+    param,
     render,
     report,
     robot,
@@ -25,7 +27,8 @@ from . import (
     view,
     warm,
 )
-from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
+from .compiling import compilation_told
+from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, notify, state
 from .rooms import room_commands
 
 app = typer.Typer(
@@ -54,6 +57,8 @@ app.command("doctor")(doctor.doctor)
 app.command("graph")(graph.graph)
 app.add_typer(topic.app, name="topic")
 app.add_typer(service.app, name="service")
+app.add_typer(node.app, name="node")
+app.add_typer(param.app, name="param")
 app.add_typer(schema.app, name="schema")
 app.add_typer(bag.app, name="bag")
 app.add_typer(robot.app, name="robot")
@@ -83,7 +88,8 @@ def common(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
     try:
-        code = app(args=arguments, prog_name="surefoot", standalone_mode=False)
+        with compilation_told(notify):
+            code = app(args=arguments, prog_name="surefoot", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPT)

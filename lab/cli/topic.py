@@ -1,6 +1,7 @@
-"""`surefoot topic list|info|echo|hz`."""
+"""`surefoot topic list|info|echo|pub|hz|top`."""
 
 import json as jsonlib
+import sys
 import time
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,10 +25,14 @@ from .output import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from surefoot.bus.interface import Delivery
     from surefoot.client import Client
     from surefoot.schemas.base import Message
     from surefoot.schemas.topics import Topic
+
+    from .top import TopicTraffic
 
 SILENCE_S = 2.0  # s wall, after so long without a message the reason is looked for
 
@@ -177,6 +182,60 @@ def hz(
         )
     if not arrivals:
         raise typer.Exit(EXIT_CHECK)
+
+
+@app.command()
+def top(
+    window: Annotated[float, typer.Option(min=0.1, help="Seconds of wall time that the figures are of.")] = 2.0,
+    once: Annotated[bool, typer.Option("--once", help="End after the first table.")] = False,
+    connect: Connect = None,
+    namespace: Namespace = None,
+    json: Json = False,
+) -> None:
+    """Show rates, sizes and latencies of all topics, and the support polygon. Exit code 1: nothing came.
+
+    The latency of a topic is the time from the arrival of a tick's first message to that of the topic's own.
+    """
+    from .top import Traffic, polygon_lines, watch
+
+    use_json(json)
+    traffic = Traffic()
+    with client(connect, namespace) as robot:
+        watch(robot, traffic)
+        while True:
+            time.sleep(window)
+            rows = traffic.rows(window)
+            if json:
+                write(jsonlib.dumps([row._asdict() for row in rows]))
+            else:
+                _show_top(rows, polygon_lines(traffic.stability), robot)
+            if once:
+                break
+    if not rows:
+        raise typer.Exit(EXIT_CHECK)
+
+
+def _show_top(rows: "Sequence[TopicTraffic]", polygon: "Sequence[str]", robot: "Client") -> None:
+    """Write one table; on a terminal it replaces the one before."""
+    if sys.stdout.isatty():
+        write("\x1b[H\x1b[2J")
+    if not rows:
+        notify("surefoot: no message" + _why(robot))
+        return
+    cells = [
+        (
+            row.key,
+            f"{row.hz:.1f}",
+            f"{row.kb_per_s:.1f}",
+            f"{row.bytes:.0f}",
+            f"{row.p50_ms:.2f}",
+            f"{row.p99_ms:.2f}",
+        )
+        for row in rows
+    ]
+    write_table(("topic", "Hz", "kB/s", "bytes", "p50 ms", "p99 ms"), cells, right=(1, 2, 3, 4, 5))
+    for line in polygon:
+        write(line)
 
 
 def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any":

@@ -19,6 +19,8 @@ from surefoot.schemas.base import Bulk, BulkRequest
 from surefoot.schemas.topics import (
     CMD_ESTOP,
     CMD_JOINTS,
+    CONFIG_GET,
+    CONFIGURE,
     HEALTH,
     HEALTH_GET,
     HW_TICK,
@@ -87,7 +89,7 @@ def _of(service: type[Service[Any]]) -> Iterator[tuple[Verb, str]]:
         yield Verb.READ, family.format(topic.owner) if topic.framed else participants_key(topic, "*")
     for topic in service.observes:
         yield Verb.READ, participants_key(topic, "*") if apart(topic) else topic.key
-    for query in (*service.serves, HEALTH_GET.of(service.name)):
+    for query in (*service.serves, *(family.of(service.name) for family in (HEALTH_GET, CONFIG_GET, CONFIGURE))):
         yield Verb.SERVE, query.key
         yield Verb.SERVE, participants_key(query, "*")
     for query in (*service.calls, SIM_JOIN):

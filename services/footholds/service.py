@@ -82,6 +82,10 @@ class Footholds(Service[FootholdsConfig]):
         self.latched.forget()
         self.models.reset()
 
+    def on_config(self) -> None:
+        """Take the new parameters."""
+        self.params = self.config.params()
+
     def on_tick(self, inputs: TickInputs) -> None:
         """Prepare the map when a new one has arrived."""
         self._now = inputs.tick
@@ -113,8 +117,7 @@ class Footholds(Service[FootholdsConfig]):
             Landing(self._leg(leg.leg, f"legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(request.legs)
         ]
         number = self._choices if request.tick is None else request.tick
-        draw = (self.config.explore_seed, number)
-        params, explored = select_params(request, self.params, self.config.explore, draw)
+        params, explored = select_params(request, self.params, self.config.explore, (self.config.explore_seed, number))
         model = self.models.active
         found = select(ground, self.robot, model, base_pose(request.base), landings, params)
         if self._named != model.name:

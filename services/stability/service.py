@@ -87,6 +87,10 @@ class Stability(Service[StabilityConfig]):
         self._touch: state.Flags | None = None
         self.calibration = CalibrationJob(self.robot, self.params.torque_variance)
 
+    def on_config(self) -> None:
+        """Take the new parameters from the next status on."""
+        self.params = self.config.watch()
+
     def on_tick(self, inputs: TickInputs) -> None:
         """Keep the latest samples; publish the status every second tick."""
         self._joints = inputs.get(HW_JOINTS) or self._joints

@@ -12,13 +12,20 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.config import JsonDict
+from pydantic.fields import FieldInfo
 
 from surefoot.bus.codec import refusal_of
 from surefoot.disk import regular_size
 from surefoot.errors import ConfigError
 from surefoot.schemas.base import Strict
+from surefoot.schemas.system import ConfigReply, ServiceParameter
 
 PREFIX = "SUREFOOT_"
+
+
+LIVE: JsonDict = {"live": True}
+"""`json_schema_extra` of a parameter that may be changed while its service runs."""
 
 
 class ServiceConfig(Strict):
@@ -60,7 +67,46 @@ def load_config(
         if not sign:
             raise ConfigError("invalid", f"{item!r} is not of the form field=value")
         _known(model, field, f"{service}: command line")
-        values[field] = _value(value)
+        values[field] = value_of(value)
+    return _validated(model, service, values)
+
+
+def changed(config: C, service: str, values: Mapping[str, Any]) -> C:
+    """Return a configuration with new values of live parameters.
+
+    Raises:
+        ConfigError: a parameter is not there or not live, or its value is not allowed.
+    """
+    model = type(config)
+    for name in values:
+        _known(model, name, service)
+        if not is_live(model.model_fields[name]):
+            live = ", ".join(sorted(each for each, field in model.model_fields.items() if is_live(field))) or "none"
+            text = f"{service}: {name!r} is read at the start only; live are: {live}"
+            raise ConfigError("not_live", text, name)
+    return _validated(model, service, {**config.model_dump(exclude_unset=True), **values})
+
+
+def is_live(field: FieldInfo) -> bool:
+    """Return whether a parameter may be changed while its service runs."""
+    return field.json_schema_extra == LIVE
+
+
+def config_reply(config: BaseModel) -> ConfigReply:
+    """Return the configuration of a service as a message."""
+    values = config.model_dump(mode="json")
+    rows = tuple(
+        ServiceParameter(
+            name=name, value=json.dumps(values[name]),
+            default=json.dumps(field.get_default(call_default_factory=True)),
+            live=is_live(field), meaning=field.description or "",
+        )
+        for name, field in type(config).model_fields.items()
+    )  # fmt: skip
+    return ConfigReply(parameters=rows, config_hash=config_hash(config))
+
+
+def _validated(model: type[C], service: str, values: Mapping[str, Any]) -> C:
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -91,7 +137,7 @@ def _from_environment(model: type[BaseModel], service: str, environ: Mapping[str
     for field in model.model_fields:
         for name in (f"{PREFIX}{field.upper()}", f"{own}{field.upper()}"):
             if name in environ:
-                values[field] = _value(environ[name])
+                values[field] = value_of(environ[name])
     for name in environ:
         if name.startswith(own):
             _known(model, name[len(own) :].lower(), f"environment variable {name}")
@@ -104,7 +150,8 @@ def _known(model: type[BaseModel], field: str, where: str) -> None:
         raise ConfigError("unknown_key", f"{where}: unknown field {field!r}; known are {allowed}", field)
 
 
-def _value(text: str) -> Any:
+def value_of(text: str) -> Any:
+    """Return a value written as in a configuration file; what is no TOML is text."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

@@ -20,6 +20,7 @@ from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.answers import Answers, LateAnswer
 from surefoot.lockstep.binding import Bindings, is_prime
+from surefoot.lockstep.configuring import config_queries
 from surefoot.lockstep.health import health_of, join_request
 from surefoot.lockstep.join import DRIVER, NAMED, Delayed, Join, TickInputs
 from surefoot.lockstep.leader import KEEP_TICKS
@@ -38,8 +39,7 @@ JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
 LOOK_S = 0.1  # a node looks into its inbox at least so often: a frame that it waits for may never come
 
-_STOP = object()
-_TICK = HW_TICK.key
+_STOP, _TICK = object(), HW_TICK.key
 
 
 class Node:
@@ -92,7 +92,7 @@ class Node:
         self.bus.take(self._subscriptions(), put, batched=service.batched)
         for topic in service.observes:
             self.bus.subscribe(topic, lambda one, row=topic: self.inbox.put_observed(one.under(row)), bounded=True)
-        for query in service.serves:
+        for query in (*service.serves, *config_queries(service)):
             self.bus.serve(query, self.inbox.put_query, put, self.instance)
         self.bus.watch(put)
         self.links.need((*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls))

@@ -79,6 +79,9 @@ class Service(Generic[C]):
     def on_reset(self) -> None:
         """A new epoch: drop all state."""
 
+    def on_config(self) -> None:
+        """``config`` was changed between two ticks: renew what was made of its live parameters."""
+
     def on_tick(self, inputs: TickInputs) -> None:
         """All due inputs of a tick are here: compute and publish."""
 

@@ -127,6 +127,27 @@ def test_queries_are_answered_or_refused_in_words(system, surefoot):
     assert "tail" in done.stderr
 
 
+def test_nodes_parameters_and_traffic_of_a_running_system(system, surefoot):
+    nodes = {node["service"]: node for node in json.loads(surefoot("node", "list", "--json").stdout)}
+    assert {"simulator", "estimator", "walker", "stability", "footholds"} <= set(nodes)
+    shown = surefoot("node", "info", "walker").stdout
+    assert str(nodes["walker"]["pid"]) in shown
+    assert re.search(r"asks +footholds/select", shown)
+    assert surefoot("param", "set", "stability", "mu", "0.45").stdout == "stability: mu = 0.45\n"
+    assert surefoot("param", "get", "stability", "mu").stdout == "0.45\n"
+    told = json.loads(surefoot("topic", "echo", "state/stability", "--once", "--raw", "--timeout", "30").stdout)
+    assert told["mu"] == 0.45
+    surefoot("param", "set", "stability", "mu", "0.6")
+    for words, part in ((("robot", "nao"), "start only"), (("mu", "-1"), "-1"), (("nu", "1"), "mu")):
+        done = surefoot("param", "set", "stability", *words)
+        assert done.returncode in (1, 2)
+        assert part in done.stderr
+        assert "Traceback" not in done.stderr
+    rows = {row["key"]: row for row in json.loads(surefoot("topic", "top", "--once", "--json").stdout)}
+    assert 0.0 < rows["state/velocity"]["p50_ms"] <= rows["state/velocity"]["p99_ms"]
+    assert "margin planned" in surefoot("topic", "top", "--once").stdout
+
+
 def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(system, surefoot):
     for _ in range(2):
         done = surefoot("stop", "--reason", "a hand in the way", "--json")

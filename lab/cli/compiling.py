@@ -1,0 +1,36 @@
+"""Report on the terminal that kernels are being compiled, once that takes long."""
+
+import threading
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+
+from surefoot.kernels.compiling import COMPILING
+
+FIRST_S, EACH_S = 0.5, 10.0
+"""Wall time of compiling before the first line, and between further lines."""
+
+
+@contextmanager
+def compilation_told(notify: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> Generator[None]:
+    """Call `notify` with a line on what the compiler does, inside the context, when it takes longer than `FIRST_S`."""
+    began, over = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        began.wait()
+        start, wait = clock(), FIRST_S
+        text = "surefoot: compiling numeric kernels, half a minute or more, only this once (surefoot warm)"
+        while not over.wait(wait):
+            if COMPILING.busy:
+                notify(text or f"  {COMPILING.done} kernels after {clock() - start:.0f} s")
+                text, wait = "", EACH_S
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    with COMPILING.told(lambda name: began.set()):
+        try:
+            yield
+        finally:
+            over.set()
+            began.set()
+            watcher.join()

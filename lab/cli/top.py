@@ -1,0 +1,123 @@
+"""`surefoot topic top`: traffic of a running system, latency from tick to topic, and the support polygon in letters."""
+
+import threading
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from surefoot.schemas.topics import STATE_STABILITY, TOPICS
+
+if TYPE_CHECKING:
+    from surefoot.bus.interface import Delivery
+    from surefoot.client import Client
+    from surefoot.schemas.stability import StabilityStatus
+
+KEPT = 4096
+"""Messages of a topic that are kept for its statistics; the oldest are dropped."""
+TICKS = 512
+"""Ticks whose arrival is remembered."""
+COLUMNS, LINES = 41, 13
+"""Letters of the picture."""
+LEAST_M = 0.05
+"""Smallest half width of the picture, m."""
+
+
+class TopicTraffic(NamedTuple):
+    """Traffic of a topic within the window."""
+
+    key: str
+    hz: float
+    """Rate in wall time."""
+    kb_per_s: float
+    bytes: float
+    """Mean size of a message with its attachment."""
+    p50_ms: float
+    """From the arrival of the first message of a tick to that of this topic's message of that tick."""
+    p99_ms: float
+
+
+class Traffic:
+    """Arrivals of the last seconds, by topic; `note` may be called from any thread."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._lock = clock, threading.Lock()
+        self._began = clock()
+        self._arrivals: dict[str, deque[tuple[float, int, float]]] = defaultdict(lambda: deque(maxlen=KEPT))
+        self._ticks: dict[tuple[int, int], float] = {}
+        self.stability: StabilityStatus | None = None
+
+    def note(self, delivery: "Delivery") -> None:
+        """Count a message, and measure how long after the first one of its tick it came."""
+        if delivery.prime:
+            return
+        now, header, raw = self._clock(), delivery.header(), delivery.raw()
+        place = header.epoch, header.tick
+        with self._lock:
+            began = self._ticks.setdefault(place, now)
+            while len(self._ticks) > TICKS:
+                del self._ticks[next(iter(self._ticks))]
+            self._arrivals[delivery.key].append((now, len(raw.payload) + len(raw.attachment or b""), now - began))
+            if delivery.key == STATE_STABILITY.key:
+                self.stability = delivery.message()  # pyright: ignore[reportAttributeAccessIssue]
+
+    def rows(self, window_s: float) -> list[TopicTraffic]:
+        """Return the topics of the last ``window_s``, those with most bytes first."""
+        now = self._clock()
+        span = max(1e-3, min(window_s, now - self._began))
+        with self._lock:
+            recent = {key: [each for each in kept if now - each[0] <= span] for key, kept in self._arrivals.items()}
+        found: list[TopicTraffic] = []
+        for key, kept in recent.items():
+            if kept:
+                size, waits = sum(each[1] for each in kept), sorted(each[2] for each in kept)
+                p50, p99 = (_share(waits, share) for share in (0.5, 0.99))
+                found.append(TopicTraffic(key, len(kept) / span, size / span / 1e3, size / len(kept), p50, p99))
+        return sorted(found, key=lambda row: (-row.kb_per_s, row.key))
+
+
+def _share(ordered: Sequence[float], share: float) -> float:
+    return round(1e3 * ordered[min(len(ordered) - 1, int(len(ordered) * share))], 3)
+
+
+def watch(robot: "Client", traffic: Traffic) -> None:
+    """Read every topic that is not a family of services."""
+    for topic in TOPICS:
+        if not topic.key.endswith("*"):
+            robot.bus.subscribe(topic, traffic.note, bounded=True)
+
+
+def polygon_lines(status: "StabilityStatus | None") -> list[str]:
+    """Return the support region from above, x up and y to the left, with the CoM: o planned, x measured."""
+    if status is None or not status.region:
+        return ["no support region" + (f": {status.status}" if status is not None else " yet")]
+    points = [tuple(corner) for corner in status.region]
+    places = {"o": status.com_planned, "x": status.com_measured}
+    known = [*points, *(place for place in places.values() if place is not None)]
+    half_x = max(LEAST_M, 1.1 * max(abs(x) for x, _ in known))
+    half_y = max(LEAST_M, 1.1 * max(abs(y) for _, y in known))
+    grid = [
+        ["." if _inside(points, *_place(row, column, half_x, half_y)) else " " for column in range(COLUMNS)]
+        for row in range(LINES)
+    ]
+    for letter, place in places.items():
+        if place is not None:
+            row = round((1.0 - place[0] / half_x) * (LINES - 1) / 2)
+            grid[row][round((1.0 - place[1] / half_y) * (COLUMNS - 1) / 2)] = letter
+    margins = {"planned": status.margin_planned, "measured": status.margin_measured}
+    words = ", ".join(f"{name} {1e3 * margin:.1f} mm" for name, margin in margins.items() if margin is not None)
+    return ["".join(row).rstrip() for row in grid] + [f"margin {words or 'unknown'}; {2 * half_y:.2f} m wide"]
+
+
+def _place(row: int, column: int, half_x: float, half_y: float) -> tuple[float, float]:
+    """Return the place of a letter, m."""
+    return half_x * (1.0 - 2.0 * row / (LINES - 1)), half_y * (1.0 - 2.0 * column / (COLUMNS - 1))
+
+
+def _inside(corners: Sequence[Any], x: float, y: float) -> bool:
+    """Return whether a point lies in a convex polygon, counter-clockwise."""
+    following = [*corners[1:], corners[0]]
+    return all(
+        (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0.0
+        for (ax, ay), (bx, by) in zip(corners, following, strict=True)
+    )

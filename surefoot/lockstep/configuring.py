@@ -1,0 +1,31 @@
+"""The configuration of a service as a query, and changes of its live parameters between two ticks."""
+
+from typing import Any
+
+from surefoot.lockstep.config import changed, config_reply
+from surefoot.lockstep.service import Service
+from surefoot.schemas.system import ConfigReply, ConfigRequest, ConfigureRequest
+from surefoot.schemas.topics import CONFIG_GET, CONFIGURE, Query
+
+
+def config_queries(service: Service[Any]) -> tuple[Query[Any, Any], ...]:
+    """Return the two queries about the configuration of a service, whose handlers are registered with it.
+
+    Both run between ticks, so that no tick sees two values. A recording holds a change as a line of the log only: a
+    repeat of such a run differs from then on.
+    """
+
+    def get(_: ConfigRequest) -> ConfigReply:
+        return config_reply(service.config)
+
+    def configure(request: ConfigureRequest) -> ConfigReply:
+        before = service.config
+        service.config = changed(before, service.name, request.values)
+        service.on_config()
+        for name, value in request.values.items():
+            service.log("info", f"parameter {name}: {getattr(before, name)!r} -> {value!r}")
+        return config_reply(service.config)
+
+    queries = CONFIG_GET.of(service.name), CONFIGURE.of(service.name)
+    service.handlers |= {query.key: handler for query, handler in zip(queries, (get, configure), strict=True)}
+    return queries
