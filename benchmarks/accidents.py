@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from benchmarks.report import Bench, goal
+from benchmarks.bench import Bench, goal
 from surefoot.lab.report.why import explain
 from surefoot.lab.runs.local import run_local
 from surefoot.lockstep.local import LocalSystem

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Bench, table, words_of
+from benchmarks.bench import Bench, table, words_of
 from surefoot.lab.estimation.fuzz import FuzzCounts, fuzz
 from surefoot.lab.estimation.scores import Score
 from surefoot.lab.estimation.track import default, names

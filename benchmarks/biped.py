@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, cast
 import mujoco
 import numpy as np
 
-from benchmarks.report import Bench, microseconds, table, words_of
+from benchmarks.bench import Bench, microseconds, table, words_of
 from surefoot.geometry import rotations
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.polygon import hull, signed_distance

@@ -10,7 +10,7 @@ from typing import Any
 import zenoh
 from pydantic import BaseModel
 
-from benchmarks.report import Bench, goal
+from benchmarks.bench import Bench, goal
 from surefoot.bus.codec import encode
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery

@@ -7,8 +7,8 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
+from benchmarks.bench import Bench, goal
 from benchmarks.core_system import TICKS
-from benchmarks.report import Bench, goal
 
 BENCH = Bench("core")
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from benchmarks.report import Bench, goal, table, words_of
+from benchmarks.bench import Bench, goal, table, words_of
 from surefoot.bus.frame import Frame
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lab.estimation.fuzz import feed, inputs_of

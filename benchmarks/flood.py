@@ -11,8 +11,8 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+from benchmarks.bench import Bench, table
 from benchmarks.machine import Machine, Ticks, forget_peak, resident_mb, up
-from benchmarks.report import Bench, table
 from surefoot.lab.statistics import middle_and_ends
 from surefoot.lockstep.discover import service_class
 from surefoot.record.recording import read_recording

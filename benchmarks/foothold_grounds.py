@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.bench import Bench, table, words_of
 from benchmarks.foothold_walks import Lines, paired, rule_of, sliding
-from benchmarks.report import Bench, table, words_of
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.lab.footholds.walks import Setting, walk
 from surefoot.lab.statistics import mean_ratio, ratio

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.bench import Bench, microseconds, table, words_of
 from benchmarks.own_slip import SlipFollower, closed, explored, rms, rough, start
-from benchmarks.report import Bench, microseconds, table, words_of
 from benchmarks.rivals import GridMapRule, MinK2
 from surefoot.lab.footholds.campaign import read
 from surefoot.lab.footholds.rules import model_rule, random_rule

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.report import Bench, best_of, goal, in_turns, seconds_of, table
+from benchmarks.bench import Bench, best_of, goal, in_turns, seconds_of, table
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.papers.walas.evolution import evolve
 from surefoot.papers.walas.searches import cost

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.bench import Bench, goal, table, words_of
 from benchmarks.foreign_changes import AFTER_S, MIDDLE, alarms, changes, fast_moment, planted, turned_starts
 from benchmarks.foreign_scores import ForeignScore, LegOut, scored
 from benchmarks.foreign_smooth import BOTH_WAYS, both_ways
 from benchmarks.foreign_tables import CONTRADICTED, TUNED, agreement, errors, plain, shown, summaries
-from benchmarks.report import Bench, goal, table, words_of
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import DATA, FOREIGN, foreign

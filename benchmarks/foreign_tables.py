@@ -17,8 +17,8 @@ from surefoot.lab.estimation.referees import run
 from surefoot.lab.estimation.track import Track, default
 from surefoot.papers.wawrzynski.sets import LogSet, tuned
 
+from .bench import goal, table
 from .foreign_scores import HEADERS, ForeignScore, LegOut, goals_of, gyro_alone, leave_one_out, scored, timed
-from .report import goal, table
 
 TUNED = ("inekf", "linear")
 MEASURE = "smooth"

@@ -11,9 +11,9 @@ from collections import Counter
 from pathlib import Path
 from random import Random
 
+from benchmarks.bench import Bench, table
 from benchmarks.fuzz_files import damaged_files, formats
 from benchmarks.fuzz_inputs import Drawer, Tally, attempt, drawn, spoil
-from benchmarks.report import Bench, table
 from surefoot.bus.codec import decode, encode, json_schema, read_header
 from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Stamp

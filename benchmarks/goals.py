@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from benchmarks.report import Bench, table, words_of
+from benchmarks.bench import Bench, table, words_of
 from benchmarks.studies import failures, named
 from surefoot.lab.fit.estimate import fit
 from surefoot.lab.fit.events import read_run

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.report import Bench, goal, table
+from benchmarks.bench import Bench, goal, table
 from surefoot.bus.codec import decode, encode
 from surefoot.lab.runs.local import run_local
 from surefoot.lockstep.launch import spare_collector

@@ -11,8 +11,8 @@ from statistics import median
 
 import numpy as np
 
+from benchmarks.bench import Bench, goal, seconds_of, table
 from benchmarks.lost_robot import TICK, Robot, World, wrapped
-from benchmarks.report import Bench, goal, seconds_of, table
 from surefoot.lab.studies import Line, study
 
 BENCH = Bench("lost")

@@ -10,7 +10,7 @@ import numpy as np
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from benchmarks.report import Bench, best_of, goal, seconds_of, table
+from benchmarks.bench import Bench, best_of, goal, seconds_of, table
 from surefoot.kernels.jit import free_kernel, row_kernel
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.belief.ukf import LandmarkSighting, predict, update, work_space, wrap

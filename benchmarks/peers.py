@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Bench, best_of, table
+from benchmarks.bench import Bench, best_of, table
 from benchmarks.stability import SIXTEEN, stance
 from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import ContactSet

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Bench, table, words_of
+from benchmarks.bench import Bench, table, words_of
 from surefoot.lab.statistics import half_width
 from surefoot.lab.studies import Line, seeds_of, study
 from surefoot.lab.train.evaluation import Seeds, episodes, paired, summary

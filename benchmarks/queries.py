@@ -17,7 +17,7 @@ import numpy as np
 import zenoh
 from zenoh.handlers import Callback
 
-from benchmarks.report import Bench, goal, table
+from benchmarks.bench import Bench, goal, table
 from surefoot.bus.codec import decode, encode
 from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions

@@ -1,226 +1,198 @@
-"""Command line, tables and clocks that all benchmarks share.
+"""Figures of the pages beside what their commands print now: `python -m benchmarks report --check`.
 
-A benchmark file makes one `Bench` and registers its parts, functions whose parameters are the options: parameters
-before ``/`` are arguments by position, the others ``--options``; "Args:" of the docstring and `COMMON` are their help.
+A table of README.md, docs/measured.md or docs/decisions with a column `command` states figures of that command; a cell
+that is empty stands for the one above. A command in the last line before a table stands for its rows without one.
 """
 
-import argparse
-import inspect
+import math
 import re
-import resource
-import time
-import types
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
+from benchmarks.bench import Bench, table
 
-COMMON = {
-    "seeds": "count, or first:end",
-    "results": "file to continue with, one line a run; runs that it holds are not repeated",
-    "processes": "runs at a time",
-}
-"""Help of options that mean the same in every part."""
-F = TypeVar("F", bound=Callable[..., Any])
-Call = Callable[[], object]
+BENCH = Bench("report")
+ROOT = Path(__file__).parents[1]
+PAGES = ("docs/measured.md", "docs/bipeds.md", "docs/estimator.md", *sorted(
+    str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "decisions").glob("*.md")
+))  # fmt: skip
+BESIDE = ("goal", "seeds", "command")
+"""Columns without figures."""
+MACHINE = re.compile(
+    r"^(make |starts|bus|core|lockstep|soak|flood|queries|peers|simulator|estimator |secure|view)"
+    r"|^(footholds (times|ratios)|stability speed|foothold_walks speed)"
+)
+"""Commands whose figures are times: other machines have others."""
+SCALES = {"%": 100.0, "mm": 1e3, "cm": 1e2, "mm/s": 1e3, "cm/s": 1e2, "ms": 1e3, "us": 1e6, "ns": 1e9, "mrad": 1e3}
+"""What a number in the unit is times the one in SI units, in which a command may print it."""
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d+)?(?![\w]*/)")
+UNIT = re.compile(r" ?(%|mm/s|cm/s|mm|cm|ms|us|ns|mrad)(?![\w])")
+
+
+class Figure(NamedTuple):
+    """A row of a page."""
+
+    page: str
+    what: str
+    text: str
+    """Cells with figures."""
+    command: str
+
+
+class Stated(NamedTuple):
+    """A number as it stands on a page."""
+
+    value: float
+    half: float
+    """Half of its last digit."""
+    scale: float
+    """Of its unit over the SI unit."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """One part of a benchmark."""
+class Verdict:
+    """A row beside what its command printed."""
 
-    run: Callable[..., Any]
-    quick: str | None
-    """Options of the smallest run, of a few seconds; None = there is no cheap run."""
-
-
-@dataclass
-class Bench:
-    """Parts of one benchmark file by name."""
-
-    name: str
-    parts: dict[str, Part] = field(default_factory=dict[str, Part])
-
-    def part(self, quick: str | None = None) -> Callable[[F], F]:
-        """Register a function as a part; its name in words is the function's.
-
-        Args:
-            quick: options of the smallest run, None = there is no cheap run.
-        """
-
-        def register(run: F) -> F:
-            self.parts[run.__name__.strip("_").replace("_", "-")] = Part(run, quick)
-            return run
-
-        return register
-
-    def main(self, words: Sequence[str]) -> None:
-        """Run the part that the first word names, else the first part; without words run all parts.
-
-        ``--quick`` stands for the options of the smallest run.
-        """
-        if not words or list(words) == ["--quick"]:
-            for name, part in self.parts.items():
-                if not words or part.quick is not None:
-                    print(f"-- {name}", flush=True)
-                    self._run(name, words)
-        elif words[0] in ("-h", "--help") and len(self.parts) > 1:
-            for name, part in self.parts.items():
-                print(f"{name:12} {first_line(part.run.__doc__)}")
-            print(
-                f"\npython -m benchmarks {self.name} PART --help lists the options of a part; without one all are run"
-            )
-        else:
-            self._run(*self.chosen(words))
-
-    def chosen(self, words: Sequence[str]) -> tuple[str, Sequence[str]]:
-        """Return the part that the first word names, else the first part, and the words that are left."""
-        return (words[0], words[1:]) if words and words[0] in self.parts else (next(iter(self.parts)), words)
-
-    def _run(self, name: str, words: Sequence[str]) -> None:
-        part = self.parts[name]
-        quick = (part.quick or "").split()
-        given = [other for word in words for other in (quick if word == "--quick" else [word])]
-        parser, parameters = parser_of(f"python -m benchmarks {self.name} {name}", part.run)
-        values = vars(parser.parse_args(given))
-        for p in parameters:
-            if is_dataclass(p.annotation) and isinstance(p.annotation, type):
-                values[p.name] = p.annotation(**{name: values.pop(name) for name in options_of(p.annotation)})
-        at = [values.pop(p.name) for p in parameters if p.kind is p.POSITIONAL_ONLY]
-        rest = [word for p in parameters if p.kind is p.VAR_POSITIONAL for word in values.pop(p.name)]
-        part.run(*at, *rest, **values)
+    figure: Figure
+    missing: tuple[str, ...]
+    """Numbers that the command does not print."""
 
 
-def first_line(docstring: str | None) -> str:
-    """Return the first line of a docstring."""
-    return (docstring or "").strip().partition("\n")[0]
+def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]:
+    """Yield the rows of the tables of pages that have a command."""
+    for page in pages:
+        header: list[str] = []
+        given = above = ""
+        for line in (root / page).read_text(encoding="utf-8").splitlines():
+            if not line.startswith("|"):
+                header, above = [], ""
+                if found := [each for each in re.findall(r"`([^`]+)`", line) if _is_command(each)]:
+                    given = found[-1]
+                elif line.startswith("#"):
+                    given = ""
+                continue
+            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            if not header:
+                header = cells
+            elif not set(line) <= set("|-: "):
+                row = dict(zip(header, cells, strict=False))
+                found = [each for each in re.findall(r"`([^`]+)`", row.get("command", "")) if _is_command(each)]
+                above = found[0] if found else above
+                shown = [cell for name, cell in list(row.items())[1:] if name not in BESIDE and cell]
+                if (above or given) and shown:
+                    yield Figure(page, cells[0], " | ".join(shown), above or given)
 
 
-def parser_of(program: str, run: Callable[..., Any]) -> tuple[argparse.ArgumentParser, list[inspect.Parameter]]:
-    """Return the parser of a function's parameters, and these; fields of a dataclass are options of their own."""
-    head, helps = described(inspect.getdoc(run) or "", "Args")
-    helps = COMMON | helps
-    parser = argparse.ArgumentParser(program, description=head, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parameters = list(inspect.signature(run).parameters.values())
-    for p in parameters:
-        about = helps.get(p.name, "")
-        if is_dataclass(p.annotation):
-            known = {each.name: each for each in fields(p.annotation)}
-            for name, words in options_of(p.annotation).items():
-                _add(parser, name, known[name].type, known[name].default, words)
-        elif p.kind is p.VAR_POSITIONAL:
-            parser.add_argument(p.name, nargs="*", help=about)
-        elif p.kind is p.POSITIONAL_ONLY:
-            parser.add_argument(p.name, nargs="?", type=_kind(p.annotation), default=p.default, help=about)
-        else:
-            _add(parser, p.name, p.annotation, p.default, about)
-    return parser, parameters
+def _is_command(text: str) -> bool:
+    return bool(re.match(r"(make|surefoot|SUREFOOT_\w+=\S*) |[a-z_]+( |$)", text)) and _argv(text) is not None
 
 
-def described(text: str, section: str) -> tuple[str, dict[str, str]]:
-    """Return the part of a docstring before a section, and the texts of the names in this section."""
-    head, _, tail = text.partition(f"\n{section}:\n")
-    found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", tail, re.MULTILINE)
-    return head, {name: " ".join(words.split()).replace("%", "%%") for name, words in found}
+def _argv(command: str) -> list[str] | None:
+    """Return the words of a command as a page states it, None if it is none."""
+    from benchmarks.__main__ import NAMES
+
+    words = shlex.split(command)
+    if words[0] == "surefoot":
+        return [sys.executable, "-m", "surefoot.lab.cli.main", *words[1:]]
+    if words[0] == "make" or words[0].startswith("SUREFOOT_"):
+        return ["env", *words]
+    return [sys.executable, "-m", "benchmarks", *words] if words[0] in NAMES else None
 
 
-def options_of(group: Any) -> dict[str, str]:
-    """Return the fields of a dataclass that are options, and their help: those below "Attributes:" of its docstring."""
-    return described(inspect.getdoc(group) or "", "Attributes")[1]
+def numbers(text: str) -> list[Stated]:
+    """Return the numbers of a text with the half of their last digits and their units."""
+    found: list[Stated] = []
+    for match in NUMBER.finditer(text):
+        digits = match[0].replace(" ", "")
+        mantissa, _, exponent = digits.partition("e")
+        places = len(mantissa.partition(".")[2]) - int(exponent or 0)
+        unit = UNIT.match(text, match.end())
+        scale = SCALES[unit[1]] if unit is not None else 1.0
+        found.append(Stated(float(digits), 0.5 * 10.0**-places, scale))
+    return found
 
 
-def _add(parser: argparse.ArgumentParser, name: str, annotation: Any, default: Any, about: str) -> None:
-    """Add an option; a trailing underscore of its name is left out."""
-    kind, option = _kind(annotation), f"--{name.rstrip('_').replace('_', '-')}"
-    about += "" if default in (None, "", False) else f" (default: {default})".replace("%", "%%")
-    if kind is bool:
-        parser.add_argument(option, dest=name, action="store_true", help=about)
-    elif get_origin(kind) is Literal:
-        parser.add_argument(option, dest=name, choices=get_args(kind), default=default, help=about)
-    else:
-        parser.add_argument(option, dest=name, type=kind, default=default, help=about)
+def missing(stated: str, printed: str) -> tuple[str, ...]:
+    """Return the numbers of a page's text that are in no line of an output, rounded as the page rounds them."""
+    there = [(each.value, each.value / each.scale) for each in numbers(printed)]
+    values = sorted({abs(value) for pair in there for value in pair})
+    absent: list[str] = []
+    for match, each in zip(NUMBER.finditer(stated), numbers(stated), strict=True):
+        wanted = {abs(each.value): each.half, abs(each.value) / each.scale: each.half / each.scale}
+        if not any(abs(value - x) <= half * 1.01 + 1e-12 for x, half in wanted.items() for value in values):
+            absent.append(match[0])
+    return tuple(absent)
 
 
-def _kind(annotation: Any) -> Any:
-    """Return the type of an option: that of an optional one without None."""
-    return get_args(annotation)[0] if get_origin(annotation) in (Union, types.UnionType) else annotation
+def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) -> list[Verdict]:
+    """Run a command and compare the rows that state its figures.
 
-
-def words_of(text: str) -> tuple[str, ...]:
-    """Return the words of a list with commas; an empty text has none."""
-    return tuple(word.strip() for word in text.split(",")) if text else ()
-
-
-def cell(value: object) -> str:
-    """Return a value as text: floats with four digits, None as nothing."""
-    if value is None:
-        return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table: the first column to the left, the others to the right."""
-    texts = [list(header), *([cell(value) for value in row] for row in rows)]
-    widths = [max(len(row[k]) for row in texts if k < len(row)) for k in range(len(header))]
-    print(title, flush=True)
-    for row in texts:
-        cells = [text.rjust(width) for text, width in zip(row[1:], widths[1:], strict=False)]
-        print("  ".join(["", row[0].ljust(widths[0]), *cells]).rstrip(), flush=True)
-
-
-def goal(
-    what: str, value: float, relation: Literal["<=", ">="] = "<=", bound: float | None = None, unit: str = ""
-) -> None:
-    """Print a figure beside its goal, met or missed."""
-    shown = f"{what:52} {value:12.4g} {unit}"
-    if bound is not None:
-        met = value <= bound if relation == "<=" else value >= bound
-        shown += f"   goal {relation} {bound:g}: {'met' if met else 'MISSED'}"
-    print(shown.rstrip(), flush=True)
-
-
-def best_of(function: Call, blocks: int = 5, calls: int = 1, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the smallest mean time of a call over blocks of calls, s, after one call to warm up.
-
-    Short blocks find a moment in which a busy machine is idle.
+    Raises:
+        subprocess.CalledProcessError: it fails (exit code above 1, which a study with a missed goal may have).
+        subprocess.TimeoutExpired: it takes longer than the limit.
     """
-    function()
-    best = float("inf")
-    for _ in range(blocks):
-        began = clock()
-        for _ in range(calls):
-            function()
-        best = min(best, (clock() - began) / calls)
-    return best
+    words = _argv(command)
+    assert words is not None
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=limit_s, check=False)
+    if done.returncode not in (0, 1):
+        raise subprocess.CalledProcessError(done.returncode, words, done.stdout, done.stderr)
+    return [Verdict(row, missing(row.text, done.stdout + done.stderr)) for row in rows]
 
 
-def in_turns(functions: dict[str, Call], rounds: int = 30) -> dict[str, float]:
-    """Return the smallest time of each call, s, over rounds in which all take turns."""
-    best = dict.fromkeys(functions, float("inf"))
-    for function in functions.values():
-        function()
-    for _ in range(rounds):
-        for name, function in functions.items():
-            best[name] = min(best[name], seconds_of(function))
-    return best
+def obstacle(command: str) -> str:
+    """Return why a command cannot be run by itself, empty when it can."""
+    gap = re.search(r"(?<![\w.])(DIR|F|LOG|RUN|\w+\.jsonl?)(?![\w.])", command)
+    return f"needs {gap[1]}" if gap is not None else ""
 
 
-def seconds_of(function: Call, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the time of one call, s."""
-    began = clock()
-    function()
-    return clock() - began
+SHORT = (
+    "surefoot reproduce wawrzynski", "surefoot evaluate navigator", "stability adaptive --count 400",
+    "navigator environments",
+)  # fmt: skip
+"""Commands of a few seconds whose figures are no times."""
 
 
-def of_children(function: Call) -> tuple[float, float]:
-    """Return the processor time of the child processes that a call waits for, and its wall time, s."""
-    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    function()
-    wall, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
+@BENCH.part()
+def report(*, check_: bool = False, only: str = "", every: bool = False, limit: float = math.inf) -> None:
+    """Compare the figures of the pages with what their commands print, the short ones by default; exit code 1: some
+    differ. Without --check list the commands.
 
+    Times depend on the machine: their numbers are shown, not judged.
 
-def microseconds(costs: Sequence[float]) -> tuple[float, float]:
-    """Return the median and the 99th percentile of times in s, us."""
-    return round(1e6 * float(np.median(costs)), 1), round(1e6 * float(np.percentile(costs, 99)), 1)
+    Args:
+        check_: run the commands.
+        only: those that contain this text.
+        every: long ones too, which takes hours.
+        limit: leave a command that takes longer, s.
+    """
+    by_command: dict[str, list[Figure]] = {}
+    for row in figures():
+        by_command.setdefault(row.command, []).append(row)
+    chosen = [name for name in by_command if only in name and (every or only or name in SHORT or not check_)]
+    wrong, rows = 0, list[tuple[object, ...]]()
+    for name in chosen:
+        why = obstacle(name) or ("" if check_ else "short" if name in SHORT else "long")
+        if not why:
+            try:
+                verdicts = check(name, by_command[name], None if math.isinf(limit) else limit)
+            except subprocess.TimeoutExpired:
+                why = f"takes more than {limit:g} s"
+            except subprocess.CalledProcessError as error:
+                why, wrong = f"ends with {error.returncode}: {error.stderr.strip()[-120:]}", wrong + 1
+            else:
+                off = [verdict for verdict in verdicts if verdict.missing]
+                machine = MACHINE.match(name) is not None
+                wrong += 0 if machine else len(off)
+                why = f"{len(verdicts) - len(off)} of {len(verdicts)} rows" + " (times)" * machine
+                for verdict in off:
+                    print(f"  {verdict.figure.page}: {verdict.figure.what}: {verdict.figure.text}")
+                    print(f"    not printed: {', '.join(verdict.missing)}", flush=True)
+        rows.append((name, len(by_command[name]), why))
+    table("command", ("", "rows", "as stated" if check_ else ""), rows)
+    if wrong:
+        raise SystemExit(1)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.own_walks import RULES, chosen, learned, taught
-from benchmarks.report import Bench, goal, in_turns, table
+from benchmarks.bench import Bench, goal, in_turns, table
 from benchmarks.studies import failures
 from benchmarks.trotting import GAITS, measured, watch
 from surefoot.lab.robots.compare import MOST_DIFFERENCE, differences, witness

@@ -11,9 +11,9 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from benchmarks.bench import Bench, goal
 from benchmarks.bus import NAMESPACE, PER_BLOCK, publish, state
 from benchmarks.lockstep import zenoh_run
-from benchmarks.report import Bench, goal
 from surefoot.bus.endpoint import secured
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lab.security.made import Membership, classes, make

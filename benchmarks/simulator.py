@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.report import Bench, seconds_of, table
+from benchmarks.bench import Bench, seconds_of, table
 from surefoot.bus.codec import decode
 from surefoot.client import connect
 from surefoot.errors import SurefootError

@@ -14,8 +14,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from benchmarks.bench import Bench, of_children, table
 from benchmarks.machine import ENTRY, SPIN, Machine, descriptors, resident_mb, up
-from benchmarks.report import Bench, of_children, table
 from surefoot.lab.statistics import middle_and_ends
 from surefoot.services.supervisor.processes.reconcile import STABLE_S
 from tests.processes import running

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.report import Bench, Call, best_of, goal, table
+from benchmarks.bench import Bench, Call, best_of, goal, table
 from surefoot.geometry.polygon import area
 from surefoot.kernels.jit import kernel
 from surefoot.robot.reader import load_robot

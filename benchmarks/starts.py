@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.report import Bench, of_children, table, words_of
+from benchmarks.bench import Bench, of_children, table, words_of
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import read_recording
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario

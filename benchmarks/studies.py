@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Bench, table
+from benchmarks.bench import Bench, table
 from surefoot.lab.chaos.marks import MARKS, Marks
 from surefoot.lab.chaos.run import run_chaos
 from surefoot.lab.runs.local import run_local

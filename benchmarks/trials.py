@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.bench import Bench, table, words_of
 from benchmarks.branches import PairedState, gap_share, paired_steps, trimmed
 from benchmarks.foothold_walks import GROUNDS, rule_of
-from benchmarks.report import Bench, table, words_of
 from benchmarks.rivals import nominal_rule
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lab.footholds.campaign import append, read, sample_of

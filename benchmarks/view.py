@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from benchmarks.bench import Bench, goal
 from benchmarks.machine import ENTRY, up
-from benchmarks.report import Bench, goal
 from surefoot.bus.interface import Delivery
 from surefoot.client import connect
 from surefoot.errors import SurefootError

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.report import Bench, table, words_of
+from benchmarks.bench import Bench, table, words_of
 from surefoot.lab.statistics import wilson
 from surefoot.lab.vision.blur import MatchCount, StillCamera, along, by_speed, map_by_grid, share, still_camera
 from surefoot.lab.vision.replay import Published, RecordedMotion, WalkReplay, floor, images_of, read_motion

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.bench import Bench, table, words_of
 from benchmarks.goals import ARMS, GOAL, predicted, saved
-from benchmarks.report import Bench, table, words_of
 from benchmarks.studies import failures, named
 from surefoot.lab.runs.local import run_local
 from surefoot.lab.statistics import deviation

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.report import Bench, table, words_of
+from benchmarks.bench import Bench, table, words_of
 from surefoot.lab.runs.joined import TICK_S, sense
 from surefoot.lab.statistics import wilson
 from surefoot.lab.studies import Line, seeds_of, study

@@ -9,12 +9,12 @@ import pytest
 
 import benchmarks
 from benchmarks import __main__ as command
-from benchmarks.report import Bench, goal, parser_of, table
+from benchmarks.bench import Bench, goal, parser_of, table
 
 FOLDER = Path(benchmarks.__file__).parent
 HELPERS = {
     "__init__", "__main__", "branches", "core_system", "foreign_changes", "foreign_scores", "foreign_smooth",
-    "foreign_tables", "lost_robot", "machine", "own_slip", "report", "rivals", "fuzz_files", "fuzz_inputs",
+    "foreign_tables", "lost_robot", "machine", "own_slip", "bench", "rivals", "fuzz_files", "fuzz_inputs",
     "own_walks", "trotting",
 }  # fmt: skip
 """Modules without parts."""

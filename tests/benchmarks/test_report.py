@@ -1,0 +1,77 @@
+"""Figures of the pages: found with their commands, compared as rounded; those of README stand in docs/measured.md."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from benchmarks.report import PAGES, ROOT, SHORT, figures, missing, numbers, obstacle
+
+PAGE = """# Page
+Ten walks. `studies flat 0:10`
+
+| what | figure | goal |
+|---|---|---|
+| way | 1.25 mm (0.9 to 2) | 3 mm |
+
+| what | figure | seeds | command |
+|---|---|---|---|
+| margin | 62 mm | 0:100 | `studies rough-terrain 0:100` |
+| runs | 10 000 of 10 000 | 0:100 | |
+| no command but words | 7 | | `a word` |
+"""
+
+
+def test_rows_belong_to_their_command_or_the_one_above(tmp_path: Path) -> None:
+    (tmp_path / "page.md").write_text(PAGE)
+    found = [(row.what, row.text, row.command) for row in figures(("page.md",), tmp_path)]
+    assert found == [
+        ("way", "1.25 mm (0.9 to 2)", "studies flat 0:10"),
+        ("margin", "62 mm", "studies rough-terrain 0:100"),
+        ("runs", "10 000 of 10 000", "studies rough-terrain 0:100"),
+        ("no command but words", "7", "studies rough-terrain 0:100"),
+    ]
+
+
+def test_numbers_carry_their_last_digit_and_unit() -> None:
+    found = numbers("0.32 % (1.4e-3), 10 000 runs, 62 mm, 5c7c9f3, 40:46")
+    assert [(each.value, each.half, each.scale) for each in found[:4]] == [
+        (0.32, pytest.approx(0.005), 100.0), (0.0014, pytest.approx(5e-5), 1.0), (10_000.0, 0.5, 1.0), (62.0, 0.5, 1e3),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("stated", "printed", "absent"),
+    [
+        ("62 mm", "margin 0.0618 m", ()),
+        ("62 mm", "margin 61.9", ()),
+        ("62 mm", "margin 0.047 m", ("62",)),
+        ("0.32 % (1.4 %)", "odometry 0.00322, worst 0.0141", ()),
+        ("0.32 % (1.4 %)", "odometry 0.00322, worst 0.0161", ("1.4",)),
+        ("100 of 100", "99 of 100", ()),
+        ("10 000 sets", "10000 sets", ()),
+        ("none", "3 wrong", ()),
+    ],
+)
+def test_a_number_that_is_not_printed_is_named(stated: str, printed: str, absent: tuple[str, ...]) -> None:
+    assert missing(stated, printed) == absent
+
+
+def test_short_commands_are_on_the_pages_and_need_nothing() -> None:
+    stated = {row.command for row in figures()}
+    assert set(SHORT) <= stated
+    assert not any(map(obstacle, SHORT))
+    assert obstacle("starts warm --against DIR")
+    assert len(stated) > 60
+    assert {row.page for row in figures()} <= set(PAGES)
+
+
+def test_the_readme_states_what_the_page_of_figures_states() -> None:
+    sections: dict[str, str] = {}
+    for part in re.split(r"^## ", (ROOT / "docs" / "measured.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
+        title, _, text = part.partition("\n")
+        sections[re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")] = text
+    rows = re.findall(r"\| ([^|]*)\(\[[^\]]*\]\(docs/measured\.md#([\w-]+)\)\) \|", (ROOT / "README.md").read_text())
+    assert len(rows) >= 4
+    for text, anchor in rows:
+        assert missing(text, sections[anchor]) == (), text
