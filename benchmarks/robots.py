@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.own_walks import RULES, chosen, learned, taught
 from benchmarks.bench import Bench, goal, in_turns, table
+from benchmarks.own_walks import RULES, chosen, learned, taught
 from benchmarks.studies import failures
 from benchmarks.trotting import GAITS, measured, watch
 from surefoot.lab.robots.compare import MOST_DIFFERENCE, differences, witness
