@@ -4,13 +4,14 @@ import pytest
 
 from surefoot.bus.codec import encode
 from surefoot.bus.frame import Frame, FramePart, pack
-from surefoot.bus.interface import Delivery, Life, Stamp
+from surefoot.bus.interface import Delivery, Life, Raw, Stamp
+from surefoot.lockstep.binding import Bindings, is_prime
 from surefoot.lockstep.commands import STALE_TICKS
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER, MISLED_PRIMES
 from surefoot.schemas.hw import Imu, JointCommand
 from surefoot.schemas.system import Done, JoinRequest, LogRecord
-from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, SIM_JOIN, STATE_VELOCITY, TICK_DONE, TICK_NS
+from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, HW_TICK, SIM_JOIN, STATE_VELOCITY, TICK_DONE, TICK_NS
 from tests.surefoot.lockstep.driver_bench import Bench as DriverBench
 from tests.surefoot.lockstep.driver_bench import reference
 from tests.surefoot.lockstep.node_bench import Bench
@@ -224,3 +225,17 @@ def test_frames_name_their_process(net: Net) -> None:
     wait_until(lambda: bool(publisher._framer._frames.matching_status.matching))  # type: ignore[union-attr]
     publisher.put(Imu(acc=(0.0, 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(0, 0, 1, 0, "simulator"))
     assert inbox.get().instance == "me"
+
+
+def test_a_process_without_a_token_is_bound_to_nothing() -> None:
+    bindings = Bindings()
+    assert not bindings.bind("walker", "x")
+    bindings.on_life(Life("walker", "x", True))
+    assert bindings.bind("walker", "x")
+    assert not bindings.bind("walker", "y")
+    assert bindings.bound == {"walker": "x"}
+
+
+def test_a_damaged_manifest_proves_no_link() -> None:
+    assert is_prime(Delivery(HW_TICK, None, Raw(b"", None, "")))
+    assert not is_prime(Delivery(HW_TICK, None, Raw(b"{", None, "")))
