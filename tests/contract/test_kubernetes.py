@@ -22,7 +22,7 @@ def manifest() -> Any:
 def test_the_manifest_for_kubernetes_is_that_of_the_compose_file() -> None:
     made = run_process([sys.executable, ROOT / "scripts" / "kubernetes.py"], capture_output=True, text=True, check=True)
     assert made.stdout == MANIFEST.read_text(encoding="utf-8")
-    (names,) = [[one["name"] for one in manifest()["spec"]["template"]["spec"]["containers"]]]
+    names = [one["name"] for one in manifest()["spec"]["template"]["spec"]["containers"]]
     assert names == list(load_compose(ROOT / "compose" / "ragno.yaml").service_names)
 
 
