@@ -154,14 +154,14 @@ class FrameBus(MemoryBus):
     def __init__(self, shared: MemoryBus, readers: list[tuple[str, dict[str, Topic[Any]], Any, bool]]) -> None:
         self.__dict__.update(vars(shared))
         self._readers = readers
-        self._owner, self._instance = "", ""
+        self._frame_owner, self._instance = "", ""
         self._batch: list[FramePart] = []
         self.parts: list[FramePart] = []
 
     def publisher(self, topic: Topic[Any], instance: str = "") -> Any:
         if not topic.framed:
             return super().publisher(topic, *filter(None, (instance,)))  # earlier checkouts know no instance
-        self._owner, self._instance = topic.owner, instance
+        self._frame_owner, self._instance = topic.owner, instance
         return Framed(self, topic)
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
@@ -189,7 +189,7 @@ class FrameBus(MemoryBus):
             return
         payload, index = pack(parts, self._instance) if self._instance else pack(parts)
         for owner, wanted, sink, takes_batches in self._readers:
-            if owner == self._owner and takes_batches == batched:
+            if owner == self._frame_owner and takes_batches == batched:
                 sink(Frame(owner, wanted, payload, index))
 
 
