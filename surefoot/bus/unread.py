@@ -78,7 +78,7 @@ def connections() -> Iterator[tuple[str, Connection]]:
     except OSError:
         return
     for number in numbers:
-        with suppress(OSError, struct.error):  # closed meanwhile, no TCP, not connected, another kernel
+        with suppress(OSError, ValueError, struct.error):  # closed meanwhile, no TCP, not connected, another kernel
             if stat.S_ISSOCK(os.fstat(number).st_mode):
                 with socket.socket(fileno=os.dup(number)) as one:
                     host, port = one.getpeername()[:2]

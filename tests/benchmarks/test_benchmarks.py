@@ -10,6 +10,7 @@ import pytest
 import benchmarks
 from benchmarks import __main__ as command
 from benchmarks.bench import Bench, goal, parser_of, table
+from tests.browser import CHROMIUM, MISSING
 
 FOLDER = Path(benchmarks.__file__).parent
 HELPERS = {
@@ -95,6 +96,8 @@ def test_commands_of_the_pages_are_understood(name: str, words: str) -> None:
 def test_the_smallest_run_works(
     name: str, part: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    if name == "view" and CHROMIUM is None:
+        pytest.skip(MISSING)
     monkeypatch.setenv("HOME", str(tmp_path))
     bench(name).main([part, "--quick"])
     assert len(capsys.readouterr().out.splitlines()) >= 1

@@ -49,7 +49,7 @@ def commands(app, prefix=()):
 def test_every_command_has_help_and_json(answer, words):
     out = answer(*words, "--help")
     assert "Usage:" in out
-    assert "--json" in out or words == ("supervise",)
+    assert "--json" in out or words in (("supervise",), ("bridge", "ros2"))
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,8 @@ def test_a_namespace_that_is_none_is_told(complaint, monkeypatch):
 def test_a_call_that_is_not_accepted_fails(in_process, monkeypatch, accepted, expected):
     @contextmanager
     def client(*_):
-        yield SimpleNamespace(call=lambda *_, **__: WalkReply(accepted=accepted, id=int(accepted)))
+        reply = WalkReply(accepted=accepted, id=int(accepted))
+        yield SimpleNamespace(call=lambda *_, **__: reply, bus=SimpleNamespace(refused={}))
 
     monkeypatch.setattr("surefoot.lab.cli.service.client", client)
     for words in ([], ["--json"]):

@@ -103,7 +103,7 @@ def test_query_that_compiles_says_so(fresh: tuple[ModuleType, Path], capsys: pyt
 
     service.answer = answer
     for _ in range(2):
-        node.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+        node.bus.call(STABILITY_REGION, RegionRequest(contacts=()), instance=node.instance)
     assert capsys.readouterr().err.count("had to compile double") == 1
 
 
