@@ -72,7 +72,7 @@ class Asking:
                 return reply
             if not by or by in claims or by in strangers:  # without a name: the router's note of a time-out
                 continue
-            if not instance and self._may_own(query, by, deadline):
+            if not instance and self._may_own(query, by):
                 claims[by] = reply
                 if self._owners.get(query.owner) == by:
                     return reply
@@ -85,18 +85,10 @@ class Asking:
             return next(iter(claims.values()))
         raise self._unanswered(querier, query, timeout, strangers)
 
-    def _tokens(self, owner: str, deadline: float) -> set[str]:
-        """Return the processes that show the token of a service; where none came in time, ask again until then."""
-        while True:
-            end = time.monotonic() + TOKENS_S
-            found = self._session.liveliness().get(f"{LIVE}/{owner}/*", timeout=TOKENS_S)
-            tokens = {str(one.ok.key_expr).rpartition("/")[2] for one in found if one.ok is not None}
-            if tokens or time.monotonic() < end or end > deadline:
-                return tokens
-
-    def _may_own(self, query: Query[Any, Any], process: str, deadline: float) -> bool:
+    def _may_own(self, query: Query[Any, Any], process: str) -> bool:
         """Return whether a process shows the token of a query's owner; one that is alone in it is the owner."""
-        tokens = self._tokens(query.owner, deadline)
+        found = self._session.liveliness().get(f"{LIVE}/{query.owner}/*", timeout=TOKENS_S)
+        tokens = {str(one.ok.key_expr).rpartition("/")[2] for one in found if one.ok is not None}
         if not tokens and query.key.startswith(HEALTH_GET.key[:-1]):
             return True  # of a service that starts: it shows its token when it is ready
         if process not in tokens or self._owners.get(query.owner) in tokens:
