@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from surefoot.lockstep.config import LIVE, ServiceConfig
+from surefoot.lockstep.config import ServiceConfig
 from surefoot.robot.description import Robot
 
 from .paper.estimators import ESTIMATORS
@@ -17,9 +17,7 @@ class EstimatorConfig(ServiceConfig):
     """Estimate that is published as ``state/velocity``, and start pose of the robot."""
 
     mode: Literal["best", "imu", "kinematics", "kinematics_gyro", "ekf"] = Field(
-        default="best",
-        json_schema_extra=LIVE,
-        description="estimator behind state/velocity; state/odometry is that of `best`",
+        default="best", description="estimator behind state/velocity; state/odometry is that of `best`"
     )
     remove_gyro_bias: bool = Field(
         default=True, description="the paper's estimators subtract the mean gyro of the rest"

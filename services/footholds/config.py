@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from surefoot.lockstep.config import LIVE, ServiceConfig
+from surefoot.lockstep.config import ServiceConfig
 
 from .learning.relearner import Relearner, RelearnParams
 from .masks import Limits
@@ -20,20 +20,14 @@ class FootholdsConfig(ServiceConfig):
     """Configuration of the service; the classes that the defaults come from give the reason of each value."""
 
     smooth: bool = Field(default=True, description="3x3 median over the map: for maps with noise")
-    window_cells: int = Field(
-        default=_SELECT.size, ge=1, le=61, json_schema_extra=LIVE, description="edge of the window, made odd"
-    )
+    window_cells: int = Field(default=_SELECT.size, ge=1, le=61, description="edge of the window, made odd")
     slip_model: str = Field(
         default="shipped",
         description="shipped: the learned model of the robot, or the hand-made score where there is none; hand-made; "
         "or the path of a model file",
     )
     distance_weight: float | None = Field(
-        default=None,
-        ge=0,
-        le=1000,
-        json_schema_extra=LIVE,
-        description="k of Q = P + k K4, 1/m; null = that of the model",
+        default=None, ge=0, le=1000, description="k of Q = P + k K4, 1/m; null = that of the model"
     )
     relearn: Literal["off", "counted", "paper"] = Field(
         default="off",
@@ -45,36 +39,16 @@ class FootholdsConfig(ServiceConfig):
         default="", max_length=4096, description="file that keeps the re-learned model over restarts; empty = none"
     )
     explore: float = Field(
-        default=0.0,
-        ge=0,
-        le=1,
-        json_schema_extra=LIVE,
-        description="share of choices drawn at random, from cells within reach, to learn from",
+        default=0.0, ge=0, le=1, description="share of choices drawn at random, from cells within reach, to learn from"
     )
-    explore_seed: int = Field(
-        default=0, ge=0, lt=2**63, json_schema_extra=LIVE, description="seed of choices drawn at random"
-    )
-    trunk_step_m: float = Field(
-        default=_SELECT.trunk_step, gt=0, le=0.1, json_schema_extra=LIVE, description="step of proposed heights, m"
-    )
-    trunk_range_m: float = Field(
-        default=_SELECT.trunk_range, ge=0, le=0.2, json_schema_extra=LIVE, description="largest proposed change, m"
-    )
-    slip_limit: float = Field(
-        default=_LIMITS.slip, ge=0, le=1, json_schema_extra=LIVE, description="largest predicted slip, way per stroke"
-    )
-    slope_limit: float = Field(
-        default=_LIMITS.slope, gt=0, le=100, json_schema_extra=LIVE, description="steepest ground, rise per way"
-    )
-    wedge_limit: float = Field(
-        default=_LIMITS.wedge, ge=0, le=100, json_schema_extra=LIVE, description="lift by an edge, foot radii"
-    )
-    reach_margin_m: float = Field(
-        default=_LIMITS.reach_margin, ge=0, le=0.2, json_schema_extra=LIVE, description="inside the workspace, m"
-    )
-    leg_radius_m: float = Field(
-        default=_LIMITS.leg_radius, ge=0, le=0.1, json_schema_extra=LIVE, description="leg about its centre line, m"
-    )
+    explore_seed: int = Field(default=0, ge=0, lt=2**63, description="seed of choices drawn at random")
+    trunk_step_m: float = Field(default=_SELECT.trunk_step, gt=0, le=0.1, description="step of proposed heights, m")
+    trunk_range_m: float = Field(default=_SELECT.trunk_range, ge=0, le=0.2, description="largest proposed change, m")
+    slip_limit: float = Field(default=_LIMITS.slip, ge=0, le=1, description="largest predicted slip, way per stroke")
+    slope_limit: float = Field(default=_LIMITS.slope, gt=0, le=100, description="steepest ground, rise per way")
+    wedge_limit: float = Field(default=_LIMITS.wedge, ge=0, le=100, description="lift by an edge, foot radii")
+    reach_margin_m: float = Field(default=_LIMITS.reach_margin, ge=0, le=0.2, description="inside the workspace, m")
+    leg_radius_m: float = Field(default=_LIMITS.leg_radius, ge=0, le=0.1, description="leg about its centre line, m")
     score_flat: float = Field(default=_SCORE.flat, ge=0, le=1, description="slip on flat ground")
     score_peak: float = Field(default=_SCORE.peak, ge=0, le=10, description="weight of peaks and top edges")
     score_hole: float = Field(default=_SCORE.hole, ge=0, le=10, description="weight of holes")

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from surefoot.lockstep.config import LIVE, ServiceConfig
+from surefoot.lockstep.config import ServiceConfig
 
 from .sensing.state import WatchParams
 
@@ -10,25 +10,12 @@ from .sensing.state import WatchParams
 class StabilityConfig(ServiceConfig):
     """Assumptions about the ground, and accuracy of the status."""
 
-    mu: float = Field(
-        default=0.6,
-        ge=0,
-        json_schema_extra=LIVE,
-        description="friction coefficient taken for every foot while walking, no unit",
-    )
+    mu: float = Field(default=0.6, ge=0, description="friction coefficient taken for every foot while walking, no unit")
     tolerance_m: float = Field(
-        default=1e-3,
-        gt=0,
-        le=1,
-        json_schema_extra=LIVE,
-        description="m, accuracy of the region in state/stability (margins are exact)",
+        default=1e-3, gt=0, le=1, description="m, accuracy of the region in state/stability (margins are exact)"
     )
-    directions: int = Field(
-        default=24, ge=8, le=128, json_schema_extra=LIVE, description="at most so many directions for that region"
-    )
-    measured_com: bool = Field(
-        default=True, json_schema_extra=LIVE, description="work out the CoM from joint torques when they are measured"
-    )
+    directions: int = Field(default=24, ge=8, le=128, description="at most so many directions for that region")
+    measured_com: bool = Field(default=True, description="work out the CoM from joint torques when they are measured")
 
     def watch(self) -> WatchParams:
         """Parameters of the continuous status."""

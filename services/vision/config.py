@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from surefoot.lockstep.config import LIVE, ServiceConfig
+from surefoot.lockstep.config import ServiceConfig
 
 from .recognise import RecogniseParams
 from .view import Patch
@@ -25,6 +25,4 @@ class VisionConfig(ServiceConfig):
     farthest: float = Field(default=_PATCH.farthest, gt=0, le=20, description="m, end of it")
     beside: float = Field(default=_PATCH.beside, gt=0, le=20, description="m, half of its width")
     pixel: float = Field(default=_PATCH.pixel, ge=0.0005, le=0.05, description="m, pixel of the picture from above")
-    late_s: float = Field(
-        default=0.4, gt=0, le=5, json_schema_extra=LIVE, description="s, largest age of an image that is used"
-    )
+    late_s: float = Field(default=0.4, gt=0, le=5, description="s, largest age of an image that is used")

@@ -1,24 +1,22 @@
+# pyright: basic
 """The processor that kernels are compiled for: all x86-64 processors with AVX2 and FMA count as one."""
 
 import platform
 from functools import cache
-from pathlib import Path
+
+import llvmlite.binding as llvm
 
 LEVEL = "x86-64-v3"
 """Level 3 of the x86-64 psABI, as LLVM names it."""
-FLAGS = frozenset(("avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "popcnt", "sse4_2", "xsave"))
-"""Flags that a processor of that level has, by the names of /proc/cpuinfo."""
-CPUINFO = Path("/proc/cpuinfo")
+NEEDS = frozenset(("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2", "xsave"))
+"""Features that a processor of that level has, by LLVM's names."""
 
 
 @cache
 def processor() -> str:
-    """Return `LEVEL` where the processor has it, else a name that holds for this processor only."""
-    try:
-        text = CPUINFO.read_text()
-    except OSError:
-        text = ""
-    flags = next(
-        (line.partition(":")[2].split() for line in text.splitlines() if line.startswith("flags")), list[str]()
-    )
-    return LEVEL if FLAGS.issubset(flags) else f"{platform.machine()} {' '.join(sorted(flags))}"
+    """Return `LEVEL` where the processor has it, else a name that holds for such a processor only.
+
+    LLVM asks the processor itself: /proc/cpuinfo would show the host's under an emulator.
+    """
+    has = sorted(name for name, there in llvm.get_host_cpu_features().items() if there)
+    return LEVEL if NEEDS.issubset(has) else " ".join((platform.machine(), llvm.get_host_cpu_name(), *has))
