@@ -10,7 +10,7 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 
 from surefoot.files import PACKAGE
-from surefoot.lockstep.config import PREFIX, is_live
+from surefoot.lockstep.config import PREFIX
 from surefoot.lockstep.discover import own_service_names, service_class
 from surefoot.services.supervisor.processes.compose import load_compose
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
@@ -48,9 +48,16 @@ def page() -> str:
     """Return the page as Markdown."""
     used, parts = _used(), [_HEAD]
     for service in own_service_names():
-        fields: dict[str, FieldInfo] = service_class(service).Config.model_fields
+        kind = service_class(service).Config
+        fields: dict[str, FieldInfo] = kind.model_fields
         rows = [
-            (f"`{name}`", _default(field), _allowed(field), field.description or "", _files(used, service, name))
+            (
+                f"`{name}`",
+                _default(field),
+                _allowed(field, name in kind.live),
+                field.description or "",
+                _files(used, service, name),
+            )
             for name, field in fields.items()
         ]
         parts.append(f"## {service}\n`SUREFOOT_{service.upper()}_<PARAMETER>`\n\n{table(_COLUMNS, rows)}")
@@ -61,7 +68,7 @@ def _default(field: FieldInfo) -> str:
     return f"`{json.dumps(field.get_default(call_default_factory=True))}`"
 
 
-def _allowed(field: FieldInfo) -> str:
+def _allowed(field: FieldInfo, live: bool) -> str:
     """Return the range of a parameter, its words, or its type."""
     limits = [f"{_SIGNS[name]} {value}" for part in field.metadata for name, value in _limits(part)]
     kinds = get_args(field.annotation)
@@ -69,7 +76,7 @@ def _allowed(field: FieldInfo) -> str:
     types = [kind.__name__ for kind in kinds or (field.annotation,) if isinstance(kind, type)]
     null = ["null"] if "NoneType" in types else []
     plain = [name for name in types if name != "NoneType"] if not words else []
-    return ", ".join([*plain, *words, *limits, *null, *["live"] * is_live(field)])
+    return ", ".join([*plain, *words, *limits, *null, *["live"] * live])
 
 
 def _limits(part: Any) -> list[tuple[str, float]]:

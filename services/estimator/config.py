@@ -16,6 +16,8 @@ from .stream import BEST, Estimator
 class EstimatorConfig(ServiceConfig):
     """Estimate that is published as ``state/velocity``, and start pose of the robot."""
 
+    live = ("mode",)
+
     mode: Literal["best", "imu", "kinematics", "kinematics_gyro", "ekf"] = Field(
         default="best", description="estimator behind state/velocity; state/odometry is that of `best`"
     )

@@ -19,6 +19,11 @@ _LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()
 class FootholdsConfig(ServiceConfig):
     """Configuration of the service; the classes that the defaults come from give the reason of each value."""
 
+    live = (
+        "window_cells", "distance_weight", "explore", "explore_seed", "trunk_step_m", "trunk_range_m", "slip_limit",
+        "slope_limit", "wedge_limit", "reach_margin_m", "leg_radius_m",
+    )  # fmt: skip
+
     smooth: bool = Field(default=True, description="3x3 median over the map: for maps with noise")
     window_cells: int = Field(default=_SELECT.size, ge=1, le=61, description="edge of the window, made odd")
     slip_model: str = Field(

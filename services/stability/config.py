@@ -10,6 +10,8 @@ from .sensing.state import WatchParams
 class StabilityConfig(ServiceConfig):
     """Assumptions about the ground, and accuracy of the status."""
 
+    live = ("mu", "tolerance_m", "directions", "measured_com")
+
     mu: float = Field(default=0.6, ge=0, description="friction coefficient taken for every foot while walking, no unit")
     tolerance_m: float = Field(
         default=1e-3, gt=0, le=1, description="m, accuracy of the region in state/stability (margins are exact)"

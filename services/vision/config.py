@@ -15,6 +15,8 @@ _PATCH, _LIMITS = Patch(), RecogniseParams()
 class VisionConfig(ServiceConfig):
     """Map, features, and part of the floor that is looked at."""
 
+    live = ("late_s",)
+
     map: str | None = Field(
         default=None, description="map of features, of `surefoot map build`; null = nothing is recognised"
     )

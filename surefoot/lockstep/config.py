@@ -9,11 +9,9 @@ import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from pydantic.config import JsonDict
-from pydantic.fields import FieldInfo
 
 from surefoot.bus.codec import refusal_of
 from surefoot.disk import regular_size
@@ -24,19 +22,19 @@ from surefoot.schemas.system import ConfigReply, ServiceParameter
 PREFIX = "SUREFOOT_"
 
 
-LIVE: JsonDict = {"live": True}
-"""`json_schema_extra` of a parameter that may be changed while its service runs."""
-
-
 class ServiceConfig(Strict):
     """Configuration that every service has."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    live: ClassVar[tuple[str, ...]] = ()
+    """Names of the parameters that may be changed while the service runs."""
+
     robot: str = Field(default="ragno", description="name of a robot description, or path of its folder")
 
 
 C = TypeVar("C", bound=BaseModel)
+S = TypeVar("S", bound=ServiceConfig)
 
 
 def load_config(
@@ -71,7 +69,7 @@ def load_config(
     return _validated(model, service, values)
 
 
-def changed(config: C, service: str, values: Mapping[str, Any]) -> C:
+def changed(config: S, service: str, values: Mapping[str, Any]) -> S:
     """Return a configuration with new values of live parameters.
 
     Raises:
@@ -80,26 +78,20 @@ def changed(config: C, service: str, values: Mapping[str, Any]) -> C:
     model = type(config)
     for name in values:
         _known(model, name, service)
-        if not is_live(model.model_fields[name]):
-            live = ", ".join(sorted(each for each, field in model.model_fields.items() if is_live(field))) or "none"
-            text = f"{service}: {name!r} is read at the start only; live are: {live}"
+        if name not in model.live:
+            text = f"{service}: {name!r} is read at the start only; live are: {', '.join(model.live) or 'none'}"
             raise ConfigError("not_live", text, name)
     return _validated(model, service, {**config.model_dump(exclude_unset=True), **values})
 
 
-def is_live(field: FieldInfo) -> bool:
-    """Return whether a parameter may be changed while its service runs."""
-    return field.json_schema_extra == LIVE
-
-
-def config_reply(config: BaseModel) -> ConfigReply:
+def config_reply(config: ServiceConfig) -> ConfigReply:
     """Return the configuration of a service as a message."""
     values = config.model_dump(mode="json")
     rows = tuple(
         ServiceParameter(
             name=name, value=json.dumps(values[name]),
             default=json.dumps(field.get_default(call_default_factory=True)),
-            live=is_live(field), meaning=field.description or "",
+            live=name in config.live, meaning=field.description or "",
         )
         for name, field in type(config).model_fields.items()
     )  # fmt: skip

@@ -238,6 +238,6 @@ def _least_of_all(contacts: ContactSet, com: Array) -> Array | None:
     force = np.linalg.lstsq(sums.reshape(6, 3 * n), load, rcond=None)[0].reshape(n, 3)
     press = np.einsum("id,id->i", contacts.normal, force)
     slide = np.linalg.norm(force - press[:, None] * contacts.normal, axis=1)
-    most = np.where(np.isinf(contacts.mu), np.inf, np.where(np.isinf(contacts.mu), 0.0, contacts.mu) * press)
+    most = np.where(np.isinf(contacts.mu), np.inf, np.nan_to_num(contacts.mu, posinf=0.0) * press)
     held = float(np.abs(np.einsum("rid,id->r", sums, force) - load).max()) < EXACT
     return force if held and bool((press >= 0.0).all() and (slide <= most).all()) else None

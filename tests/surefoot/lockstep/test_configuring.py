@@ -6,7 +6,7 @@ import pytest
 from pydantic import Field
 
 from surefoot.errors import CallError, ConfigError
-from surefoot.lockstep.config import LIVE, ServiceConfig, changed
+from surefoot.lockstep.config import ServiceConfig, changed
 from surefoot.schemas.system import ConfigRequest, ConfigureRequest
 from surefoot.schemas.topics import CONFIG_GET, CONFIGURE
 from tests.surefoot.expect import expect_error
@@ -14,8 +14,9 @@ from tests.surefoot.lockstep.node_bench import Bench, Subject
 
 
 class Tuned(ServiceConfig):
-    gain: float = Field(default=1.0, ge=0, le=2, json_schema_extra=LIVE, description="no unit")
-    half: float | None = Field(default=None, json_schema_extra=LIVE, description="no unit")
+    live = ("gain", "half")
+    gain: float = Field(default=1.0, ge=0, le=2, description="no unit")
+    half: float | None = Field(default=None, description="no unit")
     legs: int = Field(default=4, description="fixed at the start")
 
 
@@ -47,7 +48,7 @@ def shown(reply):
     return {row.name: json.loads(row.value) for row in reply.parameters}
 
 
-def test_all_parameters_are_told_with_defaults_and_whether_they_are_live(bench):
+def test_all_parameters_are_reported_with_defaults_and_whether_they_are_live(bench):
     reply = bench.bus.call(CONFIG_GET.of("estimator"), ConfigRequest())
     assert shown(reply) == {"robot": "ragno", "gain": 0.5, "half": None, "legs": 4}
     assert {row.name: row.live for row in reply.parameters} == {
@@ -57,7 +58,7 @@ def test_all_parameters_are_told_with_defaults_and_whether_they_are_live(bench):
     assert reply.config_hash == bench.node.health().config_hash
 
 
-def test_a_live_parameter_changes_between_ticks_and_the_service_is_told(bench):
+def test_a_live_parameter_changes_between_ticks_and_the_service_is_called(bench):
     before = bench.node.health().config_hash
     reply = ask(bench, gain=1.5, half=0.25)
     assert shown(reply) == {"robot": "ragno", "gain": 1.5, "half": 0.25, "legs": 4}
