@@ -19,6 +19,8 @@ from tests.processes import run_process, running
 
 pytestmark = pytest.mark.e2e
 
+PACE = 0.4
+"""Simulated over wall time: a robot in paced time falls where its walker gets no processor for 0.1 s."""
 END_S = 80.0  # s wall; takes 1 to 2
 
 SHORT = """
@@ -82,9 +84,10 @@ def test_the_example_walks_to_its_goal_in_paced_time(tmp_path: Path) -> None:
     with (
         log.open("wb") as stream,
         running(
-            [*command, "up", "nao-goal", "--terrain", "corridor"], cwd=ROOT, env=around, stdout=stream, stderr=stream
+            [*command, "up", "nao-goal", "--terrain", "corridor", "--rtf", str(PACE)],
+            cwd=ROOT, env=around, stdout=stream, stderr=stream,
         ) as up,
-    ):
+    ):  # fmt: skip
         wait_until(lambda: stands(where), 120.0, "the robot")
         done = run_process(
             [sys.executable, str(ROOT / "examples" / "goto.py"), where],
