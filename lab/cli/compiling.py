@@ -12,7 +12,7 @@ FIRST_S, EACH_S = 0.5, 10.0
 
 
 @contextmanager
-def compilation_told(notify: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> Generator[None]:
+def compilation_reported(notify: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> Generator[None]:
     """Call `notify` with a line on what the compiler does, inside the context, when it takes longer than `FIRST_S`."""
     began, over = threading.Event(), threading.Event()
 
@@ -27,7 +27,7 @@ def compilation_told(notify: Callable[[str], None], clock: Callable[[], float] =
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
-    with COMPILING.told(lambda name: began.set()):
+    with COMPILING.reporting(lambda name: began.set()):
         try:
             yield
         finally:

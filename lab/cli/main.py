@@ -27,7 +27,7 @@ from . import (
     view,
     warm,
 )
-from .compiling import compilation_told
+from .compiling import compilation_reported
 from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, notify, state
 from .rooms import room_commands
 
@@ -88,7 +88,7 @@ def common(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
     try:
-        with compilation_told(notify):
+        with compilation_reported(notify):
             code = app(args=arguments, prog_name="surefoot", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:

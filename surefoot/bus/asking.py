@@ -119,7 +119,7 @@ class Asking:
     ) -> CallError:
         status: Any = querier.matching_status  # typed bool in the stubs
         if not status.matching:
-            return CallError("absent", f"nobody serves {query.key!r} in {self._namespace!r}")
+            return CallError("absent", f"no service answers {query.key!r} in {self._namespace!r}")
         named = " and ".join(map(repr, sorted(strangers)))
         others = f"; an answer of {named} was refused, which is not {query.owner}" if named else ""
         return CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s{others}")

@@ -127,7 +127,7 @@ class MemoryBus:
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
         server = self._servers.get(query.key, {}).get(instance or self._owner(query))
         if server is None:
-            raise CallError("absent", f"nobody serves {query.key!r}")
+            raise CallError("absent", f"no service answers {query.key!r}")
         incoming = MemoryIncoming(query, request)
         server[1 if instance else 0](incoming)
         pump = self._pumps.get(query.key)

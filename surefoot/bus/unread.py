@@ -47,6 +47,7 @@ class UnreadPeer(NamedTuple):
     waiting: int
 
     def describe(self) -> str:
+        """Return the sentence of the log."""
         waiting = f"{self.waiting / 2**20:.1f} MiB wait for it"
         return f"peer {self.name!r} at {self.address} reads nothing: {waiting}, what is beyond is dropped"
 

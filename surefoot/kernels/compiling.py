@@ -45,7 +45,7 @@ class Compiling:
         self.last = name
 
     @contextmanager
-    def told(self, listener: Callable[[str], None]) -> Generator[None]:
+    def reporting(self, listener: Callable[[str], None]) -> Generator[None]:
         """Call `listener` with the name of each kernel before it is compiled, inside the context."""
         self._listeners.append(listener)
         try:

@@ -81,7 +81,7 @@ class Node:
             self._publishers[topic.key] = self.bus.publisher(topic, self.instance)
         self.bus.serve(HEALTH_GET.of(self.name), self._early, instance=self.instance)  # all a cold service answers
         began, before = self.clock(), COMPILING.done
-        with COMPILING.told(self._on_compile):
+        with COMPILING.reporting(self._on_compile):
             service.on_start()
             service.rehearse()
         if self.state == "compiling":

@@ -1,4 +1,4 @@
-"""A command says that it compiles as soon as that takes long, and nothing where it does not."""
+"""A command reports that it compiles as soon as that takes long, and nothing where it does not."""
 
 import threading
 
@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lab.cli import compiling
-from surefoot.lab.cli.compiling import compilation_told
+from surefoot.lab.cli.compiling import compilation_reported
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def lines(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return []
 
 
-def test_a_long_compilation_is_told_and_counted(lines, monkeypatch):
+def test_a_long_compilation_is_reported_and_counted(lines, monkeypatch):
     monkeypatch.setattr(compiling, "FIRST_S", 1e-3)
     enough = threading.Event()
 
@@ -24,7 +24,7 @@ def test_a_long_compilation_is_told_and_counted(lines, monkeypatch):
         if len(lines) == 3:
             enough.set()
 
-    with compilation_told(note):
+    with compilation_reported(note):
         COMPILING.began("f")
         assert enough.wait(60.0)
         COMPILING.ended("f")
@@ -33,16 +33,16 @@ def test_a_long_compilation_is_told_and_counted(lines, monkeypatch):
     count = len(lines)
     COMPILING.began("g")
     COMPILING.ended("g")
-    assert len(lines) == count, "told after the end"
+    assert len(lines) == count, "reported after the end"
 
 
-def test_short_ones_and_none_are_not_told(lines, monkeypatch):
+def test_short_ones_and_none_are_not_reported(lines, monkeypatch):
     monkeypatch.setattr(compiling, "FIRST_S", 60.0)
-    with compilation_told(lines.append):
+    with compilation_reported(lines.append):
         COMPILING.began("f")
         COMPILING.ended("f")
-    with compilation_told(lines.append):
+    with compilation_reported(lines.append):
         pass
-    with pytest.raises(KeyboardInterrupt), compilation_told(lines.append):
+    with pytest.raises(KeyboardInterrupt), compilation_reported(lines.append):
         raise KeyboardInterrupt
     assert lines == []

@@ -135,8 +135,8 @@ def test_nodes_parameters_and_traffic_of_a_running_system(system, surefoot):
     assert re.search(r"asks +footholds/select", shown)
     assert surefoot("param", "set", "stability", "mu", "0.45").stdout == "stability: mu = 0.45\n"
     assert surefoot("param", "get", "stability", "mu").stdout == "0.45\n"
-    told = json.loads(surefoot("topic", "echo", "state/stability", "--once", "--raw", "--timeout", "30").stdout)
-    assert told["mu"] == 0.45
+    status = json.loads(surefoot("topic", "echo", "state/stability", "--once", "--raw", "--timeout", "30").stdout)
+    assert status["mu"] == 0.45
     surefoot("param", "set", "stability", "mu", "0.6")
     for words, part in ((("robot", "nao"), "start only"), (("mu", "-1"), "-1"), (("nu", "1"), "mu")):
         done = surefoot("param", "set", "stability", *words)

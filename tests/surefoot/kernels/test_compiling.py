@@ -54,7 +54,7 @@ class Cold(Subject):
         self.refusal = ""
 
     def on_start(self) -> None:
-        with COMPILING.told(self._look):
+        with COMPILING.reporting(self._look):
             self.work(1.0)
         super().on_start()
 

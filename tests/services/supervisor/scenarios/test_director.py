@@ -125,8 +125,8 @@ def test_a_refused_command_is_a_problem_and_ends_the_run():
 
 def test_no_reply_is_a_problem():
     director, order = ordered()
-    director.failed(order, "absent", "nobody serves")
-    assert "nobody serves" in director.problems[0]
+    director.failed(order, "absent", "no service answers")
+    assert "no service answers" in director.problems[0]
 
 
 def test_an_order_that_came_too_late_is_sent_again_with_more_lead():
