@@ -98,17 +98,20 @@ def gather(
     json: Json = False,
 ) -> None:
     """Append the stances of recorded walks to a file of samples, with the slip that the estimator measured."""
+    from surefoot.record.recording import open_readable
     from surefoot.robot.reader import load_robot
 
+    from ..scene.film import robot_of
     from .campaign import append, read
-    from .recorded import robot_of, samples_of
+    from .recorded import samples_of
 
     use_json(json)
     done = read(out)[1] if out.exists() else {}
     missing = [path for path in recordings if path.stem not in done]
     count = _Count(len(recordings))
     for path in missing:
-        found = samples_of(path, load_robot(robot or robot_of(path)), not exact)
+        walked = load_robot(robot) if robot else robot_of(open_readable(path))
+        found = samples_of(path, walked, not exact)
         append(out, path.stem, found)
         count.show(path.stem, len(found))
     count.write(out, {"gathered": len(missing)}, json)

@@ -17,7 +17,7 @@ import numpy as np
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.record.recording import read_recording, recording_info
+from surefoot.record.recording import read_recording
 from surefoot.robot.description import Robot
 from surefoot.schemas.state import Odometry, StanceEnd
 from surefoot.schemas.topics import HW_JOINTS, STATE_ODOMETRY, TERRAIN_MAP
@@ -29,14 +29,6 @@ CELL_M, EDGE_M = 0.005, 0.1
 """Cell of the plane that stands in for a map, and its width about the outermost footholds, m."""
 MOST_CELLS = 4_000_000
 """Cells of that plane from which the walk is too long for one of that cell."""
-
-
-def robot_of(path: Path) -> str:
-    """Return the robot that a recording names (raises SurefootError: none)."""
-    named = str(recording_info(path)["metadata"].get("run", {}).get("robot", ""))
-    if not named:
-        raise SurefootError("missing", f"{path} names no robot", "robot")
-    return named
 
 
 def samples_of(path: Path, robot: Robot, smooth: bool = True) -> list[StanceSample]:
