@@ -1,6 +1,6 @@
 """Messages of the runtime itself: lockstep, health, logs, the supervisor's status."""
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -95,8 +95,8 @@ class ConfigReply(Reply):
 class ConfigureRequest(Request):
     """Changes live parameters of a service between two ticks, all or none; a restart brings the old ones back."""
 
-    values: dict[str, bool | int | float | str | None] = Field(
-        max_length=64, description="new values by name of the parameter"
+    values: dict[str, Annotated[str, Field(max_length=4096)]] = Field(
+        max_length=64, description="new values by name of the parameter, written as in the environment: 0.5, true, imu"
     )
 
 

@@ -32,7 +32,7 @@ _EXAMPLES: dict[str, dict[str, Any]] = {
     "EquilibriumRequest": {"contacts": _FEET, "com": [0.02, 0.0]},
     "BatchRequest": {"sets": [{"contacts": _FEET, "com": [0.02, 0.0]}]},
     "CalibrateRequest": {"action": "status"},
-    "ConfigureRequest": {"values": {"mu": 0.5}},
+    "ConfigureRequest": {"values": {"mu": "0.5"}},
 }
 """Of requests whose fields have to fit each other, or the robot."""
 

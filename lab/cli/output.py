@@ -15,7 +15,7 @@ from .completion import robots
 EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 1, 2, 130
 USAGE = (
     "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
-    "no_samples",
+    "no_samples", "not_live",
 )  # fmt: skip
 """Codes of errors in the user's own words or files, which end with `EXIT_USAGE`."""
 WRONG_PATH = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError)

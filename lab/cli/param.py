@@ -44,21 +44,17 @@ def get(
 def set_parameter(
     service: ServiceName,
     name: Name,
-    value: Annotated[str, typer.Argument(help="New value, as in a configuration file.")],
+    value: Annotated[str, typer.Argument(help="New value, as in the environment.")],
     connect: Connect = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Change a live parameter between two ticks. A restart of the service brings the old value back."""
-    from surefoot.lockstep.config import value_of
     from surefoot.schemas.system import ConfigureRequest
     from surefoot.schemas.topics import CONFIGURE
 
     use_json(json)
-    wanted = value_of(value)
-    if isinstance(wanted, list | dict):
-        raise typer.BadParameter(f"{value} is a list or table; live parameters are single values")
-    query, request = CONFIGURE.of(known_service(service)), ConfigureRequest(values={name: wanted})
+    query, request = CONFIGURE.of(known_service(service)), ConfigureRequest(values={name: value})
     with client(connect, namespace) as robot:
         found = _named(robot.bus.call(query, request), service, name)
     write_answer(found, f"{service}: {name} = {found.value}")

@@ -69,8 +69,8 @@ def load_config(
     return _validated(model, service, values)
 
 
-def changed(config: S, service: str, values: Mapping[str, Any]) -> S:
-    """Return a configuration with new values of live parameters.
+def changed(config: S, service: str, values: Mapping[str, str]) -> S:
+    """Return a configuration with new values of live parameters, written as in the environment.
 
     Raises:
         ConfigError: a parameter is not there or not live, or its value is not allowed.
@@ -81,7 +81,8 @@ def changed(config: S, service: str, values: Mapping[str, Any]) -> S:
         if name not in model.live:
             text = f"{service}: {name!r} is read at the start only; live are: {', '.join(model.live) or 'none'}"
             raise ConfigError("not_live", text, name)
-    return _validated(model, service, {**config.model_dump(exclude_unset=True), **values})
+    given = {name: value_of(text) for name, text in values.items()}
+    return _validated(model, service, {**config.model_dump(exclude_unset=True), **given})
 
 
 def config_reply(config: ServiceConfig) -> ConfigReply:

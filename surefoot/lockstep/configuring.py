@@ -22,8 +22,8 @@ def config_queries(service: Service[Any]) -> tuple[Query[Any, Any], ...]:
         before = service.config
         service.config = changed(before, service.name, request.values)
         service.on_config()
-        for name, value in request.values.items():
-            service.log("info", f"parameter {name}: {getattr(before, name)!r} -> {value!r}")
+        for name in request.values:
+            service.log("info", f"parameter {name}: {getattr(before, name)!r} -> {getattr(service.config, name)!r}")
         return config_reply(service.config)
 
     queries = CONFIG_GET.of(service.name), CONFIGURE.of(service.name)

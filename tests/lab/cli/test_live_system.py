@@ -138,9 +138,10 @@ def test_nodes_parameters_and_traffic_of_a_running_system(system, surefoot):
     status = json.loads(surefoot("topic", "echo", "state/stability", "--once", "--raw", "--timeout", "30").stdout)
     assert status["mu"] == 0.45
     surefoot("param", "set", "stability", "mu", "0.6")
-    for words, part in ((("robot", "nao"), "start only"), (("mu", "-1"), "-1"), (("nu", "1"), "mu")):
-        done = surefoot("param", "set", "stability", *words)
-        assert done.returncode in (1, 2)
+    wrong = (("robot", "nao", "start only"), ("mu", "nan", "nan"), ("directions", "[1]", "[1]"), ("nu", "1", "mu"))
+    for name, value, part in wrong:
+        done = surefoot("param", "set", "stability", name, value)
+        assert done.returncode == 2
         assert part in done.stderr
         assert "Traceback" not in done.stderr
     rows = {row["key"]: row for row in json.loads(surefoot("topic", "top", "--once", "--json").stdout)}

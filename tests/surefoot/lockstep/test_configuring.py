@@ -41,7 +41,9 @@ def bench() -> Bench:
 
 
 def ask(bench, **values):
-    return bench.bus.call(CONFIGURE.of("estimator"), ConfigureRequest(values=values))
+    return bench.bus.call(
+        CONFIGURE.of("estimator"), ConfigureRequest(values={name: str(value) for name, value in values.items()})
+    )
 
 
 def shown(reply):
@@ -72,6 +74,9 @@ def test_a_live_parameter_changes_between_ticks_and_the_service_is_called(bench)
     [
         ({"gain": 2.5}, "invalid", ("gain", "2.5", "2")),
         ({"gain": "much"}, "invalid", ("gain", "much")),
+        ({"gain": "{a = [1]}"}, "invalid", ("gain", "valid number", "{'a': [1]}")),
+        ({"gain": "true"}, "invalid", ("gain", "True")),
+        ({"gain": "nan"}, "invalid", ("gain", "nan")),
         ({"gain": 1.0, "legs": 6}, "not_live", ("legs", "gain, half")),
         ({"gian": 1.0}, "unknown_key", ("gian", "gain")),
     ],
@@ -91,7 +96,7 @@ def test_no_change_changes_nothing(bench):
 
 
 def test_a_value_that_was_set_at_the_start_stays_beside_a_change():
-    config = changed(Tuned(gain=0.5, legs=6), "estimator", {"half": 1.0})
+    config = changed(Tuned(gain=0.5, legs=6), "estimator", {"half": "1.0"})
     assert (config.gain, config.half, config.legs) == (0.5, 1.0, 6)
     with expect_error(ConfigError, "not_live", text="live are: none"):
         changed(ServiceConfig(), "estimator", {"robot": "nao"})
