@@ -263,6 +263,10 @@ class Bus(Protocol):
         """Return the peers that have read nothing of what waits for them since the last call."""
         ...
 
+    def relink(self) -> list[str]:
+        """Return the visible processes without a link to this one, whose links are being made anew."""
+        ...
+
     def close(self) -> None:
         """Ends it; harmless when repeated."""
         ...

@@ -167,6 +167,9 @@ class MemoryBus:
     def unread(self) -> list[Any]:
         return []
 
+    def relink(self) -> list[str]:
+        return []
+
     def announce(self, service: str, instance: str) -> None:
         life = Life(service, instance, True)
         self._alive.append(life)

@@ -6,17 +6,19 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
 import zenoh
 from zenoh.handlers import Callback, RingChannel
 
-from surefoot.bus.asking import LIVE, Asking
+from surefoot.bus.asking import LIVE, TOKENS_S, Asking
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
+from surefoot.bus.mesh import INTRODUCE_S, Mesh, linked_to
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
 from surefoot.bus.options import why_not_open, zenoh_config
@@ -111,6 +113,7 @@ class ZenohBus:
         self._pours: list[threading.Thread] = []
         self._asking = Asking(self.session, endpoint.namespace)
         self._unread = Unread(self.session)
+        self._mesh = Mesh(partial(linked_to, self.session), self._visible, self._introduce)
         self._framers: dict[str, Framer] = {}
 
     def publisher(
@@ -236,6 +239,18 @@ class ZenohBus:
     def unread(self) -> list[UnreadPeer]:
         return self._unread.look()
 
+    def relink(self) -> list[str]:
+        return self._mesh.look() if self.endpoint.mode == "peer" else []
+
+    def _visible(self) -> set[str]:
+        tokens = self.session.liveliness().get(f"{LIVE}/*/*", timeout=TOKENS_S)
+        return {str(token.ok.key_expr).rpartition("/")[2] for token in tokens if token.ok is not None}
+
+    def _introduce(self) -> None:
+        listen = tuple(f"{place.rpartition(':')[0]}:0" for place in self.endpoint.listen)
+        with zenoh.open(zenoh_config(replace(self.endpoint, listen=listen))):
+            threading.Event().wait(INTRODUCE_S)
+
     def announce(self, service: str, instance: str) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
 
@@ -247,6 +262,7 @@ class ZenohBus:
         self._keep.append(self.session.liveliness().declare_subscriber(f"{LIVE}/*/*", on_life, history=True))
 
     def close(self) -> None:
+        self._mesh.close()
         if not self.session.is_closed():
             with suppress(zenoh.ZError):  # a reader that does not read leaves the last messages unsent
                 self.session.close()

@@ -202,13 +202,18 @@ class Leader:
         self.roster_version += 1
 
     def rejoin(self) -> range:
-        """Admits those who came back during a hold; returns the ticks to send again, oldest first."""
+        """Admits those who came back during a hold; returns the ticks to send again, oldest first.
+
+        A process that was silent goes on where it was, and may lack all since; a new one begins with the first tick.
+        """
         first = min((m.done for n, m in self.members.items() if n not in self.lost), default=self.tick) + 1
         first = min(first, max(0, self.tick - self.delay))
-        returned = [name for name in self.lost if name in self.ready]
+        returned = {name: self.members[name] for name in self.lost if name in self.ready}
         self._admit()
-        for name in returned:
-            self.members[name].done = first - 1
+        silent = {name for name, before in returned.items() if before.instance == self.members[name].instance}
+        for name, before in returned.items():
+            self.members[name].done = before.done if name in silent else first - 1
+        first = max(0, min([first, *(returned[name].done for name in silent)]))
         if not self.lost and self.state == "holding":
             self.state = "running"
         return range(first, self.tick + 1)

@@ -95,13 +95,13 @@ def test_the_hash_is_that_of_one_host(spread: Spread) -> None:
     walk_while(spread, nullcontext(), 0.0)
 
 
-@pytest.mark.parametrize("number", [1, 0])
-def test_a_partition_of_2_s_changes_nothing(spread: Spread, number: int) -> None:
+@pytest.mark.parametrize(("number", "seconds"), [(1, 2.0), (0, 2.0), (1, 0.5), (0, 0.7)])
+def test_a_partition_changes_nothing(spread: Spread, number: int, seconds: float) -> None:
     """Of those that walk, or of the driver, from all others. No request crosses the gap: it has a limit of wall time.
 
-    A shorter one is not tried: after it Zenoh sometimes leaves two processes without a link.
+    After a short one Zenoh often leaves two processes without a link, and both linked to the router.
     """
-    walk_while(spread, spread.hosts.cut(number), 2.0)
+    walk_while(spread, spread.hosts.cut(number), seconds)
 
 
 def test_delay_and_loss_change_nothing(spread: Spread) -> None:

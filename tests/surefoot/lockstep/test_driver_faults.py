@@ -158,3 +158,23 @@ def test_a_frozen_member_counts_as_lost_and_may_return(name: str, policy: str, m
     bench.finish(bench.leader.tick + 20)
     assert name in bench.leader.members
     assert not bench.leader.comparable
+
+
+@pytest.mark.parametrize("name", ["estimator", "walker", "recorder"])
+def test_a_member_that_was_cut_off_gets_all_it_lacks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process lives, nothing reaches it, and it counts as lost: what was published meanwhile comes again."""
+    bench = Bench(policy="hold", at=20)
+    cut = next(node for node in bench.system.nodes if node.name == name)
+    bench.system.nodes.remove(cut)
+    monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
+    while not bench.leader.reason:
+        bench.node.pump_once()
+        for node in bench.system.nodes[1:]:
+            node.pump()
+    monkeypatch.setattr(runtime, "SILENCE_S", 10.0)
+    behind = cut.join.last
+    assert bench.leader.missing() == (name,)
+    assert bench.leader.tick > behind
+    cut.inbox.tick.items.clear()
+    bench.system.nodes.append(cut)
+    assert bench.finish(60) == reference(60)
