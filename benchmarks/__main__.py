@@ -15,8 +15,8 @@ from surefoot.errors import SurefootError
 NAMES = (
     "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "foothold_grounds", "trials", "estimator",
     "accuracy", "foreign", "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep",
-    "simulator", "starts", "soak", "flood", "accidents", "secure", "vision", "vision_live", "robots", "fuzz", "view",
-    "report",
+    "simulator", "starts", "soak", "flood", "accidents", "secure", "vision", "vision_live", "robots", "fuzz", "storage",
+    "view", "report",
 )  # fmt: skip
 
 

@@ -173,7 +173,7 @@ def _marked(name: str, lines: list[Line]) -> tuple[object, ...]:
 
 
 @BENCH.part("--seeds 0:2")
-def planted(*, seeds: str = "0:200") -> None:
+def planted(*, seeds: str = "0:300") -> None:
     """Faults planted into the protocol: the first seed of the toys that finds each, and the events it needs.
 
     Goals: all 20 found; median of at most five events; the shrunk failure replayed to the bit.

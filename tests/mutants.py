@@ -1,8 +1,9 @@
 """Mutation of guards: each check that judges or refuses is removed in turn, and a test must notice.
 
 `python -m tests.mutants [MODULE ...] [--most N] [--results FILE]` prints what survived. The tests of a module run once
-while the lines are noted that each of them takes; a mutant then runs those alone that take its line, quickest first,
-until one fails. Each run is a fork of a process that has imported what tests need from others, so none starts anew.
+while the lines are noted that each of them takes; a mutant then runs those alone that take its line, first those in
+which the check refuses, until one fails. Each run is a fork of a process that has imported what tests need from others,
+so none starts anew.
 The campaigns of `test_chaos` are left out, because they take too long for every check.
 """
 
@@ -45,8 +46,8 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/lockstep/ages.py": ("tests/surefoot/lockstep",),
     "surefoot/lockstep/answers.py": ("tests/surefoot/lockstep",),
     "surefoot/lockstep/config.py": ("tests/surefoot/lockstep/test_config.py",),
-    "surefoot/bus/codec.py": ("tests/schemas", "tests/surefoot/bus/test_frame.py"),
-    "surefoot/bus/frame.py": ("tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep/test_border.py"),
+    "surefoot/bus/codec.py": ("tests/schemas", "tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep"),
+    "surefoot/bus/frame.py": ("tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep"),
     "surefoot/bus/inbox.py": ("tests/surefoot/bus/test_inbox.py", "tests/surefoot/lockstep/test_overload.py"),
     "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py",),
     "surefoot/files.py": ("tests/services/supervisor", "tests/services/walker/test_restart.py"),
@@ -99,6 +100,8 @@ class Mutant:
 
     line: int
     what: str
+    refusal: int
+    """Line that is taken when the check refuses; that of the check where it has none of its own."""
     code: CodeType
 
     def describe(self, source: list[str]) -> str:
@@ -113,33 +116,40 @@ def mutants(text: str, path: str) -> Iterator[Mutant]:
     count = sum(1 for _ in _removals(ast.parse(text)))
     for number in range(count):
         tree = ast.parse(text)
-        line, what, remove = next(item for n, item in enumerate(_removals(tree)) if n == number)
+        line, what, refusal, remove = next(item for n, item in enumerate(_removals(tree)) if n == number)
         remove()
-        yield Mutant(line, what, compile(ast.fix_missing_locations(tree), path, "exec"))
+        yield Mutant(line, what, refusal, compile(ast.fix_missing_locations(tree), path, "exec"))
 
 
-def _removals(tree: ast.Module) -> Iterator[tuple[int, str, Callable[[], None]]]:
-    """Yield line, description and removal of each check of a tree, always in the same order."""
+def _removals(tree: ast.Module) -> Iterator[tuple[int, str, int, Callable[[], None]]]:
+    """Yield line, description, line of the refusal and removal of each check of a tree, always in the same order."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.If) and _refuses(node.body):
-            yield node.lineno, "never refused", _setter(node, "test", ast.Constant(False))
-            yield from _weaker(node, "test", wanted=False)
-        elif isinstance(node, ast.Return) and isinstance(node.value, ast.BoolOp | ast.Compare):
-            yield from _weaker(node, "value", wanted=True)
-            yield from _weaker(node, "value", wanted=False)
-        elif isinstance(node, ast.IfExp):
-            for name in ("body", "orelse"):
-                if isinstance(getattr(node, name), ast.Compare):
-                    yield node.lineno, f"always met: {name}", _setter(node, name, ast.Constant(True))
-        elif isinstance(node, ast.ExceptHandler) and _refuses(node.body):
-            raised = ast.copy_location(ast.Raise(), node)
-            yield node.lineno, "error passed on", _setter(node, "body", [raised])
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and CHECKS.match(_name(node.value)):
-            yield node.lineno, "not called", _setter(node, "value", ast.Constant(None))
-        elif isinstance(node, ast.Call) and (_name(node) in ("Field", "ConfigDict")):
-            for keyword in [keyword for keyword in node.keywords if keyword.arg in LIMITS]:
-                rest = [other for other in node.keywords if other is not keyword]
-                yield keyword.value.lineno, f"without {keyword.arg}", _setter(node, "keywords", rest)
+        body = node.body[0].lineno if isinstance(node, ast.If | ast.ExceptHandler) else 0
+        for line, what, remove in _removals_at(node):
+            yield line, what, body or line, remove
+
+
+def _removals_at(node: ast.AST) -> Iterator[tuple[int, str, Callable[[], None]]]:
+    """Yield line, description and removal of each check that a node is."""
+    if isinstance(node, ast.If) and _refuses(node.body):
+        yield node.lineno, "never refused", _setter(node, "test", ast.Constant(False))
+        yield from _weaker(node, "test", wanted=False)
+    elif isinstance(node, ast.Return) and isinstance(node.value, ast.BoolOp | ast.Compare):
+        yield from _weaker(node, "value", wanted=True)
+        yield from _weaker(node, "value", wanted=False)
+    elif isinstance(node, ast.IfExp):
+        for name in ("body", "orelse"):
+            if isinstance(getattr(node, name), ast.Compare):
+                yield node.lineno, f"always met: {name}", _setter(node, name, ast.Constant(True))
+    elif isinstance(node, ast.ExceptHandler) and _refuses(node.body):
+        raised = ast.copy_location(ast.Raise(), node)
+        yield node.lineno, "error passed on", _setter(node, "body", [raised])
+    elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and CHECKS.match(_name(node.value)):
+        yield node.lineno, "not called", _setter(node, "value", ast.Constant(None))
+    elif isinstance(node, ast.Call) and (_name(node) in ("Field", "ConfigDict")):
+        for keyword in [keyword for keyword in node.keywords if keyword.arg in LIMITS]:
+            rest = [other for other in node.keywords if other is not keyword]
+            yield keyword.value.lineno, f"without {keyword.arg}", _setter(node, "keywords", rest)
 
 
 def _weaker(owner: ast.AST, name: str, *, wanted: bool) -> Iterator[tuple[int, str, Callable[[], None]]]:
@@ -315,7 +325,7 @@ def survives(path: Path, mutant: Mutant, tests: list[str]) -> bool:
 
 
 MOST_TESTS = 40
-"""Tests that a mutant runs at most, the quickest of those that take its line."""
+"""Tests that a mutant runs at most: first those in which its check refuses, the quickest of each kind."""
 
 
 def study(module: str, most: int | None, show: Callable[[str], None]) -> dict[str, Any]:
@@ -328,10 +338,12 @@ def study(module: str, most: int | None, show: Callable[[str], None]) -> dict[st
     known = {node: item for tests in GUARDS[module] for node, item in lines_of(tests).items()}
     taken = {node: (took, lines[module]) for node, (took, lines) in known.items() if module in lines}
     for mutant in chosen:
-        nodes = sorted((took, node) for node, (took, lines) in taken.items() if mutant.line in lines)
+        nodes = sorted(
+            (mutant.refusal not in lines, took, node) for node, (took, lines) in taken.items() if mutant.line in lines
+        )
         if not nodes and mutant.what.partition(" ")[2] in LIMITS:  # of a class: taken when the module is imported
-            nodes = sorted((took, node) for node, (took, _) in known.items())
-        if not nodes or survives(path, mutant, [node for _, node in nodes[:MOST_TESTS]]):
+            nodes = sorted((False, took, node) for node, (took, _) in known.items())
+        if not nodes or survives(path, mutant, [node for *_, node in nodes[:MOST_TESTS]]):
             survivors.append(mutant.describe(text.splitlines()) + ("" if nodes else " (no test takes it)"))
             show(f"  {module}:{survivors[-1]}")
     return {"module": module, "checks": len(chosen), "killed": len(chosen) - len(survivors), "survivors": survivors}

@@ -65,9 +65,13 @@ class GoalMemory:
             self.path = None
 
     def forget(self) -> None:
-        """Remove the file of an earlier run."""
-        if self.path is not None:
-            self.path.unlink(missing_ok=True)
+        """Remove the file of an earlier run; on a disk that forbids it the run has no memory."""
+        try:
+            if self.path is not None:
+                self.path.unlink(missing_ok=True)
+        except OSError as error:
+            self.problem = f"the goal cannot be kept for a restart: {error.strerror}"
+            self.path = None
 
     def recall(self, epoch: int, tick: int) -> Kept | None:
         """Return the state that was kept in this epoch, not after this tick, or None.

@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from surefoot.disk import whole
 from surefoot.files import read_regular
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.tables import TableError
+from surefoot.tables import TableError, table_error
 
 from .interface import BodyPose, MotionCommand
 
@@ -96,10 +96,14 @@ class MemoryFile:
             self.path = None
 
     def forget(self) -> None:
-        """Begin a run: delete the file of an earlier one."""
+        """Begin a run: delete the file of an earlier one; on a disk that forbids it the run has no memory."""
         self._last = None
-        if self.path is not None:
-            self.path.unlink(missing_ok=True)
+        try:
+            if self.path is not None:
+                self.path.unlink(missing_ok=True)
+        except OSError as error:
+            self.problem = f"the command cannot be kept for a restart: {error.strerror}"
+            self.path = None
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
         """Return the state that was kept in this epoch, not after this tick, or None.
@@ -110,8 +114,11 @@ class MemoryFile:
             return None
         try:
             found = _Stored.model_validate_json(read_regular(self.path, MOST_BYTES))
-        except (TableError, ValueError) as error:
+        except TableError as error:
             self.problem = f"the kept command cannot be read and is given up: {error}"
+            return None
+        except ValidationError as error:
+            self.problem = f"the kept command cannot be read and is given up: {table_error(error, _Stored, TableError)}"
             return None
         if found.epoch != epoch or found.tick > tick:
             return None

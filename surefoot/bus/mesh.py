@@ -1,13 +1,14 @@
 """Links between processes that were lost while both ends kept their link to the router.
 
-Zenoh tells a peer of others where it joins, and never again: two processes that lose each other for longer than the
-lease, as in a partition of half a second, stay apart as long as the router sees both. A session that joins anew is
-introduced to all by the router, and all of them to each other by that session; so one is opened for a moment.
+Zenoh tells a peer of others when it joins, and never again: two processes that lose each other for longer than the
+lease, as in a partition of half a second, stay apart as long as the router sees both, and it forwards nothing between
+them. A session that joins anew is introduced to all by the router, and all of them to each other by that session; so
+one is opened for a moment.
 """
 # pyright: reportUnknownMemberType=false
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 
 import zenoh
@@ -17,37 +18,36 @@ INTRODUCE_S = 1.0
 
 
 class Mesh:
-    """Looks at the links of a session again and again, and has those made anew that are missing.
+    """Looks at the links of a session again and again, and has those made anew that were lost.
 
     Args:
-        linked: returns the names of the processes with a link to this one.
-        visible: returns the names of the processes that show a token of liveliness.
-        introduce: has all processes linked to all; it may take a while.
+        linked: returns the names of all sessions with a link to this one.
+        visible: returns the names of the processes that show it a token of liveliness.
+        introduce: has all processes linked to all, and returns the names of those that show a token; it takes a while.
     """
 
     def __init__(
-        self, linked: Callable[[], set[str]], visible: Callable[[], set[str]], introduce: Callable[[], None]
+        self, linked: Callable[[], set[str]], visible: Callable[[], set[str]], introduce: Callable[[], set[str]]
     ) -> None:
         self._linked, self._visible, self._introduce = linked, visible, introduce
-        self._before: set[str] | None = None
-        self._suspects: set[str] = set()
-        self._missing: set[str] = set()
+        self._before, self._known, self._lost = set[str](), set[str](), set[str]()
+        self._named: list[str] = []
         self._busy: threading.Thread | None = None
 
     def look(self) -> list[str]:
-        """Return the visible processes without a link at this look and the last one, whose links are made anew.
+        """Return the processes that live without a link to this one at two looks; their links are being made anew.
 
         What takes a while is done by a thread, and its result returned by a later look.
         """
         if self._busy is not None and self._busy.is_alive():
             return []
-        missing, self._missing = self._missing, set()
+        named, self._named = self._named, []
         linked = self._linked()
-        if linked != self._before or self._suspects:
+        if linked != self._before or self._lost:
             self._before = linked
             self._busy = threading.Thread(target=self._check, args=(linked,), name="mesh", daemon=True)
             self._busy.start()
-        return sorted(missing)
+        return named
 
     def close(self) -> None:
         """Wait for the thread: one that is in the network library when the interpreter ends aborts it."""
@@ -56,14 +56,20 @@ class Mesh:
 
     def _check(self, linked: set[str]) -> None:
         with suppress(zenoh.ZError):  # the session is closed, or the router gone: it introduces when it is back
-            unlinked = self._visible() - linked
-            self._missing, self._suspects = unlinked & self._suspects, unlinked
-            if self._missing:
-                self._introduce()
+            self._known |= self._visible() & linked
+            before, self._lost = self._lost, self._known - linked
+            if again := before & self._lost:
+                alive = self._introduce()
+                self._known -= again - alive
+                self._named = sorted(again & alive)
 
 
 def linked_to(session: zenoh.Session) -> set[str]:
-    """Return the names of a session and of those with a link to it."""
-    info = session.info
-    names: Iterable[zenoh.ZenohId] = (info.zid(), *info.peers_zid(), *info.routers_zid())
-    return {str(name) for name in names}
+    """Return the names of the sessions with a link to this one."""
+    return {str(name) for name in (*session.info.peers_zid(), *session.info.routers_zid())}
+
+
+def visible_to(session: zenoh.Session, tokens: str, timeout_s: float) -> set[str]:
+    """Return the last words of the tokens of liveliness of all that a session sees."""
+    found = session.liveliness().get(tokens, timeout=timeout_s)
+    return {str(token.ok.key_expr).rpartition("/")[2] for token in found if token.ok is not None}

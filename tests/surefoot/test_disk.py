@@ -88,3 +88,11 @@ def test_a_damaged_memory_of_a_goal_is_given_up_in_words(tmp_path: Path, content
     memory = GoalMemory(str(path))
     assert memory.recall(1, 10) is None
     assert memory.problem or content == b'{"epoch": 1, "tick": 1e400}'
+
+
+def test_a_goal_of_an_earlier_run_that_cannot_be_removed_costs_the_memory_only(tmp_path: Path) -> None:
+    (tmp_path / "goal.json").mkdir()  # as on a disk that is read-only, for root too
+    memory = GoalMemory(str(tmp_path / "goal.json"))
+    memory.forget()
+    assert "cannot be kept" in memory.problem
+    assert memory.path is None

@@ -131,6 +131,7 @@ def test_a_memory_that_is_torn_or_has_a_damaged_field_is_reported_in_words(tmp_p
     memory = MemoryFile(str(path))
     assert memory.recall(2, 101) is None
     assert "cannot be read" in memory.problem
+    assert "\n" not in memory.problem
 
 
 def test_a_memory_that_is_a_pipe_is_not_waited_for(tmp_path):
@@ -144,6 +145,14 @@ def test_a_memory_that_is_a_pipe_is_not_waited_for(tmp_path):
 def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
     memory = MemoryFile(str(tmp_path / "no such folder" / "walker.json"))
     memory.keep(1, 1, WalkMemory(0, None, None, None, (0.0, 0.0, 0.0)))
+    assert "cannot be kept" in memory.problem
+    assert memory.path is None
+
+
+def test_a_file_that_cannot_be_removed_costs_the_memory_only(tmp_path):
+    (tmp_path / "walker.json").mkdir()  # as on a disk that is read-only, for root too
+    memory = MemoryFile(str(tmp_path / "walker.json"))
+    memory.forget()
     assert "cannot be kept" in memory.problem
     assert memory.path is None
 

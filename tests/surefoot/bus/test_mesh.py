@@ -1,63 +1,67 @@
-"""Links that were lost are noticed at the second look, and made anew once at a time."""
+"""Links that were lost are noticed at the second look, and made anew."""
 
 from surefoot.bus.mesh import Mesh
 
 
 class Network:
-    """Links and tokens that a test sets, and what is done about them."""
+    """Links and tokens that a test sets, and what is done about them; a process sees tokens of those it is linked to.
 
-    def __init__(self, linked: str, visible: str) -> None:
-        self.linked, self.visible, self.introduced = set(linked), set(visible), 0
+    Args:
+        names: processes, one letter each.
+        heals: whether an introduction links all.
+    """
 
-    def introduce(self) -> None:
+    def __init__(self, names: str, *, heals: bool = True) -> None:
+        self.linked, self.alive, self.heals, self.introduced = set(names), set(names), heals, 0
+        self.mesh = Mesh(lambda: set(self.linked), lambda: self.alive & self.linked, self.introduce)
+        self.look()
+
+    def introduce(self) -> set[str]:
         self.introduced += 1
-        self.linked |= self.visible
+        if self.heals:
+            self.linked |= self.alive
+        return set(self.alive)
 
-    def mesh(self) -> Mesh:
-        return Mesh(lambda: set(self.linked), lambda: set(self.visible), self.introduce)
+    def look(self, times: int = 1) -> list[list[str]]:
+        """Return the results of looks, whose threads have ended before the next."""
+        found: list[list[str]] = []
+        for _ in range(times):
+            found.append(self.mesh.look())
+            self.mesh.close()
+        return found
 
 
-def look(mesh: Mesh) -> list[str]:
-    """Return the result of a look whose thread has ended before the next."""
-    found = mesh.look()
-    mesh.close()
-    return found
-
-
-def test_a_whole_mesh_is_looked_at_once_and_left_alone() -> None:
-    network = Network("abc", "abc")
-    mesh = network.mesh()
-    assert [look(mesh) for _ in range(5)] == [[]] * 5
-    network.visible |= {"d"}  # a process that is not linked yet: its own look, or its coming, tells of it
-    assert look(mesh) == []
+def test_a_whole_mesh_is_left_alone() -> None:
+    network = Network("abc")
+    network.linked |= {"x"}  # a session without a token comes, as one that introduces does
+    assert network.look(3) == [[]] * 3
+    network.linked -= {"x"}
+    assert network.look(3) == [[]] * 3
     assert network.introduced == 0
 
 
 def test_a_lost_link_is_made_anew_at_the_second_look_and_named_at_the_third() -> None:
-    network = Network("abc", "abc")
-    mesh = network.mesh()
-    look(mesh)
+    network = Network("abc")
     network.linked -= {"b"}
-    look(mesh)
-    assert network.introduced == 0  # it may be on its way
-    look(mesh)
-    assert network.introduced == 1
-    assert [look(mesh) for _ in range(4)] == [["b"], [], [], []]
+    network.look()
+    assert network.introduced == 0  # it may be on its way, or have ended
+    assert network.look(5) == [[], ["b"], [], [], []]
     assert network.introduced == 1
 
 
-def test_a_process_that_ended_is_not_missed() -> None:
-    network = Network("abc", "abc")
-    mesh = network.mesh()
-    look(mesh)
+def test_a_process_that_ended_is_asked_for_once() -> None:
+    network = Network("abc")
     network.linked -= {"b"}
-    network.visible -= {"b"}
-    assert [look(mesh) for _ in range(4)] == [[]] * 4
-    assert network.introduced == 0
+    network.alive -= {"b"}
+    assert network.look(6) == [[]] * 6
+    assert network.introduced == 1
 
 
-def test_a_link_that_stays_away_is_asked_for_at_every_look() -> None:
-    network = Network("ac", "abc")
-    mesh = Mesh(lambda: set("ac"), lambda: set("abc"), lambda: setattr(network, "introduced", network.introduced + 1))
-    assert [look(mesh) for _ in range(5)] == [[], [], ["b"], ["b"], ["b"]]
+def test_a_link_that_stays_away_is_asked_for_until_it_is_back() -> None:
+    network = Network("abc", heals=False)
+    network.linked -= {"b"}
+    assert network.look(5) == [[], [], ["b"], ["b"], ["b"]]
     assert network.introduced == 4
+    network.heals = True
+    assert network.look(4) == [["b"], ["b"], [], []]
+    assert network.introduced == 5

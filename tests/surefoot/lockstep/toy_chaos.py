@@ -16,7 +16,7 @@ from surefoot.schemas.topics import Topic
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyObserver, ToyWalker, estimate
 
 TICKS = 60
-SEEDS = range(200)
+SEEDS = range(300)
 MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
 NAMES = ("driver", "estimator", "walker", "recorder")
 EVENTS = 8
@@ -205,7 +205,7 @@ FIRST_SEED = {
     "malformed_ends_the_service": 2,
     "repeats_without_samples": 1,
     "undecodable_input_is_done_without": 59,
-    "repeats_without_the_tick_before": 171,
+    "repeats_without_the_tick_before": 270,
     "successor_is_never_bound": 1,
     "repeated_tick_is_not_reported": 170,
     "successor_gets_nothing_of_the_past": 33,
