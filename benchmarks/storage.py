@@ -167,7 +167,7 @@ def forked(work: Callable[[], dict[str, Any]]) -> tuple[int, str, str]:
         try:
             os.dup2(pipes[0][1], 1)
             os.dup2(pipes[1][1], 2)
-            sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # not a test's own
+            sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")  # not those of a test
             signal.alarm(LIMIT_S)
             print(json.dumps(work()), flush=True)
             code = 0

@@ -18,7 +18,7 @@ from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
-from surefoot.bus.mesh import INTRODUCE_S, Mesh, linked_to
+from surefoot.bus.mesh import INTRODUCE_S, Mesh, linked_to, visible_to
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
 from surefoot.bus.options import why_not_open, zenoh_config
@@ -113,7 +113,7 @@ class ZenohBus:
         self._pours: list[threading.Thread] = []
         self._asking = Asking(self.session, endpoint.namespace)
         self._unread = Unread(self.session)
-        self._mesh = Mesh(partial(linked_to, self.session), self._visible, self._introduce)
+        self._mesh = Mesh(partial(linked_to, self.session), partial(self._visible, self.session), self._introduce)
         self._framers: dict[str, Framer] = {}
 
     def publisher(
@@ -242,14 +242,14 @@ class ZenohBus:
     def relink(self) -> list[str]:
         return self._mesh.look() if self.endpoint.mode == "peer" else []
 
-    def _visible(self) -> set[str]:
-        tokens = self.session.liveliness().get(f"{LIVE}/*/*", timeout=TOKENS_S)
-        return {str(token.ok.key_expr).rpartition("/")[2] for token in tokens if token.ok is not None}
+    def _visible(self, session: zenoh.Session) -> set[str]:
+        return visible_to(session, f"{LIVE}/*/*", TOKENS_S)
 
-    def _introduce(self) -> None:
+    def _introduce(self) -> set[str]:
         listen = tuple(f"{place.rpartition(':')[0]}:0" for place in self.endpoint.listen)
-        with zenoh.open(zenoh_config(replace(self.endpoint, listen=listen))):
+        with zenoh.open(zenoh_config(replace(self.endpoint, listen=listen))) as session:
             threading.Event().wait(INTRODUCE_S)
+            return self._visible(session)
 
     def announce(self, service: str, instance: str) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
