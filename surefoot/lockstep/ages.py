@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from surefoot.lockstep.join import DRIVER, Delayed, Input, TickInputs
-from surefoot.schemas.topics import Kind, Topic
+from surefoot.schemas.topics import Topic
 
 LEAST_NS = 100_000_000  # ns, no input is late before this age
 LOGGED = 3  # silences of one input in an epoch that are logged; all are in the health
@@ -18,8 +18,6 @@ PERIODS = 3  # an input is late when so many of its periods have passed without 
 
 def limit_ns(topic: Topic[Any]) -> int:
     """Return the age beyond which an input is late, ns; 0 = it has no period, and is never late."""
-    if topic.kind is Kind.LATCHED:
-        return 0
     return max(PERIODS * topic.period_ns, LEAST_NS) if topic.period_ns else 0
 
 

@@ -304,7 +304,7 @@ class Join:
         lacking = [key for key in self._wanted(tick) if key not in slot]
         before = self._slots.get((tick.epoch, tick.tick - 1), {}) if self.delayed else {}
         for topic in self.delayed:
-            if topic.key in before or tick.tick <= 0 or not topic.due(tick.tick - 1):
+            if topic.key in before or not topic.due(tick.tick - 1):
                 continue
             if topic.owner in self._previous_roster and topic.owner in tick.roster:
                 lacking.append(topic.key)

@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 from pydantic import ValidationError
 
-from surefoot.bus.codec import check_encoding, decode, encode, encoding_of, json_schema
+from surefoot.bus.codec import MAX_BULK_BYTES, check_encoding, decode, encode, encoding_of, json_schema
 from surefoot.errors import Refusal
 from surefoot.schemas.base import Message, Reply, Request, Wire
 from surefoot.schemas.calibration import FIELDS as CALIBRATE_FIELDS
@@ -18,6 +18,7 @@ from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.hw import Imu, JointCommand
 from surefoot.schemas.sim import FaultRequest, PushRequest, ResetRequest
 from surefoot.schemas.stability import RegionRequest
+from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import QUERIES, TOPICS, Kind, Query, Topic
 from tests.surefoot.expect import expect_error
 
@@ -186,3 +187,8 @@ def test_an_explicit_null_is_no_field() -> None:
     assert decode(WalkCommand, b'{"action": "stop", "distance": null, "shift": null}') == WalkCommand(action="stop")
     assert set(CALIBRATE_FIELDS) == set(get_args(CalibrateRequest.model_fields["action"].annotation))
     assert set(WALK_FIELDS) == set(get_args(WalkCommand.model_fields["action"].annotation))
+
+
+def test_an_array_beyond_the_largest_is_refused_before_its_header_is_read() -> None:
+    with expect_error(Refusal, "too_large"):
+        decode(HeightMapMessage, bytes(MAX_BULK_BYTES + 1), b"{")

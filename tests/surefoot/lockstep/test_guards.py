@@ -4,9 +4,10 @@ import pytest
 
 from surefoot.errors import Refusal
 from surefoot.lockstep.commands import STALE_TICKS, Commands
-from surefoot.lockstep.join import Join
+from surefoot.lockstep.join import Delayed, Join
+from surefoot.schemas.base import Header
 from surefoot.schemas.hw import Imu, JointCommand, Tick
-from surefoot.schemas.topics import HW_IMU, HW_TICK, TICK_NS
+from surefoot.schemas.topics import HW_IMU, HW_TICK, STATE_STABILITY, TICK_NS
 
 NOW = 50
 
@@ -63,6 +64,38 @@ def test_a_service_that_is_not_on_the_roster_gets_no_tick() -> None:
     assert join.offer(HW_IMU, imu(0)) is None
     assert join.take() is None
     assert not join.on_roster
+
+
+def test_a_service_that_leaves_the_roster_does_no_tick_that_waits() -> None:
+    join = Join("estimator", (HW_IMU,))
+    assert join.offer(HW_TICK, manifest(0)) is None
+    assert join.offer(HW_IMU, imu(0)) is None
+    assert join.offer(HW_TICK, manifest(1, ("walker",))) == "not_on_roster"
+    assert join.take() is None
+
+
+def test_of_two_manifests_of_a_tick_the_first_is_obeyed() -> None:
+    join = Join("estimator", (HW_IMU,))
+    first = manifest(0)
+    assert join.offer(HW_TICK, first) is None
+    assert join.offer(HW_TICK, first.model_copy(update={"seed": 7})) == "conflict"
+    assert join.offer(HW_IMU, imu(0)) is None
+    inputs = join.take()
+    assert inputs is not None
+    assert inputs.tick == first
+
+
+def test_a_delayed_input_is_awaited_in_the_ticks_after_those_in_which_it_is_due_only() -> None:
+    join, roster = Join("walker", (HW_IMU, Delayed(STATE_STABILITY))), ("stability", "walker")
+    for tick in range(8):
+        assert join.offer(HW_TICK, manifest(tick, roster)) is None
+        assert join.offer(HW_IMU, imu(tick)) is None
+        if tick > 0 and STATE_STABILITY.due(tick - 1):
+            assert join.take() is None
+            status = Header(stamp_ns=(tick - 1) * TICK_NS, tick=tick - 1, epoch=1, source="stability")
+            assert join.offer(STATE_STABILITY, status) is None
+        assert join.take() is not None
+    assert not all(STATE_STABILITY.due(tick) for tick in range(8))
 
 
 def test_what_was_used_is_not_taken_again() -> None:
