@@ -15,7 +15,7 @@ from surefoot.schemas.base import Message, Request, Wire
 from surefoot.schemas.topics import Query, Topic
 
 if TYPE_CHECKING:
-    from surefoot.bus.unread import UnreadPeer
+    from surefoot.bus.unread import LinkTrouble
 
 M = TypeVar("M", bound=Message)
 M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
@@ -259,12 +259,8 @@ class Bus(Protocol):
         """Delivers the appearance and disappearance of services, those already there first."""
         ...
 
-    def unread(self) -> "list[UnreadPeer]":
-        """Return the peers that have read nothing of what waits for them since the last call."""
-        ...
-
-    def relink(self) -> list[str]:
-        """Return the visible processes without a link to this one, whose links are being made anew."""
+    def look_at_links(self) -> "list[LinkTrouble]":
+        """Return what is wrong since the last call: peers that read nothing, and links that are being made anew."""
         ...
 
     def close(self) -> None:

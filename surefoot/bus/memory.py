@@ -164,10 +164,7 @@ class MemoryBus:
     def new_instance(self) -> str:
         return uuid.uuid4().hex[:12]
 
-    def unread(self) -> list[Any]:
-        return []
-
-    def relink(self) -> list[str]:
+    def look_at_links(self) -> list[Any]:
         return []
 
     def announce(self, service: str, instance: str) -> None:

@@ -1,6 +1,6 @@
 """Links between processes that were lost while both ends kept their link to the router.
 
-Zenoh tells a peer of others when it joins, and never again: two processes that lose each other for longer than the
+A peer of Zenoh learns of others when it joins, and never again: two processes that lose each other for longer than the
 lease, as in a partition of half a second, stay apart as long as the router sees both, and it forwards nothing between
 them. A session that joins anew is introduced to all by the router, and all of them to each other by that session; so
 one is opened for a moment.
@@ -12,6 +12,8 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import zenoh
+
+from surefoot.bus.unread import LinkTrouble
 
 INTRODUCE_S = 1.0
 """Time for which the session that introduces stays; processes of one machine or network link in some milliseconds."""
@@ -34,7 +36,7 @@ class Mesh:
         self._named: list[str] = []
         self._busy: threading.Thread | None = None
 
-    def look(self) -> list[str]:
+    def look(self) -> list[LinkTrouble]:
         """Return the processes that live without a link to this one at two looks; their links are being made anew.
 
         What takes a while is done by a thread, and its result returned by a later look.
@@ -47,7 +49,7 @@ class Mesh:
             self._before = linked
             self._busy = threading.Thread(target=self._check, args=(linked,), name="mesh", daemon=True)
             self._busy.start()
-        return named
+        return [LinkTrouble("unlinked", f"process {name!r} lives without a link to this one", name) for name in named]
 
     def close(self) -> None:
         """Wait for the thread: one that is in the network library when the interpreter ends aborts it."""

@@ -33,23 +33,18 @@ class Connection(NamedTuple):
     taken: int
 
 
-class UnreadPeer(NamedTuple):
-    """A peer that takes nothing.
+class LinkTrouble(NamedTuple):
+    """Something wrong with the link to a peer.
 
     Attributes:
-        name: of its session.
-        address: of its end of the connection.
-        waiting: bytes that wait for it.
+        reason: `unread` the peer takes nothing, `unlinked` it lives without a link to this process.
+        text: the sentence of the log.
+        peer: name of its session.
     """
 
-    name: str
-    address: str
-    waiting: int
-
-    def describe(self) -> str:
-        """Return the sentence of the log."""
-        waiting = f"{self.waiting / 2**20:.1f} MiB wait for it"
-        return f"peer {self.name!r} at {self.address} reads nothing: {waiting}, what is beyond is dropped"
+    reason: str
+    text: str
+    peer: str
 
 
 class Unread:
@@ -59,17 +54,22 @@ class Unread:
         self._session = session
         self._before: dict[str, Connection] = {}
 
-    def look(self) -> list[UnreadPeer]:
+    def look(self) -> list[LinkTrouble]:
         """Return the peers for which something waits that have taken nothing since the last look."""
         names = {str(link.dst).partition("/")[2]: str(link.zid) for link in self._session.info.links()}
         now = {address: found for address, found in connections() if address in names}
         stuck = [
-            UnreadPeer(names[address], address, found.waiting)
+            _unread(names[address], address, found.waiting)
             for address, found in now.items()
             if found.waiting and found.taken == self._before.get(address, Connection(0, -1)).taken
         ]
         self._before = now
         return stuck
+
+
+def _unread(name: str, address: str, waiting: int) -> LinkTrouble:
+    text = f"peer {name!r} at {address} reads nothing: {waiting / 2**20:.1f} MiB wait for it, what is beyond is dropped"
+    return LinkTrouble("unread", text, name)
 
 
 def connections() -> Iterator[tuple[str, Connection]]:

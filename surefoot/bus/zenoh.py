@@ -25,7 +25,7 @@ from surefoot.bus.options import why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
-from surefoot.bus.unread import Unread, UnreadPeer
+from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Message, Request, Wire
 from surefoot.schemas.topics import Kind, Query, Topic
@@ -236,11 +236,9 @@ class ZenohBus:
     def new_instance(self) -> str:
         return str(self.session.zid())
 
-    def unread(self) -> list[UnreadPeer]:
-        return self._unread.look()
-
-    def relink(self) -> list[str]:
-        return self._mesh.look() if self.endpoint.mode == "peer" else []
+    def look_at_links(self) -> list[LinkTrouble]:
+        lost = self._mesh.look() if self.endpoint.mode == "peer" else []
+        return [*self._unread.look(), *lost]
 
     def _visible(self, session: zenoh.Session) -> set[str]:
         return visible_to(session, f"{LIVE}/*/*", TOKENS_S)

@@ -180,10 +180,8 @@ class Node:
         now = self.clock()
         if now >= self._next_health:
             self._next_health = now + HEALTH_PERIOD_S
-            for peer in self.bus.unread():
-                self.refuse("unread", peer.describe(), peer.name)
-            for name in self.bus.relink():
-                self.refuse("unlinked", f"process {name!r} is visible but not linked; its links are made anew", name)
+            for trouble in self.bus.look_at_links():
+                self.refuse(*trouble)
             self._publishers[f"health/{self.name}"].put(self.health())
         if now >= self._next_join:
             self._next_join = now + JOIN_RETRY_S

@@ -26,7 +26,7 @@ class Network:
         """Return the results of looks, whose threads have ended before the next."""
         found: list[list[str]] = []
         for _ in range(times):
-            found.append(self.mesh.look())
+            found.append([trouble.peer for trouble in self.mesh.look()])
             self.mesh.close()
         return found
 

@@ -47,6 +47,14 @@ def test_what_the_hardware_refuses_is_answered_and_never_obeyed() -> None:
     assert commands.take(NOW, exact=False) is None
 
 
+def test_a_stream_of_commands_is_lost_100_ms_after_the_last_and_not_before_the_first() -> None:
+    commands = Commands()
+    assert not commands.lost(NOW + 10 * STALE_TICKS)
+    commands.offer(JointCommand(position=(0.0,)).stamped(NOW * TICK_NS, NOW, 1, NOW, "walker"), NOW, lambda given: None)
+    assert not commands.lost(NOW + STALE_TICKS)
+    assert commands.lost(NOW + STALE_TICKS + 1)
+
+
 def manifest(tick: int, roster: tuple[str, ...] = ("estimator",)) -> Tick:
     return Tick(
         stamp_ns=tick * TICK_NS, tick=tick, epoch=1, seq=tick, source="driver", roster=roster, roster_version=1,

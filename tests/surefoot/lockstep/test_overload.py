@@ -15,7 +15,7 @@ import pytest
 from surefoot.bus.inbox import OBSERVED_ITEMS, QUERY_ITEMS, Inbox, Lane
 from surefoot.bus.interface import Delivery, Raw
 from surefoot.bus.memory import MemoryBus
-from surefoot.bus.unread import Unread, UnreadPeer
+from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.node import Node
@@ -142,19 +142,20 @@ def test_readers_of_everything_that_never_read_stop_nothing(net: Net, key: str, 
             wait_until(lambda: driver.leader.state == "ended" or time.monotonic() > end)
             assert driver.leader.tick > 500
             assert max(gaps[51:]) < GAP_S
-            net.router.unread()
-            wait_until(lambda: {one.name for one in net.router.unread()} == readers)
+            net.router.look_at_links()
+            wait_until(lambda: {one.peer for one in net.router.look_at_links()} == readers)
 
 
 def test_a_peer_that_reads_nothing_is_counted_in_health_and_logged_once_by_name_and_address() -> None:
     bench = Bench()
-    bench.bus.unread = lambda: [UnreadPeer("a1b2", "127.0.0.1:5", 3 << 20)]  # type: ignore[method-assign]
+    trouble = LinkTrouble("unread", "peer 'a1b2' at 127.0.0.1:5 reads nothing", "a1b2")
+    bench.bus.look_at_links = lambda: [trouble]  # type: ignore[method-assign]
     for _ in range(3):
         bench.node._next_health = 0.0
         bench.node.timers()
     assert bench.node.health().refused == {"unread": 3}
     (text,) = (record.text for record in bench.sent(LogRecord))
-    assert "'a1b2' at 127.0.0.1:5 reads nothing: 3.0 MiB" in text
+    assert "'a1b2' at 127.0.0.1:5 reads nothing" in text
 
 
 def test_a_connection_whose_other_end_reads_now_and_then_is_not_stuck() -> None:
@@ -169,7 +170,7 @@ def test_a_connection_whose_other_end_reads_now_and_then_is_not_stuck() -> None:
                     one.send(bytes(1 << 16))
 
             def stuck() -> list[str]:
-                return [peer.name for peer in looks.look()]
+                return [trouble.peer for trouble in looks.look() if "reads nothing: " in trouble.text]
 
             assert stuck() == []  # the first look has nothing to compare with
             wait_until(lambda: stuck() == ["a1b2"])
