@@ -127,6 +127,25 @@ class CameraImage(Message):
     quat_wxyz: QuatWxyz = Field(description="turns camera axes (x right, y down, z ahead) to base_link, by kinematics")
 
 
+class DepthImage(Message):
+    """Image of a depth camera; ``stamp_ns`` is the middle of its exposure.
+
+    Depths are float32 little-endian, row by row from the top, m along the optical axis; NaN = no echo, or the robot's
+    own body. Frame and sign follow ROS (REP 118).
+    """
+
+    width: int = Field(ge=1, le=640, description="px")
+    height: int = Field(ge=1, le=480, description="px")
+    depths: str = Field(description="base64 of the depths")
+    focal: float = Field(gt=0, description="px, of both axes; a pixel at (u, v) looks along (u - cx, v - cy, focal)")
+    center: Vec2 = Field(description="px, cx and cy: where the optical axis meets the image; (0, 0) is its corner")
+    sigma: float = Field(ge=0, description="m, standard deviation of a depth close by")
+    sigma_square: float = Field(ge=0, description="m per m2, beside that, with the square of the depth")
+    frame: str = Field(default="base_link", max_length=64, description="frame of position and rotation")
+    position: Vec3 = Field(description="m, camera in that frame")
+    quat_wxyz: QuatWxyz = Field(description="turns camera axes (x right, y down, z ahead) to that frame")
+
+
 class Range(Message):
     """Ultrasound and bumpers: distance and touch of obstacles."""
 

@@ -90,8 +90,8 @@ class World(Request):
         default=None, ge=0, le=1, description="m, height of the terrain; null = the kind's own"
     )
     terrain_seed: int | None = Field(default=None, ge=0, description="seed of the terrain; null = the scenario's seed")
-    map_profile: Literal["exact", "noise", "shifted"] = Field(
-        default="noise", description="how good the robot's map is"
+    map_profile: Literal["exact", "noise", "shifted", "none"] = Field(
+        default="noise", description="how good the robot's map is; none: it gets no map"
     )
     friction: float | None = Field(
         default=None, gt=0, le=10, description="friction coefficient of the ground; null = that of the simulator, 0.7"
@@ -106,6 +106,7 @@ class World(Request):
     start: Vec3 | None = Field(default=None, description="x, y in m and yaw in rad at the start; null = 0, 0, 0")
     drift: float = Field(default=0.0, ge=-0.8, le=0.8, description="rad per m, turn of a walk by unequal legs")
     camera: str | None = Field(default=None, max_length=64, description="camera profile; null = the robot's own")
+    depth_camera: str | None = Field(default=None, max_length=64, description="depth camera's profile; null = none")
     copied_landmarks: float = Field(default=0.0, ge=0, le=1, description="share of landmarks whose look is another's")
     copies: int = Field(default=10, ge=2, le=1000, description="landmarks that share one such look")
     texture: str | None = Field(
@@ -123,7 +124,7 @@ class World(Request):
 class ResetRequest(Request):
     """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
 
-    schema_version: ClassVar[str] = "1.5"
+    schema_version: ClassVar[str] = "1.6"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")

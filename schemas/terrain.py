@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from .base import Bulk, Request, Vec2
+from .base import Bulk, Message, Request, Vec2
 
 
 class HeightMapMessage(Bulk):
@@ -16,6 +16,24 @@ class HeightMapMessage(Bulk):
     version: int = Field(default=0, ge=0, description="changes whenever the heights change")
     kind: str = Field(default="", description="how the terrain was made")
     profile: str = Field(default="exact", description="exact, noise or shifted: how far the map is from the ground")
+
+
+class ElevationMap(Message):
+    """Heights of the ground about the robot, measured while it walks; float32 little-endian ``z[row = y, col = x]``.
+
+    Grid and frame as in `HeightMapMessage`. The variance is that of a height relative to the robot now: it grows with
+    the drift of the odometry since the cell was seen.
+    """
+
+    rows: int = Field(gt=0, le=512, description="cells along y")
+    cols: int = Field(gt=0, le=512, description="cells along x")
+    cell: float = Field(gt=0, description="edge of a cell, m")
+    origin: Vec2 = Field(description="x, y of the CENTRE of cell [0, 0], m")
+    frame: str = Field(default="map", description="frame of origin and heights: that of the odometry")
+    version: int = Field(default=0, ge=0, description="number of images in it")
+    heights: str = Field(repr=False, description="base64 of the heights, m; NaN = not seen")
+    variances: str = Field(repr=False, description="base64 of their variances, m^2; NaN where the height is")
+    refused: dict[str, int] = Field(default_factory=dict, description="images and single depths refused, by reason")
 
 
 class MapRequest(Request):

@@ -51,6 +51,15 @@ HW_IMAGE = Topic(
     deterministic=False,
 )
 HW_RANGE = Topic("hw/range", hw.Range, Kind.SAMPLE, "driver", 10.0, own_rate="`period_ms` of the ranger's file")
+HW_DEPTH = Topic(
+    "hw/depth",
+    hw.DepthImage,
+    Kind.SAMPLE,
+    "driver",
+    5.0,
+    own_rate="`period_ms` of the depth camera's file",
+    deterministic=False,
+)
 HW_EXTERNAL = Topic("hw/external", hw.ExternalMotion, Kind.SAMPLE, "driver", 10.0, own_rate="the driver of the source")
 HW_MAKER = Topic("hw/maker", hw.MakerMotion, Kind.SAMPLE, "driver", 50.0, own_rate="the driver of the robot")
 TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", EVENT)
@@ -71,6 +80,7 @@ STATE_VELOCITY_EKF = Topic("state/velocity/ekf", state.VelocityEstimate, Kind.ST
 STATE_ODOMETRY = Topic("state/odometry", state.Odometry, Kind.STATE, "estimator", TICK_HZ)
 STATE_GAIT = Topic("state/gait", state.GaitState, Kind.STATE, "walker", TICK_HZ)
 STATE_LANDMARKS = Topic("state/landmarks", state.SeenLandmarks, Kind.STATE, "vision", 20.0)
+STATE_ELEVATION = Topic("state/elevation", terrain.ElevationMap, Kind.STATE, "mapper", 2.5)
 STATE_STABILITY = Topic("state/stability", stability.StabilityStatus, Kind.STATE, "stability", 50.0)
 FOOTHOLDS_CHOSEN = Topic(
     "footholds/chosen", footholds.FootholdChoice, Kind.STATUS, "footholds", EVENT, deterministic=False

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from surefoot.schemas.base import Wire
 
 app = typer.Typer(help="JSON Schemas of everything on the wire, and of hand-written files.", no_args_is_help=True)
-FILES = ("robot", "scenario", "system", "imu", "camera", "ranger")
+FILES = ("robot", "scenario", "system", "imu", "camera", "depth-camera", "ranger")
 """Kinds of hand-written files."""
 
 
@@ -70,13 +70,16 @@ def show_file(
 def file_schema(kind: str) -> dict[str, Any]:
     """Return the JSON Schema of a kind of hand-written file, one of `FILES`."""
     from surefoot.robot.files import RobotFile
-    from surefoot.robot.profiles import CameraFile, ImuFile, RangerFile
+    from surefoot.robot.profiles import CameraFile, DepthCameraFile, ImuFile, RangerFile
     from surefoot.services.supervisor.processes.compose import ComposeFile
     from surefoot.services.supervisor.scenarios.scenario import scenario_schema
 
     if kind == "scenario":
         return scenario_schema()
-    models = {"robot": RobotFile, "system": ComposeFile, "imu": ImuFile, "camera": CameraFile, "ranger": RangerFile}
+    models = {
+        "robot": RobotFile, "system": ComposeFile, "imu": ImuFile, "camera": CameraFile,
+        "depth-camera": DepthCameraFile, "ranger": RangerFile,
+    }  # fmt: skip
     return models[kind].model_json_schema()
 
 

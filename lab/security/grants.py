@@ -85,8 +85,8 @@ def _of(service: type[Service[Any]]) -> Iterator[tuple[Verb, str]]:
             yield Verb.PUBLISH, participants_key(topic, "*")
     inputs = [item.topic if isinstance(item, Delayed) else item for item in service.inputs]
     for topic in (TICK_DONE, CMD_JOINTS) if drives else (HW_TICK, *inputs):
-        family = BATCH if service.batched else FRAME
-        yield Verb.READ, family.format(topic.owner) if topic.framed else participants_key(topic, "*")
+        for family in (BATCH, FRAME) if service.batched else (FRAME,):  # footholds takes single ticks with an own map
+            yield Verb.READ, family.format(topic.owner) if topic.framed else participants_key(topic, "*")
     for topic in service.observes:
         yield Verb.READ, participants_key(topic, "*") if apart(topic) else topic.key
     for query in (*service.serves, *(family.of(service.name) for family in (HEALTH_GET, CONFIG_GET, CONFIGURE))):

@@ -25,6 +25,15 @@ class FootholdsConfig(ServiceConfig):
     )  # fmt: skip
 
     smooth: bool = Field(default=True, description="3x3 median over the map: for maps with noise")
+    own_map: bool = Field(
+        default=False, description="choose on state/elevation, which the robot measures itself, not on terrain/map"
+    )
+    unsure_m: float = Field(
+        default=0.03,
+        gt=0,
+        le=1,
+        description="deviation of a height of state/elevation above which a cell is unknown, m",
+    )
     window_cells: int = Field(default=_SELECT.size, ge=1, le=61, description="edge of the window, made odd")
     slip_model: str = Field(
         default="shipped",

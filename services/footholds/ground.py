@@ -9,7 +9,7 @@ from surefoot.geometry.heightmap import HeightMap
 from surefoot.kernels.jit import row_kernel
 
 from .features import Features, map_features, window_features
-from .relief import Relief, relief_features, relief_of, scale_of, update_relief
+from .relief import Relief, blur_relief, relief_features, relief_of, scale_of, update_relief
 
 Layer = NDArray[np.float32]
 MOST_CHANGED = 0.5
@@ -106,7 +106,9 @@ def _grown(rows: slice, cols: slice, by: int, shape: tuple[int, int]) -> tuple[i
     )  # fmt: skip
 
 
-def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) -> FootholdGround:
+def build_ground(
+    heights: HeightMap, foot_radius: float, smooth: bool = True, variance: Layer | None = None
+) -> FootholdGround:
     """Filter a map and dilate it by the foot sphere.
 
     Args:
@@ -114,10 +116,13 @@ def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) ->
         foot_radius: radius of the foot sphere, m.
         smooth: 3 x 3 median. 3 mm of noise per cell give K1 a deviation of 25 mm on flat ground, as much as a real
             edge; the filter leaves 7 mm, and straight edges stay. False suits exact maps.
+        variance: of the heights, (ny, nx) m^2, NaN = not seen; None = not known.
     """
     surface = heights.smoothed() if smooth else heights
     scale = scale_of(heights, surface)
     relief = relief_of(surface.z, surface.cell, scale)
+    if variance is not None:
+        blur_relief(relief, variance, surface.cell, scale)
     return FootholdGround(surface, surface.dilated(foot_radius), foot_radius, smooth, relief, scale)
 
 

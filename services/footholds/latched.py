@@ -1,8 +1,12 @@
 """The ground of the last terrain map, prepared once and updated where a new map differs."""
 
+from base64 import b64decode
+
+import numpy as np
+
 from surefoot.errors import Refusal
-from surefoot.geometry.heightmap import HeightMap
-from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.schemas.terrain import ElevationMap, HeightMapMessage
 
 from .ground import FootholdGround, build_ground, updated_ground
 
@@ -13,22 +17,23 @@ class LatchedGround:
     Args:
         foot_radius: of the robot, m.
         smooth: as in the configuration.
+        unsure: deviation of a height, m, above which a cell of a map with variances counts as unknown.
 
     Attributes:
         ground: None without a map.
     """
 
-    def __init__(self, foot_radius: float, smooth: bool) -> None:
-        self._foot_radius, self._smooth = foot_radius, smooth
+    def __init__(self, foot_radius: float, smooth: bool, unsure: float) -> None:
+        self._foot_radius, self._smooth, self._unsure = foot_radius, smooth, unsure
         self.forget()
 
     def forget(self) -> None:
         """Drop the map."""
         self.ground: FootholdGround | None = None
         self._heights: HeightMap | None = None
-        self._message: HeightMapMessage | None = None
+        self._message: HeightMapMessage | ElevationMap | None = None
 
-    def take(self, message: HeightMapMessage | None) -> bool:
+    def take(self, message: HeightMapMessage | ElevationMap | None) -> bool:
         """Prepare the ground of a map and return True; False: it is the same as before, or none.
 
         Raises:
@@ -39,12 +44,31 @@ class LatchedGround:
         before, heights = self.ground, self._heights
         self.forget()
         self._message = message
+        if isinstance(message, ElevationMap):
+            self.ground = self._measured(message)
+            return True
         self._heights = HeightMap.from_wire(message.model_dump(), message.data)
         if before is not None and heights is not None:
             self.ground = updated_ground(before, heights, self._heights)
         else:
             self.ground = build_ground(self._heights, self._foot_radius, self._smooth)
         return True
+
+    def _measured(self, message: ElevationMap) -> FootholdGround | None:
+        """Return the ground of a map with variances; cells that are too unsure count as not seen. None: all are."""
+        heights = HeightMap.from_base64(message.model_dump(), message.heights)
+        try:
+            data = b64decode(message.variances, validate=True)
+            variance = np.frombuffer(data, dtype="<f4").reshape(heights.shape)
+        except ValueError as error:
+            raise HeightMapError("variances", f"must be as many float32 as heights: {error}") from None
+        sure = variance <= self._unsure**2
+        if (variance < 0.0).any():
+            raise HeightMapError("variances", f"must be >= 0 m^2, got {float(np.nanmin(variance)):g}")
+        if not sure.any():
+            return None
+        heights = heights.with_z(np.where(sure, heights.z, np.float32(np.nan)))
+        return build_ground(heights, self._foot_radius, self._smooth, np.where(sure, variance, np.float32(np.nan)))
 
     def known(self) -> FootholdGround:
         """Return the ground (raises Refusal `not_ready`: there is none)."""

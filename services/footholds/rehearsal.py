@@ -7,6 +7,8 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.schemas.footholds import AssessRequest, BasePose, LegRequest, SelectRequest
 
+from .ground import FootholdGround, build_ground, updated_ground
+
 MAP_CELL = 0.005
 """Edge of a cell, m."""
 HEIGHT = 0.1
@@ -21,6 +23,15 @@ def made_up_map(robot: Robot) -> HeightMap:
     z = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
     z[half, half], z[half + 3, half + 3] = 0.02, np.nan
     return HeightMap(z=z, cell=MAP_CELL, origin=(-half * MAP_CELL, -half * MAP_CELL))
+
+
+def made_up_ground(robot: Robot, smooth: bool) -> FootholdGround:
+    """Return the ground of that map, changed in a corner after it was built."""
+    heights = made_up_map(robot)
+    changed = heights.z.copy()
+    changed[:2, :2] = 0.01
+    ground = build_ground(heights, robot.foot_radius, smooth)
+    return updated_ground(ground, heights, heights.with_z(changed))
 
 
 def made_up_requests(robot: Robot) -> tuple[list[SelectRequest], list[AssessRequest]]:

@@ -69,6 +69,38 @@ def update_relief(z: Layer, cell: float, scale: int, out: Relief, part: tuple[in
     _planes(z, cell, scale, part, (out.slope_x, out.slope_y, out.rough, out.unsure))
 
 
+def blur_relief(relief: Relief, variance: Layer, cell: float, scale: int) -> None:
+    """Raise the deviation of slopes where cells are less sure than those beside them.
+
+    What the heights of neighbours have in common moves no slope, so it is the variance above the least of a plane's
+    cells that counts; unseen cells count as their least sure neighbour.
+
+    Args:
+        relief: planes of the map; `unsure` is overwritten.
+        variance: of the heights, (ny, nx) m^2, NaN = not seen.
+        cell: edge of a cell, m.
+        scale: cells on each side of a plane.
+    """
+    worst, least = _extreme(np.fmax, variance, 1), _extreme(np.fmin, variance, scale)
+    area = cell * cell * scale * (scale + 1) * (2 * scale + 1) ** 2 / 3.0
+    own = np.where(np.isnan(variance), worst, variance) - least
+    np.copyto(relief.unsure, np.sqrt(relief.unsure**2 + 2.0 * np.nan_to_num(own) / area))
+
+
+def _extreme(best: np.ufunc, layer: Layer, by: int) -> Layer:
+    """Return the greatest or least known value within some rows and columns of each cell; best is fmax or fmin."""
+    ny, nx = layer.shape
+    rows = layer.copy()
+    for k in range(1, min(by, ny - 1) + 1):
+        best(rows[k:], layer[:-k], out=rows[k:])
+        best(rows[:-k], layer[k:], out=rows[:-k])
+    out = rows.copy()
+    for k in range(1, min(by, nx - 1) + 1):
+        best(out[:, k:], rows[:, :-k], out=out[:, k:])
+        best(out[:, :-k], rows[:, k:], out=out[:, :-k])
+    return out
+
+
 def relief_features(
     relief: Relief, row: int, col: int, rows: int, cols: int, stroke: NDArray[np.float64], cell: float
 ) -> Features:

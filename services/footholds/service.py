@@ -1,5 +1,7 @@
 """Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`, learns slip models."""
 
+from typing import Any
+
 from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import HeightMapError
 from surefoot.lockstep.join import TickInputs
@@ -13,16 +15,17 @@ from surefoot.schemas.topics import (
     FOOTHOLDS_LEARN,
     FOOTHOLDS_MODEL,
     FOOTHOLDS_SELECT,
+    STATE_ELEVATION,
     TERRAIN_MAP,
+    Topic,
 )
 
 from .assess import assess
 from .config import FootholdsConfig
-from .ground import build_ground, updated_ground
 from .latched import LatchedGround
 from .messages import asked_window, assess_reply, base_pose, choice_message, leg_foothold, select_params
 from .registry import SlipModels
-from .rehearsal import made_up_map, made_up_requests
+from .rehearsal import made_up_ground, made_up_requests
 from .select import Landing, placement, select
 
 
@@ -31,10 +34,15 @@ class Footholds(Service[FootholdsConfig]):
 
     name = "footholds"
     Config = FootholdsConfig
-    inputs = (TERRAIN_MAP,)
+    inputs = (TERRAIN_MAP, STATE_ELEVATION)
     outputs = (FOOTHOLDS_CHOSEN,)
     batched = True
     serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS, FOOTHOLDS_MODEL, FOOTHOLDS_LEARN)
+
+    def __init__(self, config: FootholdsConfig) -> None:
+        super().__init__(config)
+        self._maps: Topic[Any] = STATE_ELEVATION if config.own_map else TERRAIN_MAP
+        self.inputs, self.batched = (self._maps,), not config.own_map  # a given map comes once a run, not in ticks
 
     def on_start(self) -> None:
         """Load robot and slip model, register the handlers."""
@@ -42,14 +50,12 @@ class Footholds(Service[FootholdsConfig]):
         self.models = SlipModels(self.config, self.robot, self.log)
         self.params = self.config.params()
         self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
-        self._choices = 0
-        """Requests of this epoch."""
+        self._choices, self._named = 0, ""
+        """Requests of this epoch, and name of the model that answered the last one."""
         self._since: int | None = None
         """Tick of the first request that the model in force answered."""
-        self._named = ""
-        """Name of the model that answered the last request."""
         self._now: Tick | None = None
-        self.latched = LatchedGround(self.robot.foot_radius, self.config.smooth)
+        self.latched = LatchedGround(self.robot.foot_radius, self.config.smooth, self.config.unsure_m)
         self.handle(FOOTHOLDS_SELECT, self.choose)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
         self.handle(FOOTHOLDS_MODEL, self.use_model)
@@ -63,11 +69,7 @@ class Footholds(Service[FootholdsConfig]):
         """Answer made-up requests on a made-up map, as another service of the same configuration."""
         other = Footholds(self.config.model_copy(update={"relearn": "off"}))
         other.on_start()
-        heights = made_up_map(other.robot)
-        ground = build_ground(heights, other.robot.foot_radius, self.config.smooth)
-        changed = heights.z.copy()
-        changed[:2, :2] = 0.01
-        other.latched.ground = updated_ground(ground, heights, heights.with_z(changed))
+        other.latched.ground = made_up_ground(other.robot, self.config.smooth)
         selects, assesses = made_up_requests(other.robot)
         for model in (other.models.chosen, other.models.hand_made):
             other.models.active = model
@@ -90,11 +92,11 @@ class Footholds(Service[FootholdsConfig]):
         """Prepare the map when a new one has arrived."""
         self._now = inputs.tick
         try:
-            if self.latched.take(inputs.get(TERRAIN_MAP)):
+            if self.latched.take(inputs.get(self._maps)):
                 self.models.fit(self.latched.ground)
         except HeightMapError as error:
             self.models.ground = None
-            self.log("error", f"terrain/map refused: {error}")
+            self.log("error", f"{self._maps.key} refused: {error}")
 
     def use_model(self, request: ModelRequest) -> ModelReply:
         """Put another slip model in force, if one is named, and report the one in force."""
@@ -110,8 +112,7 @@ class Footholds(Service[FootholdsConfig]):
     def select(self, request: SelectRequest) -> SelectReply:
         """Return the footholds of all legs of a request."""
         self.models.take_learned()
-        ground = self.latched.known()
-        self._choices += 1
+        ground, self._choices = self.latched.known(), self._choices + 1
         self.models.take_outcomes(request, ground)
         landings = [
             Landing(self._leg(leg.leg, f"legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(request.legs)
@@ -129,9 +130,8 @@ class Footholds(Service[FootholdsConfig]):
 
     def assess(self, request: AssessRequest) -> AssessReply:
         """Return layers of a window or of the whole map."""
-        ground, model = self.latched.known(), self.models.active
+        ground, model, leg = self.latched.known(), self.models.active, None
         window = asked_window(request, ground)
-        leg = None
         if request.leg is not None:
             if request.base is None:
                 raise Refusal("invalid", "leg needs base: where the trunk is when the foot lands", "base")

@@ -16,7 +16,9 @@ class RecorderConfig(ServiceConfig):
         description="s of simulated time: keep the last so many in memory, about 1 MB each, and write them on a fall, "
         "a stop or `recorder/save`, a file each beside path, `run-fall.mcap`; 0 = the whole run into path",
     )
-    images: bool = Field(default=False, description="record hw/image, too; it then counts in the hash of the run")
+    images: bool = Field(
+        default=False, description="record hw/image and hw/depth, too; they then count in the hash of the run"
+    )
     about: str = Field(default="", description="JSON object of tables of texts that become metadata of the file")
 
     @property

@@ -15,6 +15,7 @@ from surefoot.schemas.system import RecorderReply, RecorderRequest, SaveReply, S
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
 from surefoot.schemas.topics import (
     FOOTHOLDS_CHOSEN,
+    HW_DEPTH,
     HW_IMAGE,
     HW_TICK,
     LOG,
@@ -30,6 +31,7 @@ from .config import RecorderConfig
 from .outputs import Output, output_of
 
 JOINED = tuple(t for t in TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))
+IMAGES = (HW_IMAGE, HW_DEPTH)
 LATCHED = tuple(t for t in TOPICS if t.deterministic and t.kind is Kind.LATCHED)
 
 
@@ -38,7 +40,7 @@ class Recorder(Service[RecorderConfig]):
 
     name = "recorder"
     Config = RecorderConfig
-    inputs = (*JOINED, HW_IMAGE)
+    inputs = (*JOINED, *IMAGES)
     observes = (*LATCHED, FOOTHOLDS_CHOSEN, SIM_STATUS, LOG)
     serves = (RECORDER_STATUS, RECORDER_SAVE)
     raw = batched = True
@@ -72,7 +74,7 @@ class Recorder(Service[RecorderConfig]):
             self._try(lambda output: output.begin(tick.epoch, tick.seed, begun=tick.tick > 0))
         self._flush()
         self._write(HW_TICK, tick, Raw(*encode(tick), encoding_of(type(tick))))
-        for topic in (*JOINED, HW_IMAGE) if self.config.images else JOINED:
+        for topic in (*JOINED, *IMAGES) if self.config.images else JOINED:
             delivery = inputs.messages.get(topic.key)
             if delivery is not None:
                 header, raw = delivery.header(), delivery.raw()

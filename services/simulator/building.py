@@ -23,7 +23,8 @@ class BuiltWorld(NamedTuple):
     request: ResetRequest
     """Request that the world was built from."""
     world: PhysicsWorld
-    heights: HeightMapMessage
+    heights: HeightMapMessage | None
+    """None: the robot gets no map."""
     landmarks: LandmarkMap | None
     """None: the robot has no camera."""
     lacking: tuple[Topic[Any], ...]
@@ -57,19 +58,23 @@ def build_world(robot: Robot, request: ResetRequest) -> BuiltWorld:
                 w.image_format,
             ),
             camera=w.camera,
+            depth_camera=w.depth_camera,
             start=(0.0, 0.0, 0.0) if w.start is None else w.start,
             drift=w.drift,
         )
         world = PhysicsWorld(robot, terrain, request.seed, config)
-        heights = observed_map(terrain, w.map_profile, request.seed)
+        heights = None if w.map_profile == "none" else observed_map(terrain, w.map_profile, request.seed)
     except (TerrainError, WorldError, HeightMapError) as error:
         field = "start" if error.field == "pose" else error.field
         raise Refusal("invalid", str(error), f"world.{field}") from None
+    given = None
+    if heights is not None:
+        given = map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile)
     marks = None if world.sight is None else world.sight.landmarks
     return BuiltWorld(
         request=request,
         world=world,
-        heights=map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile),
+        heights=given,
         landmarks=None if marks is None else landmark_message(marks, request.seed),
-        lacking=lacking(world.sight),
+        lacking=lacking(world.sight, given),
     )

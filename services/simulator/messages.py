@@ -10,6 +10,7 @@ from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.lockstep.driver import DueSample
 from surefoot.schemas.hw import (
     CameraImage,
+    DepthImage,
     FootContacts,
     Imu,
     JointState,
@@ -22,17 +23,20 @@ from surefoot.schemas.sim import Truth as TruthMessage
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
 from surefoot.schemas.topics import (
     HW_CONTACTS,
+    HW_DEPTH,
     HW_IMAGE,
     HW_IMU,
     HW_JOINTS,
     HW_LANDMARKS,
     HW_RANGE,
     TERRAIN_LANDMARKS,
+    TERRAIN_MAP,
     Topic,
 )
 
 from .ground.terrain import Terrain
 from .physics.samples import ExactState, Samples
+from .sensors.depth import DepthCamera, DepthFrame
 from .sensors.images import TakenImage, jpeg
 from .sensors.landmarks import Landmarks
 from .sensors.sight import Senses
@@ -61,7 +65,7 @@ def sample_messages(samples: Samples) -> list[DueSample]:
 
 
 def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
-    """Return the messages of camera, ultrasound and bumpers in a tick."""
+    """Return the messages of cameras, ultrasound and bumpers in a tick."""
     out: list[DueSample] = []
     if sight is None:
         return out
@@ -78,6 +82,8 @@ def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
     if sight.image is not None:
         taken = sight.image
         out.append(DueSample(HW_IMAGE, image_message(taken), taken.stamp_ns, taken.seq))
+    if sight.depths is not None and sight.depth is not None:
+        out.append(DueSample(HW_DEPTH, depth_message(sight.depths, sight.depth.camera), stamp_ns, sight.depths.seq))
     if sight.reach is not None and sight.ranger is not None:
         r = sight.ranger
         near = Range(
@@ -99,10 +105,22 @@ def image_message(taken: TakenImage) -> CameraImage:
     )  # fmt: skip
 
 
-def lacking(sight: Senses | None) -> tuple[Topic[Any], ...]:
-    """Return the topics that a robot with these sensors never publishes; None = neither camera nor ranger."""
+def depth_message(frame: DepthFrame, camera: DepthCamera) -> DepthImage:
+    """Return the message of an image of depths."""
+    f = camera.file
+    return DepthImage(
+        width=f.width_px, height=f.height_px, depths=b64encode(frame.depths.astype("<f4").tobytes()).decode(),
+        focal=camera.focal, center=(0.5 * f.width_px, 0.5 * f.height_px), sigma=f.sigma, sigma_square=f.sigma_square,
+        position=(f.position[0], f.position[1], f.position[2]), quat_wxyz=tuple(quat_from_matrix(camera.look).tolist()),
+    )  # fmt: skip
+
+
+def lacking(sight: Senses | None, heights: HeightMapMessage | None) -> tuple[Topic[Any], ...]:
+    """Return the topics that a robot with these sensors and this map never publishes; None = no sensors, no map."""
     blind = () if sight is not None and sight.landmarks is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
     blind = blind if sight is not None and sight.eye is not None else (*blind, HW_IMAGE)
+    blind = blind if sight is not None and sight.depth is not None else (*blind, HW_DEPTH)
+    blind = blind if heights is not None else (*blind, TERRAIN_MAP)
     return blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)
 
 

@@ -175,6 +175,8 @@ class SimulatorQueries:
 
     def heights(self, request: MapRequest) -> HeightMapMessage:
         """Return the latched height map."""
+        if self.run.built.heights is None:
+            raise Refusal("refused", "the robot gets no map in this world: map_profile is none")
         return self.run.built.heights
 
     def landmarks(self, request: MapRequest) -> LandmarkMap:
@@ -193,7 +195,7 @@ class SimulatorQueries:
             robot=self.run.robot.name,
             terrains=KINDS,
             faults=self.run.world.disturb.faults.possible,
-            map_profiles=MAP_PROFILES,
+            map_profiles=(*MAP_PROFILES, "none"),
             queries=tuple(query.key for query in self.run.driver.serves),
             version=mujoco.__version__,
         )

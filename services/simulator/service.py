@@ -13,6 +13,7 @@ from surefoot.schemas.hw import EmergencyStop, JointCommand
 from surefoot.schemas.topics import (
     CMD_ESTOP,
     HW_CONTACTS,
+    HW_DEPTH,
     HW_DESCRIPTION,
     HW_IMAGE,
     HW_IMU,
@@ -67,8 +68,8 @@ class Simulator(Driver[SimulatorConfig]):
     name = "simulator"
     Config = SimulatorConfig
     outputs = (
-        HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_IMAGE, HW_RANGE, SIM_TRUTH, TERRAIN_MAP, TERRAIN_LANDMARKS,
-        SIM_STATUS,
+        HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_IMAGE, HW_DEPTH, HW_RANGE, SIM_TRUTH, TERRAIN_MAP,
+        TERRAIN_LANDMARKS, SIM_STATUS,
     )  # fmt: skip
     observes = (CMD_ESTOP,)
     serves = (
@@ -120,7 +121,8 @@ class Simulator(Driver[SimulatorConfig]):
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
         heights, landmarks = self.run.built.heights, self.run.built.landmarks
-        return [(TERRAIN_MAP, heights), *([] if landmarks is None else [(TERRAIN_LANDMARKS, landmarks)])]
+        known: list[tuple[Topic[Any], Message | None]] = [(TERRAIN_MAP, heights), (TERRAIN_LANDMARKS, landmarks)]
+        return [(topic, message) for topic, message in known if message is not None]
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
         """Obey an emergency stop: the joints are held until the next reset, and the status is published at once."""

@@ -74,6 +74,8 @@ class WorldConfig:
     """Landmarks and marker on the ground."""
     camera: str | None = None
     """Name of a camera profile; None = the robot's own, if it has one."""
+    depth_camera: str | None = None
+    """Name of a depth camera's profile; None = none."""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """x, y in m and yaw in rad of the trunk before it settles."""
     drift: float = 0.0
@@ -114,10 +116,9 @@ class PhysicsWorld:
         self.address = find_addresses(self.model, robot)
         self.data = mujoco.MjData(self.model)
         self.tracker = truth.TruthTracker(robot, self.model, self.data, self.address)
-        history = self.data.history
         # Per sensor: a user value, the cursor, TICK_STEPS times, TICK_STEPS x 3 values.
         starts = [int(self.model.sensor_historyadr[i]) + 2 + TICK_STEPS for i in range(2)]
-        self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
+        self._acc, self._gyro = (self.data.history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
         self._line = ServoLine(robot, STEP_NS)
         self._legs = UnequalLegs(robot, self.config.drift)
         self.disturb = Disturbances(
@@ -384,9 +385,9 @@ class PhysicsWorld:
 
 def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Senses | None:
     try:
-        return sight_of(robot, seed, config.floor, terrain, config.camera)
+        return sight_of(robot, seed, config.floor, terrain, config.camera, config.depth_camera)
     except RobotError as error:
-        raise WorldError("camera", error.message) from None
+        raise WorldError("depth_camera" if error.field == "depth_camera" else "camera", error.message) from None
 
 
 mujoco.set_mju_user_warning(lambda text: None)  # it writes into the working folder; `diverged` reports instead

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from surefoot.geometry.heightmap import HeightMap
 from surefoot.lockstep.join import TickInputs
 from surefoot.schemas.state import GaitState, Odometry, VelocityEstimate
-from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY
+from surefoot.schemas.terrain import ElevationMap, HeightMapMessage
+from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_ELEVATION, STATE_STABILITY, TERRAIN_MAP
 
 from .interface import WalkerInputs, WalkerOutputs
 from .orders import TakenOrder
@@ -34,6 +36,19 @@ def walker_inputs(inputs: TickInputs, estimate: tuple[VelocityEstimate, Odometry
         contacts=None if contacts is None else np.array([any(foot) for foot in contacts.touch]),
         margin=None if stability is None else stability.margin_planned,
     )
+
+
+def newest_map(inputs: TickInputs, known: object) -> HeightMapMessage | ElevationMap | None:
+    """Return the map of a tick; once the robot maps for itself, as the map known before shows, only its own."""
+    own = inputs.get(STATE_ELEVATION)
+    return own if own is not None or isinstance(known, ElevationMap) else inputs.get(TERRAIN_MAP)
+
+
+def heights_of(message: HeightMapMessage | ElevationMap) -> HeightMap:
+    """Return the map of a message (raises HeightMapError)."""
+    if isinstance(message, ElevationMap):
+        return HeightMap.from_base64(message.model_dump(), message.heights)
+    return HeightMap.from_wire(message.model_dump(), message.data)
 
 
 def gait_message(out: WalkerOutputs, degraded: str, order: TakenOrder, navigated: bool) -> GaitState:

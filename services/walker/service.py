@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import Field
 
 from surefoot.geometry import rotations
-from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.geometry.heightmap import HeightMapError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
@@ -24,6 +24,7 @@ from surefoot.schemas.topics import (
     HW_JOINTS,
     NAVIGATOR_ORDER,
     STABILITY_CHECK,
+    STATE_ELEVATION,
     STATE_GAIT,
     STATE_ODOMETRY,
     STATE_STABILITY,
@@ -40,7 +41,7 @@ from .interface import WalkerOutputs
 from .legged.gait import LeggedWalker
 from .legged.params import WalkerParams
 from .memory import MemoryFile
-from .messages import gait_message, walker_inputs
+from .messages import gait_message, heights_of, newest_map, walker_inputs
 from .rehearsal import rehearse
 
 
@@ -64,8 +65,8 @@ class Walker(Service[WalkerConfig]):
     name = "walker"
     Config = WalkerConfig
     inputs = (
-        STATE_VELOCITY, STATE_ODOMETRY, HW_JOINTS, HW_CONTACTS, TERRAIN_MAP, Delayed(STATE_STABILITY),
-        Delayed(NAVIGATOR_ORDER),
+        STATE_VELOCITY, STATE_ODOMETRY, HW_JOINTS, HW_CONTACTS, TERRAIN_MAP, STATE_ELEVATION,
+        Delayed(STATE_STABILITY), Delayed(NAVIGATOR_ORDER),
     )  # fmt: skip
     outputs = (CMD_JOINTS, STATE_GAIT)
     serves = (CMD_WALK,)
@@ -135,15 +136,15 @@ class Walker(Service[WalkerConfig]):
         return dataclasses.replace(self._out, state="hold", reason=reason)
 
     def _take_map(self, inputs: TickInputs) -> None:
-        message = inputs.get(TERRAIN_MAP)
+        message = newest_map(inputs, self._map)
         if message is None or message is self._map:
             return
         self._map = message
         try:
-            self.gait.set_map(HeightMap.from_wire(message.model_dump(), message.data))
+            self.gait.set_map(heights_of(message))
         except HeightMapError as error:
             self.gait.set_map(None)
-            self.log("error", f"terrain/map refused: {error}")
+            self.log("error", f"{type(message).__name__} refused: {error}")
 
 
 SERVICE = Walker

@@ -8,6 +8,7 @@ bilinear; the outermost half cell continues the border value.
 
 import hashlib
 import math
+from base64 import b64decode
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -244,3 +245,16 @@ class HeightMap:
             raise HeightMapError("payload", f"{ny} x {nx} cells need {4 * ny * nx} bytes, got {len(payload)}")
         z = np.frombuffer(payload, dtype="<f4").reshape(ny, nx)
         return cls(z=cast("NDArray[np.float32]", z), cell=cell, origin=origin, version=version)
+
+    @classmethod
+    def from_base64(cls, header: Mapping[str, Any], text: str) -> Self:
+        """Return the map of a header and its heights as base64 of float32.
+
+        Raises:
+            HeightMapError: as of `from_wire`, or the text is no base64.
+        """
+        try:
+            payload = b64decode(text, validate=True)
+        except ValueError as error:
+            raise HeightMapError("heights", f"no base64: {error}") from None
+        return cls.from_wire(header, payload)

@@ -40,13 +40,14 @@ class Service(Generic[C]):
 
     name: ClassVar[str]
     Config: ClassVar[type[ServiceConfig]] = ServiceConfig
-    inputs: ClassVar[tuple[Input, ...]] = ()
+    inputs: tuple[Input, ...] = ()
+    """Topics of a tick; by its configuration an instance may read fewer than its class."""
     outputs: ClassVar[tuple[Topic[Any], ...]] = ()
     serves: ClassVar[tuple[Query[Any, Any], ...]] = ()
     calls: ClassVar[tuple[Query[Any, Any], ...]] = ()
     observes: ClassVar[tuple[Topic[Any], ...]] = ()
     """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
-    batched: ClassVar[bool] = False
+    batched: bool = False
     """Its ticks may come some at a time: for services whose output no participant awaits within a tick."""
     limits: Mapping[str, int] = {}
     """Ages beyond which an input is late, ns of simulated time, by key, 0 = never; the others: three of its periods,

@@ -122,6 +122,31 @@ class RangerFile(Profile):
         return self
 
 
+class DepthCameraFile(Profile):
+    """File of a depth camera on the trunk, `robots/depth_cameras/<name>.toml`."""
+
+    folder = "depth_cameras"
+    format: Literal["surefoot.depth_camera/1"] = Field(alias="schema")
+    position: Vector = Field(description="m, in base_link")
+    pitch_deg: Number = Field(ge=-90, le=90, description="deg, downwards")
+    width_px: Annotated[Whole, Field(ge=8, le=320)]
+    height_px: Annotated[Whole, Field(ge=8, le=320)]
+    field_deg: Number = Field(gt=1, le=170, description="deg, horizontal field of view")
+    period_ms: PeriodMs | None = Field(None, description="ms between two images; default: by the rate of `hw/depth`")
+    shortest: Positive = Field(description="m, nearer things give no depth")
+    longest: Number = Field(gt=0, le=100, description="m, nor do things beyond")
+    sigma: NotNegative = Field(description="m, standard deviation of the depth close by")
+    sigma_square: NotNegative = Field(description="m per m2, beside that, with the square of the depth")
+    dropout: Share = Field(description="share of pixels without a depth")
+    resolution: Positive = Field(description="m, step of the depth")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "DepthCameraFile":
+        if self.longest <= self.shortest:
+            raise refused("value", f"got {self.longest}, must be above shortest = {self.shortest}", "longest")
+        return self
+
+
 P = TypeVar("P", bound=Profile)
 
 

@@ -57,7 +57,9 @@ def test_no_function_service_reads_the_truth(found: type[Service[Any]]) -> None:
 @pytest.mark.parametrize("found", [found for found in ALL if found.batched], ids=lambda found: found.name)
 def test_nobody_waits_within_a_tick_for_a_service_that_takes_ticks_in_batches(found: type[Service[Any]]) -> None:
     assert not any(topic.framed for topic in found.outputs)
-    per_tick = [item for item in found.inputs if isinstance(item, Delayed) or item.kind is not Kind.LATCHED]
+    one = found(found.Config())  # by its configuration it may take single ticks
+    assert one.batched
+    per_tick = [item for item in one.inputs if isinstance(item, Delayed) or item.kind is not Kind.LATCHED]
     assert not per_tick or not any(issubclass(query.request, TickRequest) for query in found.serves)
 
 

@@ -18,6 +18,7 @@ from ..ground.terrain import Terrain
 from ..physics.addresses import Addresses
 from ..physics.faults import IMAGE, FaultBank
 from ..physics.samples import CameraFrame, ExactState, Reach
+from .depth import DepthFrame, DepthSensor, read_depth_camera
 from .floors import paint
 from .images import ImageSensor, Optics, TakenImage
 from .landmarks import (
@@ -62,8 +63,10 @@ class Floor:
     """Format of the images."""
 
 
-def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None) -> "Senses | None":
-    """Camera and ranger of a robot; None if it has neither.
+def sight_of(
+    robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None, depth_camera: str | None = None
+) -> "Senses | None":
+    """Camera, depth camera and ranger of a robot; None if it has none of them.
 
     Args:
         robot: the description.
@@ -71,16 +74,19 @@ def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: st
         floor: what is on it.
         terrain: the ground.
         camera: name of a profile; None = the robot's own.
+        depth_camera: name of a profile; None = no such camera.
 
     Raises:
         RobotError: no such profile, or the robot has no link to carry it.
     """
     camera = robot.camera if camera is None else camera
-    return None if camera is None and robot.ranger is None else Senses(robot, seed, floor, terrain, camera)
+    if camera is None and robot.ranger is None and depth_camera is None:
+        return None
+    return Senses(robot, seed, floor, terrain, camera, depth_camera)
 
 
 class Senses:
-    """Camera and ranger of one robot.
+    """Camera, depth camera and ranger of one robot.
 
     Args:
         robot: names its camera and its ranger, or one of them.
@@ -88,13 +94,18 @@ class Senses:
         floor: what is on it.
         terrain: the ground: landmarks lie on its floor, on open ground as far as its map and `FIELD` reach.
         camera: name of a profile; None = no camera.
+        depth_camera: name of a profile; None = no such camera.
 
     Raises:
         RobotError: no such profile, or the robot has no link to carry it.
     """
 
-    def __init__(self, robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None) -> None:
+    def __init__(
+        self, robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None, depth_camera: str | None
+    ) -> None:
         self.robot = robot
+        self.depth = None if depth_camera is None else DepthSensor(read_depth_camera(depth_camera), seed)
+        self.depths: DepthFrame | None = None
         file = None if camera is None else read_profile(CameraFile, camera, "camera")[0]
         self.camera = None if file is None else camera_of(file)
         self.ranger = None if robot.ranger is None else read_ranger(robot.ranger)
@@ -128,7 +139,7 @@ class Senses:
         return tuple(name for name, sensor in there if sensor is not None)
 
     def look(self, ticks: int, truth: Callable[[], ExactState], model: Any, data: Any, address: Addresses) -> None:
-        """Take the state at the end of a tick; sets `frame` and `reach` where they are due.
+        """Take the state at the end of a tick; sets `frame`, `depths` and `reach` where they are due.
 
         Args:
             ticks: since the epoch began.
@@ -138,6 +149,7 @@ class Senses:
             address: of the model.
         """
         self.frame = self.reach = self.image = None
+        self.depths = None if self.depth is None else self.depth.take(ticks, model, data, address.trunk)
         if self.eye is not None and self.camera is not None:
             exact = truth()
             now = camera_pose(self.robot, self.camera, exact.position, exact.quat_wxyz, exact.joints)
@@ -208,6 +220,7 @@ class Senses:
         before = None if self.before is None else [part.tolist() for part in self.before]
         camera = self.eye or (self.sensor if self.camera is not None else None)
         eye = {} if camera is None else {"camera": camera.state()}
+        eye |= {} if self.depth is None else {"depth": self.depth.rng.bit_generator.state}
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -218,4 +231,6 @@ class Senses:
         camera = self.eye or (self.sensor if self.camera is not None else None)
         if camera is not None:
             camera.restore(state["camera"])
-        self.frame = self.reach = self.image = None
+        if self.depth is not None:
+            self.depth.rng.bit_generator.state = state["depth"]
+        self.frame = self.reach = self.image = self.depths = None

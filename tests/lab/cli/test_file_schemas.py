@@ -17,6 +17,7 @@ PLACES = {
     "system": "compose/*.yaml",
     "imu": "surefoot/robots/sensors/*.toml",
     "camera": "surefoot/robots/cameras/*.toml",
+    "depth-camera": "surefoot/robots/depth_cameras/*.toml",
     "ranger": "surefoot/robots/rangers/*.toml",
 }
 

@@ -1,0 +1,141 @@
+"""Walks on the map that the robot measures itself, beside walks on a given map: sliding, falls, errors of the cells.
+
+Each walk is the scenario `ragno-own-map` with every service on the in-memory bus. The given map is that of the same
+ground, exact or with the noise of scenarios (3 mm a cell, 1 % of the cells and some patches unknown).
+"""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.bench import Bench, table, words_of
+from surefoot.geometry.rotations import matrix_from_quat, rpy_from_matrix
+from surefoot.lab.runs.local import run_local
+from surefoot.lab.statistics import ratio, resampled_mean
+from surefoot.lab.studies import Line, seeds_of, study
+from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.local import LocalSystem
+from surefoot.schemas.state import Odometry
+from surefoot.schemas.topics import STATE_ELEVATION, STATE_ODOMETRY
+from surefoot.services.mapper.mapper import Mapper
+from surefoot.services.mapper.service import MapperService
+from surefoot.services.simulator.service import Simulator
+from surefoot.services.simulator.world import PhysicsWorld
+from surefoot.services.supervisor.scenarios.scenario import Scenario, load_scenario
+
+BENCH = Bench("own_map")
+ARMS = ("own", "noise", "exact")
+"""The own map, and given maps."""
+NEAR = 0.3
+"""Way from the robot within which cells are compared, m: where feet land."""
+MOST = 1.3
+"""Goal of the ratio of slides."""
+
+
+class CellErrors(NamedTuple):
+    """Errors of the cells near the robot in one published map."""
+
+    nees: float
+    """Mean of error^2 / variance."""
+    inside: float
+    """Share of errors within two deviations."""
+    error: float
+    """Root mean square, m."""
+    deviation: float
+    """Root mean of the stated variances, m."""
+    known: float
+    """Share of cells that are known."""
+
+
+def scenario_of(arm: str) -> Scenario:
+    """Return the scenario of an arm."""
+    own = load_scenario("ragno-own-map")
+    if arm == "own":
+        return own
+    world = own.world.model_copy(update={"map_profile": arm, "depth_camera": None})
+    return replace(own, world=world, compose="ragno")
+
+
+def errors_of(mapper: Mapper, odometry: Odometry, world: PhysicsWorld) -> CellErrors:
+    """Compare the map with the true ground as it lies relative to the robot.
+
+    Args:
+        mapper: the map; it lies in the frame of the odometry.
+        odometry: where the robot believes to be.
+        world: the ground, and where the robot is.
+    """
+    heights, variances = mapper.heights() or (np.zeros((0, 0)), np.zeros((0, 0)))
+    truth, (x, y, z) = world.truth(), odometry.position
+    turn = float(rpy_from_matrix(matrix_from_quat(truth.quat_wxyz))[2]) - odometry.yaw
+    rows, cols = np.mgrid[0 : heights.shape[0], 0 : heights.shape[1]]
+    ahead, left = mapper.origin[0] + mapper.grid.cell * cols - x, mapper.origin[1] + mapper.grid.cell * rows - y
+    c, s = math.cos(turn), math.sin(turn)
+    ground = world.terrain.map.height(
+        truth.position[0] + c * ahead - s * left, truth.position[1] + s * ahead + c * left
+    )
+    error = (heights - z) - (ground - truth.position[2])
+    near = (np.hypot(ahead, left) <= NEAR) & np.isfinite(ground)
+    known = near & np.isfinite(error)
+    e2, v = error[known] ** 2, variances[known]
+    return CellErrors(
+        float(np.mean(e2 / v)), float(np.mean(e2 <= 4.0 * v)), math.sqrt(e2.mean()), math.sqrt(v.mean()),
+        float(known.sum() / near.sum()),
+    )  # fmt: skip
+
+
+def walked(arm: str, seed: int) -> Line:
+    """Walk under an arm; return sliding, fall, way, and the errors of cells in the mean over the published maps."""
+    found: list[CellErrors] = []
+
+    def watch(system: LocalSystem) -> None:
+        services = {node.name: node.service for node in system.nodes}
+        mapper, simulator = services.get("mapper"), services["simulator"]
+        if not isinstance(mapper, MapperService) or not isinstance(simulator, Simulator):
+            return
+        on_tick = mapper.on_tick
+
+        def looked(inputs: TickInputs) -> None:
+            on_tick(inputs)
+            odometry = inputs.get(STATE_ODOMETRY)
+            if STATE_ELEVATION.due(inputs.number) and mapper.mapper.images and odometry is not None:
+                found.append(errors_of(mapper.mapper, odometry, simulator.world))
+
+        mapper.on_tick = looked
+
+    run = run_local(scenario_of(arm), seed, meddle=watch)
+    value = {row.name: row.value for row in run.verdict.rows}
+    cells = {name: float(np.mean([getattr(one, name) for one in found])) for name in CellErrors._fields if found}
+    return {
+        "slide_mm": value["mean_slip_mm"], "fell": bool(value["fell"]), "way_m": value["distance_m"],
+        "hash": run.run_hash, "problems": list(run.verdict.problems), **cells,
+    }  # fmt: skip
+
+
+@BENCH.part("--seeds 0:1 --arms own")
+def walks(
+    *, seeds: str = "700:712", arms: str = ",".join(ARMS), results: Path | None = None, processes: int = 2
+) -> None:
+    """Walks of 0.9 m over rough ground of 4 cm at friction 0.5, paired over seeds.
+
+    Args:
+        arms: by commas: own, and given maps: noise, exact.
+    """
+    names = words_of(arms)
+    jobs = [{"arm": arm, "seed": seed} for seed in seeds_of(seeds) for arm in names]
+    lines = study(walked, jobs, results, processes=processes)
+    by = {arm: [line for line in lines if line["arm"] == arm] for arm in names}
+    slides = {arm: np.array([line["slide_mm"] for line in found]) for arm, found in by.items()}
+    rows: list[tuple[object, ...]] = []
+    for arm in names:
+        fell, least = sum(line["fell"] for line in by[arm]), min(line["way_m"] for line in by[arm])
+        over = (None, None, None) if "own" not in slides or arm == "own" else ratio(slides["own"], slides[arm])
+        rows.append((arm, float(slides[arm].mean()), fell, least, *over))
+    header = ("map", "sliding mm", "fell", "least way m", "own / it", "from", "to")
+    table(f"contact sliding per stance, {len(seeds_of(seeds))} seeds; goal of own / given: {MOST:g}", header, rows)
+    own = [line for line in by.get("own", ()) if "nees" in line]
+    if len(own) > 1:
+        cells = [(name, *resampled_mean([line[name] for line in own])) for name in CellErrors._fields]
+        table(f"cells within {NEAR:g} m of the robot", ("what", "mean", "from", "to"), cells)

@@ -1,0 +1,7 @@
+"""``python -m surefoot.services.mapper``."""
+
+from surefoot.lockstep.launch import main
+
+from .service import SERVICE
+
+main(SERVICE)

@@ -1,0 +1,188 @@
+"""Map of heights about a robot that walks, from depths: one Kalman filter a cell (Fankhauser et al. 2014).
+
+The grid lies in the frame of the odometry and moves on with the robot by whole cells. A cell holds
+
+    h    height, m
+    v    variance of the independent errors of its measurements, m^2
+    b    deviation of the errors that all pixels of an image share (tilt of the trunk), m
+    D    drift of the odometry when the cell was seen last: growth of the variance of z, of x and y, and of yaw.
+
+An image gives a cell the mean m of its points with the variance r. The drift since adds to the prior,
+
+    p = v + (D_z' - D_z) + s^2 (D_xy' - D_xy),   k = p / (p + r),   h += k (m - h),   v = (1 - k) p,
+    b = (1 - k) b + k b_m,
+
+where s is the usual slope. A mean further than `GATE` deviations from the height begins the cell anew: the ground has
+moved, or the cell lies on an edge. What is published is the variance relative to the robot now,
+
+    v + b^2 + (D_z' - D_z) + g^2 ((D_xy' - D_xy) + d^2 (D_yaw' - D_yaw)),
+
+with the slope g of the map in the cell and the distance d of the cell from the robot.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+Array = NDArray[np.float64]
+
+SLOPE = 0.4
+"""Usual slope of ground that is walked on, rise per way: turns errors along the ground into errors of height."""
+GATE = 3.0
+"""Deviations between a cell and a new mean above which the cell begins anew."""
+
+
+class OdometryDrift(NamedTuple):
+    """Growth of the odometry's variances since its beginning."""
+
+    z: float = 0.0
+    """m^2."""
+    xy: float = 0.0
+    """m^2, of each axis."""
+    yaw: float = 0.0
+    """rad^2."""
+
+
+class Elevation(NamedTuple):
+    """Layers of the grid, (n, n), row along y."""
+
+    height: Array
+    """m, NaN = not seen."""
+    variance: Array
+    """m^2, of independent errors."""
+    common: Array
+    """m, deviation of errors that a whole image shares."""
+    drift_z: Array
+    """m^2, drift when the cell was seen last; the same of the two others."""
+    drift_xy: Array
+    drift_yaw: Array
+
+
+class Grid(NamedTuple):
+    """Place of the layers."""
+
+    cell: float
+    """Edge of a cell, m."""
+    row: int
+    """Number of the first row: its centres lie at y = row * cell."""
+    col: int
+    """Number of the first column."""
+
+
+class GroundPoints(NamedTuple):
+    """Measured points of the ground, frame of the odometry."""
+
+    place: Array
+    """(n, 3) m."""
+    variance: Array
+    """(n,) m^2, of the height, independent between points."""
+    common: Array
+    """(n,) m, deviation of the height's error that all points of the image share."""
+
+
+def empty(n: int) -> Elevation:
+    """Return a map of n x n cells, none of them seen."""
+    return Elevation(*(np.full((n, n), math.nan) for _ in Elevation._fields))
+
+
+def around(grid: Grid, n: int, x: float, y: float) -> Grid:
+    """Return the grid of n x n cells whose middle is the cell of a point, m."""
+    return Grid(grid.cell, math.floor(y / grid.cell + 0.5) - n // 2, math.floor(x / grid.cell + 0.5) - n // 2)
+
+
+def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
+    """Return the layers on another place of the grid; what leaves it is forgotten."""
+    n, rows, cols = layers.height.shape[0], new.row - old.row, new.col - old.col
+    if rows == 0 and cols == 0:
+        return layers
+    out = empty(n)
+    if abs(rows) < n and abs(cols) < n:
+        here = slice(max(0, -rows), min(n, n - rows)), slice(max(0, -cols), min(n, n - cols))
+        there = slice(max(0, rows), min(n, n + rows)), slice(max(0, cols), min(n, n + cols))
+        for layer, before in zip(out, layers, strict=True):
+            layer[here] = before[there]
+    return out
+
+
+def lay(
+    layers: Elevation, grid: Grid, plane: tuple[float, float, float], half: Array, variance: float, drift: OdometryDrift
+) -> None:
+    """Take the unseen cells near the middle for a plane.
+
+    Args:
+        layers: of the map.
+        grid: their place.
+        plane: height over (0, 0), m, and slope along x and y.
+        half: half edges of the rectangle along x and y, (2,) m.
+        variance: of its heights, m^2.
+        drift: of the odometry now.
+    """
+    n, c = layers.height.shape[0], grid.cell
+    x, y = c * (grid.col + np.arange(n))[None, :], c * (grid.row + np.arange(n))[:, None]
+    middle = c * (grid.col + n // 2), c * (grid.row + n // 2)
+    near = (np.abs(x - middle[0]) <= half[0]) & (np.abs(y - middle[1]) <= half[1]) & np.isnan(layers.height)
+    values = (plane[0] + plane[1] * x + plane[2] * y, variance, 0.0, *drift)
+    for layer, value in zip(layers, values, strict=True):
+        layer[near] = np.broadcast_to(value, layer.shape)[near]
+
+
+@kernel
+def fuse(layers: Elevation, grid: Grid, points: GroundPoints, drift: OdometryDrift) -> int:
+    """Take the points of one image into the map; return how many cells they lie in."""
+    height, variance, common, drift_z, drift_xy, drift_yaw = layers
+    cell, row0, col0 = grid
+    place, spread, shared = points
+    ny, nx = height.shape
+    weight, mean, square, bias = np.zeros((ny, nx)), np.zeros((ny, nx)), np.zeros((ny, nx)), np.zeros((ny, nx))
+    for k in range(place.shape[0]):
+        i, j = math.floor(place[k, 1] / cell + 0.5) - row0, math.floor(place[k, 0] / cell + 0.5) - col0
+        if i < 0 or j < 0 or i >= ny or j >= nx:
+            continue
+        w, z = 1.0 / spread[k], place[k, 2]
+        weight[i, j] += w
+        off = z - mean[i, j]
+        mean[i, j] += off * w / weight[i, j]
+        square[i, j] += w * off * (z - mean[i, j])
+        bias[i, j] += w * shared[k]
+    seen = 0
+    for i in range(ny):
+        for j in range(nx):
+            w = weight[i, j]
+            if w == 0.0:
+                continue
+            seen += 1
+            r, b = (1.0 + square[i, j]) / w, bias[i, j] / w  # of the points, and how far they lie apart
+            prior = variance[i, j] + SLOPE * SLOPE * (drift.xy - drift_xy[i, j]) + drift.z - drift_z[i, j]
+            off = mean[i, j] - height[i, j]
+            if off * off <= GATE * GATE * (prior + r + common[i, j] ** 2 + b * b):
+                gain = prior / (prior + r)
+                height[i, j] += gain * off
+                variance[i, j], common[i, j] = (1.0 - gain) * prior, (1.0 - gain) * common[i, j] + gain * b
+            else:  # not seen before (NaN), or no longer what it was
+                height[i, j], variance[i, j], common[i, j] = mean[i, j], r, b
+            drift_z[i, j], drift_xy[i, j], drift_yaw[i, j] = drift.z, drift.xy, drift.yaw
+    return seen
+
+
+@kernel
+def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, x: float, y: float) -> Array:
+    """Return the variance of each height relative to a robot at (x, y) m now, m^2, NaN = not seen."""
+    height, variance, common, drift_z, drift_xy, drift_yaw = layers
+    cell, row0, col0 = grid
+    ny, nx = height.shape
+    out = np.empty((ny, nx))
+    for i in range(ny):
+        for j in range(nx):
+            slope2 = 0.0
+            for below, above in ((height[max(i - 1, 0), j], height[min(i + 1, ny - 1), j]),
+                                 (height[i, max(j - 1, 0)], height[i, min(j + 1, nx - 1)])):  # fmt: skip
+                g = (above - below) / (2.0 * cell)
+                slope2 += 0.5 * SLOPE * SLOPE if math.isnan(g) else g * g
+            dx, dy = (col0 + j) * cell - x, (row0 + i) * cell - y
+            along = drift.xy - drift_xy[i, j] + (dx * dx + dy * dy) * (drift.yaw - drift_yaw[i, j])
+            out[i, j] = variance[i, j] + common[i, j] ** 2 + drift.z - drift_z[i, j] + slope2 * along
+    return out

@@ -1,0 +1,69 @@
+"""Between the messages on the bus and the map."""
+
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.hw import DepthImage, FootContacts, JointState
+from surefoot.schemas.state import Odometry
+from surefoot.schemas.terrain import ElevationMap
+
+from .mapper import UNKNOWN_TILT, DepthView, Mapper, MapPose
+
+Array = NDArray[np.float64]
+
+
+def map_pose(odometry: Odometry) -> MapPose:
+    """Return the pose of an odometry; without a covariance of its rotation the tilt is taken to be unsure."""
+    if odometry.pose_covariance is not None:
+        covariance = np.array(odometry.pose_covariance).reshape(6, 6)
+    else:
+        covariance = np.diag((0.0, 0.0, 0.0, UNKNOWN_TILT, UNKNOWN_TILT, 0.0))
+        at = np.array([0, 1, 2, 5])
+        covariance[np.ix_(at, at)] = np.array(odometry.covariance).reshape(4, 4)
+    rot = matrix_from_quat(np.array(odometry.quat_wxyz))
+    return MapPose(odometry.stamp_ns, np.array(odometry.position), rot, covariance)
+
+
+def standing_points(robot: Robot, pose: MapPose, joints: JointState, contacts: FootContacts) -> Array:
+    """Return the points of the ground under the feet whose switches are pressed, (n, 3) m, frame of the odometry."""
+    down = np.array([any(foot) for foot in contacts.touch])
+    feet = foot_positions(robot.model, np.array(joints.position))[down]
+    return product(feet, pose.rot.T) + pose.position - np.array([0.0, 0.0, robot.foot_radius])
+
+
+def depth_view(image: DepthImage) -> DepthView:
+    """Return the depths of an image (raises Refusal: they are not as many float32 as it has pixels)."""
+    try:
+        data = b64decode(image.depths, validate=True)
+    except ValueError as error:
+        raise Refusal("depths", f"depths are no base64: {error}") from None
+    if len(data) != 4 * image.width * image.height:
+        need = 4 * image.width * image.height
+        raise Refusal("depths", f"{image.width} x {image.height} depths need {need} bytes, got {len(data)}")
+    depths = np.frombuffer(data, dtype="<f4").astype(np.float64).reshape(image.height, image.width)
+    return DepthView(
+        image.stamp_ns, depths, image.focal, image.center, image.sigma, image.sigma_square, image.frame,
+        np.array(image.position), np.array(image.quat_wxyz),
+    )  # fmt: skip
+
+
+def elevation_message(mapper: Mapper, refused: Mapping[str, int]) -> ElevationMap:
+    """Return the map as it is now; before anything was seen, one unknown cell."""
+    found = mapper.heights()
+    heights, variances = found or (np.full((1, 1), np.nan), np.full((1, 1), np.nan))
+    return ElevationMap(
+        rows=heights.shape[0], cols=heights.shape[1], cell=mapper.params.cell, origin=mapper.origin,
+        version=mapper.images, heights=_text(heights), variances=_text(variances), refused=dict(refused),
+    )  # fmt: skip
+
+
+def _text(layer: Array) -> str:
+    return b64encode(layer.astype("<f4").tobytes()).decode()

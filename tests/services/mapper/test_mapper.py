@@ -1,0 +1,192 @@
+"""The service about the map: what it refuses, in which words, and what it publishes."""
+
+import math
+from base64 import b64encode
+
+import numpy as np
+import pytest
+
+from surefoot.errors import Refusal
+from surefoot.lockstep.join import TickInputs
+from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.hw import DepthImage, FootContacts, JointState, Tick
+from surefoot.schemas.state import Odometry
+from surefoot.schemas.terrain import ElevationMap
+from surefoot.schemas.topics import HW_CONTACTS, HW_DEPTH, HW_JOINTS, STATE_ELEVATION, STATE_ODOMETRY
+from surefoot.services.mapper.config import MapperConfig
+from surefoot.services.mapper.mapper import Mapper
+from surefoot.services.mapper.service import MapperService
+from tests.services.mapper.scenes import FOCAL, HEIGHT, LOOK, PLACE, TICK_NS, WIDTH, Slope, picture, pose
+
+ROBOT = load_robot("ragno")
+BASE = ROBOT.foot_radius - float(foot_positions(ROBOT.model, ROBOT.neutral)[0, 2])
+"""Height of base_link in the neutral stance, m."""
+GOOD = picture(Slope(), z=BASE, sigma=0.002)
+
+
+def changed(image, value, share=0.6):
+    depths = image.depths.copy()
+    depths.ravel()[: int(share * depths.size)] = value
+    return image._replace(depths=depths)
+
+
+@pytest.mark.parametrize(
+    ("view", "now", "code", "words"),
+    [
+        (changed(GOOD, -0.2), 0, "depths", "-0.2 m"),
+        (changed(GOOD, math.inf), 0, "depths", "inf"),
+        (changed(GOOD, 1e30), 0, "depths", "1e+30"),
+        (changed(GOOD, math.nan, 1.0), 0, "blind", "no depth"),
+        (GOOD._replace(depths=np.full((HEIGHT, WIDTH), 50.0)), 0, "blind", "no depth"),
+        (GOOD, 31 * TICK_NS, "late", "0.310 s old"),
+        (GOOD._replace(stamp_ns=TICK_NS), 0, "late", "0 to 0.3"),
+        (GOOD._replace(frame="map"), 0, "frame", "'map'"),
+        (GOOD._replace(quat_wxyz=np.array([2.0, 0.0, 0.0, 0.0])), 0, "camera", "unit quaternion"),
+        (GOOD._replace(position=np.array([np.nan, 0.0, 0.0])), 0, "camera", "within 10 m"),
+        (GOOD._replace(position=np.array([50.0, 0.0, 0.0])), 0, "camera", "50.0"),
+        (GOOD._replace(stamp_ns=5 * TICK_NS), 5 * TICK_NS, "no_odometry", "20 ms"),
+    ],
+)  # fmt: skip
+def test_an_image_that_cannot_be_is_refused_in_words_and_changes_nothing(view, now, code, words):
+    mapper = Mapper()
+    mapper.moved(pose())
+    with pytest.raises(Refusal, match=words.replace("+", r"\+").replace("'", ".")) as refused:
+        mapper.look(view, now)
+    assert refused.value.code == code
+    assert "\n" not in refused.value.message
+    assert mapper.heights() is None
+    mapper.look(GOOD, 0)  # a good one afterwards is taken
+    with pytest.raises(Refusal, match="after one of"):
+        mapper.look(GOOD, 0)
+
+
+def test_a_few_impossible_depths_are_left_out_and_counted():
+    mapper = Mapper()
+    mapper.moved(pose())
+    depths = GOOD.depths.copy()
+    depths[0, :3] = -1.0, math.inf, 1e9
+    mapper.look(GOOD._replace(depths=depths), 0)
+    assert mapper.refused["depth"] == 3
+    heights, _ = mapper.heights()
+    assert np.nanmax(np.abs(heights - (0.1 - BASE))) < 0.01  # the robot of `pose` is not at BASE
+
+
+class Bus:
+    """The runtime of a service, which keeps what it publishes and logs."""
+
+    def __init__(self):
+        self.published, self.logged = [], []
+
+    def publish(self, topic, message, stamp_ns):
+        self.published.append((topic, message))
+
+    def call(self, query, request, timeout_s):
+        raise AssertionError("the mapper asks nobody")
+
+    def log(self, level, text):
+        self.logged.append((level, text))
+
+
+@pytest.fixture
+def service():
+    one = MapperService(MapperConfig(robot="ragno", cell_m=0.01, cells=101))
+    one.attach(Bus())
+    one.on_start()
+    return one
+
+
+def image(view=GOOD, **changes):
+    fields = {
+        "width": WIDTH, "height": HEIGHT, "focal": FOCAL, "center": (WIDTH / 2, HEIGHT / 2), "sigma": 0.002,
+        "sigma_square": 0.0, "position": tuple(PLACE), "quat_wxyz": tuple(view.quat_wxyz),
+        "depths": b64encode(view.depths.astype("<f4").tobytes()).decode(), "stamp_ns": view.stamp_ns,
+    }  # fmt: skip
+    return DepthImage(**(fields | changes))
+
+
+def tick(service, number, depth=None, x=0.0, initialised=True):
+    odometry = Odometry(
+        position=(x, 0.0, BASE), quat_wxyz=(1, 0, 0, 0), yaw=0.0, velocity=(0, 0, 0), covariance=(0.0,) * 16,
+        initialised=initialised, stamp_ns=number * TICK_NS,
+    )  # fmt: skip
+    messages = {
+        STATE_ODOMETRY.key: odometry,
+        HW_JOINTS.key: JointState(position=tuple(ROBOT.neutral)),
+        HW_CONTACTS.key: FootContacts(touch=((True,),) * 6, normal_force_n=(None,) * 6),
+    }
+    if depth is not None:
+        messages[HW_DEPTH.key] = depth
+    service.on_tick(TickInputs(Tick.model_construct(tick=number, epoch=0, stamp_ns=number * TICK_NS), messages))
+
+
+def last(service) -> ElevationMap:
+    topic, message = service.runtime.published[-1]
+    assert topic is STATE_ELEVATION
+    return message
+
+
+def layers(message):
+    from base64 import b64decode
+
+    shape = message.rows, message.cols
+    return tuple(np.frombuffer(b64decode(text), "<f4").reshape(shape) for text in (message.heights, message.variances))
+
+
+def test_the_service_publishes_what_it_saw_and_before_that_one_unknown_cell(service):
+    tick(service, 0, initialised=False)
+    assert (last(service).rows, last(service).cols) == (1, 1)
+    assert np.isnan(layers(last(service))[0]).all()
+    tick(service, 1)
+    tick(service, 2, image(GOOD._replace(stamp_ns=2 * TICK_NS)))
+    for number in range(3, 41):
+        tick(service, number)
+    message = last(service)
+    assert (message.rows, message.version, message.refused.get("depths", 0)) == (101, 1, 0)
+    heights, variances = layers(message)
+    assert np.isfinite(heights[:, 70:]).sum() > 200
+    assert np.nanmax(np.abs(heights[:, 70:])) < 0.01  # level ground under a trunk that stands at BASE by its odometry
+    assert np.nanmin(variances) > 0.0
+    assert np.isfinite(heights[50, 50])  # under the feet
+
+
+@pytest.mark.parametrize(
+    ("wrong", "code"),
+    [
+        (lambda at: image(stamp_ns=at, depths="no base64!"), "depths"),
+        (lambda at: image(stamp_ns=at, width=WIDTH + 1), "depths"),
+        (lambda at: image(stamp_ns=at, frame="odom"), "frame"),
+        (lambda at: image(stamp_ns=at - 10**9), "late"),
+        (lambda at: image(changed(GOOD, -1.0)._replace(stamp_ns=at)), "depths"),
+    ],
+)
+def test_bad_images_are_counted_and_logged_once(service, wrong, code):
+    tick(service, 1)
+    for number in range(2, 41):
+        tick(service, number, wrong(number * TICK_NS))
+    message = last(service)
+    assert message.refused[code] == 39
+    assert message.version == 0
+    assert [level for level, _ in service.runtime.logged] == ["warning"]
+    assert f"hw/depth refused ({code})" in service.runtime.logged[0][1]
+
+
+def test_an_odometry_that_begins_anew_ends_the_map_until_the_next_reset(service):
+    tick(service, 1)
+    tick(service, 2, image(stamp_ns=2 * TICK_NS))
+    tick(service, 3, x=0.5)
+    for number in range(4, 41):
+        tick(service, number, image(stamp_ns=number * TICK_NS), x=0.5)
+    assert np.isnan(layers(last(service))[0]).all()
+    assert len(service.runtime.logged) == 1
+    assert "began anew" in service.runtime.logged[0][1]
+    service.on_reset()
+    tick(service, 41)
+    tick(service, 42, image(stamp_ns=42 * TICK_NS))
+    tick(service, 80)
+    assert last(service).version == 1
+
+
+def test_the_look_of_the_scene_is_a_rotation():
+    assert np.abs(LOOK @ LOOK.T - np.eye(3)).max() < 1e-12
+    assert np.linalg.det(LOOK) == pytest.approx(1.0)
