@@ -1,16 +1,20 @@
 """An inbox wakes its node for what it awaits, and loses nothing."""
 
 import threading
+from collections.abc import Callable, Sequence
+from functools import partial
 from queue import Empty
+from typing import Any
 
 import pytest
 
 from surefoot.bus.frame import Frame
 from surefoot.bus.inbox import FEW, SMALL_BYTES, Inbox, Lane
+from surefoot.bus.interface import Delivery, Raw
 from surefoot.lockstep.join import Delayed, Join
 from surefoot.schemas.base import Header
 from surefoot.schemas.hw import Tick
-from surefoot.schemas.topics import HW_IMU, HW_TICK, STATE_GAIT, STATE_VELOCITY
+from surefoot.schemas.topics import HEALTH, HW_IMU, HW_TICK, LOG, STATE_GAIT, STATE_VELOCITY, Topic
 from tests.surefoot.lockstep.node_bench import IMU
 
 LONG_S = 80.0
@@ -20,8 +24,8 @@ def frame(owner: str) -> Frame:
     return Frame(owner, {}, b"[]", b"")
 
 
-def got_by_a_sleeper(inbox: Inbox, awaited: set[str], items: list[Frame]) -> bool:
-    """Whether a reader that sleeps is woken by the last of the items, and by none before."""
+def got_by_a_sleeper(inbox: Inbox, awaited: set[str], puts: Sequence[Callable[[], object]]) -> bool:
+    """Whether a reader that sleeps is woken by the last of what is put, and by none before."""
     asleep, woken = threading.Event(), threading.Event()
 
     def read() -> None:
@@ -34,18 +38,26 @@ def got_by_a_sleeper(inbox: Inbox, awaited: set[str], items: list[Frame]) -> boo
     asleep.wait(LONG_S)
     while inbox._awaited is not awaited:  # pyright: ignore[reportPrivateUsage] - it is about to sleep
         pass
-    for item in items[:-1]:
-        inbox.put(item)
+    for put in puts[:-1]:
+        put()
         assert not woken.wait(0.02)
-    inbox.put(items[-1])
-    return woken.wait(LONG_S)
+    puts[-1]()
+    return woken.wait(LONG_S / 2.0)  # sooner than the reader would wake by itself
 
 
 @pytest.mark.parametrize(
     ("awaited", "owners"), [({"driver", "estimator"}, ["driver", "driver", "estimator"]), (set(), ["walker"])]
 )
 def test_reader_sleeps_until_the_last_awaited_frame(awaited: set[str], owners: list[str]) -> None:
-    assert got_by_a_sleeper(Inbox(), awaited, [frame(owner) for owner in owners])
+    inbox = Inbox()
+    assert got_by_a_sleeper(inbox, awaited, [partial(inbox.put, frame(owner)) for owner in owners])
+
+
+@pytest.mark.parametrize("topic", [LOG, HEALTH])
+def test_queries_and_observed_messages_wake_a_sleeper(topic: Topic[Any]) -> None:
+    inbox = Inbox()
+    assert got_by_a_sleeper(inbox, {"driver"}, [partial(inbox.put_query, "query")])
+    assert got_by_a_sleeper(inbox, {"driver"}, [partial(inbox.put_observed, Delivery(topic, None, Raw(b"", None, "")))])
 
 
 def test_what_is_no_frame_wakes_at_once() -> None:
