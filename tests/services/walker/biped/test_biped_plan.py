@@ -136,6 +136,7 @@ def test_a_learned_gain_makes_the_plan_shorter():
         (MotionCommand("turn", angle=1.0, distance=1.0), "conflict", "distance"),
         (MotionCommand("turn", angle=1.0, velocity=0.1), "conflict", "velocity"),
         (MotionCommand("walk", angle=1.0), "missing_field", "distance"),
+        (MotionCommand("walk", distance=0.0, angle=1.0), "missing_field", "distance"),
         (MotionCommand("walk", distance=0.05, angle=3.0), "too_tight", "angle"),
         (MotionCommand("walk", distance=1.0, gait="tripod"), "unknown_gait", "gait"),
         (MotionCommand("stand", shift=(0.01, 0.0)), "unsupported", "shift"),
