@@ -69,6 +69,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
     ),
     "services/estimator/inputs/external.py": ("tests/services/estimator/test_external.py",),
     "services/estimator/health.py": ("tests/services/estimator",),
+    "surefoot/lockstep/memory.py": ("tests/services/walker", "tests/surefoot/test_disk.py"),
     "services/walker/memory.py": ("tests/services/walker",),
     "services/walker/commander.py": ("tests/services/walker",),
     "services/walker/commands.py": ("tests/services/walker",),

@@ -5,12 +5,9 @@ The file belongs to one run (its folder); contents of another epoch, or of a lat
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast, get_args
 
-from surefoot.bus.codec import MAX_JSON_BYTES
-from surefoot.disk import whole
-from surefoot.files import read_regular
+from surefoot.lockstep.memory import RunMemory
 from surefoot.schemas.navigation import GoalState
 
 from .goals import End, NavigationGoal
@@ -40,48 +37,31 @@ class Kept:
     """Goals that wait for their tick."""
 
 
-class GoalMemory:
-    """One file.
+class GoalMemory(RunMemory):
+    """File that keeps the last goal.
 
     Args:
         path: None = nothing is kept.
     """
 
     def __init__(self, path: str | None) -> None:
-        self.path = None if path is None else Path(path)
-        self.problem = ""
+        super().__init__(path, "goal")
 
     def keep(self, epoch: int, tick: int, kept: Kept) -> None:
-        """Replace the contents; a disk that fails costs the memory, not the goal."""
-        if self.path is None:
-            return
-        try:
-            goal, planned = kept.goal and kept.goal.kept(), [(at, each.kept()) for at, each in kept.planned]
-            fields = {**vars(kept), "goal": goal, "planned": planned}
-            with whole(self.path) as fresh:
-                fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **fields}), encoding="utf-8")
-        except OSError as error:
-            self.problem = f"the goal cannot be kept for a restart: {error.strerror}"
-            self.path = None
-
-    def forget(self) -> None:
-        """Remove the file of an earlier run; on a disk that forbids it the run has no memory."""
-        try:
-            if self.path is not None:
-                self.path.unlink(missing_ok=True)
-        except OSError as error:
-            self.problem = f"the goal cannot be kept for a restart: {error.strerror}"
-            self.path = None
+        """Replace the content."""
+        goal, planned = kept.goal and kept.goal.kept(), [(at, each.kept()) for at, each in kept.planned]
+        self.write(epoch, tick, {**vars(kept), "goal": goal, "planned": planned})
 
     def recall(self, epoch: int, tick: int) -> Kept | None:
         """Return the state that was kept in this epoch, not after this tick, or None.
 
         A navigator may be killed between keeping a tick and publishing it: its successor does that tick again.
         """
-        if self.path is None or not self.path.exists():
+        content = self.read()
+        if content is None:
             return None
         try:
-            found = json.loads(read_regular(self.path, MAX_JSON_BYTES))
+            found = json.loads(content)
             if found["epoch"] != epoch or found["tick"] > tick:
                 return None
             odom, goal = found["odom"], found["goal"]
@@ -91,9 +71,11 @@ class GoalMemory:
                 _state(found["state"]), _end(*found["end"]), float(found["ended"]),
                 tuple((int(tick), NavigationGoal.restored(fields)) for tick, fields in found["planned"]),
             )  # fmt: skip
-        except (OSError, ArithmeticError, RecursionError, LookupError, TypeError, ValueError) as error:
-            self.problem = f"the kept goal cannot be read: {error}"
-            return None
+        except KeyError as error:
+            self.give_up(f"{error.args[0]} is missing")
+        except (ArithmeticError, RecursionError, LookupError, TypeError, ValueError) as error:
+            self.give_up(error)
+        return None
 
 
 def _pose(values: Any) -> tuple[float, float, float]:

@@ -6,20 +6,16 @@ The file belongs to one run (its folder); a command of another epoch, or of a la
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from surefoot.disk import whole
-from surefoot.files import read_regular
+from surefoot.lockstep.memory import RunMemory
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.tables import TableError, table_error
 
 from .interface import BodyPose, MotionCommand
 
-MOST_BYTES = 1 << 20
-"""Largest file that is read, bytes; a walker writes some kB."""
 MOST_ID = 2**53
 """Largest number of a command or order: the largest that every JSON reader keeps exactly."""
 
@@ -71,7 +67,7 @@ class _Stored(BaseModel):
         return self
 
 
-class MemoryFile:
+class MemoryFile(RunMemory):
     """File that keeps the command under way.
 
     Args:
@@ -79,46 +75,27 @@ class MemoryFile:
     """
 
     def __init__(self, path: str | None) -> None:
-        self.path = None if path is None else Path(path)
-        self.problem = ""
+        super().__init__(path, "command")
         self._last: WalkMemory | None = None
 
     def keep(self, epoch: int, tick: int, kept: WalkMemory) -> None:
-        """Write the state if it has changed; after a failure of the disk the walk goes on without a memory."""
-        if self.path is None or kept == self._last:
-            return
-        self._last = kept
-        try:
-            with whole(self.path) as fresh:
-                fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **asdict(kept)}), encoding="utf-8")
-        except OSError as error:
-            self.problem = f"the command cannot be kept for a restart: {error.strerror}"
-            self.path = None
-
-    def forget(self) -> None:
-        """Begin a run: delete the file of an earlier one; on a disk that forbids it the run has no memory."""
-        self._last = None
-        try:
-            if self.path is not None:
-                self.path.unlink(missing_ok=True)
-        except OSError as error:
-            self.problem = f"the command cannot be kept for a restart: {error.strerror}"
-            self.path = None
+        """Write the state if it has changed."""
+        if kept != self._last:
+            self._last = kept
+            self.write(epoch, tick, asdict(kept))
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
         """Return the state that was kept in this epoch, not after this tick, or None.
 
         A walker may be killed between keeping a tick and sending it: its successor does that tick again.
         """
-        if self.path is None or not self.path.exists():
+        content = self.read()
+        if content is None:
             return None
         try:
-            found = _Stored.model_validate_json(read_regular(self.path, MOST_BYTES))
-        except TableError as error:
-            self.problem = f"the kept command cannot be read and is given up: {error}"
-            return None
+            found = _Stored.model_validate_json(content)
         except ValidationError as error:
-            self.problem = f"the kept command cannot be read and is given up: {table_error(error, _Stored, TableError)}"
+            self.give_up(table_error(error, _Stored, TableError))
             return None
         if found.epoch != epoch or found.tick > tick:
             return None
