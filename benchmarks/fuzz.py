@@ -14,6 +14,7 @@ from random import Random
 from benchmarks.bench import Bench, table
 from benchmarks.fuzz_files import damaged_files, formats
 from benchmarks.fuzz_inputs import Drawer, Tally, attempt, drawn, spoil
+from benchmarks.fuzz_models import judged
 from surefoot.bus.codec import decode, encode, json_schema, read_header
 from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Stamp
@@ -138,3 +139,17 @@ def files(*, count: int = 20_000, seed: int = 0, only: str = "") -> None:
             totals.slowest_s = max(totals.slowest_s, tally.slowest_s)
     table("kinds of files", ("file", "suffix", "inputs", "taken", "refused", "findings", "slowest ms"), rows)
     _report("files", totals, time.process_time() - began, memory)
+
+
+@BENCH.part("--count 40")
+def decisions(*, count: int = 2000, seed: int = 0) -> None:
+    """Slip models and policies with something wrong in them: refused, or no worse than nominal landings and the rule.
+
+    Args:
+        count: files of both kinds together.
+        seed: of the changes.
+    """
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with tempfile.TemporaryDirectory() as name:
+        for what, tally, took in judged(count // 2, seed, Path(name)):
+            _report(what, tally, took, memory)

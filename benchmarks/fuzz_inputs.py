@@ -157,7 +157,7 @@ def drawn(drawer: Drawer, random: Random) -> bytes:
     return spoil(data, random) if random.random() < 0.3 else data
 
 
-def attempt(tally: Tally, what: str, data: bytes, read: Callable[[], object]) -> None:
+def attempt(tally: Tally, what: str, data: bytes, read: Callable[[], object], slow_s: float = SLOW_S) -> None:
     """Count one input; whatever is raised besides a typed error is a finding, and so is what takes long."""
     tally.inputs += 1
     began = time.process_time()
@@ -172,5 +172,5 @@ def attempt(tally: Tally, what: str, data: bytes, read: Callable[[], object]) ->
         tally.findings.append(f"{what}: {type(error).__name__}: {str(error)[:120]} for {data[:200]!r}")
     took = time.process_time() - began
     tally.slowest_s = max(tally.slowest_s, took)
-    if took > SLOW_S:
+    if took > slow_s:
         tally.findings.append(f"{what}: takes {took:.2f} s for {data[:200]!r}")

@@ -10,6 +10,7 @@ import pytest
 from benchmarks import fuzz
 from benchmarks.fuzz_files import damaged_files, formats
 from benchmarks.fuzz_inputs import Drawer, Tally, attempt
+from benchmarks.fuzz_models import judged
 from surefoot.bus.codec import json_schema
 from surefoot.errors import SurefootError
 from surefoot.schemas.hw import Imu
@@ -53,3 +54,10 @@ def test_no_file_of_a_seed_is_a_finding(kind: str, tmp_path: Path) -> None:
         if each.name == kind:
             damaged_files(tally, each, 30, tmp_path, seed=3)
     assert tally.findings == []
+
+
+def test_changed_models_and_policies_are_refused_or_decide_no_worse(tmp_path: Path) -> None:
+    for what, tally, _ in judged(60, 2, tmp_path):
+        assert tally.findings == [], what
+        assert tally.inputs == tally.taken + tally.refused == 60
+        assert tally.taken > 0

@@ -176,7 +176,7 @@ def built(
         support=options.support,
         relief=options.relief,
         enough=candidate.enough,
-        base=base_rule(options.lattice, bins),
+        base=base_rule(options.lattice, bins) if options.relief else (),
         trials=options.trials,
         seed=options.seed,
         choice={

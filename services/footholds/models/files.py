@@ -152,6 +152,8 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
         raise ModelError("invalid", f"{source}: a bin is given twice", "bins")
     if entries.relief and len(entries.base) != 1 + len(KNOTS):
         raise ModelError("invalid", f"{source}: base needs {1 + len(KNOTS)} weights, got {len(entries.base)}", "base")
+    if entries.base and not entries.relief:
+        raise ModelError("invalid", f"{source}: base goes with relief = true, got false: it is of planes", "relief")
     _check_outcomes(lattice, bins, source)
     _check_ranges(lattice, bins, entries.ranges, source)
     scales, warps = np.array(entries.terms.scales), tuple(entries.terms.warps)

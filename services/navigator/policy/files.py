@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,28 +20,38 @@ from .choose import NUMBERS
 from .grids import GRID
 from .policies import KIND_NAMES, Policy
 
-VERSION = 1
+VERSION = 2
 """Version of the format; others are refused."""
 MAX_BYTES = 64 * 1024 * 1024
-MEMBERS = ("version", "kind", "actions", "numbers", "table", "grid", "shown", "provenance")
+MEMBERS = ("version", "kind", "actions", "numbers", "table", "grid", "shown", "provenance", "digest")
 KINDS_BY_NAME = {name: kind for kind, name in KIND_NAMES.items()}
 
 
 def content_of(policy: Policy) -> bytes:
     """Return the bytes of a policy file; equal policies give equal bytes. Tables are kept in single precision."""
+    held: dict[str, NDArray[Any]] = {
+        "version": np.array(VERSION),
+        "kind": np.array(KIND_NAMES[policy.kind]),
+        "actions": np.array(policy.actions),
+        "numbers": policy.numbers,
+        "table": policy.table.astype(np.float32),
+        "grid": policy.grid,
+        "shown": policy.shown,
+        "provenance": np.array(json.dumps(dict(policy.provenance), sort_keys=True)),
+    }
     buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        version=np.int64(VERSION),
-        kind=np.str_(KIND_NAMES[policy.kind]),
-        actions=np.array(policy.actions),
-        numbers=policy.numbers,
-        table=policy.table.astype(np.float32),
-        grid=policy.grid,
-        shown=policy.shown,
-        provenance=np.str_(json.dumps(dict(policy.provenance), sort_keys=True)),
-    )
+    held["digest"] = np.array(digest_of(held))
+    np.savez_compressed(buffer, allow_pickle=False, **held)
     return buffer.getvalue()
+
+
+def digest_of(held: Mapping[str, NDArray[Any]]) -> str:
+    """Return the sha256 of the members of a file but for `digest`: what was changed by hand is found by it."""
+    digest = hashlib.sha256()
+    for member in MEMBERS[:-1]:
+        array = held[member]
+        digest.update(f"{member} {array.dtype.str} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def save(policy: Policy, path: Path) -> str:
@@ -88,7 +99,7 @@ def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None
             if missing:
                 raise refuse(f"lacks {', '.join(missing)}; a policy file has {', '.join(MEMBERS)}")
             held = {member: file[member] for member in MEMBERS}
-        version, kind = int(held["version"]), str(held["kind"])
+        version, kind, digest = int(held["version"]), str(held["kind"]), str(held["digest"])
         names = tuple(str(each) for each in held["actions"].reshape(-1))
         provenance = json.loads(str(held["provenance"]))
     except Refusal:
@@ -97,6 +108,8 @@ def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None
         raise refuse(f"is no policy file or is damaged ({type(error).__name__}: {str(error)[:120]})") from None
     if version != VERSION:
         raise refuse(f"is of version {version}, allowed is {VERSION}")
+    if digest != (own := digest_of(held)):
+        raise refuse(f"is not as it was written: its digest is {digest[:12]!r}, its content has {own[:12]!r}")
     if kind not in KINDS_BY_NAME:
         raise refuse(f"has kind {kind!r}, allowed are {', '.join(KINDS_BY_NAME)}")
     if actions is not None and names != actions:

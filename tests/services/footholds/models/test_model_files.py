@@ -93,6 +93,7 @@ def test_refusals_name_the_field(data: bytes, changes: dict[str, Any], field: st
         (lambda raw: raw["bins"][0].__setitem__(3, 1e30), "bins"),
         (lambda raw: raw["bins"][0].__setitem__(5, 10**40), "bins"),
         (lambda raw: raw.update(relief=True, base=[0.1]), "base"),
+        (lambda raw: raw.update(relief=False, base=[0.1] * 6), "relief"),
         (lambda raw: raw["terms"].update(family="elementary"), "terms.family"),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 
 from surefoot.errors import Refusal
 from surefoot.services.navigator.policy.arrays import arrays
-from surefoot.services.navigator.policy.files import MEMBERS, content_of, load_policy, parse, save, shipped
+from surefoot.services.navigator.policy.files import MEMBERS, content_of, digest_of, load_policy, parse, save, shipped
 from surefoot.services.navigator.policy.library import find, known
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.policies import Policy, hand
@@ -26,10 +26,12 @@ def policy():
     )
 
 
-def changed(policy, **members):
+def changed(policy, *, signed=True, **members):
     with np.load(io.BytesIO(content_of(policy))) as file:
         held = {m: file[m] for m in MEMBERS}
     held.update(members)
+    if signed and all(held[m] is not None and held[m].dtype.kind != "O" for m in MEMBERS):
+        held["digest"] = np.array(digest_of({m: np.asarray(held[m]) for m in MEMBERS}))
     buffer = io.BytesIO()
     np.savez(buffer, **{k: v for k, v in held.items() if v is not None})
     return buffer.getvalue()
@@ -48,7 +50,7 @@ def test_round_trip_and_equal_bytes(policy, tmp_path):
 @pytest.mark.parametrize(
     "members",
     [
-        {"version": np.int64(2)},
+        {"version": np.int64(1)},
         {"kind": np.str_("oracle")},
         {"table": np.full((2, 3, 4, 4), np.nan, dtype=np.float32)},
         {"table": np.zeros((2, 3, 4, 5), dtype=np.float32)},
@@ -65,6 +67,19 @@ def test_round_trip_and_equal_bytes(policy, tmp_path):
 def test_wrong_members_are_refused(policy, members):
     with refused(Refusal, field="policy"):
         parse(changed(policy, **members), "p", "p.npz")
+
+
+@pytest.mark.parametrize("member", MEMBERS)
+def test_a_file_that_was_changed_after_it_was_written_is_refused(policy, member):
+    with np.load(io.BytesIO(content_of(policy))) as file:
+        array = file[member]
+    other = array + 0.25 if array.dtype.kind == "f" else np.array("x") if array.dtype.kind == "U" else array + 1
+    with pytest.raises(Refusal):
+        parse(changed(policy, signed=False, **{member: other}), "p", "p.npz")
+    if array.dtype.kind == "f":
+        with pytest.raises(Refusal, match="not as it was written"):
+            parse(changed(policy, signed=False, **{member: other}), "p", "p.npz")
+        assert parse(changed(policy, **{member: other}), "p", "p.npz").kind == policy.kind
 
 
 def test_truncated_foreign_and_pickled_files_are_refused(policy, tmp_path):
