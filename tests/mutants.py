@@ -49,7 +49,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/bus/codec.py": ("tests/schemas", "tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep"),
     "surefoot/bus/frame.py": ("tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep"),
     "surefoot/bus/inbox.py": ("tests/surefoot/bus/test_inbox.py", "tests/surefoot/lockstep/test_overload.py"),
-    "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py",),
+    "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py", "tests/surefoot/bus/test_endpoint.py"),
     "surefoot/files.py": ("tests/services/supervisor", "tests/services/walker/test_restart.py"),
     "surefoot/tables.py": ("tests/services/supervisor", "tests/surefoot/robot"),
     "surefoot/record/check.py": ("tests/surefoot/record",),

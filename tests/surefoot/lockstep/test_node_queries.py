@@ -80,6 +80,7 @@ def test_a_handler_that_refuses_is_heard_under_its_own_code(bench: Bench) -> Non
     with pytest.raises(CallError) as caught:
         bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()), instance=bench.node.instance)
     assert (caught.value.code, caught.value.message, caught.value.field) == ("refused", "not today", "contacts")
+    assert bench.node.refused == {"refused": 1}
 
 
 def test_an_answer_from_another_thread_comes_when_it_is_there(bench: Bench) -> None:

@@ -1,0 +1,30 @@
+"""Where services and clients find the router, and certificates that are not there."""
+
+from pathlib import Path
+
+import pytest
+
+from surefoot.bus.endpoint import DEFAULT_ENDPOINT, settings_file, to_connect
+from surefoot.errors import ConfigError
+from tests.surefoot.expect import expect_error
+
+CONNECT, LISTEN = "tcp/127.0.0.1:7001", "tcp/127.0.0.1:7002"
+
+
+@pytest.mark.parametrize(
+    ("connect", "listen", "found"),
+    [("", "", DEFAULT_ENDPOINT), ("", LISTEN, LISTEN), (CONNECT, "", CONNECT), (CONNECT, LISTEN, CONNECT)],
+)
+def test_the_router_is_where_the_environment_names_it_first(
+    connect: str, listen: str, found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SUREFOOT_CONNECT", connect)
+    monkeypatch.setenv("SUREFOOT_LISTEN", listen)
+    assert to_connect() == found
+
+
+def test_settings_of_an_identity_that_has_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SUREFOOT_SECURITY", str(tmp_path))
+    monkeypatch.delenv("SUREFOOT_IDENTITY", raising=False)
+    with expect_error(ConfigError, "not_found", text="`surefoot security init`"):
+        settings_file("surefoot/ragno", "walker")
