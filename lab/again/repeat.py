@@ -3,7 +3,7 @@
 import tempfile
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,9 @@ from surefoot.bus.codec import refusal_of
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.lockstep.local import LocalSystem
-from surefoot.record.recording import HASHES, SUMMARY, recording_info
-from surefoot.robot.reader import load_robot
+from surefoot.record.recording import HASHES, SUMMARY, recording_info, verify_recording
+from surefoot.robot.description import RobotError
+from surefoot.robot.reader import ROBOT_FILE, load_robot
 from surefoot.schemas.footholds import SelectReply
 from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest
 from surefoot.schemas.topics import FOOTHOLDS_SELECT, TICK_S
@@ -38,13 +39,14 @@ class RecordedRun:
     """Statements of a recording on its run.
 
     Attributes:
-        scenario: as run, with its actuation delay.
+        scenario: as run, with its actuation delay and robot.
         seed: of the run.
         run_hash: recorded hash.
         hashes: digest of each key.
         robot_hash: hash of the robot description.
         versions: of what computed the run.
         ticks: control ticks of the run.
+        files: that it depended on and the recording took with it, by name.
     """
 
     path: Path
@@ -55,13 +57,14 @@ class RecordedRun:
     robot_hash: str
     versions: dict[str, str]
     ticks: int
+    files: dict[str, bytes] = field(default_factory=dict[str, bytes], repr=False)
 
     @classmethod
     def of(cls, path: Path) -> "RecordedRun":
         """Read a recording.
 
         Raises:
-            SurefootError: it cannot be read, carries no scenario, was paced, or its robot is another one now.
+            SurefootError: it cannot be read, carries no scenario, or was paced.
         """
         metadata = recording_info(path)["metadata"]
         run, summary = metadata.get(RUN, {}), metadata.get(SUMMARY, {})
@@ -71,19 +74,55 @@ class RecordedRun:
             raise SurefootError("invalid", f"{path}: mode is {got!r}; only runs in lockstep repeat", "mode")
         if any(step.do == "kill" for step in scenario.steps):
             raise SurefootError("invalid", f"{path}: its scenario ends a service; such a run does not repeat", "step")
-        known = load_robot(run.get("robot", "")).hash
-        if run.get("robot_hash", known) != known:
-            raise SurefootError("invalid", f"{path}: robot {run['robot']!r} has changed since", "robot_hash")
         delay = int(run.get("actuation_delay_ticks", scenario.actuation_delay_ticks))
+        scenario = replace(scenario, actuation_delay_ticks=delay, robot=run.get("robot", scenario.robot))
         return cls(
-            path, replace(scenario, actuation_delay_ticks=delay), int(run["seed"]), summary.get("run_hash", ""),
+            path, scenario, int(run["seed"]), summary.get("run_hash", ""),
             metadata.get(HASHES, {}), run.get("robot_hash", ""), metadata.get(VERSIONS, {}),
-            int(summary.get("last_tick", scenario.max_ticks - 1)) + 1,
+            int(summary.get("last_tick", scenario.max_ticks - 1)) + 1, verify_recording(path).attachments,
         )  # fmt: skip
 
     def again(self, to: Path, meddle: Callable[[LocalSystem], None] = lambda system: None) -> str:
-        """Repeat the run into another recording and return its hash."""
-        return run_local(self.scenario, self.seed, recording=to, meddle=meddle).run_hash
+        """Repeat the run into another recording and return its hash.
+
+        Raises:
+            SurefootError: the robot is not known here or has changed since, and the recording took none with it.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            scenario = self._with_files(Path(folder))
+            return run_local(scenario, self.seed, recording=to, meddle=meddle).run_hash
+
+    def _with_files(self, folder: Path) -> Scenario:
+        """Return the scenario with the recording's files in the place of those that are gone, or others now."""
+        robot, scenario = self.scenario.robot or "", self.scenario
+        own = {name: folder / Path(name).name for name in self.files}
+        for name, path in own.items():
+            path.write_bytes(self.files[name])
+        try:
+            same = self.robot_hash in ("", load_robot(robot).hash)
+        except RobotError:
+            if ROBOT_FILE not in own:
+                raise
+            same = False
+        if not same:
+            if ROBOT_FILE not in own or load_robot(own[ROBOT_FILE]).hash != self.robot_hash:
+                raise SurefootError("invalid", f"{self.path}: robot {robot!r} has changed since", "robot_hash")
+            scenario = replace(scenario, robot=str(folder))
+        config = {service: dict(fields) for service, fields in scenario.config.items()}
+        for service, fields in config.items():
+            for name, value in fields.items():
+                kept = f"{service}.{name}{Path(str(value)).suffix}"
+                if kept in own and not _holds(Path(str(value)), self.files[kept]):
+                    fields[name] = str(own[kept])
+        return replace(scenario, config=config)
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    """Return whether a file has a content."""
+    try:
+        return path.read_bytes() == content
+    except OSError:
+        return False
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """A recording repeats its run: the same hash, the first difference by key, tick and field, changes from a tick on."""
 
 import json
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,9 @@ from surefoot.lab.again.repeat import Change, RecordedRun, changed, kept, verify
 from surefoot.lab.cli.main import main
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
+from surefoot.robot.reader import ROBOT_FILE, load_robot, robot_file
 from surefoot.schemas.base import Header
+from surefoot.services.footholds.models.files import shipped
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
 from tests.surefoot.expect import expect_error
 
@@ -135,3 +139,21 @@ def test_a_repetition_that_is_interrupted_leaves_no_file(tmp_path: Path) -> None
     with kept(out) as target:
         target.write_bytes(b"whole")
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"whole"]
+
+
+def test_a_run_whose_robot_and_model_are_gone_or_others_now_repeats_from_its_recording_alone(tmp_path: Path) -> None:
+    robot, model = tmp_path / "heavy", tmp_path / "model.json"
+    robot.mkdir()
+    text = robot_file("ragno").read_text()
+    (robot / ROBOT_FILE).write_text(re.sub(r"(?m)^mass = .*$", "mass = 1.3", text, count=1))
+    assert load_robot(robot).hash != load_robot("ragno").hash
+    shutil.copy(shipped("ragno") or "", model)
+    scenario = parse_scenario(f"{WALK}[config.footholds]\nslip_model = {json.dumps(str(model))}\n")
+    path = tmp_path / "run.mcap"
+    done = run_local(replace(scenario, robot=str(robot), max_duration_s=2.0), 5, recording=path)
+    shutil.rmtree(robot)
+    model.write_text("{}")
+    assert verify(path).repeated == done.run_hash
+    robot.mkdir()
+    (robot / ROBOT_FILE).write_text(text)  # another one in its place
+    assert verify(path).repeated == done.run_hash
