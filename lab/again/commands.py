@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..cli.output import EXIT_CHECK, Json, near, notify, refuse_existing, use_json, write, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from .bisect import FirstDifference
@@ -59,7 +60,7 @@ def verify(
     if out is not None:
         refuse_existing(out, force=False)
     notify(f"surefoot: repeating the run of {near(file)}")
-    found = repeat(file, out)
+    found = repeat(file, out, Progress(near(file)).at)
     if json:
         write_json({"same": found.same, **vars(found)})
     else:
@@ -78,8 +79,10 @@ def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
     """Repeat runs of the public list and show which have its hash."""
     from .public import public_runs
 
-    rows, runs = [], public_runs(names)
+    rows, runs, progress = [], public_runs(names), Progress("list")
+    every = sum(run.ticks for run in runs)
     for run in runs:
+        progress.at(sum(run.ticks for run, _ in rows) / every)
         notify(f"surefoot: repeating {run.scenario}, seed {run.seed}")
         rows.append((run, run.again()))
     same = sum(run == found for run, found in rows)
@@ -133,7 +136,7 @@ def whatif(
     run = RecordedRun.of(file)
     notify(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
     with kept(out) as target:
-        found = changed(run, at, changes, target)
+        found = changed(run, at, changes, target, Progress(near(file)).at)
         rows = compare(file, target, at)
     if json:
         write_json({"same": found == run.run_hash, "run_hash": found, "rows": [row._asdict() for row in rows]})

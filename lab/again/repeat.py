@@ -18,7 +18,7 @@ from surefoot.robot.description import RobotError
 from surefoot.robot.reader import ROBOT_FILE, load_robot
 from surefoot.schemas.footholds import SelectReply
 from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest
-from surefoot.schemas.topics import FOOTHOLDS_SELECT, TICK_S
+from surefoot.schemas.topics import FOOTHOLDS_SELECT, HW_TICK, TICK_S
 from surefoot.services.supervisor.scenarios.recorded import RUN, VERSIONS, recorded_scenario
 from surefoot.services.supervisor.scenarios.scenario import Scenario, Step
 
@@ -82,15 +82,30 @@ class RecordedRun:
             int(summary.get("last_tick", scenario.max_ticks - 1)) + 1, verify_recording(path).attachments,
         )  # fmt: skip
 
-    def again(self, to: Path, meddle: Callable[[LocalSystem], None] = lambda system: None) -> str:
+    def again(
+        self,
+        to: Path,
+        meddle: Callable[[LocalSystem], None] = lambda system: None,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> str:
         """Repeat the run into another recording and return its hash.
+
+        Args:
+            to: recording to write.
+            meddle: gets the system before the run begins.
+            progress: gets the share that is done.
 
         Raises:
             SurefootError: the robot is not known here or has changed since, and the recording took none with it.
         """
         with tempfile.TemporaryDirectory() as folder:
             scenario = self._with_files(Path(folder))
-            return run_local(scenario, self.seed, recording=to, meddle=meddle).run_hash
+
+            def prepare(system: LocalSystem) -> None:
+                meddle(system)
+                system.bus.subscribe(HW_TICK, lambda delivery: progress(delivery.header().tick / self.ticks))
+
+            return run_local(scenario, self.seed, recording=to, meddle=prepare).run_hash
 
     def _with_files(self, folder: Path) -> Scenario:
         """Return the scenario with the recording's files in the place of those that are gone, or others now."""
@@ -159,19 +174,22 @@ def kept(out: Path | None) -> Generator[Path]:
         yield Path(folder) / "again.mcap"
 
 
-def verify(path: Path, keep: Path | None = None) -> Verification:
+def verify(
+    path: Path, keep: Path | None = None, progress: Callable[[float], None] = lambda share: None
+) -> Verification:
     """Repeat a run from its recording alone, and compare.
 
     Args:
         path: recording of a run in lockstep.
         keep: file for the repetition; None = a temporary one.
+        progress: gets the share that is done.
 
     Raises:
         SurefootError: the recording holds too little, see `RecordedRun.of`.
     """
     run = RecordedRun.of(path)
     with kept(keep) as target:
-        found = run.again(target)
+        found = run.again(target, progress=progress)
         metadata = recording_info(target)["metadata"]
         now, digests = metadata.get(VERSIONS, {}), metadata.get(HASHES, {})
         changed = {n: (v, now.get(n, "absent")) for n, v in run.versions.items() if now.get(n) != v}
@@ -232,7 +250,13 @@ class Change:
         return None
 
 
-def changed(run: RecordedRun, at_s: float, changes: Sequence[Change], to: Path) -> str:
+def changed(
+    run: RecordedRun,
+    at_s: float,
+    changes: Sequence[Change],
+    to: Path,
+    progress: Callable[[float], None] = lambda share: None,
+) -> str:
     """Repeat a run with changes from a time on, and return the hash; without a change it is the recorded one.
 
     Args:
@@ -240,6 +264,7 @@ def changed(run: RecordedRun, at_s: float, changes: Sequence[Change], to: Path) 
         at_s: simulated time from which on the changes hold, s.
         changes: what is different.
         to: recording to write.
+        progress: gets the share that is done.
 
     Raises:
         SurefootError: the time is outside of the run, or the robot has no such leg or no foothold service.
@@ -250,7 +275,7 @@ def changed(run: RecordedRun, at_s: float, changes: Sequence[Change], to: Path) 
     steps = tuple(step for change in changes if (step := change.step(tick)) is not None)
     feet = {change.target: change.value for change in changes if change.name == FOOT}
     again = replace(run, scenario=replace(run.scenario, steps=(*run.scenario.steps, *steps)))
-    return again.again(to, lambda system: _shift(system, feet, tick) if feet else None)
+    return again.again(to, lambda system: _shift(system, feet, tick) if feet else None, progress)
 
 
 def _shift(system: LocalSystem, feet: dict[str, float], tick: int) -> None:

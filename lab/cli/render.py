@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .output import Json, near, notify, refuse_existing, use_json, write, write_json
+from .output import Json, near, refuse_existing, use_json, write, write_json
+from .progress import Progress
 
 
 def render(
@@ -27,16 +28,8 @@ def render(
 
     use_json(json)
     refuse_existing(out, force=force)
-    shown = -1
-
-    def progress(share: float) -> None:
-        nonlocal shown
-        if int(10 * share) > shown and not json:
-            shown = int(10 * share)
-            notify(f"{out.name}: {100 * share:.0f} %")
-
     shot = Shot((width, 2 * round(width * 9 / 32)), fps, speed, start, end, still, quality)
-    frames = paint(file, out, shot, progress)
+    frames = paint(file, out, shot, Progress(out.name).at)
     size = out.stat().st_size
     if json:
         write_json({"file": near(out), "frames": frames, "bytes": size})

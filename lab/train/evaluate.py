@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..cli.output import Json, use_json, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from surefoot.services.navigator.policy.params import NavigationModel
@@ -101,7 +102,7 @@ def _measured(model: "NavigationModel", name: str, seeds: "Seeds") -> tuple[Any,
         "sha256": policy.sha256,
         "provenance": dict(policy.provenance),
     }
-    return episodes(world, policy, seeds, knows=knows), about
+    return episodes(world, policy, seeds, knows=knows, progress=Progress(f"episodes of {about['name']}").at), about
 
 
 def _show(found: dict[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """Evaluation of policies: whole episodes on all cores, and their statistics."""
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 
 EVALUATION = 0
 """Random stream of evaluations; training run k uses stream k + 1, so no episode serves both."""
-CHUNK = 250
+CHUNK = 100
 ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
 """NEES on the edge of the ellipsoid that holds 95 % of a pose."""
 
@@ -46,7 +47,15 @@ class Seeds:
         return self.end - self.first
 
 
-def episodes(world: Arrays, policy: Policy, seeds: Seeds, *, knows: bool = False, stream: int = EVALUATION) -> Array:
+def episodes(
+    world: Arrays,
+    policy: Policy,
+    seeds: Seeds,
+    *,
+    knows: bool = False,
+    stream: int = EVALUATION,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Array:
     """Return the results (count, RESULTS) of a policy, computed on all cores.
 
     Args:
@@ -55,6 +64,7 @@ def episodes(world: Arrays, policy: Policy, seeds: Seeds, *, knows: bool = False
         seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
         knows: true pose and drift are given to the policy.
         stream: which stream of random numbers.
+        progress: gets the share that is done.
     """
     starts = range(seeds.first, seeds.end, CHUNK)
 
@@ -62,7 +72,11 @@ def episodes(world: Arrays, policy: Policy, seeds: Seeds, *, knows: bool = False
         return run_episodes(world, policy, stream, start, min(CHUNK, seeds.end - start), knows)
 
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        return np.concatenate(list(pool.map(part, starts)))
+        parts: list[Array] = []
+        for found in pool.map(part, starts):
+            parts.append(found)
+            progress(len(parts) / len(starts))
+    return np.concatenate(parts)
 
 
 def summary(results: Array) -> dict[str, Any]:
