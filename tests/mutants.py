@@ -342,9 +342,10 @@ def study(module: str, most: int | None, show: Callable[[str], None]) -> dict[st
         nodes = sorted(
             (mutant.refusal not in lines, took, node) for node, (took, lines) in taken.items() if mutant.line in lines
         )
-        if not nodes and mutant.what.partition(" ")[2] in LIMITS:  # of a class: taken when the module is imported
+        nodes = nodes[:MOST_TESTS]
+        if mutant.what.partition(" ")[2] in LIMITS:  # of a class: taken by no test but by the import of the module
             nodes = sorted((False, took, node) for node, (took, _) in known.items())
-        if not nodes or survives(path, mutant, [node for *_, node in nodes[:MOST_TESTS]]):
+        if not nodes or survives(path, mutant, [node for *_, node in nodes]):
             survivors.append(mutant.describe(text.splitlines()) + ("" if nodes else " (no test takes it)"))
             show(f"  {module}:{survivors[-1]}")
     return {"module": module, "checks": len(chosen), "killed": len(chosen) - len(survivors), "survivors": survivors}

@@ -6,11 +6,11 @@ from typing import Any, get_args
 
 import jsonschema
 import pytest
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from surefoot.bus.codec import MAX_BULK_BYTES, check_encoding, decode, encode, encoding_of, json_schema
 from surefoot.errors import Refusal
-from surefoot.schemas.base import Message, Reply, Request, Wire
+from surefoot.schemas.base import MAX_FEET, MAX_JOINTS, Message, PerFoot, Reply, Request, TickRequest, Wire
 from surefoot.schemas.calibration import FIELDS as CALIBRATE_FIELDS
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import FIELDS as WALK_FIELDS
@@ -112,6 +112,30 @@ def test_bad_payloads_are_named_refusals(payload: bytes, code: str, field: str |
     if field is not None:
         assert caught.value.field is not None
         assert caught.value.field.startswith(field.split(".")[0])
+
+
+@pytest.mark.parametrize(("field", "least"), [("tick", -1), ("epoch", 0), ("seq", 0)])
+def test_numbers_of_a_header_have_a_least_value(field: str, least: int) -> None:
+    head = '{"acc":[0,0,9.81],"gyro":[0,0,0],"%s":%d}'
+    assert getattr(decode(Imu, (head % (field, least)).encode()), field) == least
+    with expect_error(Refusal, "invalid", field):
+        decode(Imu, (head % (field, least - 1)).encode())
+
+
+@pytest.mark.parametrize("field", ["tick", "epoch"])
+def test_a_request_about_a_tick_names_one_that_can_be(field: str) -> None:
+    with expect_error(Refusal, "invalid", field):
+        decode(TickRequest, b'{"%s":-1}' % field.encode())
+
+
+def test_lists_of_joints_and_feet_are_bounded() -> None:
+    assert len(JointCommand(position=(0.0,) * MAX_JOINTS).position) == MAX_JOINTS
+    with expect_error(Refusal, "invalid", "position"):
+        decode(JointCommand, json.dumps({"position": [0.0] * (MAX_JOINTS + 1)}).encode())
+    bounds = TypeAdapter(PerFoot)
+    assert len(bounds.validate_python([0.0] * MAX_FEET)) == MAX_FEET
+    with pytest.raises(ValidationError):
+        bounds.validate_python([0.0] * (MAX_FEET + 1))
 
 
 def test_infinity_cannot_be_built_either() -> None:
