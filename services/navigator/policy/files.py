@@ -78,8 +78,6 @@ def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
     except FileError as error:
         code = "policy_unreadable" if error.code == "not_found" else "policy_invalid"
         raise Refusal(code, str(error), "policy") from None
-    if not content:
-        raise Refusal("policy_invalid", f"{path}: must have 1 to {MAX_BYTES} bytes", "policy")
     return parse(content, path.stem, str(path), actions)
 
 

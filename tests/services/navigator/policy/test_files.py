@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.errors import Refusal
+from surefoot.services.navigator.policy import files
 from surefoot.services.navigator.policy.arrays import arrays
 from surefoot.services.navigator.policy.files import MEMBERS, content_of, digest_of, load_policy, parse, save, shipped
 from surefoot.services.navigator.policy.library import find, known
@@ -157,3 +158,15 @@ def test_values_of_another_model_are_refused_or_computed_anew_in_words(tmp_path)
     assert find("sarsa-nao-paper", other, any_model=True).sha256  # studies may
     conduct = load("nao-paper", ["conduct.stuck=60", "odometry.turn=0.1", "drift.course='flip'"])
     assert find("sarsa-nao-paper", conduct).sha256  # no value depends on these
+
+
+def test_a_file_without_a_member_and_one_that_unpacks_to_too_much_are_refused_in_words(policy, monkeypatch):
+    with np.load(io.BytesIO(content_of(policy))) as file:
+        held = {name: file[name] for name in file.files if name != "grid"}
+    part = io.BytesIO()
+    np.savez(part, **held)
+    with pytest.raises(Refusal, match="lacks grid; a policy file has"):
+        parse(part.getvalue(), "p", "p.npz")
+    monkeypatch.setattr(files, "MAX_BYTES", 100)
+    with pytest.raises(Refusal, match="unpacks to"):
+        parse(content_of(policy), "p", "p.npz")
