@@ -101,7 +101,7 @@ class Bulk(Message):
 class Request(Wire):
     """Base of requests and commands: unknown fields are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid")
 
 
 def belonging(value: Any, info: ValidationInfo, choice: str, fields: Mapping[str, tuple[str, ...]]) -> Any:
