@@ -12,7 +12,7 @@ from surefoot.lab.estimation.faults import from_the_middle, turned
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import ForeignLog
 from surefoot.lab.estimation.peers.inekf import InekfNoise
-from surefoot.lab.estimation.planted import PLANTED
+from surefoot.lab.estimation.planted import PLANTED, first_altered, named
 from surefoot.lab.estimation.referees import run
 from surefoot.lab.estimation.scores import smoothed
 from surefoot.lab.estimation.track import Track
@@ -143,8 +143,15 @@ class Planted:
     """One fault on one log."""
 
     ratio: float  # error over 0.5 s from the fault on, over that without it
-    after: float  # s until a flag is false that is true without the fault, infinity = never
-    flag: str  # its name
+    flagged: float  # s from the first altered sample until a flag is false that is true without the fault
+    named: float  # s until its sensor and leg are named
+    wrong: bool  # another sensor was named within `AFTER_S`, which is not without the fault
+    shown: bool  # a sample was altered
+
+    @property
+    def right(self) -> bool:
+        """True if it was named in time, and nothing else."""
+        return self.named <= AFTER_S and not self.wrong
 
 
 def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: float) -> Planted:
@@ -158,15 +165,22 @@ def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: floa
         name: of the estimator.
         at_s: s since the start.
     """
-    bad = run(name, PLANTED[fault](log, at_s, foot))
+    changed = PLANTED[fault](log, at_s, foot)
+    bad, since = run(name, changed), first_altered(log, changed, at_s)
     rows = (log.seconds >= at_s) & (log.seconds <= log.seconds[-1] - log.end_s)
+    soon = (log.seconds >= since) & (log.seconds <= since + AFTER_S)
+
+    def until(mask: NDArray[np.bool_]) -> float:
+        later = np.flatnonzero((log.seconds >= since) & mask)
+        return float(log.seconds[later[0]]) - since if len(later) else float("inf")
+
+    flagged = min(until(~bad.flags[flag] & clean.flags[flag]) for flag in ALARMS)
+    right, wrong = np.zeros((2, len(rows)), dtype=np.bool_)
+    if bad.named is not None and clean.named is not None:
+        right, wrong = named(fault, foot, log.feet_count, bad.named)
+        wrong &= ~named(fault, foot, log.feet_count, clean.named)[1]
     ratio = _error(log, bad, rows) / _error(log, clean, rows)
-    found = (float("inf"), "none")
-    for flag in ALARMS:
-        late = np.flatnonzero(rows & ~bad.flags[flag] & clean.flags[flag])
-        if len(late):
-            found = min(found, (float(log.seconds[late[0]]) - at_s, flag))
-    return Planted(ratio, *found)
+    return Planted(ratio, flagged, until(right), bool(wrong[soon].any()), bool(np.isfinite(since)))
 
 
 def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:

@@ -3,17 +3,20 @@
 The truth of the log stays what it was: row i of the estimate belongs to row i of the clean log.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.services.estimator.inputs.results import BACKWARD, STEPPED
+
 from .log import Log
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 Plant = Callable[[Log, float, int], Log]
 """Log, s since its start, and the foot at fault to the log with the fault."""
 
@@ -117,3 +120,49 @@ PLANTED: dict[str, Plant] = {
     "inertial unit still 0.5 s": still_imu,
 }
 """Faults by name."""
+
+
+def first_altered(log: Log, bad: Log, at_s: float) -> float:
+    """Return the time of the first sample from a time on that a fault has altered, s; infinity: there is none.
+
+    Before it nothing can show the fault: a switch that is stuck on while its foot stands is right.
+    """
+    feet = min(len(log.foot_ns), len(bad.foot_ns))
+    altered = np.zeros(feet, dtype=np.bool_)
+    for name in ("foot_ns", *SWITCHES, *ENCODERS):
+        one, other = getattr(log, name), getattr(bad, name)
+        if one is not None:
+            altered |= (one[:feet] != other[:feet]).reshape(feet, -1).any(axis=1)
+    rows = (log.stamp_ns != bad.stamp_ns) | (log.w != bad.w).any(axis=1)
+    stamps = np.concatenate([log.foot_ns[:feet][altered], log.stamp_ns[rows]])
+    return max(at_s, 1e-9 * float(stamps.min() - log.stamp_ns[0])) if stamps.size else float("inf")
+
+
+def named(fault: str, foot: int, feet: int, found: Mapping[str, Ints]) -> tuple[Flags, Flags]:
+    """Return the rows in which a fault is named, and those in which a sensor is named that is not wrong, (n,) each.
+
+    Args:
+        fault: name in `PLANTED`.
+        foot: at fault.
+        feet: their number.
+        found: `Track.named`.
+    """
+    own, pair, every = 1 << foot, (1 << foot) | (1 << (foot ^ 1)), (1 << feet) - 1
+    legs = {
+        "switch stuck on": ("switches", own), "switch stuck off": ("switches", own),
+        "switches swapped": ("switches", pair),
+        "legs swapped": ("swapped", pair), "encoders of a leg frozen": ("still", own),
+        "all encoders frozen": ("still", every), "encoder jumps 3 cm": ("jumping", own),
+        "encoder off by 2 cm": ("jumping", own), "leg scaled by 1.1": ("jumping", own),
+    }  # fmt: skip
+    sensor, bits = legs.get(fault, ("", 0))
+    wrong = np.zeros(len(found["switches"]), dtype=np.bool_)
+    for name in ("switches", "jumping", "still", "swapped"):
+        wrong |= (found[name] & ~(bits if name == sensor else 0)) != 0
+    if sensor:
+        return (found[sensor] & bits) == bits if sensor != "switches" else (found[sensor] & bits) != 0, wrong
+    if fault == "feet late 50 ms":
+        return found["late_ns"] > 0, wrong
+    if fault == "clock back 0.1 s":
+        return np.isin(found["refused"], (BACKWARD, STEPPED)), wrong
+    return found["imu_frozen"] != 0, wrong

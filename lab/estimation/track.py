@@ -23,7 +23,7 @@ from surefoot.services.estimator.feet.contact import (
 )
 from surefoot.services.estimator.feet.mount import FootMount
 from surefoot.services.estimator.filter.best import ExternalUse
-from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
+from surefoot.services.estimator.filter.log import FLAGS, NAMED, LogInputs, LogRows
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
@@ -62,6 +62,7 @@ class Track:
     joint: Array | None = None  # (n, 12, 12) covariance of g, v, gyro and accelerometer bias, IMU axes, if wanted
     pose: Array | None = None  # (n, 6, 6) covariance of x, y, z and the rotation about x, y, z, odom axes
     externals: ExternalUse | None = None  # what has become of samples from elsewhere
+    named: Mapping[str, Ints] | None = None  # `NAMED` -> (n,) sensors that are wrong, of `best`
 
 
 def track(name: str, log: Log, **options: Any) -> Track:
@@ -221,7 +222,7 @@ def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     return Track(
         name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, nis, running.refused, rows.more[:, 4:],
         None, gyro_bias, acc_bias, rows.joint if running.joint else None, rows.pose,
-        None if log.external is None else running.externals,
+        None if log.external is None else running.externals, dict(zip(NAMED, rows.named.T, strict=True)),
     )  # fmt: skip
 
 

@@ -16,7 +16,30 @@ NO_CONTACT_S = 0.5  # last contact of any foot older than this: contacts are abs
 UNCORRECTED_S = 1.0  # prediction only for longer: the velocity is worth little
 MAX_NIS = 16.0  # 3 expected, 13 at most on clean logs of others: the feet contradict the inertial unit or each other
 STANDING = ("standing",)  # reasons of a robot that stands and is well
+LEG_WORDS = (
+    "left out: foot {}, which contradicts the other sensors",
+    "switch of foot {} contradicts its motion: stuck, or swapped; its height decides",
+    "encoders of foot {} jump",
+    "left out: foot {}, whose encoders stand still",
+    "encoders of foot {} are swapped, and taken the other way round",
+)
+"""Reason of each part of `LegSensors` that names feet."""
 ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is reported
+
+
+class LegSensors(NamedTuple):
+    """Feet whose sensors are wrong, bit f for foot f."""
+
+    left_out: int  # it contradicts what is known of the motion: any of its sensors
+    switches: int  # its switch contradicts its motion
+    jumping: int  # its encoders have jumped
+    still: int  # its encoders stand still
+    swapped: int  # its encoders are those of another foot
+    late_ns: int  # time by which the stamps of all feet are late, ns
+
+
+NO_LEGS = LegSensors(0, 0, 0, 0, 0, 0)
+"""All sensors of the legs are right."""
 
 
 class Condition(NamedTuple):
@@ -32,7 +55,7 @@ class Condition(NamedTuple):
     since_feet_s: float
     since_contact_s: float
     since_velocity_s: float  # since the feet last corrected the velocity
-    mistrusted: int  # feet that are left out, bit f for foot f: they contradict what is known of the motion
+    legs: LegSensors
     blind: bool  # all feet are left out
     external_out: int = 0  # samples from elsewhere in a row that were left out
 
@@ -45,9 +68,10 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
         consistent and corrected; sensors_ok: no sensor is saturated, frozen, absent or contradicts the others, and the
         robot does not fall.
     """
-    faults = c.faults
+    faults, legs = c.faults, c.legs
+    legs_wrong = legs.left_out | legs.switches | legs.jumping | legs.still | legs.swapped | legs.late_ns
     joints_frozen = faults.feet_repeat and c.initialised and not c.standing
-    broken = faults.imu_frozen or joints_frozen or faults.saturated or faults.weightless or c.mistrusted > 0
+    broken = faults.imu_frozen or joints_frozen or faults.saturated or faults.weightless or legs_wrong != 0
     inputs_ok = not faults.refused and c.since_feet_s < SILENT_S
     filter_ok = c.initialised and c.healthy and c.nis < MAX_NIS and c.since_velocity_s < UNCORRECTED_S and not c.blind
     sensors_ok = not broken and c.since_feet_s < SILENT_S and c.since_contact_s < NO_CONTACT_S
@@ -103,9 +127,11 @@ def reasons(
         out.append("the estimate is out of all bounds")
     if math.isfinite(c.nis) and c.nis >= MAX_NIS:
         out.append(f"inconsistent: normalised innovation {c.nis:.0f}, 3 expected")
-    if c.mistrusted:
-        feet = ", ".join(str(f) for f in range(len(slipping)) if (c.mistrusted >> f) & 1)
-        out.append(f"left out: foot {feet}, which contradicts the other sensors: its switch, an encoder, or the order")
+    for bits, words in zip(c.legs, LEG_WORDS, strict=False):
+        if bits:
+            out.append(words.format(", ".join(str(f) for f in range(len(slipping)) if (bits >> f) & 1)))
+    if c.legs.late_ns:
+        out.append(f"the stamps of the feet are {1e-6 * c.legs.late_ns:.0f} ms late, which is taken off")
     if c.external_out:
         out.append(f"left out: {c.external_out} samples from elsewhere, which contradict the estimate")
     if c.slipping:

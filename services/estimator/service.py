@@ -102,7 +102,7 @@ class EstimatorService(Service[EstimatorConfig]):
         if result is InputResult.OK and e.initialised and -TICK_S < behind_s < LATE_JOINTS_S:
             feet, closed = feet_in_odom(self._mount, q, e.pose(), behind_s), np.asarray(touch.any(axis=1))
             faulty = self._faults.update(q, joints.stamp_ns, closed, self._slip.risen(feet[0]))
-            self._stances += self._slip.update(closed, *feet, faulty)
+            self._stances += self._slip.update(closed, *feet, faulty | e.wrong_legs)
 
     def _log(self, source: str, result: InputResult) -> None:
         """Log the first refusal of its kind; the rest is in the counters."""

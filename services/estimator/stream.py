@@ -17,7 +17,7 @@ from .filter.hypotheses import modes_of
 from .filter.intake import NOW_NS
 from .filter.log import LogInputs, LogRows, new_rows
 from .filter.noise import best_limits, best_noise
-from .health import STANDING, Condition, flags, reasons
+from .health import NO_LEGS, STANDING, Condition, flags, reasons
 from .inputs.clock import bounded
 from .inputs.counters import InputCheck
 from .inputs.external import ExternalSample
@@ -209,7 +209,7 @@ class Estimator:
         return self.check.count(source, InputResult.SHAPE, stamp_ns)
 
     def _restart_groups(self, result: InputResult) -> None:
-        if result is InputResult.RESTART:
+        if result in (InputResult.RESTART, InputResult.STEPPED):
             for _, group in self._groups:
                 group.restart_clock()
 
@@ -243,6 +243,13 @@ class Estimator:
     def best(self) -> BestOutput:
         """The present output of the `best` filter."""
         return self._best.output
+
+    @property
+    def wrong_legs(self) -> Flags:
+        """True for feet of which `best` has found a sensor wrong, (L,)."""
+        legs = NO_LEGS if self.best.quiet else self._best.condition.legs
+        bits = legs.left_out | legs.switches | legs.jumping | legs.still | legs.swapped
+        return (bits >> np.arange(self._feet)) & 1 > 0
 
     @property
     def initialised(self) -> bool:

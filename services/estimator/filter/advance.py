@@ -14,8 +14,9 @@ from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
 from .external import take_external
 from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
-from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
+from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, S, X
 from .level import stand_on_levels
+from .monitor import believed, watch_sensors
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
 from .pose import grow_pose
@@ -139,68 +140,6 @@ def _correct(
 
 
 @kernel
-def _repeated(likely: BestState, gyro: Array, samples: SampleStore, row: int, foot: NDArray[np.int64]) -> Array:
-    """Return the path of the IMU's turning, (L,) rad, while each foot repeats one sample on the ground.
-
-    Where the whole sample is the last one, encoders of a low rate are held, and nothing is learned.
-
-    Args:
-        likely: the likeliest hypothesis.
-        gyro: newest sample, (3,) rad/s, IMU axes.
-        samples: filled rows.
-        row: of the feet.
-        foot: of each contact point, (K,).
-    """
-    feet, path = samples.feet.shape[1], np.zeros(samples.feet.shape[1])
-    same, contact, turn = np.zeros(feet, dtype=np.bool_), np.zeros(feet), 0.0
-    for k in range(foot.size):
-        path[foot[k]] = likely.points[k, P.repeated]
-        contact[foot[k]] = samples.contact[row, k]
-    if row == 0:
-        return path
-    for f in range(feet):
-        same[f] = True
-        for i in range(3):
-            same[f] = same[f] and samples.feet[row, f, i] == samples.feet[row - 1, f, i]
-    if np.all(same):
-        return path
-    for i in range(3):
-        turn += (gyro[i] - likely.x[X.gyro_bias + i]) ** 2
-    turn = math.sqrt(turn)
-    step = min(1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1]), FIXED.longest_repeat)
-    for f in range(feet):
-        if not same[f]:
-            path[f] = 0.0
-        elif contact[f] >= 0.5 and turn > FIXED.turning:
-            path[f] += turn * step
-    return path
-
-
-@kernel
-def believed(state: BestState, samples: SampleStore, row: int, foot: NDArray[np.int64]) -> Array:
-    """Return the contacts (K,) of a row of the feet, 0 for feet whose samples hardly fit or whose encoders stand still.
-
-    Such a foot is left out until the mistrust in it has faded, in place: its switch hangs, or its encoders err.
-    """
-    contact, at = samples.contact[row].copy(), likeliest(state)
-    likely = state if at < 0 else mode(state, at)
-    points, gyro = likely.points, state.memory[M.last_gyro : M.last_gyro + 3]
-    worst, path = np.zeros(samples.feet.shape[1]), _repeated(likely, gyro, samples, row, foot)
-    for k in range(foot.size):
-        worst[foot[k]] = max(worst[foot[k]], points[k, P.mistrust])
-    for k in range(foot.size):
-        mistrust = 1.0 if path[foot[k]] > FIXED.most_repeated else worst[foot[k]]
-        if mistrust > FIXED.most_mistrust:
-            contact[k] = 0.0
-            if points[k, P.down] > 0.0:
-                mistrust = 1.0
-        state.points[k, P.mistrust], state.points[k, P.repeated] = mistrust, path[foot[k]]
-        for h in range(state.weight.size):
-            state.mode_points[h, k, P.mistrust], state.mode_points[h, k, P.repeated] = mistrust, path[foot[k]]
-    return contact
-
-
-@kernel
 def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int64], geometry: BestGeometry) -> bool:
     """Return True if a sample of the feet has the errors of the last one: it comes soon after, with the same contacts.
 
@@ -222,7 +161,12 @@ def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int6
 def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSetting) -> None:
     """Correct with a row of the samples of the feet at the time of the state, in place."""
     geometry, noise = setting.geometry, setting.noise
-    y, turn = points_of(geometry.foot, geometry.place, samples.feet[row], samples.foot_rots[row])
+    watch_sensors(state, samples, row, geometry.foot, settled(state))
+    position, rot = samples.feet[row].copy(), samples.foot_rots[row].copy()
+    for f in range(position.shape[0]):
+        source = int(state.sensors[f, S.source])
+        position[f], rot[f] = samples.feet[row, source], samples.foot_rots[row, source]
+    y, turn = points_of(geometry.foot, geometry.place, position, rot)
     contact, closed = believed(state, samples, row, geometry.foot), samples.closed[row]
     at, losses = likeliest(state), state.memory[M.losses]
     dt = max(state.memory[M.since] if at < 0 else state.mode_memory[at, M.since], 0.0)

@@ -12,7 +12,7 @@ from surefoot.kernels.jit import kernel
 from ..feet.contact import BestGeometry
 from ..health import Condition, flags_of, is_quiet
 from ..inputs.counters import InputCheck
-from ..inputs.results import RESTART
+from ..inputs.results import OK, RESTART, STEPPED
 from ..output import express
 from .hypotheses import modes_of
 from .intake import FilterParts, boxed, new_clock, restart, take_external, take_feet, take_imu
@@ -125,19 +125,19 @@ class BestFilter:
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
         """Take an inertial sample and return the code of its result, see `take_imu`."""
         self.outdate()
-        code = take_imu(self._box, stamp_ns, w, q, clipped, False)
-        if code == RESTART:
-            self._restart()
-            code = take_imu(self._box, stamp_ns, w, q, clipped, True)
+        code = take_imu(self._box, stamp_ns, w, q, clipped, OK)
+        if RESTART <= code <= STEPPED:
+            self._restart(stamp_ns)
+            code = take_imu(self._box, stamp_ns, w, q, clipped, code)
         return code
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
         """Take a sample of the feet and return the code of its result, see `take_feet`."""
         self.outdate()
-        code = take_feet(self._box, stamp_ns, position, rot, contact, False)
-        if code == RESTART:
-            self._restart()
-            code = take_feet(self._box, stamp_ns, position, rot, contact, True)
+        code = take_feet(self._box, stamp_ns, position, rot, contact, OK)
+        if RESTART <= code <= STEPPED:
+            self._restart(stamp_ns)
+            code = take_feet(self._box, stamp_ns, position, rot, contact, code)
         return code
 
     def external(self, stamp_ns: int, row: Array) -> int:
@@ -158,9 +158,9 @@ class BestFilter:
         snapshots = replay.snapshots
         self.__setstate__(parts._replace(state=state, replay=parts.replay._replace(snapshots=snapshots)))
 
-    def _restart(self) -> None:
+    def _restart(self, stamp_ns: int) -> None:
         report(self._box)
-        restart(self._box)
+        restart(self._box, stamp_ns)
 
     def follow(self, log: LogInputs, order: NDArray[np.int64], rows: LogRows, first: int) -> None:
         """Take inputs of a log and write the estimates, see `follow_log`."""

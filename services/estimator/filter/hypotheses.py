@@ -51,6 +51,7 @@ def mode(state: BestState, h: int) -> BestState:
     return BestState(
         state.mode_x[h], state.mode_cov[h], state.mode_points[h], state.mode_turn[h], state.mode_memory[h],
         state.mode_x, state.mode_cov, state.mode_points, state.mode_turn, state.mode_memory, state.weight[:0],
+        state.sensors,
     )  # fmt: skip
 
 
@@ -202,7 +203,7 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
         if prior[t] > 0.0 and not own[t]:
             one = BestState(
                 x[t], cov[t], points[t], turn[t], memory[t], empty.mode_x, empty.mode_cov, empty.mode_points,
-                empty.mode_turn, empty.mode_memory, empty.weight,
+                empty.mode_turn, empty.mode_memory, empty.weight, empty.sensors,
             )  # fmt: skip
             mean_of(state, shares[t], one)
     for t in range(count):

@@ -10,12 +10,29 @@ from surefoot.kernels.jit import kernel
 
 from ..feet.contact import probabilities
 from ..feet.mount import known_feet
-from ..inputs.check import IMU, KINEMATICS, CheckLimits, CheckState, check_feet, check_imu, check_units, count_result
+from ..inputs.check import (
+    BACK,
+    FOR_EVER,
+    IMU,
+    KINEMATICS,
+    KNOWN,
+    LATE_FEET_NS,
+    LIGHT_NS,
+    NEWEST,
+    TURN_NS,
+    CheckLimits,
+    CheckState,
+    check_feet,
+    check_imu,
+    check_units,
+    count_result,
+)
 from ..inputs.clock import WINDOW_NS
-from ..inputs.results import AHEAD, DUPLICATE, LATE, OK, RESTART, SATURATED
+from ..inputs.results import AHEAD, BACKWARD, DUPLICATE, LATE, OK, RESTART, SATURATED, STEPPED
+from ..inputs.stamps import MOST_BACK, has_room, late_by
 from .noise import BestSetting
-from .replay import EXTERNAL_END, FEET_END, IMU_END, Replay, note_sample, restart_clock
-from .samples import insert_external, insert_feet, insert_imu
+from .replay import EXTERNAL_END, FEET_END, IMU_END, Replay, note_sample, restart_clock, step_clock
+from .samples import ROW_Q, ROW_W, after, insert_external, insert_feet, insert_imu
 from .state import BestState
 
 Array = NDArray[np.float64]
@@ -61,7 +78,25 @@ def boxed(parts: FilterParts) -> KernelBox[FilterParts]:
 
 
 @kernel
-def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, clipped: bool, restarted: bool) -> int:
+def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
+    """Return `BACKWARD` for a sample that is old where none is missing, `DUPLICATE` at the stamp of another, else `OK`.
+
+    One that was sent twice is no such sample.
+    """
+    samples, end = parts.replay.samples, parts.replay.marks[IMU_END]
+    at = after(samples.imu_stamps[:end], stamp_ns)
+    if at == 0 or stamp_ns <= parts.clock.stamps[NOW_NS] - WINDOW_NS:
+        return OK
+    if samples.imu_stamps[at - 1] != stamp_ns:
+        return OK if has_room(samples.imu_stamps[:end], at, parts.check_limits.period_ns) else BACKWARD
+    for i in range(3):
+        if samples.imu[at - 1, ROW_W + i] != w[i] or samples.imu[at - 1, ROW_Q + i] != q[i]:
+            return DUPLICATE
+    return OK
+
+
+@kernel
+def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, clipped: bool, restarted: int) -> int:
     """Check an inertial sample and insert it, in place; return the code of its result.
 
     Args:
@@ -70,14 +105,18 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
         w: (3,) rad/s, IMU axes.
         q: (3,) m/s^2, IMU axes.
         clipped: an axis was at the end of its range.
-        restarted: the sample was checked with the result RESTART, and `restart` has been called since. Without it such
-            a sample is not inserted: `restart` would be compiled into this kernel with the whole filter.
+        restarted: code of its check, RESTART or STEPPED, if `restart` has been called since, else OK. Without it such a
+            sample is not inserted: `restart` would be compiled into this kernel with the whole filter.
     """
     parts = box.parts
     if clipped and not restarted:
         return count_result(parts.check, IMU, SATURATED, stamp_ns)
-    code = RESTART if restarted else check_imu(parts.check, parts.check_limits, stamp_ns, w, q)
-    if code >= RESTART and not restarted:
+    marks, old = parts.check.marks, OK if restarted != OK else _steps_back(parts, stamp_ns, w, q)
+    marks[BACK] = marks[BACK] + 1 if old != OK else 0
+    if old != OK:
+        return STEPPED if marks[BACK] >= MOST_BACK else count_result(parts.check, IMU, old, stamp_ns)
+    code = check_imu(parts.check, parts.check_limits, stamp_ns, w, q) if restarted == OK else restarted
+    if code >= RESTART and restarted == OK:
         return code
     end = insert_imu(parts.replay.samples, parts.replay.marks[IMU_END], stamp_ns, w, q)
     if end < 0:
@@ -90,8 +129,23 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
 
 
 @kernel
+def _late(parts: FilterParts) -> int:
+    """Take the time by which the stamps of the feet are late off them, in place, and return it, ns; see `stamps`."""
+    replay, end = parts.replay, parts.replay.marks[FEET_END]
+    row, late = late_by(replay.samples.feet_stamps[:end], replay.samples.feet[:end])
+    if late > 0:
+        replay.samples.feet_stamps[row:end] -= late
+        note_sample(replay, FEET_END, end, replay.samples.feet_stamps[row])
+        parts.check.marks[LATE_FEET_NS] += late
+        parts.check.clocks[KINEMATICS, NEWEST] -= late
+        parts.clock.stamps[FEET_NS] -= late
+        parts.clock.stamps[CONTACT_NS] -= late
+    return late
+
+
+@kernel
 def take_feet(
-    box: KernelBox[FilterParts], stamp_ns: int, position: Array, rot: Array, contact: Array, restarted: bool
+    box: KernelBox[FilterParts], stamp_ns: int, position: Array, rot: Array, contact: Array, restarted: int
 ) -> int:
     """Check a sample of the feet and insert it, in place; return the code of its result.
 
@@ -104,8 +158,11 @@ def take_feet(
         restarted: see `take_imu`.
     """
     parts = box.parts
-    code = RESTART if restarted else check_feet(parts.check, stamp_ns, position)
-    if code >= RESTART and not restarted:
+    stamp_ns -= parts.check.marks[LATE_FEET_NS]
+    if parts.check.marks[BACK] > 0:
+        return count_result(parts.check, KINEMATICS, BACKWARD, stamp_ns)
+    code = check_feet(parts.check, stamp_ns, position) if restarted == OK else restarted
+    if code >= RESTART and restarted == OK:
         return code
     stamps, geometry, replay = parts.clock.stamps, parts.setting.geometry, parts.replay
     seen, turn, known, closed, stands = known_feet(position, rot, contact)
@@ -114,6 +171,8 @@ def take_feet(
     if end < 0:
         return count_result(parts.check, KINEMATICS, DUPLICATE, stamp_ns)
     note_sample(replay, FEET_END, end, stamp_ns)
+    if stamp_ns > stamps[FEET_NS]:
+        stamp_ns -= _late(parts)
     check_units(parts.check, stamp_ns, seen, turn, known, geometry.foot, geometry.place)
     stamps[FEET_NS] = max(stamps[FEET_NS], stamp_ns)
     if stands:
@@ -138,8 +197,21 @@ def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int
 
 
 @kernel
-def restart(box: KernelBox[FilterParts]) -> None:
-    """Begin a new clock with a state that has been brought up, in place."""
+def restart(box: KernelBox[FilterParts], stamp_ns: int) -> None:
+    """Begin a new clock with a state that has been brought up, in place.
+
+    After a step back of less than the window the estimate goes on: the newest sample is `MOST_BACK` periods older than
+    `stamp_ns`, that of the sample that comes next.
+    """
     parts = box.parts
-    restart_clock(parts.replay, parts.state)
-    parts.clock.stamps[:] = 0
+    marks, clocks, stamps = parts.check.marks, parts.check.clocks, parts.clock.stamps
+    if marks[BACK] < MOST_BACK:
+        restart_clock(parts.replay, parts.state)
+        stamps[:], marks[LATE_FEET_NS] = 0, 0
+        return
+    last = stamp_ns - MOST_BACK * int(parts.check_limits.period_ns)
+    step_clock(parts.replay, parts.state, last)
+    stamps -= stamps[NOW_NS] - last
+    clocks[IMU, NEWEST], clocks[KINEMATICS, KNOWN] = stamp_ns, 0
+    marks[TURN_NS], marks[LIGHT_NS], marks[BACK] = last, FOR_EVER, 0
+    count_result(parts.check, IMU, STEPPED, stamp_ns)

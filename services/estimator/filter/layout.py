@@ -39,7 +39,7 @@ class ErrorLayout(NamedTuple):
 
 
 class PointLayout(NamedTuple):
-    """Columns of `BestState.points`, (K, 12)."""
+    """Columns of `BestState.points`, (K, 11)."""
 
     down: int = 0
     """1 while the point stands, else 0."""
@@ -61,12 +61,33 @@ class PointLayout(NamedTuple):
     """Switches of its foot that were closed at the last sample, bit s for switch s."""
     mistrust: int = 10
     """Share of its recent samples that were outliers, 0 to 1; it stays when the point is lifted."""
-    repeated: int = 11
-    """Path of the IMU's turning while the samples of its foot repeat one on the ground, rad; it stays likewise."""
+
+
+class SensorLayout(NamedTuple):
+    """Columns of `BestState.sensors`, one row for each foot, see `monitor`."""
+
+    source: int = 0
+    """Foot whose encoders are those of this foot: its own, unless two are swapped."""
+    trunk: int = 1
+    """Velocity of the trunk if this foot stands, odom axes, (3,) m/s."""
+    strange: int = 4
+    """What it shows beside the inertial unit, odom axes, (3,) m/s."""
+    against: int = 7
+    """Mean logarithm by which its motion contradicts its switch."""
+    switch: int = 8
+    """Mistrust in its switch, 0 to 1; it fades."""
+    jump: int = 9
+    """Mistrust in its encoders since they jumped, likewise."""
+    still: int = 10
+    """Mistrust in its encoders since they stood still, likewise."""
+    held: int = 11
+    """Time for which its samples have repeated one, s."""
+    repeated: int = 12
+    """Path of the IMU's turning meanwhile, rad."""
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (85,)."""
+    """First index of each part of `BestState.memory`, (86,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -130,15 +151,17 @@ class MemoryLayout(NamedTuple):
     """Mean square distance in height of feet that stand on one level, m^2; see `level`."""
     slope: int = 48
     """Weighted sums x^2, x y, y^2, x z, y z over pairs of such feet, (5,) m^2; see `level`."""
-    levels: int = 53
+    watched: int = 53
+    """Samples of the feet since the motion of the feet was compared with their switches."""
+    levels: int = 54
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 
 LEVEL, LEVELS = 4, 8
 """Numbers of a level, and most levels that are remembered."""
-X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.repeated + 1, M.levels + LEVEL * LEVELS
-"""Number of columns of a point, and of numbers in the memory."""
+X, E, P, S, M = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), MemoryLayout()
+POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.repeated + 1, M.levels + LEVEL * LEVELS
+"""Number of columns of a point and of the sensors of a foot, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""
 NO_FEET = LONG_AGO = -1.0

@@ -12,9 +12,9 @@ from surefoot.geometry.rotations import wrap_angle
 from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import inner_kernel, kernel
 
-from ..health import flags_of
-from ..inputs.check import REFUSED
-from ..inputs.results import RESTART
+from ..health import LegSensors, flags_of
+from ..inputs.check import BAD_CODE, REFUSED
+from ..inputs.results import OK, RESTART, STEPPED
 from .intake import FilterParts, restart, take_external, take_feet, take_imu
 from .replay import bring_up
 from .samples import EXTERNAL_WIDTH
@@ -27,6 +27,8 @@ Flags = NDArray[np.bool_]
 
 FLAGS = ("initialised", "standing", "inputs_ok", "filter_ok", "sensors_ok")
 """Columns of `LogRows.flags`."""
+NAMED = (*LegSensors._fields, "refused", "imu_frozen")
+"""Columns of `LogRows.named`: `LegSensors`, code of the last refusal while it counts, a frozen inertial unit."""
 
 
 class LogInputs(NamedTuple):
@@ -54,6 +56,7 @@ class LogRows(NamedTuple):
     yaw: Array  # (n,) rad, not wrapped
     flags: Flags  # (n, 5)
     refused: Ints  # (n,) inputs refused so far
+    named: Ints  # (n, 8) see `NAMED`
     joint: (
         Array  # (n, 12, 12) covariance of (g, v) and the biases of gyro and accelerometer, or (0, 12, 12): not wanted
     )
@@ -64,6 +67,7 @@ def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
     return LogRows(
         np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
+        np.zeros((n, len(NAMED)), dtype=np.int64),
         np.zeros((n if joint else 0, 12, 12)),
     )  # fmt: skip
 
@@ -81,6 +85,9 @@ def _note_row(rows: LogRows, at: int, parts: FilterParts) -> None:
     c = condition(parts, vectors, more, covariance)
     flags[at, 0], flags[at, 1] = c.initialised, c.standing
     flags[at, 2], flags[at, 3], flags[at, 4] = flags_of(c)
+    named = rows.named[at]
+    named[0], named[1], named[2], named[3], named[4], named[5] = c.legs
+    named[6], named[7] = (parts.check.marks[BAD_CODE] if c.faults.refused else 0), c.faults.imu_frozen
 
 
 @kernel
@@ -102,10 +109,11 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
         if at < n:
             stamp_ns, w, q = int(log.stamp_ns[at]), log.w[at], log.q[at]
             clipped = log.clipped[at]
-            if take_imu(box, stamp_ns, w, q, clipped, False) == RESTART:  # pyright: ignore[reportArgumentType]
+            code = take_imu(box, stamp_ns, w, q, clipped, OK)  # pyright: ignore[reportArgumentType]
+            if RESTART <= code <= STEPPED:
                 bring_up(parts.replay, parts.state, parts.setting)
-                restart(box)
-                take_imu(box, stamp_ns, w, q, clipped, True)  # pyright: ignore[reportArgumentType]
+                restart(box, stamp_ns)
+                take_imu(box, stamp_ns, w, q, clipped, code)  # pyright: ignore[reportArgumentType]
             row = at - first
         elif at >= feet_end:
             e = at - feet_end
@@ -113,10 +121,11 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
         else:
             m = at - n
             stamp_ns, position, rot, contact = int(log.foot_ns[m]), log.position[m], log.rot[m], log.contact[m]
-            if take_feet(box, stamp_ns, position, rot, contact, False) == RESTART:
+            code = take_feet(box, stamp_ns, position, rot, contact, OK)
+            if RESTART <= code <= STEPPED:
                 bring_up(parts.replay, parts.state, parts.setting)
-                restart(box)
-                take_feet(box, stamp_ns, position, rot, contact, True)
+                restart(box, stamp_ns)
+                take_feet(box, stamp_ns, position, rot, contact, code)
         if row >= 0 and (i + 1 == order.size or order[i + 1] < n):
             bring_up(parts.replay, parts.state, parts.setting)
             _note_row(rows, row, parts)

@@ -61,6 +61,7 @@ def _snap(replay: Replay, state: BestState) -> None:
     kept.turn[at], kept.memory[at], kept.weight[at] = state.turn, state.memory, state.weight
     kept.mode_x[at], kept.mode_cov[at], kept.mode_points[at] = state.mode_x, state.mode_cov, state.mode_points
     kept.mode_turn[at], kept.mode_memory[at] = state.mode_turn, state.mode_memory
+    kept.sensors[at] = state.sensors
 
 
 @kernel
@@ -76,7 +77,7 @@ def _go_back(replay: Replay, state: BestState) -> None:
     state.turn[:], state.memory[:], state.weight[:] = kept.turn[last], kept.memory[last], kept.weight[last]
     state.mode_x[:], state.mode_cov[:] = kept.mode_x[last], kept.mode_cov[last]
     state.mode_points[:], state.mode_turn[:] = kept.mode_points[last], kept.mode_turn[last]
-    state.mode_memory[:] = kept.mode_memory[last]
+    state.mode_memory[:], state.sensors[:] = kept.mode_memory[last], kept.sensors[last]
 
 
 @kernel
@@ -126,3 +127,13 @@ def restart_clock(replay: Replay, state: BestState) -> None:
     state.weight[:] = 0.0
     forget(state, 1.0)
     clear(replay, state)
+
+
+@kernel
+def step_clock(replay: Replay, state: BestState, stamp_ns: int) -> None:
+    """Go on with the newest inertial sample at another stamp when stamps step back, in place."""
+    marks, samples = replay.marks, replay.samples
+    row = samples.imu[marks[IMU_END] - 1].copy()
+    clear(replay, state)
+    samples.imu_stamps[0], samples.imu[0], marks[IMU_END] = stamp_ns, row, 1
+    marks[DONE_NS] = replay.snapshot_ns[0] = stamp_ns

@@ -27,7 +27,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times, turned
 from surefoot.kernels.jit import kernel
 
-from .layout import LEVEL, LEVELS, LONG_AGO, MEMORY, NO_FEET, POINT_COLUMNS, E, M, P, X
+from .layout import LEVEL, LEVELS, LONG_AGO, MEMORY, NO_FEET, POINT_COLUMNS, SENSOR_COLUMNS, E, M, P, S, X
 from .noise import FIXED, BestNoise
 
 Array = NDArray[np.float64]
@@ -50,23 +50,25 @@ class BestState(NamedTuple):
     cov: Array
     """Covariance of the error, (15 + 3 K, 15 + 3 K), see `ErrorLayout`."""
     points: Array
-    """Contact points, (K, 12), see `PointLayout`."""
+    """Contact points, (K, 11), see `PointLayout`."""
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (85,), see `MemoryLayout`."""
+    """Numbers beside the state, (86,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
     """`cov` of each hypothesis, (H, 15 + 3 K, 15 + 3 K)."""
     mode_points: Array
-    """`points` of each hypothesis, (H, K, 12)."""
+    """`points` of each hypothesis, (H, K, 11)."""
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 85)."""
+    """`memory` of each hypothesis, (H, 86)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
+    sensors: Array
+    """What is known of the sensors of each foot, (K, 13), see `SensorLayout`; there are at most K feet."""
 
 
 FRAME = 4
@@ -87,7 +89,9 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
     memory[M.excess], memory[M.since], memory[M.lost_for] = 1.0, NO_FEET, LONG_AGO
     one = (x, cov, np.zeros((points, POINT_COLUMNS)), np.zeros((points, 3, 3)), memory)
     some = [np.repeat(part[None], modes, axis=0) for part in one]
-    return BestState(*one, some[0], some[1], some[2], some[3], some[4], np.zeros(modes))
+    sensors = np.zeros((points, SENSOR_COLUMNS))
+    sensors[:, S.source], sensors[:, S.trunk : S.trunk + 3] = np.arange(points), np.nan
+    return BestState(*one, some[0], some[1], some[2], some[3], some[4], np.zeros(modes), sensors)
 
 
 def copy_state(source: BestState, target: BestState) -> None:

@@ -12,12 +12,12 @@ from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
-from ..health import Condition
-from ..inputs.check import faults_at
+from ..health import Condition, LegSensors
+from ..inputs.check import LATE_FEET_NS, faults_at
 from ..output import healthy
 from .advance import settled
 from .intake import CONTACT_NS, FEET_NS, NOW_NS, FilterParts
-from .layout import M, P, X
+from .layout import M, P, S, X
 from .noise import FIXED
 from .pose import pose_covariance
 from .state import BestState, rotation
@@ -152,6 +152,21 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
 
 
 @kernel
+def leg_sensors(parts: FilterParts) -> LegSensors:
+    """Return the feet whose sensors are wrong."""
+    foot, points, sensors = parts.setting.geometry.foot, parts.state.points, parts.state.sensors
+    left_out = switches = jumping = still = swapped = 0
+    for k in range(foot.size):
+        left_out |= (1 << foot[k]) if points[k, P.mistrust] > FIXED.most_mistrust else 0
+    for f in range(parts.check.feet.shape[0]):
+        switches |= (1 << f) if sensors[f, S.switch] > FIXED.most_mistrust else 0
+        jumping |= (1 << f) if sensors[f, S.jump] > FIXED.most_mistrust else 0
+        still |= (1 << f) if sensors[f, S.still] > FIXED.most_mistrust else 0
+        swapped |= (1 << f) if int(sensors[f, S.source]) != f else 0
+    return LegSensors(left_out, switches, jumping, still, swapped, parts.check.marks[LATE_FEET_NS])
+
+
+@kernel
 def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array) -> Condition:
     """Return the numbers from which flags and reasons follow.
 
@@ -164,15 +179,12 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
     slipping, stamps = False, parts.clock.stamps
     for i in range(QUAT, more.size):
         slipping = slipping or more[i] > FIXED.slides
-    now, foot, points, mistrusted = stamps[NOW_NS], parts.setting.geometry.foot, parts.state.points, 0
-    for k in range(foot.size):
-        if points[k, P.mistrust] > FIXED.most_mistrust:
-            mistrusted |= 1 << foot[k]
+    now, legs = stamps[NOW_NS], leg_sensors(parts)
     since_contact_s = 1e-9 * (now - stamps[CONTACT_NS])
     return Condition(
         vectors[SETTLED] > 0.0, vectors[RESTING] > 0.0,
         healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
         slipping, vectors[EXCESS], faults_at(parts.check, parts.check_limits, parts.noisy, now),
-        1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, mistrusted,
-        mistrusted == (1 << parts.check.feet.shape[0]) - 1, int(parts.state.memory[M.left_out]),
+        1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, legs,
+        legs.left_out | legs.still == (1 << parts.check.feet.shape[0]) - 1, int(parts.state.memory[M.left_out]),
     )  # fmt: skip

@@ -18,7 +18,7 @@ from surefoot.kernels.jit import kernel
 
 from ..feet.contact import points_of
 from .clock import CLOCK, KNOWN, LARGEST_NS, NEWEST, check_clock
-from .results import AHEAD, GAP, NONFINITE, OK, RESTART, RESULTS, SATURATED, UNIT
+from .results import AHEAD, GAP, NONFINITE, OK, RESTART, RESULTS, SATURATED, STEPPED, UNIT
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,11 +28,12 @@ IMU, KINEMATICS = 0, 1
 SOURCES = ("imu", "kinematics")
 """Names of the sources."""
 ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
-BAD_CODE, REFUSED, LIGHT_NS = range(9, 12)
+BAD_CODE, REFUSED, LIGHT_NS, BACK, LATE_FEET_NS = range(9, 14)
 """Parts of `CheckState.marks`: samples in the mean of the accelerometer; samples of the feet with it on the wrong side;
 equal rows, and equal feet, in a row; code of a wrong unit; stamp of the last refusal or gap, of the last saturation, of
 the last gyro sample in the turn; source and code of the last refusal or gap; number of refusals; stamp since which the
-accelerometer shows no weight."""
+accelerometer shows no weight; inertial samples in a row that show a clock that stepped back; time that is taken off the
+stamps of the feet, ns."""
 LAST_W, LAST_Q, MEAN_Q, TURN, SHARED, PREDICTED, SEEN, PATH = 0, 3, 6, 9, 12, 13, 14, 15
 """Parts of `CheckState.numbers`: last gyro (3) rad/s and accelerometer (3) m/s^2; mean of the accelerometer (3) m/s^2;
 turn by the gyro since the last sample of the feet (3) rad; of the comparison with them p.s, p.p and s.s, rad^2, and
@@ -69,7 +70,7 @@ class CheckState(NamedTuple):
 
     clocks: Ints  # (2, 6) of IMU and kinematics, see `clock`
     counts: Ints  # (2, results) refusals and gaps
-    marks: Ints  # (12,) see `ROWS` and the names beside it
+    marks: Ints  # (14,) see `ROWS` and the names beside it
     numbers: Array  # (16,) see `LAST_W` and the names beside it
     feet: Array  # (L, 3) m, last sample, IMU axes
     points: Array  # (K, 4) last contact points from the IMU, m, and 1 for those that stood
@@ -81,6 +82,7 @@ class CheckLimits(NamedTuple):
     max_gyro: float  # rad/s
     max_acc: float  # m/s^2
     gap_ns: float  # ns between inertial samples that is a gap
+    period_ns: float  # ns between inertial samples
     frozen_rows: int  # equal inertial samples in a row that show a frozen sensor
 
 
@@ -96,7 +98,7 @@ class Faults(NamedTuple):
 
 def new_check(feet: int, points: int) -> CheckState:
     """Return the state of a check before the first sample."""
-    marks, numbers = np.zeros(LIGHT_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
+    marks, numbers = np.zeros(LATE_FEET_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
     marks[LIGHT_NS] = FOR_EVER
     numbers[LAST_W : LAST_Q + 3] = np.nan
@@ -134,7 +136,7 @@ def count_result(check: CheckState, source: int, code: int, stamp_ns: int) -> in
     marks = check.marks
     check.counts[source, code] += 1
     marks[BAD_SOURCE], marks[BAD_CODE] = source, code
-    if code > RESTART:
+    if code > STEPPED:
         marks[REFUSED] += 1
     marks[BAD_NS] = check.clocks[IMU, NEWEST] if check.clocks[IMU, KNOWN] > 0 else stamp_ns
     if code == SATURATED:

@@ -38,7 +38,13 @@ class InputCheck:
 
     def __init__(self, params: EstimatorParams, feet: int, points: int) -> None:
         frozen = max(FROZEN_ROWS, round(FROZEN_NS / params.imu_period_ns))
-        self.limits = CheckLimits(params.max_gyro, params.max_acc, params.gap_periods * params.imu_period_ns, frozen)
+        self.limits = CheckLimits(
+            params.max_gyro,
+            params.max_acc,
+            params.gap_periods * params.imu_period_ns,
+            float(params.imu_period_ns),
+            frozen,
+        )
         self.state = new_check(feet, points)
         self.noisy = params.sigma_w > 0.0  # equal samples are no chance
         self.external = Counter[str]()

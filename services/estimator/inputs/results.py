@@ -4,14 +4,16 @@ from enum import StrEnum
 
 
 class InputResult(StrEnum):
-    """Result of an input; all but the first three are refusals."""
+    """Result of an input; all but the first four are refusals."""
 
     OK = "ok"
     GAP = "gap"  # accepted after missing samples
     RESTART = "restart"  # accepted: the source's clock began anew
+    STEPPED = "stepped"  # accepted: the clock stepped back by less than the window; the estimate goes on
     NONFINITE = "nonfinite"
     SHAPE = "shape"
     DUPLICATE = "duplicate"
+    BACKWARD = "backward"  # older than the newest where none is missing: the clock steps back
     LATE = "late"  # older than the window in which samples are put in their place
     AHEAD = "ahead"  # a stamp far in the future that nothing confirms
     SATURATED = "saturated"
@@ -22,9 +24,11 @@ class InputResult(StrEnum):
     @property
     def accepted(self) -> bool:
         """True if the sample is used."""
-        return self in (InputResult.OK, InputResult.GAP, InputResult.RESTART)
+        return self in (InputResult.OK, InputResult.GAP, InputResult.RESTART, InputResult.STEPPED)
 
 
 RESULTS = tuple(InputResult)
-"""Results by their code in kernels; those up to `RESTART` are accepted."""
-OK, GAP, RESTART, NONFINITE, SHAPE, DUPLICATE, LATE, AHEAD, SATURATED, UNIT, COVARIANCE, FRAME = range(len(RESULTS))
+"""Results by their code in kernels; those up to `STEPPED` are accepted."""
+OK, GAP, RESTART, STEPPED, NONFINITE, SHAPE, DUPLICATE, BACKWARD, LATE, AHEAD, SATURATED, UNIT, COVARIANCE, FRAME = (
+    range(len(RESULTS))
+)

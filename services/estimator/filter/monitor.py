@@ -1,0 +1,252 @@
+"""Monitor of the sensors of the legs: which switch or encoder contradicts the inertial unit and the other feet.
+
+A foot f that stands shows the velocity u_f of the trunk, and a foot that stands all the time shows its changes as the
+inertial unit does. What it shows beside them, forgotten in T, does not depend on the velocity of the filter, which a
+wrong foot may have spoilt:
+
+    u_f = -R (y_k - E y_(k-1))/d,   e_f = exp(-d/T) e_f + u_f,k - u_f,k-1 - R (q - b_q) d + G d
+
+y seen from the IMU, E its turn by the gyro. l_f = log |e_f| (level parts count less, for feet slide; the noise of the
+encoders is added) against the mean of the other feet says whether f moves more than they do. A switch is wrong whose
+foot moves more while it is closed, or less while it is open: with c = 1 closed, -1 open, the mean of c (l_f - l_others)
+over some tenths of a second. One such foot has a switch that hangs, two have switches that are swapped.
+
+Encoders are judged by themselves. A foot follows a smooth way, so that of four samples at equal steps the middle one of
+the three steps is the mean of the others; it is not if an encoder jumps. Two feet of which each jumps to where the
+other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do not
+stands still, and so do all feet that do so for longer than slow encoders are held.
+
+The contact of a foot whose switch is wrong is decided by its height. A foot whose encoders stand still is left out,
+feet that are swapped are taken the other way round. Jumps are outliers, which the filter leaves out one by one; of more
+than two feet the one that jumps is left out. All of it is a function of the samples in the order of their stamps.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear_kernels import turned
+from surefoot.kernels.jit import kernel
+
+from .hypotheses import likeliest, mode
+from .layout import M, P, S, X
+from .noise import FIXED
+from .samples import ROW_Q, ROW_W, SampleStore, after
+from .state import BestState, rotation, turn_matrix
+
+Array = NDArray[np.float64]
+Feet = NDArray[np.int64]
+
+
+@kernel
+def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
+    """Return the square of the distance of foot f in a row of feet (N, L, 3) from foot g in another."""
+    square = 0.0
+    for i in range(3):
+        square += (feet[row, f, i] - feet[before, g, i]) ** 2
+    return square
+
+
+@kernel
+def _unknown(feet: Array, row: int, f: int) -> bool:
+    """Return whether foot f was not finite in a row of feet (N, L, 3), see `mount.known_feet`."""
+    return bool(feet[row, f, 0] == 0.0 and feet[row, f, 1] == 0.0 and feet[row, f, 2] == 0.0)
+
+
+@kernel
+def _exchanged(feet: Array, row: int, f: int) -> int:
+    """Return the foot with which foot f changed places between rows `row` - 1 and `row` of feet (N, L, 3), or -1."""
+    if row < 1:
+        return -1
+    way = _apart(feet, row, f, row - 1, f)
+    if way < 4.0 * FIXED.jump**2:
+        return -1
+    for g in range(feet.shape[1]):
+        crossed = _apart(feet, row, f, row - 1, g) + _apart(feet, row, g, row - 1, f)
+        if g != f and crossed < FIXED.crossed * (way + _apart(feet, row, g, row - 1, g)):
+            return g
+    return -1
+
+
+@kernel
+def _jumps(samples: SampleStore, row: int, f: int, point: int) -> bool:
+    """Return True if the encoders of foot f jumped between the last two rows before `row`.
+
+    Steps are alike, and the switch stays as it is: a foot that lands may be thrown. A foot in the air is judged by fast
+    samples alone.
+
+    Args:
+        samples: filled rows.
+        row: of the feet.
+        f: the foot.
+        point: one of its contact points.
+    """
+    stamps, feet, contact, off = samples.feet_stamps, samples.feet, samples.contact, 0.0
+    if row < 3 or _unknown(feet, row - 1, f) or _unknown(feet, row - 2, f):
+        return False
+    for i in range(3):
+        a, b, c, d = feet[row - 3, f, i], feet[row - 2, f, i], feet[row - 1, f, i], feet[row, f, i]
+        off += (c - b - 0.5 * (b - a + d - c)) ** 2
+    if not off > FIXED.jump**2:
+        return False
+    least, most = stamps[row] - stamps[row - 1], stamps[row] - stamps[row - 1]
+    stands, flies = True, True
+    for i in range(row - 3, row):
+        if _exchanged(feet, i + 1, f) >= 0:
+            return False
+        least, most = min(least, stamps[i + 1] - stamps[i]), max(most, stamps[i + 1] - stamps[i])
+    for i in range(row - 3, row + 1):
+        stands, flies = stands and contact[i, point] >= 0.5, flies and not contact[i, point] >= 0.5
+    longest = FIXED.stand_step if stands else FIXED.fly_step
+    return bool(2 * most <= 3 * least and (stands or flies) and 1e-9 * most <= longest)
+
+
+@kernel
+def _repeat(sensors: Array, samples: SampleStore, row: int, contact: Array, turn: float) -> None:
+    """Learn for how long each foot has repeated one sample, and by how much the IMU has turned meanwhile, in place.
+
+    Args:
+        sensors: numbers of each foot, see `SensorLayout`.
+        samples: filled rows.
+        row: of the feet, 1 at least.
+        contact: probability that each foot touches the ground, (L,).
+        turn: rate of the IMU, rad/s.
+    """
+    count, together = samples.feet.shape[1], True
+    step = min(1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1]), FIXED.longest_repeat)
+    for f in range(count):
+        if _unknown(samples.feet, row, f) or _apart(samples.feet, row, f, row - 1, f) > 0.0:
+            together = False
+            sensors[f, S.held] = sensors[f, S.repeated] = 0.0
+        else:
+            sensors[f, S.held] += step
+    for f in range(count):
+        if sensors[f, S.held] > 0.0 and turn > FIXED.turning and (together or contact[f] >= 0.5):
+            sensors[f, S.repeated] += turn * step
+        if sensors[f, S.repeated] > FIXED.most_repeated and not (together and sensors[f, S.held] < FIXED.longest_held):
+            sensors[f, S.still] = 1.0
+
+
+@kernel
+def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
+    """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place."""
+    x, sensors, stamps = likely.x, state.sensors, samples.imu_stamps
+    first, end = after(stamps, samples.feet_stamps[before]), after(stamps, samples.feet_stamps[row] - 1) + 1
+    end = min(end, stamps.size)
+    dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before])
+    if first >= end or dt > FIXED.longest_gap:
+        sensors[:, S.trunk : S.trunk + 3] = math.nan
+        return
+    w, q, half = np.zeros(3), np.zeros(3), np.zeros(3)
+    for i in range(3):
+        for at in range(first, end):
+            w[i] += samples.imu[at, ROW_W + i] / (end - first)
+            q[i] += samples.imu[at, ROW_Q + i] / (end - first)
+        w[i], q[i] = -dt * (w[i] - x[X.gyro_bias + i]), q[i] - x[X.acc_bias + i]
+        half[i] = 0.5 * w[i]
+    rot, back = rotation(x), turn_matrix(w)
+    push, count = turned(rot, turned(turn_matrix(half), q)), samples.feet.shape[1]
+    push[2] -= GRAVITY
+    size, sound, total, seen = np.zeros(count), 0, 0.0, np.empty(3)
+    for f in range(count):
+        source = int(sensors[f, S.source])
+        old = turned(back, samples.feet[before, source])
+        for i in range(3):
+            seen[i] = (old[i] - samples.feet[row, source, i]) / dt
+        trunk, length = turned(rot, seen), 0.0
+        for i in range(3):
+            seen[i] = trunk[i] - sensors[f, S.trunk + i] - push[i] * dt
+            length += seen[i] ** 2
+            sensors[f, S.trunk + i] = trunk[i]
+        size[f] = FIXED.unsure_speed**2
+        for i in range(3):
+            sensors[f, S.strange + i] *= math.exp(-dt / FIXED.strange_s)
+            if length < FIXED.most_strange**2:
+                sensors[f, S.strange + i] += seen[i]
+            size[f] += (1.0 if i == 2 else FIXED.level_share) * sensors[f, S.strange + i] ** 2
+        size[f] = 0.5 * math.log(size[f])
+        fault = max(sensors[f, S.jump], sensors[f, S.still])
+        if _unknown(samples.feet, row, source):
+            sensors[f, S.trunk] = math.nan
+        if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
+            size[f] = math.nan
+        else:
+            sound, total = sound + 1, total + size[f]
+    for f in range(count):
+        more = 0.0
+        if sound > 1 and not (math.isnan(contact[f]) or math.isnan(size[f])):
+            more = size[f] - (total - size[f]) / (sound - 1)
+            more = min(more if contact[f] >= 0.5 else -more, FIXED.most_more)
+        sensors[f, S.against] += min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
+        if sensors[f, S.against] > FIXED.most_against:
+            sensors[f, S.switch] = 1.0
+
+
+@kernel
+def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, settled: bool) -> None:
+    """Learn from a row of the feet which sensors of the legs are wrong, in place.
+
+    Args:
+        state: at the time of the row.
+        samples: filled rows.
+        row: of the feet.
+        foot: of each contact point, (K,).
+        settled: the attitude is known, so that switches can be judged.
+    """
+    sensors, count, memory = state.sensors, samples.feet.shape[1], state.memory
+    at = likeliest(state)
+    likely = state if at < 0 else mode(state, at)
+    memory[M.watched] = min(memory[M.watched] + 1.0, float(row))
+    if row < 1:
+        return
+    contact, turn, dt = np.zeros(count), 0.0, 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1])
+    for f in range(count):
+        for i in (S.switch, S.still, S.jump):
+            sensors[f, i] *= math.exp(-FIXED.forget_fault * dt)
+    for k in range(foot.size):
+        contact[foot[k]] = samples.contact[row, k]
+        if (k == 0 or foot[k] != foot[k - 1]) and _jumps(samples, row, foot[k], k):
+            sensors[foot[k], S.jump] = 1.0
+            sensors[foot[k], S.strange : S.against + 1] = 0.0
+    for i in range(3):
+        turn += (memory[M.last_gyro + i] - likely.x[X.gyro_bias + i]) ** 2
+    _repeat(sensors, samples, row, contact, math.sqrt(turn))
+    for f in range(count):
+        g = _exchanged(samples.feet, row, f)
+        if g > f:
+            sensors[f, S.source], sensors[g, S.source] = sensors[g, S.source], sensors[f, S.source]
+    before = row - int(memory[M.watched])
+    if 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before]) >= FIXED.least_step:
+        memory[M.watched] = 0.0
+        if settled:
+            _compare(state, likely, samples, row, before, contact)
+
+
+@kernel
+def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Array:
+    """Return the contacts (K,) of a row of the feet, NaN for feet whose switch is wrong, 0 for those that are left out.
+
+    Left out are feet whose encoders stand still, and feet whose samples hardly fit, until the mistrust in them has
+    faded, in place. A wrong switch explains why a foot did not fit.
+    """
+    contact, at = samples.contact[row].copy(), likeliest(state)
+    points = state.points if at < 0 else state.mode_points[at]
+    worst = np.zeros(samples.feet.shape[1])
+    for k in range(foot.size):
+        worst[foot[k]] = max(worst[foot[k]], points[k, P.mistrust])
+    for k in range(foot.size):
+        mistrust = worst[foot[k]]
+        if state.sensors[foot[k], S.switch] > FIXED.most_mistrust:
+            contact[k], mistrust = math.nan, 0.0
+        still, jump = state.sensors[foot[k], S.still], state.sensors[foot[k], S.jump]
+        jump = jump if samples.feet.shape[1] > FIXED.most_feet else 0.0
+        if max(mistrust, still, jump) > FIXED.most_mistrust:
+            contact[k] = 0.0
+        if mistrust > FIXED.most_mistrust and points[k, P.down] > 0.0:
+            mistrust = 1.0
+        state.points[k, P.mistrust] = mistrust
+        for h in range(state.weight.size):
+            state.mode_points[h, k, P.mistrust] = mistrust
+    return contact

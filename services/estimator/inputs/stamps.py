@@ -1,0 +1,78 @@
+"""Stamps that contradict the samples: a clock that steps back, and feet whose stamps step ahead of their motion.
+
+A sample that is older than the newest is late, and belongs where one is missing. Where none is missing, the clock of
+the inertial unit has stepped back: samples are refused until some in a row have shown it, and the estimate goes on.
+
+Feet move on between two samples whose stamps are far apart. If they do not, and moved alike before and after, no sample
+was lost: the stamps stepped. With the ways a, b, c of all feet over n samples before the gap, over it and over n after
+it, T the mean step of the stamps,
+
+    time by motion = 2 n T sum b.(a + c)/sum (a + c).(a + c),   late = gap - that time
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+MOST_BACK = 3
+"""Inertial samples in a row that show that their clock has stepped back."""
+NO_ROOM = 1.5
+"""Periods between two samples from which one between them is missing."""
+SPAN_NS = 40_000_000
+"""Time before and after a gap over which the motion of the feet is compared, ns."""
+ALIKE = 1.5
+"""Largest ratio of these times, and least ratio of a gap to the step of the stamps."""
+MOVES = 0.004
+"""Least motion of the feet in that time, m: several times the noise of encoders."""
+EVEN = 1.0
+"""Largest difference of the motion before and after the gap, share of its mean: no foot stopped in the gap."""
+FITS = 0.05
+"""Share of its squared distance from the motion of the whole gap by which the motion may miss that of one step."""
+LONGEST_NS = 150_000_000
+"""Longest gap that is judged, ns: feet of a walk are where they were one step later."""
+LEAST_LATE = 0.4
+"""Share of a gap from which it is one of the stamps."""
+
+
+@kernel
+def has_room(stamps: Stamps, at: int, period_ns: float) -> bool:
+    """Return whether a sample is missing before row `at` of rising stamps (n,), 0 < at <= n."""
+    return at == stamps.size or stamps[at] - stamps[at - 1] > NO_ROOM * period_ns
+
+
+@kernel
+def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
+    """Return the row of the feet (n, L, 3) from which stamps (n,) are late, and by what, ns; 0: they are not."""
+    last, row = stamps.size - 1, stamps.size - 1
+    while row > 0 and stamps[last] - stamps[row] < SPAN_NS and stamps[row] - stamps[row - 1] < SPAN_NS // 2:
+        row -= 1
+    count = last - row
+    if count == 0:
+        row, count = last - 1, 1
+    first = row - 1 - count
+    if first < 0 or stamps[last] - stamps[row] < SPAN_NS // 2:
+        return 0, 0
+    after_ns, before_ns = stamps[last] - stamps[row], stamps[row - 1] - stamps[first]
+    gap_ns = stamps[row] - stamps[row - 1]
+    least, most = min(after_ns, before_ns), max(after_ns, before_ns)
+    if least <= 0 or most > ALIKE * least or gap_ns * count < ALIKE * most or gap_ns > LONGEST_NS:
+        return 0, 0
+    period = 0.5 * (after_ns + before_ns) / count
+    square = apart = along = one = whole = 0.0
+    for f in range(feet.shape[1]):
+        for i in range(3):
+            a, c = feet[row - 1, f, i] - feet[first, f, i], feet[last, f, i] - feet[row, f, i]
+            b, mean = feet[row, f, i] - feet[row - 1, f, i], 0.5 * (a + c)
+            square += mean**2
+            apart += (a - c) ** 2
+            along += b * mean
+            one += (b - mean / count) ** 2
+            whole += (b - mean / count * gap_ns / period) ** 2
+    if not (square > MOVES**2 and apart < EVEN**2 * square and one < FITS * whole):
+        return 0, 0
+    late = gap_ns - max(round(count * along / square), 1) * period
+    return (row, int(late)) if late > LEAST_LATE * gap_ns else (0, 0)

@@ -1,0 +1,119 @@
+"""Sensors of the legs that are wrong are named by sensor and foot; the others never are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.lab.estimation.planted import PLANTED, first_altered, named
+from surefoot.lab.estimation.track import Track, track
+from tests.lab.estimation.walks import noisy
+from tests.services.estimator.test_stream import TICK, make, walk
+
+AT = 8.0
+SOON = 0.5
+FOUND = tuple(name for name in PLANTED if name not in ("encoder off by 2 cm", "feet late 50 ms"))
+"""Faults that each walk of a biped shows: not an offset of a foot that lands, nor late feet that turn round."""
+
+
+def time_of(fault: str, foot: int) -> tuple[float, bool, Track]:
+    """Return the time from the first altered sample until the fault is named, and if another sensor was before."""
+    log = noisy()
+    stands = np.convolve(log.contact[:, foot], np.ones(8))[7:] == 8  # this sample and the next seven
+    first = int(np.argmax(stands & (log.foot_ns > 1e9 * AT))) + 4
+    at = 1e-9 * float(log.foot_ns[first] - log.stamp_ns[0])
+    bad = PLANTED[fault](log, at, foot)
+    found, since = track("best", bad), first_altered(log, bad, at)
+    assert found.named is not None
+    right, wrong = named(fault, foot, log.feet_count, found.named)
+    later = log.seconds >= since
+    first = float(log.seconds[np.argmax(right & later)]) if (right & later).any() else np.inf
+    return first - since, bool((wrong & later & (log.seconds < since + SOON)).any()), found
+
+
+@pytest.mark.parametrize("foot", [0, 1])
+@pytest.mark.parametrize("fault", FOUND)
+def test_a_fault_is_named_by_sensor_and_foot_within_half_a_second(fault: str, foot: int) -> None:
+    after, wrong, _ = time_of(fault, foot)
+    assert after <= SOON
+    assert not wrong
+
+
+def test_nothing_is_named_on_a_clean_walk() -> None:
+    found = track("best", noisy()).named
+    assert found is not None
+    assert not any(rows.any() for name, rows in found.items() if name != "refused")
+
+
+@pytest.mark.parametrize("fault", ["legs swapped", "clock back 0.1 s"])
+def test_what_is_undone_leaves_the_estimate_as_it_was(fault: str) -> None:
+    log = noisy()
+    _, _, found = time_of(fault, 0)
+    clean = track("best", log)
+    rows = log.scored & (log.seconds > AT)
+    error, before = (np.sqrt(np.mean(np.sum((t.v - log.v)[rows] ** 2, axis=1))) for t in (found, clean))
+    assert error < 2.0 * before
+
+
+def test_lost_samples_of_the_feet_are_no_late_stamps() -> None:
+    log = noisy()
+    rng = np.random.default_rng(3)
+    keep = np.ones(len(log.foot_ns), dtype=np.bool_)
+    for at in rng.integers(50, len(keep) - 10, size=20):
+        keep[at : at + rng.integers(2, 40)] = False
+    found = track("best", log.with_feet(keep)).named
+    assert found is not None
+    assert not found["late_ns"].any()
+
+
+def test_late_stamps_of_the_feet_are_taken_off() -> None:
+    log = noisy()
+    clean = track("best", log)
+    for at in np.arange(6.0, 9.0, 0.5):
+        found = track("best", PLANTED["feet late 50 ms"](log, float(at), 0))
+        if found.named is not None and found.named["late_ns"].any():
+            late = found.named["late_ns"].max()
+            assert 35e6 < late < 65e6
+            rows = log.scored & (log.seconds > at)
+            error, before = (np.sqrt(np.mean(np.sum((t.v - log.v)[rows] ** 2, axis=1))) for t in (found, clean))
+            assert error < 1.5 * before
+            return
+    raise AssertionError("late stamps were never found")
+
+
+def test_a_clock_that_steps_back_is_named_and_the_estimate_goes_on() -> None:
+    """Live: by 50 ms between two samples, so that no stamp is a double."""
+    log, straight, back = walk(), make(), make()
+    found = []
+    for k, stamp in enumerate(log.stamp_ns.tolist()):
+        moved = stamp - (5 * TICK + TICK // 2 if k >= 400 else 0)
+        straight.imu(stamp, log.w[k], log.q[k])
+        found.append(back.imu(moved, log.w[k], log.q[k]))
+        for sample in log.feet:
+            if stamp - TICK < sample.stamp_ns <= stamp:
+                straight.feet(*sample)
+                back.feet(*sample._replace(stamp_ns=sample.stamp_ns + moved - stamp))
+        if k > 410:
+            np.testing.assert_allclose(back.estimate().velocity_imu, straight.estimate().velocity_imu, atol=0.03)
+    assert [str(r) for r in found[400:403]] == ["backward", "backward", "stepped"]
+    assert back.check.counts["imu_stepped"] == 1
+    assert {"imu_late", "imu_restart"}.isdisjoint(back.check.counts)
+
+
+def test_a_late_sample_that_was_missing_is_no_step_of_the_clock() -> None:
+    log, estimator = walk(), make()
+    order = np.arange(len(log.stamp_ns))
+    order[300:600] = 300 + np.argsort(np.arange(300) + np.random.default_rng(0).uniform(0.0, 9.0, 300))
+    results = {str(estimator.imu(int(log.stamp_ns[k]), log.w[k], log.q[k])) for k in order}
+    assert results <= {"ok", "gap"}
+
+
+def test_no_sensor_of_a_leg_is_wrong_where_all_feet_are_held_or_rest() -> None:
+    """Encoders that come at 10 Hz and are repeated between."""
+    log = noisy()
+    first = np.arange(len(log.foot_ns)) // 3 * 3
+    position, rot, contact = log.foot_position[first], log.foot_rot[first], log.contact[first]
+    held = replace(log, foot_position=position, foot_rot=rot, contact=contact)
+    found = track("best", held).named
+    assert found is not None
+    assert not found["still"].any()
