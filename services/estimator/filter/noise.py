@@ -205,8 +205,8 @@ class FixedNumbers(NamedTuple):
     """Weight of level beside vertical motion: feet that touch the ground slide, and do not rise."""
     against_s: float = 0.2
     """Time over which switches and motion are compared, s."""
-    most_more: float = 1.0
-    """Largest logarithm that counts: one sample is no sign."""
+    most_more: float = 0.8
+    """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong. Clean logs of others: 0.27 at most."""
     # heading
