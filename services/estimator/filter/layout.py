@@ -71,7 +71,7 @@ class SensorLayout(NamedTuple):
     trunk: int = 1
     """Velocity of the trunk if this foot stands, odom axes, (3,) m/s."""
     strange: int = 4
-    """What it shows beside the inertial unit, odom axes, (3,) m/s."""
+    """Change of that velocity beside the inertial unit, odom axes, (3,) m/s."""
     against: int = 7
     """Mean logarithm by which its motion contradicts its switch."""
     switch: int = 8

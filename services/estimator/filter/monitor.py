@@ -7,11 +7,11 @@ wrong foot may have spoilt:
     u_f = -R (y_k - E y_(k-1))/d,   e_f = exp(-d/T) e_f + u_f,k - u_f,k-1 - R (q - b_q) d + G d
 
 y seen from the IMU, E its turn by the gyro. l_f = log |e_f| (level parts count less, for feet slide; the noise of the
-encoders is added) against the mean of the other feet says whether f moves more than they do. A switch is wrong whose
+encoders is added) against the mean of the other feet shows whether f moves more than they do. A switch is wrong whose
 foot moves more while it is closed, or less while it is open: with c = 1 closed, -1 open, the mean of c (l_f - l_others)
 over some tenths of a second. One such foot has a switch that hangs, two have switches that are swapped.
 
-Encoders are judged by themselves. A foot follows a smooth way, so that of four samples at equal steps the middle one of
+Encoders are checked alone. A foot follows a smooth way, so that of four samples at equal steps the middle one of
 the three steps is the mean of the others; it is not if an encoder jumps. Two feet of which each jumps to where the
 other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do not
 stands still, and so do all feet that do so for longer than slow encoders are held.
@@ -74,7 +74,7 @@ def _exchanged(feet: Array, row: int, f: int) -> int:
 def _jumps(samples: SampleStore, row: int, f: int, point: int) -> bool:
     """Return True if the encoders of foot f jumped between the last two rows before `row`.
 
-    Steps are alike, and the switch stays as it is: a foot that lands may be thrown. A foot in the air is judged by fast
+    Steps are alike, and the switch stays: a foot that lands may be thrown. A foot in the air is checked by fast
     samples alone.
 
     Args:
@@ -193,7 +193,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         samples: filled rows.
         row: of the feet.
         foot: of each contact point, (K,).
-        settled: the attitude is known, so that switches can be judged.
+        settled: the attitude is known, so that switches can be checked.
     """
     sensors, count, memory = state.sensors, samples.feet.shape[1], state.memory
     at = likeliest(state)

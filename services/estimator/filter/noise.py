@@ -200,7 +200,7 @@ class FixedNumbers(NamedTuple):
     most_strange: float = 2.0
     """Change of a foot's velocity between two samples that is a jump and not a motion, m/s."""
     unsure_speed: float = 0.05
-    """Speed of a foot that encoders cannot tell from none, m/s: 1 mm in two samples 25 ms apart."""
+    """Speed of a foot that encoders do not distinguish from none, m/s: 1 mm in two samples 25 ms apart."""
     level_share: float = 0.15
     """Weight of level beside vertical motion: feet that touch the ground slide, and do not rise."""
     against_s: float = 0.2

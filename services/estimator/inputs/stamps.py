@@ -33,7 +33,7 @@ EVEN = 1.0
 FITS = 0.05
 """Share of its squared distance from the motion of the whole gap by which the motion may miss that of one step."""
 LONGEST_NS = 150_000_000
-"""Longest gap that is judged, ns: feet of a walk are where they were one step later."""
+"""Longest gap that is compared, ns: feet of a walk are where they were one step later."""
 LEAST_LATE = 0.4
 """Share of a gap from which it is one of the stamps."""
 
