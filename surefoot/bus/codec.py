@@ -110,8 +110,6 @@ def _sent(complaint: ErrorDetails) -> tuple[int | str, ...]:
 def check_encoding(model: type[Wire], encoding: str) -> None:
     """Refuses another named schema or another major version; absent or generic encodings mean the current one."""
     _, _, schema = encoding.partition(";")
-    if not schema or schema == model.schema_name():
-        return
     owner, _, rest = schema.partition("/")
     if owner != "surefoot":
         return
