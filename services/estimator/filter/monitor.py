@@ -149,7 +149,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     rot, back = rotation(x), turn_matrix(w)
     push, count = turned(rot, turned(turn_matrix(half), q)), samples.feet.shape[1]
     push[2] -= GRAVITY
-    size, sound, total, seen = np.zeros(count), 0, 0.0, np.empty(3)
+    size, sound, total, seen, fade = np.zeros(count), 0, 0.0, np.empty(3), math.exp(-dt / FIXED.strange_s)
     for f in range(count):
         source = int(sensors[f, S.source])
         old = turned(back, samples.feet[before, source])
@@ -162,7 +162,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             sensors[f, S.trunk + i] = trunk[i]
         size[f] = FIXED.unsure_speed**2
         for i in range(3):
-            sensors[f, S.strange + i] *= math.exp(-dt / FIXED.strange_s)
+            sensors[f, S.strange + i] *= fade
             if length < FIXED.most_strange**2:
                 sensors[f, S.strange + i] += seen[i]
             size[f] += (1.0 if i == 2 else FIXED.level_share) * sensors[f, S.strange + i] ** 2
@@ -202,9 +202,10 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
     if row < 1:
         return
     contact, turn, dt = np.zeros(count), 0.0, 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1])
+    fade = math.exp(-FIXED.forget_fault * dt)
     for f in range(count):
         for i in (S.switch, S.still, S.jump):
-            sensors[f, i] *= math.exp(-FIXED.forget_fault * dt)
+            sensors[f, i] *= fade
     for k in range(foot.size):
         contact[foot[k]] = samples.contact[row, k]
         if (k == 0 or foot[k] != foot[k - 1]) and _jumps(samples, row, foot[k], k):
