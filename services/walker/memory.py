@@ -84,6 +84,11 @@ class MemoryFile(RunMemory):
             self._last = kept
             self.write(epoch, tick, asdict(kept))
 
+    def forget(self) -> None:
+        """Begin a run: remove the file of an earlier one; the first state of the new one is written whatever it is."""
+        self._last = None
+        super().forget()
+
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
         """Return the state that was kept in this epoch, not after this tick, or None.
 

@@ -163,6 +163,9 @@ def test_it_writes_only_what_has_changed(tmp_path):
     for tick in range(5):
         memory.keep(1, tick, kept)
     assert json.loads(path.read_text())["tick"] == 0
+    memory.forget()
+    memory.keep(2, 7, kept)
+    assert json.loads(path.read_text())["tick"] == 7
 
 
 def test_a_walk_with_a_duration_ends_after_it():
