@@ -151,8 +151,8 @@ def obstacle(command: str) -> str:
 
 
 SHORT = (
-    "surefoot reproduce wawrzynski", "surefoot evaluate navigator", "stability adaptive --count 400",
-    "navigator environments",
+    "surefoot reproduce wawrzynski", "surefoot evaluate navigator --params paper --seeds 0:2000 --json",
+    "stability adaptive --count 400", "navigator environments",
 )  # fmt: skip
 """Commands of a few seconds whose figures are no times."""
 

@@ -128,10 +128,12 @@ def test_a_planted_fault_is_seen_and_a_clean_log_raises_no_alarm() -> None:
     log = noisy()
     whole = run("best", log)
     found = planted("legs swapped", log, whole, 0, "best", 10.0)
-    assert found.ratio > 2.0
-    assert found.after < 0.5
+    assert found.right
+    assert found.ratio < 1.1  # the legs are taken the other way round
     assert alarms(log, whole) == 0.0
-    assert planted("switch stuck on", log, run("legs", log), 0, "legs", 10.0).flag == "none"
+    simple = planted("legs swapped", log, run("legs", log), 0, "legs", 10.0)
+    assert simple.ratio > 2.0
+    assert not simple.right
 
 
 def test_scores_for_json_hold_no_nan() -> None:

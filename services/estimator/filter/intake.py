@@ -87,6 +87,8 @@ def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
     at = after(samples.imu_stamps[:end], stamp_ns)
     if at == 0 or stamp_ns <= parts.clock.stamps[NOW_NS] - WINDOW_NS:
         return OK
+    if at == end and samples.imu_stamps[at - 1] == stamp_ns:  # the newest once more: its clock stands
+        return OK
     if samples.imu_stamps[at - 1] != stamp_ns:
         return OK if has_room(samples.imu_stamps[:end], at, parts.check_limits.period_ns) else BACKWARD
     for i in range(3):

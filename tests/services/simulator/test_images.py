@@ -161,7 +161,8 @@ def test_a_world_with_a_texture_has_images_and_no_landmarks_and_a_restore_repeat
     made = PhysicsWorld(
         load_robot("nao"), make_terrain("flat"), 2, WorldConfig(floor=Floor(texture="random"), camera="nao_eyes")
     )
-    assert {topic.key for topic in lacking(made.sight)} == {"hw/landmarks", "terrain/landmarks"}
+    lacks = {topic.key for topic in lacking(made.sight, None)}
+    assert lacks == {"hw/landmarks", "hw/depth", "terrain/landmarks", "terrain/map"}
     for kind, target in (("sensor_off", "landmarks"), ("landmarks_drop", "")):
         with pytest.raises(FaultError, match="landmarks"):  # none are seen: the fault would break nothing
             made.add_fault(Fault(kind, 0, 1.0, target))
