@@ -4,6 +4,7 @@
 walker's memory and a model that is written in the middle of it.
 """
 
+import ctypes
 import json
 import os
 import resource
@@ -63,11 +64,12 @@ class Case:
     """What a seed draws, and what came of it.
 
     Attributes:
+        seed: of the case.
         kind: of the fault.
         tick: control tick in which it happens.
-        amount: bytes of a full disk, seconds of a clock, byte at which a file is torn.
+        amount: bytes that a full disk holds, or s by which the clock goes back; of other kinds unused.
         problems: what is wrong.
-        sentences: what was said about the disk.
+        sentences: what was logged or returned about the disk.
     """
 
     seed: int
@@ -144,18 +146,15 @@ def set_back(seconds: float) -> None:
 
 
 def make_read_only(folder: Path) -> None:
-    """Let nobody write to a folder: by its mode, for root by a mount that this process alone sees."""
+    """Make a folder read-only: by its mode, for root by a mount that this process alone sees."""
     if os.geteuid() != 0:
         folder.chmod(0o555)
         return
-    words = ["mount", "--bind", "-o", "ro", str(folder), str(folder)]
-    import ctypes
-
     if ctypes.CDLL(None).unshare(0x00020000) != 0:  # CLONE_NEWNS
         raise OSError("this kernel allows no mounts of a process's own")
-    subprocess.run(["mount", "--make-rprivate", "/"], check=True)
-    subprocess.run(words, check=True)
-    subprocess.run(["mount", "-o", "remount,ro,bind", str(folder)], check=True)
+    place = str(folder)
+    for words in (["--make-rprivate", "/"], ["--bind", place, place], ["-o", "remount,ro,bind", place]):
+        subprocess.run(["mount", *words], check=True)
 
 
 def forked(work: Callable[[], dict[str, Any]]) -> tuple[int, str, str]:
@@ -197,7 +196,7 @@ def tear(path: Path, draw: Random) -> None:
 def read_recording(path: Path, *, whole: bool, sentences: list[str]) -> str:
     """Return what is wrong with a recording, empty where all that is sound in it can be read."""
     if not path.exists():
-        return "" if sentences else "no recording, and not a word about it"
+        return "" if sentences else "no recording, and no sentence about it"
     try:
         found = bags.check(path)
         if whole:
@@ -223,9 +222,9 @@ def judge_case(
     if code != (-signal.SIGKILL if case.kind == "torn" else 0):
         problems.append(f"exit code {code}")
     elif code == 0:
-        said = json.loads(out)
-        case.sentences += said["learned"]
-        if said["hash"] != expected or not said["ok"]:
+        result = json.loads(out)
+        case.sentences += result["learned"]
+        if result["hash"] != expected or not result["ok"]:
             problems.append("another run")
     if case.kind == "torn":
         draw = Random(case.seed)
@@ -237,6 +236,8 @@ def judge_case(
         case.sentences += [memory.problem] if memory.problem else []
     wrong = read_recording(folder / "run.mcap", whole=case.kind in ("slow", "clock_back"), sentences=case.sentences)
     problems += [wrong] if wrong else []
+    if case.kind in ("full", "read_only") and not case.sentences:
+        problems.append("no sentence about the disk")
     if encode(load(folder / "model.json")) not in (encode(each) for each in models):
         problems.append("the model is neither the old nor the new one")
     problems += [f"more than a line: {text!r}" for text in case.sentences if "\n" in text]

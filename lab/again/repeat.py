@@ -109,26 +109,28 @@ class RecordedRun:
 
     def _with_files(self, folder: Path) -> Scenario:
         """Return the scenario with the recording's files in the place of those that are gone, or others now."""
-        robot, scenario = self.scenario.robot or "", self.scenario
-        own = {name: folder / Path(name).name for name in self.files}
-        for name, path in own.items():
-            path.write_bytes(self.files[name])
+        robot, scenario, attached = self.scenario.robot or "", self.scenario, self.files.get(ROBOT_FILE)
         try:
             same = self.robot_hash in ("", load_robot(robot).hash)
         except RobotError:
-            if ROBOT_FILE not in own:
+            if attached is None:
                 raise
             same = False
         if not same:
-            if ROBOT_FILE not in own or load_robot(own[ROBOT_FILE]).hash != self.robot_hash:
+            own = folder / ROBOT_FILE
+            own.write_bytes(attached or b"")
+            if attached is None or load_robot(own).hash != self.robot_hash:
                 raise SurefootError("invalid", f"{self.path}: robot {robot!r} has changed since", "robot_hash")
             scenario = replace(scenario, robot=str(folder))
         config = {service: dict(fields) for service, fields in scenario.config.items()}
         for service, fields in config.items():
             for name, value in fields.items():
-                kept = f"{service}.{name}{Path(str(value)).suffix}"
-                if kept in own and not _holds(Path(str(value)), self.files[kept]):
-                    fields[name] = str(own[kept])
+                path = Path(str(value))
+                content = self.files.get(f"{service}.{name}{path.suffix}")
+                if content is not None and not _holds(path, content):
+                    own = folder / f"{len(list(folder.iterdir()))}{path.suffix}"  # no name that a recording states
+                    own.write_bytes(content)
+                    fields[name] = str(own)
         return replace(scenario, config=config)
 
 

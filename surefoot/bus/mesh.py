@@ -23,18 +23,23 @@ class Mesh:
     """Looks at the links of a session again and again, and has those made anew that were lost.
 
     Args:
-        linked: returns the names of all sessions with a link to this one.
+        linked: returns the names of the peers with a link to this one.
         visible: returns the names of the processes that show it a token of liveliness.
-        introduce: has all processes linked to all, and returns the names of those that show a token; it takes a while.
+        introduce: has all processes linked to all, and returns the names of those that show a token. It takes a while,
+            and ends early when the event is set that it gets.
     """
 
     def __init__(
-        self, linked: Callable[[], set[str]], visible: Callable[[], set[str]], introduce: Callable[[], set[str]]
+        self,
+        linked: Callable[[], set[str]],
+        visible: Callable[[], set[str]],
+        introduce: Callable[[threading.Event], set[str]],
     ) -> None:
         self._linked, self._visible, self._introduce = linked, visible, introduce
         self._before, self._known, self._lost = set[str](), set[str](), set[str]()
         self._named: list[str] = []
         self._busy: threading.Thread | None = None
+        self._over = threading.Event()
 
     def look(self) -> list[LinkTrouble]:
         """Return the processes that live without a link to this one at two looks; their links are being made anew.
@@ -51,24 +56,29 @@ class Mesh:
             self._busy.start()
         return [LinkTrouble("unlinked", f"process {name!r} lives without a link to this one", name) for name in named]
 
-    def close(self) -> None:
-        """Wait for the thread: one that is in the network library when the interpreter ends aborts it."""
+    def settle(self) -> None:
+        """Wait until the last look has its result."""
         if self._busy is not None:
             self._busy.join(2 * INTRODUCE_S)
+
+    def close(self) -> None:
+        """End what is under way: a thread that is in the network library when the interpreter ends aborts it."""
+        self._over.set()
+        self.settle()
 
     def _check(self, linked: set[str]) -> None:
         with suppress(zenoh.ZError):  # the session is closed, or the router gone: it introduces when it is back
             self._known |= self._visible() & linked
             before, self._lost = self._lost, self._known - linked
             if again := before & self._lost:
-                alive = self._introduce()
+                alive = self._introduce(self._over)
                 self._known -= again - alive
                 self._named = sorted(again & alive)
 
 
 def linked_to(session: zenoh.Session) -> set[str]:
-    """Return the names of the sessions with a link to this one."""
-    return {str(name) for name in (*session.info.peers_zid(), *session.info.routers_zid())}
+    """Return the names of the peers with a link to a session; a link to a router is made anew by Zenoh itself."""
+    return {str(name) for name in session.info.peers_zid()}
 
 
 def visible_to(session: zenoh.Session, tokens: str, timeout_s: float) -> set[str]:

@@ -243,10 +243,10 @@ class ZenohBus:
     def _visible(self, session: zenoh.Session) -> set[str]:
         return visible_to(session, f"{LIVE}/*/*", TOKENS_S)
 
-    def _introduce(self) -> set[str]:
+    def _introduce(self, over: threading.Event) -> set[str]:
         listen = tuple(f"{place.rpartition(':')[0]}:0" for place in self.endpoint.listen)
         with zenoh.open(zenoh_config(replace(self.endpoint, listen=listen))) as session:
-            threading.Event().wait(INTRODUCE_S)
+            over.wait(INTRODUCE_S)
             return self._visible(session)
 
     def announce(self, service: str, instance: str) -> None:

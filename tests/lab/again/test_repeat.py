@@ -157,3 +157,18 @@ def test_a_run_whose_robot_and_model_are_gone_or_others_now_repeats_from_its_rec
     robot.mkdir()
     (robot / ROBOT_FILE).write_text(text)  # another one in its place
     assert verify(path).repeated == done.run_hash
+
+
+def test_names_of_attached_files_are_no_paths(tmp_path: Path) -> None:
+    """A recording of a stranger writes nothing outside of the folder of its repetition, whatever it calls its files."""
+    scenario = parse_scenario(WALK)
+    config = {"../../x": {"y": "a.toml"}, "footholds": {"slip_model": "gone.json"}}
+    files = {"../../x.y.toml": b"1", "..": b"2", "": b"3", "footholds.slip_model.json": b"4"}
+    run = RecordedRun(
+        tmp_path / "run.mcap", replace(scenario, robot="ragno", config=config), 0, "", {}, "", {}, 1, files
+    )
+    folder = tmp_path / "a" / "b"
+    folder.mkdir(parents=True)
+    found = run._with_files(folder)  # pyright: ignore[reportPrivateUsage]
+    assert {path.parent for path in tmp_path.rglob("*") if path.is_file()} == {folder}
+    assert Path(found.config["footholds"]["slip_model"]).read_bytes() == b"4"

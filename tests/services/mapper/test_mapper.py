@@ -82,7 +82,7 @@ class Bus:
         self.published.append((topic, message))
 
     def call(self, query, request, timeout_s):
-        raise AssertionError("the mapper asks nobody")
+        raise AssertionError("the mapper sends no request")
 
     def log(self, level, text):
         self.logged.append((level, text))

@@ -1,5 +1,7 @@
 """Links that were lost are noticed at the second look, and made anew."""
 
+import threading
+
 from surefoot.bus.mesh import Mesh
 
 
@@ -16,7 +18,7 @@ class Network:
         self.mesh = Mesh(lambda: set(self.linked), lambda: self.alive & self.linked, self.introduce)
         self.look()
 
-    def introduce(self) -> set[str]:
+    def introduce(self, over: threading.Event) -> set[str]:
         self.introduced += 1
         if self.heals:
             self.linked |= self.alive
@@ -27,7 +29,7 @@ class Network:
         found: list[list[str]] = []
         for _ in range(times):
             found.append([trouble.peer for trouble in self.mesh.look()])
-            self.mesh.close()
+            self.mesh.settle()
         return found
 
 
@@ -65,3 +67,21 @@ def test_a_link_that_stays_away_is_asked_for_until_it_is_back() -> None:
     network.heals = True
     assert network.look(4) == [["b"], ["b"], [], []]
     assert network.introduced == 5
+
+
+def test_the_end_waits_for_no_introduction() -> None:
+    linked, ended = {"a", "b"}, threading.Event()
+
+    def introduce(over: threading.Event) -> set[str]:
+        assert over.wait(60.0)
+        ended.set()
+        return {"a", "b"}
+
+    mesh = Mesh(lambda: set(linked), lambda: {"a", "b"}, introduce)
+    for _ in range(2):
+        mesh.look()
+        mesh.settle()
+        linked.discard("b")
+    mesh.look()
+    mesh.close()
+    assert ended.is_set()

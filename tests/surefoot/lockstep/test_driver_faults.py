@@ -5,6 +5,7 @@ import pytest
 from surefoot.bus.interface import Delivery
 from surefoot.lockstep import driver as runtime
 from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.node import Node
 from surefoot.schemas.system import Done, JoinRequest
 from surefoot.schemas.topics import SIM_JOIN, TICK_DONE
 from tests.surefoot.lockstep.driver_bench import EXPECT, Bench, MapReader, reference
@@ -133,10 +134,8 @@ def test_silence_is_answered_by_the_same_tick_again(monkeypatch: pytest.MonkeyPa
     assert bench.leader.comparable
 
 
-@pytest.mark.parametrize("name", ["estimator", "walker", "recorder"])
-@pytest.mark.parametrize("policy", ["degrade", "hold"])
-def test_a_frozen_member_counts_as_lost_and_may_return(name: str, policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(policy=policy, at=20)
+def lost_in_silence(bench: Bench, name: str, monkeypatch: pytest.MonkeyPatch) -> Node:
+    """Return the node of a member that does nothing until it counts as lost; it is no longer in the system."""
     asleep = next(node for node in bench.system.nodes if node.name == name)
     bench.system.nodes.remove(asleep)
     monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
@@ -145,6 +144,14 @@ def test_a_frozen_member_counts_as_lost_and_may_return(name: str, policy: str, m
         for node in bench.system.nodes[1:]:
             node.pump()
     monkeypatch.setattr(runtime, "SILENCE_S", 10.0)
+    return asleep
+
+
+@pytest.mark.parametrize("name", ["estimator", "walker", "recorder"])
+@pytest.mark.parametrize("policy", ["degrade", "hold"])
+def test_a_frozen_member_counts_as_lost_and_may_return(name: str, policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(policy=policy, at=20)
+    asleep = lost_in_silence(bench, name, monkeypatch)
     assert bench.leader.reason == f"{name} is silent"
     if policy == "degrade":
         assert name not in bench.leader.members
@@ -164,14 +171,7 @@ def test_a_frozen_member_counts_as_lost_and_may_return(name: str, policy: str, m
 def test_a_member_that_was_cut_off_gets_all_it_lacks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its process lives, nothing reaches it, and it counts as lost: what was published meanwhile comes again."""
     bench = Bench(policy="hold", at=20)
-    cut = next(node for node in bench.system.nodes if node.name == name)
-    bench.system.nodes.remove(cut)
-    monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
-    while not bench.leader.reason:
-        bench.node.pump_once()
-        for node in bench.system.nodes[1:]:
-            node.pump()
-    monkeypatch.setattr(runtime, "SILENCE_S", 10.0)
+    cut = lost_in_silence(bench, name, monkeypatch)
     behind = cut.join.last
     assert bench.leader.missing() == (name,)
     assert bench.leader.tick > behind
