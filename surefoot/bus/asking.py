@@ -8,6 +8,7 @@ the owner is known.
 
 import time
 from collections import Counter
+from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -24,6 +25,7 @@ from surefoot.schemas.topics import HEALTH_GET, Query
 LIVE = "alive"
 TOKENS_S = 0.5
 """Most time for the tokens of a service, s; they come in a millisecond."""
+MEANWHILE_S = 0.5
 
 
 class Asking:
@@ -37,7 +39,14 @@ class Asking:
         self._owners: dict[str, str] = {}
 
     def ask(
-        self, query: Query[Any, Any], timeout: float, payload: bytes, attachment: bytes | None, *, instance: str = ""
+        self,
+        query: Query[Any, Any],
+        timeout: float,
+        payload: bytes,
+        attachment: bytes | None,
+        *,
+        instance: str = "",
+        meanwhile: Callable[[], Any] | None = None,
     ) -> zenoh.Reply:
         """Return the first answer of the process that owns a query.
 
@@ -47,6 +56,7 @@ class Asking:
             payload: encoded request.
             attachment: the same.
             instance: process that shall answer; empty = the one that shows the owner's token.
+            meanwhile: called every ``MEANWHILE_S`` of the wait.
 
         Raises:
             CallError: absent or timeout, with the processes that answered without owning the query; ``second`` where
@@ -66,7 +76,7 @@ class Asking:
         )
         deadline = time.monotonic() + timeout + 0.2
         owner, claims, strangers = instance or self._owners.get(query.owner, ""), dict[str, zenoh.Reply](), set[str]()
-        while reply := _next(replies, deadline):
+        while reply := _next(replies, deadline, meanwhile):
             by = _replier(reply)
             if by == owner:
                 return reply
@@ -125,11 +135,17 @@ class Asking:
         return CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s{others}")
 
 
-def _next(replies: SimpleQueue[zenoh.Reply | None], deadline: float) -> zenoh.Reply | None:
-    try:
-        return replies.get(timeout=max(0.0, deadline - time.monotonic()))
-    except Empty:
-        return None
+def _next(
+    replies: SimpleQueue[zenoh.Reply | None], deadline: float, meanwhile: Callable[[], Any] | None
+) -> zenoh.Reply | None:
+    while True:
+        left = max(0.0, deadline - time.monotonic())
+        try:
+            return replies.get(timeout=left if meanwhile is None else min(left, MEANWHILE_S))
+        except Empty:
+            if meanwhile is None or left <= MEANWHILE_S:
+                return None
+            meanwhile()
 
 
 def _replier(reply: zenoh.Reply) -> str:

@@ -227,7 +227,15 @@ class Bus(Protocol):
         """
         ...
 
-    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
+    def call(
+        self,
+        query: Query[Req, Rep],
+        request: Req,
+        timeout_s: float | None = None,
+        *,
+        instance: str = "",
+        meanwhile: Callable[[], Any] | None = None,
+    ) -> Rep:
         """Asks and waits.
 
         Args:
@@ -236,6 +244,7 @@ class Bus(Protocol):
             timeout_s: limit on the wait, s; None = that of the row.
             instance: process that shall answer, on the way of participants, which no flood of other clients' queries
                 fills; empty = the one that shows the token of the query's owner.
+            meanwhile: called on the thread of the caller every half second of a longer wait.
 
         Raises:
             CallError: absent, timeout, ``second`` where two processes answer as the owner and neither is known, or

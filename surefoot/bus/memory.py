@@ -124,7 +124,15 @@ class MemoryBus:
         """Set the function that makes the server of ``query`` work and returns whether it did anything."""
         self._pumps[query.key] = pump
 
-    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
+    def call(
+        self,
+        query: Query[Req, Rep],
+        request: Req,
+        timeout_s: float | None = None,
+        *,
+        instance: str = "",
+        meanwhile: Callable[[], Any] | None = None,
+    ) -> Rep:
         server = self._servers.get(query.key, {}).get(instance or self._owner(query))
         if server is None:
             raise CallError("absent", f"no service answers {query.key!r}")

@@ -205,9 +205,17 @@ class ZenohBus:
             handler = Callback(_query_sink(query, key, participants), indirect=False)
             self._keep.append(self.session.declare_queryable(key, handler, complete=True))
 
-    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, instance: str = "") -> Rep:
+    def call(
+        self,
+        query: Query[Req, Rep],
+        request: Req,
+        timeout_s: float | None = None,
+        *,
+        instance: str = "",
+        meanwhile: Callable[[], Any] | None = None,
+    ) -> Rep:
         timeout = query.timeout_s if timeout_s is None else timeout_s
-        reply = self._asking.ask(query, timeout, *encode(request), instance=instance)
+        reply = self._asking.ask(query, timeout, *encode(request), instance=instance, meanwhile=meanwhile)
         if reply.ok is None:
             assert reply.err is not None
             raise _call_error(reply.err.payload.to_bytes())

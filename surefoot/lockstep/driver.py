@@ -91,11 +91,9 @@ class DriverNode(Node):
         self._judging = tuple(topic.key for topic in service.outputs if topic.observers_only)
         self._unrevealed: list[tuple[int, DueSample]] = []
         self._joining: dict[str, float] = {}
-        self._next_prime = 0.0
-        self._since = 0.0
-        self._resends = 0
+        self._next_prime = self._next_repeat = self._next_status = 0.0
+        self._since, self._resends = 0.0, 0
         self._awaited: set[str] = set()
-        self._next_status = 0.0
 
     def start(self) -> None:
         self.service.handle(SIM_JOIN, self._on_join)
@@ -152,7 +150,6 @@ class DriverNode(Node):
         return JoinReply(accepted=True)
 
     def _on_delivery(self, delivery: Delivery) -> None:
-        topic = delivery.topic
         try:
             message: Any = delivery.message()
             if isinstance(message, JointCommand):
@@ -160,9 +157,9 @@ class DriverNode(Node):
             elif isinstance(message, Done):
                 self._on_done(message)
             else:
-                self.service.on_message(topic, message)
+                self.service.on_message(delivery.topic, message)
         except Refusal as refusal:
-            self.refuse(refusal.code, f"{topic.key}: {refusal.message}")
+            self.refuse(refusal.code, f"{delivery.topic.key}: {refusal.message}")
 
     def _on_command(self, command: JointCommand, sender: str) -> None:
         leader = self.leader
@@ -259,7 +256,11 @@ class DriverNode(Node):
             self._repeat(leader.rejoin())
             return True
         self._prime()
-        if self.clock() - self._since > HOLD_S:
+        now = self.clock()
+        if now >= self._next_repeat and all(self.bindings.visible(*one) for one in leader.awaited()):
+            self._next_repeat = now + SILENCE_S  # one is silent, perhaps because it asked another that lacks a tick
+            self._repeat_all()
+        if now - self._since > HOLD_S:
             gone = ", ".join(leader.give_up_waiting())
             self.gave_up = leader.reason = f"gave up waiting for {gone} after {HOLD_S:g} s: the run ends"
             self.log("error", leader.reason)
@@ -349,7 +350,7 @@ class DriverNode(Node):
             if manifest is not None:
                 self._publishers[HW_TICK.key].put(manifest)
             self.bus.flush()
-        self._since = self.clock()
+        self._since = self._since if self.leader.state == "holding" else self.clock()
 
     def _repeat_all(self) -> None:
         """Send again what anybody may lack; the next tick of the slowest member wants delayed inputs of its last."""

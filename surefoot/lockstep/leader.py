@@ -129,6 +129,10 @@ class Leader:
         else:
             self._remove(service)
 
+    def awaited(self) -> list[tuple[str, str]]:
+        """Lost members whose return is awaited, and the processes that they were."""
+        return [(name, self.members[name].instance) for name in sorted(self.lost)]
+
     def give_up_waiting(self) -> tuple[str, ...]:
         """Ends a hold: the lost leave the roster, the run goes on without them."""
         gone = tuple(sorted(self.lost))

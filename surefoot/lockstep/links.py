@@ -1,6 +1,7 @@
 """The links a service needs: inputs that their publishers have primed, queries that their owners answer."""
 
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from surefoot.bus.interface import Bus
@@ -17,13 +18,22 @@ Rep = TypeVar("Rep", bound=Wire)
 Row = Topic[Any] | Query[Any, Any]
 
 JOIN_S = 0.3  # s, limit on the wait for one driver's answer
+PATIENCE_S = 10.0
+"""Limit on the wait for an answer within a tick in lockstep, s: longer than the silence after which a driver gives a
+member up and a supervisor starts a process anew, and no time in which a machine that works leaves a request alone."""
 
 
 class Links:
-    """Links that a service has proved."""
+    """Links that a service has proved.
 
-    def __init__(self, bus: Bus, bindings: Bindings) -> None:
-        self._bus, self._bindings = bus, bindings
+    Args:
+        bus: what it asks by.
+        bindings: processes that services are bound to.
+        meanwhile: called now and then in a long wait for an answer: a sign of life.
+    """
+
+    def __init__(self, bus: Bus, bindings: Bindings, meanwhile: Callable[[], Any]) -> None:
+        self._bus, self._bindings, self._meanwhile = bus, bindings, meanwhile
         self._rows: tuple[Row, ...] = ()
         self._proved: set[str] = set()
         self._servers: dict[str, str] = {}
@@ -53,12 +63,33 @@ class Links:
     def _is_proved(self, row: Row) -> bool:
         return bool(self.server(row)) if isinstance(row, Query) else row.key in self._proved
 
-    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
-        """Ask the process that a query's owner is bound to (raises CallError)."""
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None, within: Tick | None = None) -> Rep:
+        """Ask the process that a query's owner is bound to, in the course of a tick or of none (raises CallError).
+
+        In lockstep simulated time waits for the answer, however slow the machine is; a process that still lacks the
+        tick which the request names is asked again, and the driver repeats the tick to it.
+        """
+        if within is None or query.owner == DRIVER:
+            return self._ask(query, request, timeout_s)
+        if query.owner not in within.roster:
+            raise CallError("absent", f"{query.owner} is not on the roster")
+        if within.mode != "lockstep":
+            return self._ask(query, request, timeout_s)
+        end = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return self._ask(query, request, PATIENCE_S, self._meanwhile)
+            except CallError as error:
+                if error.code != "not_ready" or time.monotonic() >= end:
+                    raise
+
+    def _ask(
+        self, query: Query[Req, Rep], request: Req, timeout_s: float | None, meanwhile: Callable[[], Any] | None = None
+    ) -> Rep:
         server = self.server(query)
         if not server:
             raise CallError("absent", f"no process that is {query.owner} answers {query.key!r}")
-        return self._bus.call(query, request, timeout_s, instance=server)
+        return self._bus.call(query, request, timeout_s, instance=server, meanwhile=meanwhile)
 
     def join(self, request: JoinRequest) -> list[str]:
         """Ask the driver, or whoever may be it, for a place on the roster; return the codes of failures."""

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from surefoot.bus.frame import Frame
 from surefoot.bus.inbox import Inbox
 from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
-from surefoot.errors import CallError, Refusal
+from surefoot.errors import Refusal
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.answers import Answers, LateAnswer
@@ -61,7 +61,7 @@ class Node:
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
         self._observed = {topic.key for topic in service.observes}
-        self.links = Links(bus, self.bindings)
+        self.links = Links(bus, self.bindings, self._beat)
         self._answers = Answers(self.inbox.put, self.refuse, clock)
         self._tick: TickInputs | None = None
         self.epoch = -1
@@ -177,18 +177,20 @@ class Node:
 
     def timers(self) -> float:
         """Does what the wall clock asks for; returns the seconds until it asks again."""
-        now = self.clock()
-        if now >= self._next_health:
-            self._next_health = now + HEALTH_PERIOD_S
-            for trouble in self.bus.look_at_links():
-                self.refuse(*trouble)
-            self._publishers[f"health/{self.name}"].put(self.health())
-        if now >= self._next_join:
+        self._beat()
+        if (now := self.clock()) >= self._next_join:
             self._next_join = now + JOIN_RETRY_S
             if not self.stopping and not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
                 self._ask_to_join()
         self._answers.expire(self.name)
         return max(0.0, min(self._next_health, self._next_join) - self.clock())
+
+    def _beat(self) -> None:
+        if (now := self.clock()) >= self._next_health:
+            self._next_health = now + HEALTH_PERIOD_S
+            for trouble in self.bus.look_at_links():
+                self.refuse(*trouble)
+            self._publishers[f"health/{self.name}"].put(self.health())
 
     def _ask_to_join(self) -> None:
         for code in self.links.join(join_request(self)):
@@ -384,9 +386,7 @@ class Node:
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
         if query not in self.service.calls:
             raise ValueError(f"{self.name} calls {query.key!r} but does not declare it in calls")
-        if self._tick is not None and query.owner != DRIVER and query.owner not in self._tick.tick.roster:
-            raise CallError("absent", f"{query.owner} is not on the roster")
-        return self.links.call(query, request, timeout_s)
+        return self.links.call(query, request, timeout_s, None if self._tick is None else self._tick.tick)
 
     def log(self, level: str, text: str) -> None:
         sys.stderr.write(log_line(level, self.name, text, self.join.last) + "\n")

@@ -33,8 +33,8 @@ no_fall = true
 """
 AT_TICK = 100
 """Tick of a run in which something happens to the network, while the robot walks."""
-PLACES = {"simulator": 0, "estimator": 1, "walker": 1, "stability": 1, "footholds": 1}
-"""Host of each service; the others run beside the router and the supervisor."""
+PLACES = {"simulator": 0, "stability": 0, "estimator": 1, "walker": 1}
+"""Host of each service; the others run beside the router and the supervisor. The walker asks services of both."""
 
 
 class Spread(Live):
@@ -97,7 +97,7 @@ def test_the_hash_is_that_of_one_host(spread: Spread) -> None:
 
 @pytest.mark.parametrize(("number", "seconds"), [(1, 2.0), (0, 2.0), (1, 0.5), (0, 0.7)])
 def test_a_partition_changes_nothing(spread: Spread, number: int, seconds: float) -> None:
-    """Of those that walk, or of the driver, from all others. No request crosses the gap: it has a limit of wall time.
+    """Of those that walk, or of the driver, from all others; what the walker asks waits as its messages do.
 
     After a short one Zenoh often leaves two processes without a link, and both linked to the router.
     """

@@ -1,5 +1,6 @@
 """Clients beside a stranger who serves the keys of queries: the owner's answer counts, whoever is first."""
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from surefoot.bus import asking
 from surefoot.bus.interface import Incoming
 from surefoot.bus.memory import MemoryBus
 from surefoot.errors import CallError, Refusal
@@ -117,6 +119,27 @@ def test_a_stranger_that_never_answers_holds_nobody(net: Net) -> None:
         assert all(client.call(STABILITY_REGION, REQUEST, 60.0) == RIGHT for _ in range(20))
         wait_until(lambda: len(kept) >= 20)  # each query reached it
         kept.clear()
+
+
+def test_a_long_wait_for_an_answer_is_no_silence(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asking, "MEANWHILE_S", 0.01)
+    begun, third = threading.Event(), threading.Event()
+
+    def answer(request: Any) -> RegionReply:
+        begun.set()
+        assert third.wait(60.0)
+        return RIGHT
+
+    def meanwhile() -> None:
+        looks.append(begun.is_set())
+        if looks.count(True) == 3:
+            third.set()
+
+    looks: list[bool] = []
+    serve(net.open(), answer)
+    client = reached(net.open("client"), STABILITY_REGION)
+    assert client.call(STABILITY_REGION, REQUEST, 60.0, meanwhile=meanwhile) == RIGHT
+    assert looks.count(True) >= 3
 
 
 def test_a_stranger_alone_answers_for_nobody_and_is_named(net: Net) -> None:

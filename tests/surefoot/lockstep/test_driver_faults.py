@@ -178,3 +178,18 @@ def test_a_member_that_was_cut_off_gets_all_it_lacks(name: str, monkeypatch: pyt
     cut.inbox.tick.items.clear()
     bench.system.nodes.append(cut)
     assert bench.finish(60) == reference(60)
+
+
+@pytest.mark.parametrize("alive", [True, False])
+def test_ticks_come_again_to_all_while_a_silent_member_is_awaited(alive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be silent because it asked another that lacks a tick; one whose process is gone asks nobody."""
+    bench = Bench(policy="hold", at=20)
+    lost_in_silence(bench, "walker", monkeypatch)
+    if not alive:
+        bench.bus.depart("walker")
+    monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
+    before = [tick.tick for tick in bench.ticks].count(bench.leader.tick)
+    for _ in range(3):
+        bench.node.pump_once()
+    assert bench.leader.state == "holding"
+    assert [tick.tick for tick in bench.ticks].count(bench.leader.tick) == before + (3 if alive else 0)
