@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import EXIT_CHECK, Json, notify, use_json, write, write_json, write_table
+from surefoot.lab.cli.output import EXIT_CHECK, Json, near, notify, use_json, write, write_json, write_table
+from surefoot.lab.cli.progress import Progress
 
 if TYPE_CHECKING:
     from surefoot.lab.report.findings import Reproduction
@@ -16,9 +17,12 @@ PAPERS = {
     "walas-stability": ".walas.stability",
     "wawrzynski": ".wawrzynski.velocity",
 }
-"""Name: module with `reproduce(folder, notify)`, and with `SYSTEM = None` if no system's kernels are needed."""
+"""Name: module with `reproduce(folder, progress)`, and with `SYSTEM = None` if no system's kernels are needed."""
 WITH_LIVE = ("osswald",)
 """Papers whose `reproduce` also takes `live`, a file of results."""
+
+RESUMED = ("walas-footholds",)
+"""Papers whose folder keeps what is done."""
 
 app = typer.Typer()
 
@@ -52,11 +56,16 @@ def reproduce(
         raise SurefootError("invalid", f"got {paper!r}{hint}; known are {known}", "paper")
     if live is not None and paper not in WITH_LIVE:
         raise SurefootError("invalid", f"got {paper!r}, which takes no live runs; {', '.join(WITH_LIVE)} does", "live")
+    folder = (out or Path("runs") / paper) if figures else None
+    kept = "nothing was written"
+    if folder is not None and paper in RESUMED:
+        kept = f"what is done is in {near(folder)}, and the same command goes on from there"
     module = importlib.import_module(PAPERS[paper], __package__)
     if getattr(module, "SYSTEM", DEFAULT_SYSTEM) is not None:
         warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], None, notify)
     more = {} if live is None else {"live": live}
-    found: Reproduction = module.reproduce((out or Path("runs") / paper) if figures else None, notify, **more)
+    with Progress(paper, kept) as progress:
+        found: Reproduction = module.reproduce(folder, progress.at, **more)
     passed = found.ok if strict else found.as_recorded
     if json:
         write_json(

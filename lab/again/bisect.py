@@ -2,7 +2,7 @@
 
 import json
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,11 +42,15 @@ class FirstDifference:
         return f"{self.key} at tick {self.tick}, {where}: {self.a} in the first, {self.b} in the second"
 
 
-def first_difference(a: Path, b: Path) -> FirstDifference | None:
+def first_difference(a: Path, b: Path, progress: Callable[[float], None] | None = None) -> FirstDifference | None:
     """Return the first difference in what is the same whenever a run is repeated; None: there is none.
 
     Both files are read once, side by side in the order of their stamps; of each key at most the messages are held that
     one file is ahead by, within one stamp.
+
+    Args:
+        a, b: MCAP files.
+        progress: gets the share of the first that is read.
 
     Raises:
         SurefootError: a file cannot be read, or both have no key in common.
@@ -55,13 +59,14 @@ def first_difference(a: Path, b: Path) -> FirstDifference | None:
     if not keys[0] & keys[1]:
         raise SurefootError("invalid", f"{a} and {b} have no deterministic topic in common", "recording")
     pairing = _Pairing(keys)
-    streams = tuple(read_recording(path, tuple(sorted(own))) for path, own in zip((a, b), keys, strict=True))
+    one, other = (tuple(sorted(own)) for own in keys)
+    streams = read_recording(a, one, progress), read_recording(b, other)
     ahead = [next(stream, None) for stream in streams]
     while (side := _earlier(ahead)) is not None:
         item = ahead[side]
         assert item is not None
-        other = ahead[1 - side]
-        pairing.take(side, item, LATEST_NS + 1 if other is None else other.stamp_ns)
+        facing = ahead[1 - side]
+        pairing.take(side, item, LATEST_NS + 1 if facing is None else facing.stamp_ns)
         ahead[side] = next(streams[side], None)
     pairing.end()
     return min(pairing.found, key=lambda each: (each.tick, ORDER.get(each.key, len(ORDER))), default=None)

@@ -20,10 +20,11 @@ Keep = Annotated[Path | None, typer.Option("--out", "-o", help="Keep the repetit
 def why(file: Recording, json: Json = False) -> None:
     """Walk back from a fall, stop, halt, missed goal or slip to its first cause. Exit code 1: something went wrong,
     or a part of the recording cannot be read."""
-    from ..report.why import explain
-
     use_json(json)
-    found = explain(file)
+    with Progress(f"causes in {file.name}") as progress:
+        from ..report.why import explain
+
+        found = explain(file, progress.at)
     if json:
         write_json({"sentence": found.sentence, **vars(found)})
     else:
@@ -60,7 +61,8 @@ def verify(
     if out is not None:
         refuse_existing(out, force=False)
     notify(f"surefoot: repeating the run of {near(file)}")
-    found = repeat(file, out, Progress(near(file)).at)
+    with Progress(near(file)) as progress:
+        found = repeat(file, out, progress.at)
     if json:
         write_json({"same": found.same, **vars(found)})
     else:
@@ -79,12 +81,12 @@ def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
     """Repeat runs of the public list and show which have its hash."""
     from .public import public_runs
 
-    rows, runs, progress = [], public_runs(names), Progress("list")
+    rows, runs = [], public_runs(names)
     every = sum(run.ticks for run in runs)
-    for run in runs:
-        progress.at(sum(run.ticks for run, _ in rows) / every)
-        notify(f"surefoot: repeating {run.scenario}, seed {run.seed}")
-        rows.append((run, run.again()))
+    with Progress("list") as progress:
+        for run in runs:
+            progress.at(sum(run.ticks for run, _ in rows) / every, f"{run.scenario}, seed {run.seed}")
+            rows.append((run, run.again()))
     same = sum(run == found for run, found in rows)
     if json:
         write_json({"same": same == len(rows), "runs": [{**a._asdict(), "found": b.run_hash} for a, b in rows]})
@@ -99,10 +101,11 @@ def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
 @app.command()
 def bisect(a: Recording, b: Annotated[Path, typer.Argument(help="Another recording.")], json: Json = False) -> None:
     """Name the first message and field in which two recordings differ. Exit code 1: there is one."""
-    from .bisect import first_difference
-
     use_json(json)
-    found = first_difference(a, b)
+    with Progress(f"comparison of {a.name} and {b.name}") as progress:
+        from .bisect import first_difference
+
+        found = first_difference(a, b, progress.at)
     if json:
         write_json({"same": found is None, "first": found})
     else:
@@ -135,8 +138,8 @@ def whatif(
         refuse_existing(out, force=False)
     run = RecordedRun.of(file)
     notify(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
-    with kept(out) as target:
-        found = changed(run, at, changes, target, Progress(near(file)).at)
+    with kept(out) as target, Progress(near(file)) as progress:
+        found = changed(run, at, changes, target, progress.at)
         rows = compare(file, target, at)
     if json:
         write_json({"same": found == run.run_hash, "run_hash": found, "rows": [row._asdict() for row in rows]})

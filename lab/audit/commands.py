@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from ..cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
+from ..cli.progress import Progress
 
 app = typer.Typer()
 SHOWN = 20
@@ -22,10 +23,11 @@ def audit(
     Contact forces prove that the robot was held, twists that it would not have been further out. Both are checked by
     code that knows nothing of the service that found them.
     """
-    from .walk import audit as check
-
     use_json(json)
-    found = check(recording)
+    with Progress(f"proofs of {recording.name}") as progress:
+        from .walk import audit as check
+
+        found = check(recording, progress.at)
     bad = found.contradicted
     proved = sum(claim.proved for claim in found.claims)
     if json:

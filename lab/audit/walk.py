@@ -4,6 +4,7 @@ The contacts are computed anew from recorded joints, stance and gravity; the sol
 forces and twists for them, and `proof.py`, which knows no solver, decides what they prove.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,8 +76,12 @@ class Audit:
         return tuple(claim for claim in self.claims if claim.contradicted)
 
 
-def audit(path: Path) -> Audit:
+def audit(path: Path, progress: Callable[[float], None] = lambda share: None) -> Audit:
     """Check every margin that a recording claims.
+
+    Args:
+        path: MCAP file.
+        progress: gets the share of the claims that is checked.
 
     Raises:
         SurefootError: the recording cannot be read, names no robot, or claims nothing.
@@ -99,7 +104,10 @@ def audit(path: Path) -> Audit:
                 step[message.tick] = message.steps
             case _:
                 claiming.append(message)
-    claims = [_claim(robot, status, joints, up, step) for status in claiming]
+    claims: list[Claim | None] = []
+    for status in claiming:
+        claims.append(_claim(robot, status, joints, up, step))
+        progress(len(claims) / len(claiming))
     found = tuple(claim for claim in claims if claim is not None)
     if not claiming:
         raise SurefootError("invalid", f"{path} has no {STATE_STABILITY.key}: nothing is claimed", "recording")

@@ -8,6 +8,7 @@ import typer
 
 from ..cli.bag import app as bag
 from ..cli.output import Json, refuse_existing, use_json, write, write_answer, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from .raw import RawLog
@@ -57,9 +58,10 @@ def import_log(
         imu, joints, None if contacts is None else FieldPath.of(contacts), _words(joint_names), _words(feet),
         clock == "record", sort,
     )  # fmt: skip
-    made = fitted(_read(log, wanted), description, stated, imu_frame)
     path = out or Path(f"{log.resolve().stem}.mcap")
-    player = record(made, robot, path)
+    with Progress(f"{log.name} to {path.name}") as progress:
+        made = fitted(_read(log, wanted), description, stated, imu_frame)
+        player = record(made, robot, path, progress.at)
     refused = dict(player.intake.refused)
     files = [str(path)]
     if calibration is not None and made.contact is None:
@@ -127,8 +129,10 @@ def export_recording(
     json: Json = False,
 ) -> None:
     """Write a recording in a format of others."""
-    from .exporting import SUFFIXES, export
-
     use_json(json)
-    path = export(file, to, out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}"), robot)
+    with Progress(f"{file.name} to {to}") as progress:
+        from .exporting import SUFFIXES, export
+
+        target = out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}")
+        path = export(file, to, target, robot, progress.at)
     write_answer({"file": str(path)}, f"file  {path}")

@@ -33,9 +33,13 @@ TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_cont
 VERSION = 9
 """Version of the metadata of a rosbag2."""
 FRAMES = ("odom", "base_link")
+Share = Callable[[float], None]
+"""Function that takes the share of the work that is done."""
 
 
-def export(recording: Path, kind: str, out: Path, robot: str | None = None) -> Path:
+def export(
+    recording: Path, kind: str, out: Path, robot: str | None = None, progress: Share = lambda share: None
+) -> Path:
     """Write a recording in another format; all of it or nothing.
 
     Args:
@@ -43,6 +47,7 @@ def export(recording: Path, kind: str, out: Path, robot: str | None = None) -> P
         kind: key of `FORMATS`.
         out: file or folder to write, which must not exist.
         robot: description; None = that of the recording.
+        progress: gets the share that is done.
 
     Raises:
         SurefootError: the format is unknown, `out` exists, or the recording cannot be read.
@@ -59,7 +64,7 @@ def export(recording: Path, kind: str, out: Path, robot: str | None = None) -> P
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
         part = Path(folder) / out.name
-        FORMATS[kind](recording, part, description)
+        FORMATS[kind](recording, part, description, progress)
         shutil.move(part, out)
     return out
 
@@ -104,8 +109,8 @@ def table_of(columns: Columns, robot: Robot) -> dict[str, NDArray[Any]]:
     return out
 
 
-def _table(recording: Path, robot: Robot) -> dict[str, NDArray[Any]]:
-    columns = recorded_columns(recording)[0]
+def _table(recording: Path, robot: Robot, progress: Share) -> dict[str, NDArray[Any]]:
+    columns = recorded_columns(recording, progress)[0]
     for need in ("joints", "touch"):
         if need not in columns:
             raise SurefootError("invalid", f"{recording} has no {need}", need)
@@ -119,33 +124,33 @@ def _check_joints(recording: Path, count: int, robot: Robot) -> None:
         raise SurefootError("invalid", f"{recording} has {count} joints, {robot.name} has {robot.nj}", "robot")
 
 
-def _csv(recording: Path, out: Path, robot: Robot) -> None:
-    table = _table(recording, robot)
+def _csv(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
+    table = _table(recording, robot, progress)
     with out.open("w", encoding="utf-8") as file:
         file.write(",".join(table) + "\n")
         for row in zip(*(values.tolist() for values in table.values()), strict=True):
             file.write(",".join("" if x != x else repr(x) for x in row) + "\n")
 
 
-def _parquet(recording: Path, out: Path, robot: Robot) -> None:
+def _parquet(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
     try:
         import pyarrow  # pyright: ignore[reportMissingImports] - optional
         from pyarrow import parquet  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
         raise SurefootError("not_installed", "Parquet needs: pip install 'surefoot[parquet]'", "to") from None
-    parquet.write_table(pyarrow.table(_table(recording, robot)), out)
+    parquet.write_table(pyarrow.table(_table(recording, robot, progress)), out)
 
 
-def _tum(recording: Path, out: Path, robot: Robot) -> None:
+def _tum(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
     with out.open("w", encoding="utf-8") as file:
-        for item in read_recording(recording, ("state/odometry",)):
+        for item in read_recording(recording, ("state/odometry",), progress):
             m: Any = item.message()
             w, x, y, z = m.quat_wxyz
             numbers = " ".join(f"{value:.9f}" for value in (*m.position, x, y, z, w))
             file.write(f"{m.stamp_ns * 1e-9:.9f} {numbers}\n")
 
 
-def _rosbag2(recording: Path, out: Path, robot: Robot) -> None:
+def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
     types()
     from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -154,7 +159,7 @@ def _rosbag2(recording: Path, out: Path, robot: Robot) -> None:
     with Writer(out, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
         links = {name: writer.add_connection(topic, KINDS[name], typestore=types()) for name, topic in TOPICS.items()}
         for item in read_recording(
-            recording, ("hw/imu", "hw/joints", "hw/contacts", "state/velocity", "state/odometry")
+            recording, ("hw/imu", "hw/joints", "hw/contacts", "state/velocity", "state/odometry"), progress
         ):
             m: Any = item.message()
             made: dict[str, Any] = {}
@@ -173,7 +178,7 @@ def _rosbag2(recording: Path, out: Path, robot: Robot) -> None:
                 writer.write(links[name], m.stamp_ns, types().serialize_cdr(message, KINDS[name]))
 
 
-FORMATS: dict[str, Callable[[Path, Path, Robot], None]] = {
+FORMATS: dict[str, Callable[[Path, Path, Robot, Share], None]] = {
     "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum, "foxglove": write_foxglove,
 }  # fmt: skip
 """Writers by name."""

@@ -1,5 +1,6 @@
 """A recording as an MCAP file of Foxglove's messages, with what the recording holds about itself."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,18 @@ RATE_HZ = 50.0
 LINE_KEY = "log/"
 
 
-def write_foxglove(recording: Path, out: Path, robot: Robot) -> None:
+def write_foxglove(
+    recording: Path, out: Path, robot: Robot, progress: Callable[[float], None] = lambda share: None
+) -> None:
     """Write a recording as an MCAP file of Foxglove's messages.
 
     Its metadata are those of the recording; robot description and layout are attached.
+
+    Args:
+        recording: MCAP file of this project.
+        out: file to write.
+        robot: that was recorded.
+        progress: gets the share that is done.
 
     Raises:
         SurefootError: the library is missing, or the recording cannot be read or shows no posture of the robot.
@@ -37,7 +46,7 @@ def write_foxglove(recording: Path, out: Path, robot: Robot) -> None:
         for name, kind, data in _attachments(opened, robot):
             file.attach(log_time=opened.start_ns, create_time=opened.start_ns, name=name, media_type=kind, data=data)
         to = FoxgloveScene(scene, context)
-        for shown in snapshots(scene, ((m.stamp_ns * NS, m) for m in opened.messages(KEYS)), 1.0 / RATE_HZ):
+        for shown in snapshots(scene, ((m.stamp_ns * NS, m) for m in opened.messages(KEYS, progress)), 1.0 / RATE_HZ):
             to.publish(shown)
             count += 1
             while lines and lines[0][0] <= shown.time / NS:

@@ -1,6 +1,7 @@
 """A fitted log as a recording: the samples pass through the services as they would live."""
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from surefoot.errors import SurefootError
@@ -10,7 +11,7 @@ from surefoot.lockstep.intake import Intake
 from surefoot.lockstep.local import LocalSystem
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import JointCommand
-from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, TICK_NS
+from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_TICK, SIM_JOIN, TICK_NS
 from surefoot.services.estimator.config import EstimatorConfig
 from surefoot.services.estimator.service import EstimatorService
 from surefoot.services.recorder.service import Recorder, RecorderConfig
@@ -71,13 +72,14 @@ def _merged(log: RobotLog) -> list[tuple[int, int, int]]:
     )
 
 
-def record(log: RobotLog, robot: str, out: Path) -> Player:
+def record(log: RobotLog, robot: str, out: Path, progress: Callable[[float], None] = lambda share: None) -> Player:
     """Write the recording of a log with the estimates and margins of the services; all of it or nothing.
 
     Args:
         log: fitted to the robot.
         robot: name of a description, or path of its folder.
         out: MCAP file, which must not exist.
+        progress: gets the share that is done.
 
     Returns:
         The driver that has played the log, with the counts of what it refused.
@@ -102,6 +104,7 @@ def record(log: RobotLog, robot: str, out: Path) -> Player:
             player.node.begin((estimator.name, stability.name, recorder.name), "lockstep", 0.0, 1, "fail", 0)
             leader = player.node.leader
             leader.end_tick = player.last_tick
+            system.bus.subscribe(HW_TICK, lambda delivery: progress(delivery.header().tick / player.last_tick))
             system.run_until(lambda: leader.state == "ended" and leader.all_done())
         finally:
             system.close()

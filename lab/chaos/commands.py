@@ -19,6 +19,7 @@ from ..cli.output import (
     write_json,
     write_table,
 )
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from surefoot.services.supervisor.scenarios.scenario import Scenario
@@ -60,23 +61,29 @@ def chaos(
     long as it stays the same, and what is left is written as a test. With --zenoh the processes of a live system are
     killed, ended, frozen and slowed, and a stranger forges commands.
     """
-    from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
-
     use_json(json)
     if not zenoh and (force or listen is not None):
         raise typer.BadParameter("got --listen or --force without --zenoh, which alone has processes and a folder")
-    path = find_scenario(scenario)
-    loaded = load_scenario(path)
-    draw = _Draw(events, _chosen(kinds, zenoh=zenoh), ticks)
     found: list[ChaosRun] = []
-    if zenoh:
-        from ..runs.live import Options
+    with Progress(f"chaos in {Path(scenario).stem}", "reports of runs that ended are kept") as progress:
+        from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
-        options = Options(rtf=1.0 if paced else None, listen=listen, out=out)
-        for number in _prepared(loaded, range(seed, seed + runs), options, force=force):
-            found.append(_live(loaded, number, draw, options))
-    else:
-        found += _in_memory(path, loaded, range(seed, seed + runs), draw, out, paced=paced)
+        path = find_scenario(scenario)
+        loaded = load_scenario(path)
+        draw, seeds = _Draw(events, _chosen(kinds, zenoh=zenoh), ticks), range(seed, seed + runs)
+        if zenoh:
+            from ..runs.live import Options
+
+            options = Options(rtf=1.0 if paced else None, listen=listen, out=out)
+            for number in _prepared(loaded, seeds, options, force=force):
+                found.append(_live(loaded, number, draw, options))
+                progress.at(len(found) / runs)
+        else:
+            found += _in_memory(loaded, seeds, draw, progress, paced=paced)
+    for run in found:
+        if run.violations and not zenoh:
+            with Progress(f"events that seed {run.seed} needs to fail", "no test was written"):
+                _shrink(path, loaded, run, draw, out, paced=paced)
     if json:
         write_json(found)
     else:
@@ -107,17 +114,18 @@ class _Draw:
 
 
 def _in_memory(
-    path: Path, scenario: "Scenario", seeds: range, draw: _Draw, out: Path | None, *, paced: bool
+    scenario: "Scenario", seeds: range, draw: _Draw, progress: Progress, *, paced: bool
 ) -> "list[MemoryRun]":
-    """Run each seed, shrink those that fail, report the recoveries that were taken."""
+    """Run each seed and report the recoveries that were taken."""
     from .marks import MARKS, Marks
     from .run import run_chaos
 
     found: list[MemoryRun] = []
     half = set[str]()
     with Marks() as marks:
-        for seed in seeds:
-            run = run_chaos(scenario, seed, draw.events, draw.kinds, draw.ticks, paced=paced)
+        for number, seed in enumerate(seeds):
+            share = progress.part(number / len(seeds), (number + 1) / len(seeds), f"seed {seed}")
+            run = run_chaos(scenario, seed, draw.events, draw.kinds, draw.ticks, paced=paced, progress=share)
             found.append(run)
             what = f"{len(run.outcomes)} events, {run.ticks} ticks, {run.unbound} forged refused"
             notify(f"{_named(run)}: {what}: {'; '.join(run.violations) or 'ok'}")
@@ -127,9 +135,6 @@ def _in_memory(
     never = ", ".join(name for name in MARKS if name not in marks.taken) or "none"
     notify(f"{taken} of {len(MARKS)} recoveries taken, {late} of them first in the second half of the seeds")
     notify(f"never taken: {never}")
-    for run in found:
-        if run.violations:
-            _shrink(path, scenario, run, draw, out, paced=paced)
     return found
 
 
@@ -137,7 +142,7 @@ def _named(run: "ChaosRun") -> str:
     return f"seed {run.seed} ({', '.join(run.kinds)})"
 
 
-def _shrink(path: Path, scenario: "Scenario", run: "MemoryRun", draw: _Draw, out: Path | None, *, paced: bool) -> None:
+def _shrink(path: Path, scenario: "Scenario", run: "ChaosRun", draw: _Draw, out: Path | None, *, paced: bool) -> None:
     """Write the test of a failure, with the fewest events that it needs."""
     from .run import drawn
     from .shrink import as_test, shrink_run

@@ -56,6 +56,7 @@ def run_chaos(
     ticks: int | None = None,
     *,
     paced: bool = False,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> MemoryRun:
     """Conduct a scenario while so many events happen.
 
@@ -66,9 +67,11 @@ def run_chaos(
         kinds: to draw from; empty = those that the seed leaves on.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
         paced: time goes on in real time, as on a robot, when a service is missing; else it waits (lockstep).
+        progress: gets the share of the longest time of the run that has passed.
     """
     kinds = kinds or swarm(MEMORY, seed)
-    return replace(suffer(scenario, drawn(scenario, seed, events, kinds, ticks), seed, paced=paced), kinds=kinds)
+    found = drawn(scenario, seed, events, kinds, ticks)
+    return replace(suffer(scenario, found, seed, paced=paced, progress=progress), kinds=kinds)
 
 
 def drawn(
@@ -79,16 +82,23 @@ def drawn(
     return draw_events(MEMORY, seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
 
 
-def suffer(scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool = False) -> MemoryRun:
+def suffer(
+    scenario: Scenario,
+    events: Sequence[ChaosEvent],
+    seed: int,
+    *,
+    paced: bool = False,
+    progress: Callable[[float], None] = lambda share: None,
+) -> MemoryRun:
     """Conduct a scenario while these events happen, in the order of their ticks.
 
     Args:
         scenario: what to do.
         events: what happens.
         seed: of the random parts of the events.
-        paced: as of `run_chaos`.
+        paced, progress: as of `run_chaos`.
     """
-    run = _conduct(scenario, events, seed, paced=paced)
+    run = _conduct(scenario, events, seed, paced=paced, progress=progress)
     if run.fell_at is None:
         return run
     outages = [o.event.tick for o in run.outcomes if paced and o.event.service == COMMANDER]
@@ -117,7 +127,13 @@ def _made(name: str, compose: Compose, director: Director, environment: Mapping[
 
 
 def _conduct(
-    scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool, max_ticks: int | None = None
+    scenario: Scenario,
+    events: Sequence[ChaosEvent],
+    seed: int,
+    *,
+    paced: bool,
+    max_ticks: int | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> MemoryRun:
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
     director, names = Director(scenario), _members(scenario)
@@ -132,19 +148,20 @@ def _conduct(
             max_ticks=max_ticks or scenario.max_ticks, actuation_delay_ticks=scenario.actuation_delay_ticks,
             mode="paced" if paced else "lockstep", rtf=float(paced),
         )  # fmt: skip
-        run = _follow(system, request, seed)
+        run = _follow(system, request, seed, progress)
     if max_ticks is None:
         run = replace(run, violations=(*run.violations, *director.problems, *director.unfinished()))
     return run
 
 
-def _follow(system: ChaosSystem, request: ResetRequest, seed: int) -> MemoryRun:
+def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Callable[[float], None]) -> MemoryRun:
     """Let a system run to its end."""
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
     leader, violations, fallen = system.driver.leader, list[str](), list[int]()
 
     def watch() -> None:
+        progress(leader.tick / leader.end_tick if leader.end_tick else 0.0)
         if not fallen and leader.tick >= 0 and simulator.world.truth().fallen:
             fallen.append(leader.tick)
 

@@ -1,35 +1,80 @@
 """Share that is done and time left of work that takes long."""
 
+import threading
 import time
 from collections.abc import Callable
+from typing import Self
 
 from .output import notify
 
-FIRST_S, EACH_S = 1.0, 10.0
-"""Wall time before the first line, and between further lines."""
+FIRST_S, SECOND_S, EACH_S = 0.5, 2.0, 10.0
+"""Wall time before the first line, from it to the second, and the longest between further lines."""
 
 
 class Progress:
-    """Reports on work that states its share.
+    """Reports on work that takes long: what it is within its first second, then the share and the time left.
+
+    As a context it reports while a step of the work states no share, and on Ctrl-C what there is of the result.
 
     Args:
         what: is done, for the line.
+        kept: what is left after Ctrl-C.
         report: gets the lines.
         clock: s.
     """
 
     def __init__(
-        self, what: str, report: Callable[[str], None] = notify, clock: Callable[[], float] = time.monotonic
+        self,
+        what: str,
+        kept: str = "nothing was written",
+        report: Callable[[str], None] = notify,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._what, self._report, self._clock = what, report, clock
+        self._what, self._kept, self._report, self._clock = what, kept, report, clock
+        self._share, self._step = 0.0, ""
         self._began = clock()
         self._next = self._began + FIRST_S
+        self._lock, self._over = threading.Lock(), threading.Event()
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
 
-    def at(self, share: float) -> None:
-        """Note the share that is done, 0 to 1; a line is written when it is time for one."""
-        now = self._clock()
-        if now < self._next or not 0.0 < share < 1.0:
-            return
-        self._next = now + EACH_S
-        left = (now - self._began) * (1.0 / share - 1.0)
-        self._report(f"{self._what}: {100.0 * share:.0f} %, about {left:.0f} s left")
+    def __enter__(self) -> Self:
+        self._watcher.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._over.set()
+        self._watcher.join()
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            done = f" at {100.0 * self._share:.0f} %" if self._share > 0.0 else ""
+            self._report(f"{self._what}: interrupted{done}; {self._kept}")
+
+    def at(self, share: float, step: str = "") -> None:
+        """Note the share that is done, 0 to 1, and its step in words; a line is written when it is time for one."""
+        with self._lock:
+            self._share, self._step = share, step
+        self._write_due()
+
+    def and_on(self, share: float) -> bool:
+        """Note the share, for work that asks whether to go on: it does."""
+        self.at(share)
+        return True
+
+    def part(self, begin: float, end: float, step: str = "") -> Callable[[float], None]:
+        """Return a function that takes the share of a part of the work, which is done from one share to another."""
+        return lambda share: self.at(begin + share * (end - begin), step)
+
+    def _watch(self) -> None:
+        while not self._over.wait(max(0.01, self._next - self._clock())):
+            self._write_due()
+
+    def _write_due(self) -> None:
+        with self._lock:
+            now, share, step = self._clock(), self._share, self._step
+            if now < self._next or share >= 1.0:
+                return
+            spent = now - self._began
+            self._next = now + min(EACH_S, max(SECOND_S, spent))
+        state = f"{100.0 * share:.0f} %, about {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.0 else "at work"
+        if share <= 0.0 and spent >= SECOND_S:
+            state = f"at work for {spent:.0f} s"
+        self._report(f"{self._what}: {state}{f' ({step})' if step else ''}")

@@ -23,13 +23,14 @@ def render(
     json: Json = False,
 ) -> None:
     """Paint a recording as a moving picture: robot, ground, support region, centre of mass, forces."""
-    from ..scene.render import Shot
-    from ..scene.render import render as paint
-
     use_json(json)
     refuse_existing(out, force=force)
-    shot = Shot((width, 2 * round(width * 9 / 32)), fps, speed, start, end, still, quality)
-    frames = paint(file, out, shot, Progress(out.name).at)
+    with Progress(out.name) as progress:
+        from ..scene.render import Shot
+        from ..scene.render import render as paint
+
+        shot = Shot((width, 2 * round(width * 9 / 32)), fps, speed, start, end, still, quality)
+        frames = paint(file, out, shot, progress.at)
     size = out.stat().st_size
     if json:
         write_json({"file": near(out), "frames": frames, "bytes": size})

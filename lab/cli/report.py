@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from .output import EXIT_CHECK, Json, near, use_json, write_answer
+from .progress import Progress
 
 
 def report(
@@ -15,15 +16,16 @@ def report(
     json: Json = False,
 ) -> None:
     """Write the report of a recording, by the limits it carries. Exit code 1: a limit was not met."""
-    from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
-
-    from ..report.recorded import report_recording
-
     use_json(json)
     if out is not None and (out.suffix.lower() not in (".html", ".htm") or out.is_dir()):
         raise typer.BadParameter(f"got {near(out)}, allowed is a file *.html", param_hint="--out")
-    loaded = None if scenario is None else load_scenario(find_scenario(scenario))
-    path, verdict = report_recording(file, loaded, out or file.with_suffix(".html"))
+    with Progress(f"report of {file.name}") as progress:
+        from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+        from ..report.recorded import report_recording
+
+        loaded = None if scenario is None else load_scenario(find_scenario(scenario))
+        path, verdict = report_recording(file, loaded, out or file.with_suffix(".html"), progress.at)
     write_answer(
         {"ok": verdict.ok, "values": {r.name: r.value for r in verdict.rows}, "report": near(path)},
         f"report        {near(path)}",

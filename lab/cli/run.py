@@ -23,6 +23,7 @@ from .output import (
     write_json,
     write_table,
 )
+from .progress import Progress
 from .viewing import View, viewer
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ class _ProgressLine:
     def __init__(self, name: str, *, quiet: bool) -> None:
         from rich.console import Console
 
-        self._name = name
+        self._name, self._quiet, self._progress = name, quiet, Progress(name)
         self._console = Console(stderr=True, quiet=quiet)
         self._status = self._console.status(f"{name}: starting") if self._console.is_terminal and not quiet else None
 
@@ -157,9 +158,11 @@ class _ProgressLine:
             self._status.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._status is not None:
             self._status.stop()
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            notify(f"{self._name}: interrupted before the run began; nothing was recorded")
 
     def notify(self, text: str) -> None:
         """Show a message of the system."""
@@ -173,3 +176,5 @@ class _ProgressLine:
         if self._status is not None:
             done = f"{progress.time:6.2f} s simulated of at most {progress.most:g} s"
             self._status.update(f"{self._name}: {done}, {progress.rtf:.1f}x real time")
+        elif not self._quiet:
+            self._progress.at(progress.time / progress.most, f"of at most {progress.most:g} s simulated")

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..cli.output import Json, use_json, write, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
+    from .files import Opened
     from .log import Log
     from .results import Result
     from .scores import Score
@@ -45,39 +47,50 @@ def estimate(
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
-    from .calibration_report import checked, show
-    from .feet import FeetOptions
-    from .files import open_log
+    use_json(json)
+    with Progress(f"estimate of {log.name}") as progress:
+        from .calibration_report import checked, show
+        from .feet import FeetOptions
+        from .files import open_log
+        from .track import check_name, default
+
+        check_name(chosen := estimator or default())
+        sizes = None if sole is None else sole.split(",")
+        limits = {"contact_on": contact_on, "contact_off": contact_off}
+        stated = FeetOptions.of({"feet": feet, "foot_radius": radius, "sole_size": sizes, **limits})
+        known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
+        opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
+        if calibrate:
+            return show(opened.log, opened.notes, json)
+        opened = checked(opened, calibrated)
+        data = _scored(opened.log, score_from)
+        report, score = _estimated(replace(opened, log=data), chosen, out, csv, smooth, progress)
+    if json:
+        return write_json(report)
+    _show(report, score)
+
+
+def _estimated(
+    opened: "Opened", name: str, out: Path | None, csv: bool, smooth: bool, progress: Progress
+) -> tuple[dict[str, Any], "Score | None"]:
+    """Run an estimator and write its files to `out`, all of them or none; return the report and the score."""
     from .results import SUMMARY, Scratch, plain
     from .results import estimate as run
-    from .track import check_name, default
 
-    use_json(json)
-    check_name(chosen := estimator or default())
-    sizes = None if sole is None else sole.split(",")
-    stated = FeetOptions.of(
-        {"feet": feet, "foot_radius": radius, "sole_size": sizes, "contact_on": contact_on, "contact_off": contact_off}
-    )
-    known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
-    opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
-    if calibrate:
-        return show(opened.log, opened.notes, json)
-    opened = checked(opened, calibrated)
-    data = _scored(opened.log, score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     with Scratch(out) as folder:
-        result = run(data, chosen, folder, smooth)
-        files = [] if out is None else _write_files(result, folder, out, csv)
-    report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
-    if opened.alignment is not None:
-        report["alignment"] = plain(opened.alignment.report())
-    if out is not None:
-        (out / SUMMARY).write_text(dumps(report, indent=1, allow_nan=False) + "\n")
-    if json:
-        write_json(report)
-        return
-    _show(report, result.score)
+        result = run(opened.log, name, folder, smooth, progress.part(0.0, 0.8))
+        made = [] if out is None else _write_files(result, folder, csv)
+        files = [] if out is None else [*(out / path.name for path in made), out / SUMMARY]
+        report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
+        if opened.alignment is not None:
+            report["alignment"] = plain(opened.alignment.report())
+        if out is not None:
+            (folder / SUMMARY).write_text(dumps(report, indent=1, allow_nan=False) + "\n")
+            for path in files:
+                (folder / path.name).replace(path)
+    return report, result.score
 
 
 def _scored(log: "Log", score_from: float | None) -> "Log":
@@ -89,15 +102,15 @@ def _scored(log: "Log", score_from: float | None) -> "Log":
     return replace(log, begin_s=score_from)
 
 
-def _write_files(result: "Result", folder: Path, out: Path, csv: bool) -> list[Path]:
-    """Write the estimates in `folder` and what is drawn from them to `out`; return the paths."""
+def _write_files(result: "Result", folder: Path, csv: bool) -> list[Path]:
+    """Write what is drawn from the estimates in `folder` there, and pack them; return the paths."""
     from .plots import draw
-    from .results import SUMMARY, pack, write_csv, write_tum
+    from .results import pack, write_csv, write_tum
 
-    more = [draw(result, out / "estimates.svg"), *write_tum(result, out)]
+    more = [draw(result, folder / "estimates.svg"), *write_tum(result, folder)]
     if csv:
-        more.append(write_csv(result, out / "estimates.csv"))
-    return [pack(folder, out / "estimates.npz"), *more, out / SUMMARY]
+        more.append(write_csv(result, folder / "estimates.csv"))
+    return [pack(folder, folder / "estimates.npz"), *more]
 
 
 @app.command()
@@ -107,11 +120,14 @@ def compare(
     json: Json = False,
 ) -> None:
     """Compare two estimates of one log: differences in velocity, tilt, position and heading, and both scores."""
-    from .differences import departures, load_estimated
-
     use_json(json)
-    one, other = load_estimated(a), load_estimated(b)
-    found = departures(one, other)
+    with Progress(f"comparison of {a.name} and {b.name}") as progress:
+        from .differences import departures, load_estimated
+
+        one = load_estimated(a)
+        progress.at(0.5)
+        other = load_estimated(b)
+        found = departures(one, other)
     if json:
         sides = {"a": {"path": str(a), "errors": one.errors}, "b": {"path": str(b), "errors": other.errors}}
         write_json({"differences": {name: part._asdict() for name, part in found.items()}, **sides})

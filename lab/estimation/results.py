@@ -4,7 +4,7 @@ import math
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -30,10 +30,10 @@ SUMMARY = "summary.json"
 """Name of the file that holds the report of a run beside its estimates."""
 SCORED_ROWS = 2_000_000  # logs with truth that are longer are scored on their first rows
 NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
-PARTS: dict[str, tuple[int, ...]] = {
-    "v": (3,), "g": (3,), "p": (6, 6), "position": (3,), "yaw": (), "v_odom": (3,), "nis": (), "gyro_bias": (3,),
-    "acc_bias": (3,), "pose": (6, 6),
-}  # fmt: skip
+PARTS = (
+    "v", "g", "p", "position", "yaw", "v_odom", "nis", "gyro_bias", "acc_bias", "pose", "slipping", "contact",
+)  # fmt: skip
+"""Fields of a track that are kept, beside its flags."""
 FILE_NAMES = {
     "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "pose": "pose_covariance",
     "v_odom": "velocity_odom", "slipping": "slipping",
@@ -52,7 +52,14 @@ class Result:
     score: Score | None
 
 
-def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **options: Any) -> Result:
+def estimate(
+    log: Log,
+    name: str,
+    folder: Path,
+    smoothed: bool = False,
+    progress: Callable[[float], None] = lambda share: None,
+    **options: Any,
+) -> Result:
     """Run an estimator over a log; memory does not grow with the estimates.
 
     Args:
@@ -60,13 +67,13 @@ def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **option
         name: of an estimator of the service, or `paper`.
         folder: for one file per quantity; see `pack`.
         smoothed: forward and backward, in one piece, see `smooth`; memory holds both passes.
+        progress: gets the share of the rows that is done.
         options: changes of its parameters.
     """
-    n, feet = len(log.stamp_ns), log.feet_count
+    n = len(log.stamp_ns)
     few = log.with_imu(np.arange(min(2, n))).with_feet(np.arange(min(2, len(log.foot_ns))))
     track_of(name, few, **options)  # loads the kernels, which is no time of a row
     spent, begun = 0.0, perf_counter()
-    shapes = {**PARTS, "slipping": (feet,)} | dict.fromkeys(FLAGS, ())
     folder.mkdir(parents=True, exist_ok=True)
     kept: dict[str, Array] = {}
     refused: Mapping[str, int] = {}
@@ -79,16 +86,8 @@ def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **option
     )
     for rows, piece in pieces:
         spent += perf_counter() - begun
-        if piece.contact is not None:
-            shapes["contact"] = (feet,)
-        for key, shape in shapes.items():
-            values = piece.flags[key] if key in FLAGS else getattr(piece, key)
-            if values is None:
-                continue
-            if key not in kept:
-                path = folder / f"{FILE_NAMES.get(key, key)}.npy"
-                kept[key] = open_memmap(path, mode="w+", dtype=values.dtype, shape=(n, *shape))
-            kept[key][rows] = values
+        _keep(kept, folder, n, rows, piece)
+        progress(rows.stop / n)
         refused, externals, begun = piece.refused, piece.externals, perf_counter()
     kept["stamp_ns"] = open_memmap(folder / "stamp_ns.npy", mode="w+", dtype=np.int64, shape=(n,))
     kept["stamp_ns"][:] = log.stamp_ns
@@ -104,6 +103,18 @@ def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **option
     return Result(
         log, track, plain({**summary(log, track, found), "smoothed": smoothed, "us_per_row": 1e6 * spent / n}), found
     )
+
+
+def _keep(kept: dict[str, Array], folder: Path, n: int, rows: slice, piece: Track) -> None:
+    """Write the rows of a piece to one file per quantity, of `n` rows each."""
+    for key in (*PARTS, *FLAGS):
+        values = piece.flags[key] if key in FLAGS else getattr(piece, key)
+        if values is None:
+            continue
+        if key not in kept:
+            path = folder / f"{FILE_NAMES.get(key, key)}.npy"
+            kept[key] = open_memmap(path, mode="w+", dtype=values.dtype, shape=(n, *values.shape[1:]))
+        kept[key][rows] = values
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:

@@ -5,10 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..cli.output import Json, notify, use_json, write, write_json, write_table
+from ..cli.output import Json, use_json, write, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from .result import Fitted
+
+READING = 0.3
+"""Share of the work that reads recordings."""
 
 app = typer.Typer(name="fit", help="Numbers of a robot from recordings of it.", no_args_is_help=True)
 
@@ -29,23 +33,24 @@ def navigator(
 
     Recordings with images need --landmarks, the map that vision used.
     """
-    from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
-    from surefoot.services.navigator.policy.params import load
-
-    from .estimate import fit
-    from .events import read_run
-    from .output import check_out, write_model
-
     use_json(json)
-    check_out(out, params)
-    model = load(params)
-    world = None if landmarks is None else load_landmarks(landmarks)
-    runs = []
-    for path in recordings:
-        notify(f"reading {path}")
-        runs.append(read_run(path, model, world))
-    found = fit(runs, model, notify)
-    write_model(found, params, [path.name for path in recordings], out)
+    with Progress(f"fit of {len(recordings)} recordings") as progress:
+        from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
+        from surefoot.services.navigator.policy.params import load
+
+        from .estimate import fit
+        from .events import read_run
+        from .output import check_out, write_model
+
+        check_out(out, params)
+        model = load(params)
+        world = None if landmarks is None else load_landmarks(landmarks)
+        runs = []
+        for number, path in enumerate(recordings):
+            progress.at(READING * number / len(recordings), f"reading {path.name}")
+            runs.append(read_run(path, model, world))
+        found = fit(runs, model, lambda share, step: progress.at(READING + (1.0 - READING) * share, step))
+        write_model(found, params, [path.name for path in recordings], out)
     if json:
         write_json(
             {

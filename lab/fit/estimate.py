@@ -25,7 +25,9 @@ LEAN = 0.3
 """Bound of the searched mean error of pitch, rad."""
 
 
-def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None] = lambda text: None) -> Fitted:
+def fit(
+    runs: Sequence[Run], model: NavigationModel, progress: Callable[[float, str], None] = lambda share, step: None
+) -> Fitted:
     """Return the numbers of the robot that made the recordings.
 
     Noises that the recordings do not decide within a factor of 10 are left out, and so are ways and turns that do not
@@ -35,7 +37,7 @@ def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None]
     Args:
         runs: recordings, see `events.read_run`.
         model: begin of the search; its other numbers are not fitted.
-        show: called with a line of progress.
+        progress: gets the share that is done, and its step in words.
 
     Raises:
         SurefootError: no recordings.
@@ -43,7 +45,7 @@ def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None]
     if not runs:
         raise SurefootError("invalid", "got 0 recordings, allowed are 1 or more", "recordings")
     found = Fitted(runs=len(runs), sightings=int(sum((run.events[:, 0] == 2.0).sum() for run in runs)))
-    _noises(runs, model, found, show)
+    _noises(runs, model, found, progress)
     durations(runs, model, found)
     matches(runs, model, found)
     return found
@@ -124,7 +126,7 @@ def _parameters(runs: Sequence[Run], model: NavigationModel) -> list[Parameter]:
     return wanted
 
 
-def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Callable[[str], None]) -> None:
+def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, progress: Callable[[float, str], None]) -> None:
     theta, wanted = _begin(model), _parameters(runs, model)
     table = np.array([(a.forward, math.radians(a.turn_deg), float(group_of(a))) for a in model.actions.values()])
     sd = np.array([max(model.filter.position_sd, LEAST), max(math.radians(model.filter.heading_sd_deg), LEAST)])
@@ -132,9 +134,11 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
     fades = np.minimum([shared.tilt_fade, shared.sway_fade], 1e6)
     for item in wanted:
         theta[item.index] = max(theta[item.index], LEAST) if item.positive else theta[item.index]
-    show(f"{len(runs)} recordings, {found.sightings} sightings, {len(wanted)} parameters")
+    step = f"{found.sightings} sightings, {len(wanted)} parameters"
     with Likelihood(runs, table, sd, model.sight.camera_height, fades) as likelihood:
-        best, found.improvement = estimate(likelihood, theta, wanted, found.sightings)
+        best, found.improvement = estimate(
+            likelihood, theta, wanted, found.sightings, lambda share: progress(share, step)
+        )
     for item in wanted:
         if item.index not in best:
             found.undecided += item.keys

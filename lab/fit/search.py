@@ -1,8 +1,9 @@
 """Search for the likeliest parameters, with their intervals."""
 
+import itertools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Self
@@ -28,6 +29,8 @@ FACTOR = 10.0
 """Largest factor, up and down, of the interval of a number that counts as known."""
 ENOUGH = 0.5 * Z95**2
 """nats that the likelihood falls by at the ends of a 95 % interval."""
+EVALUATIONS, MOST_SHOWN = 270, 0.95
+"""Usual number of slopes of a search, and the largest share that is reported before its end."""
 CENTRE = 0.41
 """Mean of a half-normal density in 95 % ends: the value of a noise that may be zero."""
 
@@ -148,7 +151,11 @@ class _Surface:
 
 
 def estimate(
-    likelihood: Likelihood, theta: Array, wanted: Sequence[Parameter], sightings: int
+    likelihood: Likelihood,
+    theta: Array,
+    wanted: Sequence[Parameter],
+    sightings: int,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[dict[int, FittedParameter], float]:
     """Return the likeliest parameters by index, and by how many nats they are likelier than theta.
 
@@ -162,13 +169,18 @@ def estimate(
         theta: begin of the search, (PARAMETERS,).
         wanted: parameters that are searched; the others stay as in theta.
         sightings: scale of -ln L, so that the line search takes sensible steps.
+        progress: gets the share that is done, by the usual number of evaluations.
     """
     before = float(likelihood(theta[None])[0])
     first, small, searched = theta.copy(), dict[int, FittedParameter](), list(wanted)
-    theta = theta.copy()
+    theta, evaluated = theta.copy(), itertools.count(1)
+
+    def note() -> None:
+        progress(min(MOST_SHOWN, next(evaluated) / EVALUATIONS))
+
     while True:
         surface = _Surface(likelihood, theta, searched)
-        best, value = _minimum(surface, max(1, sightings))
+        best, value = _minimum(surface, max(1, sightings), note)
         sigmas = deviations(surface.curvature(best), surface.slopes(best))
         theta = surface.full(best[None])[0]
         unknown = [k for k, item in enumerate(searched) if not _known(item, best[k], sigmas[k])]
@@ -194,8 +206,9 @@ def estimate(
     return found, before - float(likelihood(theta[None])[0])
 
 
-def _minimum(surface: _Surface, scale: int) -> tuple[Array, float]:
+def _minimum(surface: _Surface, scale: int, note: Callable[[], None]) -> tuple[Array, float]:
     def scaled(x: Array) -> tuple[float, Array]:
+        note()
         value, slope = surface.with_slope(x)
         return value / scale, slope / scale
 

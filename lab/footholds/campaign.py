@@ -7,7 +7,7 @@ A campaign that is started again with the same file does the trials it lacks.
 import itertools
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.select import SelectParams
 
+from ..pools import worker_processes
 from .rules import exploring_rule, model_rule, random_rule
 from .walks import ChosenStance, JoinedWalk, Setting
 
@@ -132,11 +133,10 @@ def _walks(trials: Sequence[Trial], jobs: int) -> Iterator[tuple[Trial, list[Sta
         for trial in trials:
             yield trial, walked(trial)
         return
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     waiting = dict.fromkeys(trials)
     for attempt in itertools.count():
         try:
-            with ProcessPoolExecutor(jobs) as pool:
+            with worker_processes(jobs) as pool:
                 futures = {pool.submit(walked, trial): trial for trial in waiting}
                 for future in as_completed(futures):
                     samples = future.result()

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..cli.output import Json, notify, use_json, write, write_answer, write_json, write_table
+from ..cli.output import Json, use_json, write, write_answer, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from .walks import Setting
@@ -40,18 +41,18 @@ def collect(
     json: Json = False,
 ) -> None:
     """Walk with random footholds in the simulator and append the outcome of every stance to a file."""
-    from .campaign import collect as campaign
-    from .campaign import planned
-
     use_json(json)
-    if model:
-        _load(model)
-    trials = planned(
-        [_ground(each, robot, friction, distance) for each in ground], profile, _seeds(seeds), model, explore
-    )
-    count = _Count(len(trials))
-    walked = campaign(trials, out, jobs, lambda trial, stances: count.show(trial.name, stances))
-    count.write(out, {"walked": walked}, json)
+    with _Count(out) as count:
+        from .campaign import collect as campaign
+        from .campaign import planned
+
+        if model:
+            _load(model)
+        grounds = [_ground(each, robot, friction, distance) for each in ground]
+        trials = planned(grounds, profile, _seeds(seeds), model, explore)
+        count.trials = len(trials)
+        walked = campaign(trials, out, jobs, lambda trial, stances: count.show(trial.name, stances))
+    count.write({"walked": walked}, json)
 
 
 @app.command()
@@ -83,10 +84,10 @@ def primitives(
         raise SurefootError("invalid", f"must be six or tripod, got {stance!r}", "stance")
     described = load_robot(robot)
     trials = paper_trials(friction, noise, list(_seeds(seeds)), offset, stance)
-    count = _Count(len(trials))
-    with remote_workers(worker) if worker else nullcontext([own_worker(described)]) as workers:
+    pool = remote_workers(worker) if worker else nullcontext([own_worker(described)])
+    with _Count(out, len(trials)) as count, pool as workers:
         done = run_trials(described, trials, out, workers, count.show)
-    count.write(out, {"done": done}, json)
+    count.write({"done": done}, json)
 
 
 @app.command()
@@ -98,23 +99,24 @@ def gather(
     json: Json = False,
 ) -> None:
     """Append the stances of recorded walks to a file of samples, with the slip that the estimator measured."""
-    from surefoot.record.recording import open_readable
-    from surefoot.robot.reader import load_robot
-
-    from ..scene.film import robot_of
-    from .campaign import append, read
-    from .recorded import samples_of
-
     use_json(json)
-    done = read(out)[1] if out.exists() else {}
-    missing = [path for path in recordings if path.stem not in done]
-    count = _Count(len(recordings))
-    for path in missing:
-        walked = load_robot(robot) if robot else robot_of(open_readable(path))
-        found = samples_of(path, walked, not exact)
-        append(out, path.stem, found)
-        count.show(path.stem, len(found))
-    count.write(out, {"gathered": len(missing)}, json)
+    with _Count(out, len(recordings)) as count:
+        from surefoot.record.recording import open_readable
+        from surefoot.robot.reader import load_robot
+
+        from ..scene.film import robot_of
+        from .campaign import append, read
+        from .recorded import samples_of
+
+        done = read(out)[1] if out.exists() else {}
+        missing = [path for path in recordings if path.stem not in done]
+        for number, path in enumerate(missing):
+            share = count.part(number / len(missing), (number + 1) / len(missing), path.name)
+            walked = load_robot(robot) if robot else robot_of(open_readable(path))
+            found = samples_of(path, walked, not exact, share)
+            append(out, path.stem, found)
+            count.show(path.stem, len(found))
+    count.write({"gathered": len(missing)}, json)
 
 
 @app.command()
@@ -131,23 +133,24 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn a slip model from samples; the size of the fit is chosen on trials that were held back."""
-    from dataclasses import asdict
-
-    from surefoot.services.footholds.learning import fit
-    from surefoot.services.footholds.learning.samples import gather
-    from surefoot.services.footholds.models.files import save
-
-    from .campaign import read
-
     use_json(json)
-    found = [read(path) for path in samples]
-    gathered = gather(each for part in found for each in part[0])
-    options = fit.LearnOptions(
-        candidates=fit.candidates(terms), title=title, folds=folds, seed=seed, distance_weight=weight,
-        landing_error=landing_error, support=support,
-    )  # fmt: skip
-    model, beside = fit.learn_and_compare(gathered, options)
-    save(model, out)
+    with Progress(f"slip model {title}") as progress:
+        from dataclasses import asdict
+
+        from surefoot.services.footholds.learning import fit
+        from surefoot.services.footholds.learning.samples import gather
+        from surefoot.services.footholds.models.files import save
+
+        from .campaign import read
+
+        found = [read(path) for path in samples]
+        gathered = gather(each for part in found for each in part[0])
+        options = fit.LearnOptions(
+            candidates=fit.candidates(terms), title=title, folds=folds, seed=seed, distance_weight=weight,
+            landing_error=landing_error, support=support,
+        )  # fmt: skip
+        model, beside = fit.learn_and_compare(gathered, options, progress.and_on)
+        save(model, out)
     facts = {"out": str(out), "model": model.name, "refused": gathered.refused, "choice": model.choice}
     facts |= {"unreadable_lines": sum(part[2] for part in found)}
     if json:
@@ -184,7 +187,9 @@ def tune(
     use_json(json)
     loaded = load(model)
     grounds = [_ground(each, robot, friction, distance) for each in ground]
-    tried = try_weights(loaded, grounds, _seeds(seeds), [_number(each, "weights") for each in weights.split(",")], jobs)
+    numbers, wanted = [_number(each, "weights") for each in weights.split(",")], _seeds(seeds)
+    with Progress(f"weights of {model.name}", "the model is as it was") as progress:
+        tried = try_weights(loaded, grounds, wanted, numbers, jobs, progress.at)
     best = best_of(tried)
     save(replace(loaded, distance_weight=best.weight), model)
     if json:
@@ -310,24 +315,25 @@ def score(
         write_table(("cells", "number"), [(name, str(count)) for name, count in counts.items()], found.name, right=(1,))
 
 
-class _Count:
+class _Count(Progress):
     """Progress of a campaign, and the line at its end."""
 
-    def __init__(self, trials: int) -> None:
-        self.trials, self.done, self.samples = trials, 0, 0
+    def __init__(self, out: Path, trials: int = 0) -> None:
+        super().__init__(out.name, f"what is done is in {out}, and the same command goes on from there")
+        self.trials, self.out, self.done, self.samples = trials, out, 0, 0
 
     def show(self, name: str, stances: int) -> None:
         """Report a trial that is done."""
         self.done, self.samples = self.done + 1, self.samples + stances
-        notify(f"{self.done} of at most {self.trials}: {name}, {stances} stances")
+        self.at(self.done / self.trials, f"{self.done} of at most {self.trials}: {name}, {stances} stances")
 
-    def write(self, out: Path, did: dict[str, int], json: bool) -> None:
+    def write(self, did: dict[str, int], json: bool) -> None:
         """Write the number of trials that were done, under the verb of the campaign, and of samples."""
         if json:
-            write_json({"out": str(out), "trials": self.trials, **did, "samples": self.samples})
+            write_json({"out": str(self.out), "trials": self.trials, **did, "samples": self.samples})
             return
         ((verb, number),) = did.items()
-        write(f"{out}: {number} of {self.trials} trials {verb}, {self.samples} samples added")
+        write(f"{self.out}: {number} of {self.trials} trials {verb}, {self.samples} samples added")
 
 
 def _load(name: str):

@@ -8,7 +8,7 @@ Footholds are looked up in the recorded map, laid over odom as the walker does; 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,19 +31,22 @@ MOST_CELLS = 4_000_000
 """Cells of that plane from which the walk is too long for one of that cell."""
 
 
-def samples_of(path: Path, robot: Robot, smooth: bool = True) -> list[StanceSample]:
+def samples_of(
+    path: Path, robot: Robot, smooth: bool = True, progress: Callable[[float], None] | None = None
+) -> list[StanceSample]:
     """Return the samples of the healthy stances of the last run of a recording.
 
     Args:
         path: MCAP file with `state/odometry`; its name names the trial.
         robot: that walked.
         smooth: 3 x 3 median over the map.
+        progress: gets the share of the recording that is read.
 
     Raises:
         SurefootError: the file cannot be read, or holds no stance.
     """
     ground, poses, epoch = None, list[Odometry](), -1
-    for item in read_recording(path, (TERRAIN_MAP.key, STATE_ODOMETRY.key)):
+    for item in read_recording(path, (TERRAIN_MAP.key, STATE_ODOMETRY.key), progress):
         message: Any = item.message()
         if message.epoch > epoch:
             ground, poses, epoch = None, [], message.epoch

@@ -1,7 +1,6 @@
 """The weight k of K4 chosen by whole walks: single steps prefer other values than walks do."""
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.select import SelectParams
 
+from ..pools import worker_processes
 from .rules import model_rule
 from .walks import Setting, walk
 
@@ -32,19 +32,21 @@ class Tried:
 
 def try_weights(
     model: LearnedModel, grounds: Sequence[Setting], seeds: Iterable[int], weights: Sequence[float], jobs: int = 1,
-    show: Callable[[Tried], None] = lambda tried: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> list[Tried]:  # fmt: skip
     """Walk every ground and seed under every weight; seeds must not be those of a comparison."""
     wanted = list(seeds)
     out: list[Tried] = []
-    with ProcessPoolExecutor(jobs) as pool:
-        for weight in weights:
+    with worker_processes(jobs) as pool:
+        for number, weight in enumerate(weights):
             tuned = replace(model, distance_weight=weight)
             jobs_ = [(tuned, ground, seed) for ground in grounds for seed in wanted]
-            walks = list(pool.map(_walked, jobs_))
+            walks: list[tuple[float, bool]] = []
+            for found in pool.map(_walked, jobs_):
+                walks.append(found)
+                progress((number + len(walks) / len(jobs_)) / len(weights))
             rows = np.array([each[0] for each in walks]).reshape(len(grounds), len(wanted))
             out.append(Tried(weight, tuple(rows.mean(axis=1).tolist()), sum(not each[1] for each in walks)))
-            show(out[-1])
     return out
 
 

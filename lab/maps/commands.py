@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from .build import BuiltMap
@@ -33,20 +34,21 @@ def build(
 
     Images count where the recording has them. Truth is not read unless --poses asks for it.
     """
-    from .images import holds_images
-
-    if width is not None or holds_images(recording):
-        _build_features(recording, out, least, features, poses, width, json)
-        return
-    from surefoot.services.navigator.belief.landmark_files import save
-
-    from .build import BuildOptions, build_map
-    from .sightings import read_sightings
-
     use_json(json)
-    seen = read_sightings(recording)
-    made = build_map(seen, BuildOptions(least=least), f"{recording.name}, {seen.source}")
-    path = save(made.world, out)
+    with Progress(f"map of {recording.name}") as progress:
+        from .images import holds_images
+
+        if width is not None or holds_images(recording):
+            _build_features(recording, out, least, features, poses, width, json)
+            return
+        from surefoot.services.navigator.belief.landmark_files import save
+
+        from .build import BuildOptions, build_map
+        from .sightings import read_sightings
+
+        seen = read_sightings(recording, progress.part(0.0, 0.5))
+        made = build_map(seen, BuildOptions(least=least), f"{recording.name}, {seen.source}")
+        path = save(made.world, out)
     facts = _facts(made)
     if json:
         write_json({"file": str(path), **facts})
@@ -62,7 +64,6 @@ def _build_features(
 
     from .images import map_of_source
 
-    use_json(json)
     world = map_of_source(source, features, poses, width, least)
     path = save(world, out)
     facts = {"features": len(world), "kind": world.kind, "seen_each": float(world.seen.mean()), "camera": world.camera,

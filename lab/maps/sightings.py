@@ -1,5 +1,6 @@
 """Sightings of a recording: detections of landmarks, and the believed poses of the robot."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,11 +33,15 @@ class Sightings:
     """Key of the poses."""
 
 
-def read_sightings(path: Path) -> Sightings:
+def read_sightings(path: Path, progress: Callable[[float], None] | None = None) -> Sightings:
     """Return the sightings of a recording: poses from `state/pose` where it is recorded, else from `state/odometry`.
 
     A frame belongs to the last pose at or before its stamp. Only the last epoch counts. Frames without detections and
     frames before the pose is initialised are left out. Truth is not read.
+
+    Args:
+        path: MCAP file.
+        progress: gets the share that is read.
 
     Raises:
         SurefootError: the file cannot be read, or holds no detections, no poses, or descriptors of several lengths.
@@ -44,7 +49,7 @@ def read_sightings(path: Path) -> Sightings:
     frames: list[tuple[int, Any]] = []
     poses: dict[str, list[tuple[int, tuple[float, float, float]]]] = {STATE_POSE.key: [], STATE_ODOMETRY.key: []}
     epoch = -1
-    for item in read_recording(path, (HW_LANDMARKS.key, STATE_ODOMETRY.key, STATE_POSE.key)):
+    for item in read_recording(path, (HW_LANDMARKS.key, STATE_ODOMETRY.key, STATE_POSE.key), progress):
         message: Any = item.message()
         if message.epoch < epoch:
             continue

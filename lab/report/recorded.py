@@ -1,5 +1,6 @@
 """The report of a recording, whatever has happened to it: without truth, cut off, of an unknown robot."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,23 +16,30 @@ from .page import About, write_report
 from .traces import KEYS, read_traces
 from .why import explain
 
+READ, EXPLAINED, FILMED = 0.3, 0.5, 0.8
+"""Shares of the work after its steps; the last one writes the page."""
 
-def report_recording(file: Path, scenario: Scenario | None, out: Path) -> tuple[Path, RunVerdict]:
+
+def report_recording(
+    file: Path, scenario: Scenario | None, out: Path, progress: Callable[[float], None] = lambda share: None
+) -> tuple[Path, RunVerdict]:
     """Write the report of a recording; return its path and the verdict.
 
     Args:
         file: MCAP file.
         scenario: whose limits hold; None = those of the recording.
         out: HTML file.
+        progress: gets the share that is done.
 
     Raises:
         SurefootError: nothing of the file can be read.
     """
     recording = open_readable(file)
     run, summary = recording.metadata.get("run", {}), recording.metadata.get("surefoot", {})
-    traces = read_traces(recording.messages((*KEYS, "terrain/map")))
+    traces = read_traces(recording.messages((*KEYS, "terrain/map"), lambda share: progress(READ * share)))
     partly = (f"only a part of the recording can be read: {recording.damage}",) if recording.damage else ()
     notes = (*partly, *explained(file))
+    progress(EXPLAINED)
     if scenario is None and SCENARIO in recording.metadata:
         scenario = recorded_scenario(recording.metadata, file)
     limits = {} if scenario is None else scenario.limits
@@ -44,6 +52,7 @@ def report_recording(file: Path, scenario: Scenario | None, out: Path) -> tuple[
         limits=limits,
     )
     about, film = filmed(recording, about)
+    progress(FILMED)
     return write_report(out, about, traces, verdict, film), verdict
 
 

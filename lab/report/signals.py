@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -73,8 +73,12 @@ class Signals:
         return max((float(self.times(key).max()) for key in CLOCKS if self.rows[key]), default=0.0)
 
 
-def read_signals(path: Path) -> Signals:
+def read_signals(path: Path, progress: Callable[[float], None] | None = None) -> Signals:
     """Read the last epoch of a recording; one that is cut off or damaged is read as far as it goes.
+
+    Args:
+        path: MCAP file.
+        progress: gets the share of the recorded time that is read.
 
     Raises:
         SurefootError: nothing of it can be read.
@@ -82,7 +86,7 @@ def read_signals(path: Path) -> Signals:
     recording = open_readable(path)
     joints, feet = _names(recording)
     found, epoch = Signals(joints=joints, feet=feet, damage=recording.damage), -1
-    for item in recording.messages(READ):
+    for item in recording.messages(READ, progress):
         try:
             row = json.loads(item.data)
             now = int(row["epoch"])

@@ -1,6 +1,7 @@
 """Why it went wrong: from a fall, stop, halt, missed goal or slip back to the first cause."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,9 +50,9 @@ class Explanation:
         return f"{self.outcome.text} at {self.outcome.begin:.2f} s, because {lead:.2f} s before {self.cause.text}"
 
 
-def explain(path: Path) -> Explanation:
-    """Explain a recording (raises SurefootError: nothing of it can be read)."""
-    signals = read_signals(path)
+def explain(path: Path, progress: Callable[[float], None] | None = None) -> Explanation:
+    """Explain a recording (raises SurefootError: nothing of it can be read); `progress` gets the share that is read."""
+    signals = read_signals(path, progress)
     outcome = find_outcome(signals)
     if outcome is None:
         return Explanation(None, None, (), signals.damage)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..cli.output import Json, use_json, write, write_json, write_table
+from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from surefoot.bus.certificates import Held
@@ -26,15 +27,16 @@ def init(
     json: Json = False,
 ) -> None:
     """Make a private authority, a certificate for each service and person, and the Zenoh settings of each."""
-    from surefoot.bus.certificates import held
-
-    from .made import Membership, classes, make
-
     use_json(json)
-    compose = _load(system)
-    people = tuple(operator or ["operator"]), tuple(guest or ["guest"])
-    folder = make(classes(compose), _namespace(compose), Membership(*people, tuple(host or ()), days))
-    found = held(folder)
+    with Progress(f"certificates of {system}", "those that were made are kept; the same command makes all anew"):
+        from surefoot.bus.certificates import held
+
+        from .made import Membership, classes, make
+
+        compose = _load(system)
+        people = tuple(operator or ["operator"]), tuple(guest or ["guest"])
+        folder = make(classes(compose), _namespace(compose), Membership(*people, tuple(host or ()), days))
+        found = held(folder)
     if json:
         write_json({"folder": str(folder), "identities": [one.identity for one in found]})
         return

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..cli.output import Json, near, notify, use_json, write_json, write_table
+from ..cli.progress import Progress
 from .evaluate import evaluate, model_of
 
 if TYPE_CHECKING:
@@ -41,10 +42,6 @@ def navigator(
     listed. A checkpoint of each is kept beside --out until all are done.
     """
     from surefoot.errors import SurefootError
-    from surefoot.services.navigator.policy.files import save
-
-    from .runs import make_planner, make_sarsa
-    from .sarsa import Schedule
 
     use_json(json)
     if policy not in ("planner", "sarsa"):
@@ -53,12 +50,22 @@ def navigator(
         raise SurefootError("invalid", f"got {str(out)!r}, allowed is a file *.npz", "out")
     if not out.parent.is_dir():
         raise SurefootError("invalid", f"folder {str(out.parent)!r} does not exist", "out")
-    model = model_of(params, settings, actions)
-    if policy == "planner":
-        made, trained = make_planner(model), list["Trained"]()
-    else:
-        made, trained = make_sarsa(model, Schedule(episodes=episodes), seed, runs, out, resume=resume, notify=notify)
-    digest = save(made, out)
+    kept = "nothing was written"
+    if policy == "sarsa":
+        kept = f"checkpoints are kept beside {near(out)}, and --resume goes on from them"
+    with Progress(f"policy {out.name}", kept) as progress:
+        from surefoot.services.navigator.policy.files import save
+
+        from .runs import make_planner, make_sarsa
+        from .sarsa import Schedule
+
+        model = model_of(params, settings, actions)
+        if policy == "planner":
+            made, trained = make_planner(model), list["Trained"]()
+        else:
+            schedule = Schedule(episodes=episodes)
+            made, trained = make_sarsa(model, schedule, seed, runs, out, resume=resume, progress=progress.at)
+        digest = save(made, out)
     found: dict[str, Any] = {
         "file": near(out),
         "sha256": digest,

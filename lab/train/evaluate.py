@@ -1,6 +1,7 @@
 """`surefoot evaluate`."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -64,31 +65,35 @@ def navigator(
     json: Json = False,
 ) -> None:
     """Walk a policy through simulated episodes; the policy `limit` is a planner that knows true pose and drift."""
-    from .evaluation import paired, summary
-
     use_json(json)
     chosen = seeds_of(seeds)
-    model = model_of(params, settings, actions)
-    results, about = _measured(model, policy, chosen)
-    found: dict[str, Any] = {
-        "params": params,
-        "model_sha256": model.sha256(),
-        "actions": model.use,
-        "seeds": (chosen.first, chosen.end),
-        "policy": {**about, **summary(results)},
-    }
-    if against is not None:
-        both = [*(settings or []), *(against_set or [])]
-        other, other_about = _measured(model_of(params, both, against_actions or actions), against, chosen)
-        found["against"] = {**other_about, **summary(other)}
-        found["paired"] = paired(results, other)
+    with Progress(f"{chosen.count} episodes of {policy}") as progress:
+        from .evaluation import paired, summary
+
+        model, end = model_of(params, settings, actions), 1.0 if against is None else 0.5
+        results, about = _measured(model, policy, chosen, progress.part(0.0, end))
+        found: dict[str, Any] = {
+            "params": params,
+            "model_sha256": model.sha256(),
+            "actions": model.use,
+            "seeds": (chosen.first, chosen.end),
+            "policy": {**about, **summary(results)},
+        }
+        if against is not None:
+            both = [*(settings or []), *(against_set or [])]
+            other_model, share = model_of(params, both, against_actions or actions), progress.part(end, 1.0, against)
+            other, other_about = _measured(other_model, against, chosen, share)
+            found["against"] = {**other_about, **summary(other)}
+            found["paired"] = paired(results, other)
     if json:
         write_json(found)
     else:
         _show(found)
 
 
-def _measured(model: "NavigationModel", name: str, seeds: "Seeds") -> tuple[Any, dict[str, Any]]:
+def _measured(
+    model: "NavigationModel", name: str, seeds: "Seeds", progress: Callable[[float], None]
+) -> tuple[Any, dict[str, Any]]:
     from surefoot.services.navigator.policy.arrays import arrays
     from surefoot.services.navigator.policy.library import find
 
@@ -102,7 +107,7 @@ def _measured(model: "NavigationModel", name: str, seeds: "Seeds") -> tuple[Any,
         "sha256": policy.sha256,
         "provenance": dict(policy.provenance),
     }
-    return episodes(world, policy, seeds, knows=knows, progress=Progress(f"episodes of {about['name']}").at), about
+    return episodes(world, policy, seeds, knows=knows, progress=progress), about
 
 
 def _show(found: dict[str, Any]) -> None:

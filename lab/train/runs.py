@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from surefoot.errors import SurefootError
 from surefoot.services.navigator.environment.episodes import ENDED_AS, SECONDS_TAKEN, run_episodes
 from surefoot.services.navigator.policy.arrays import REACHED, arrays
 from surefoot.services.navigator.policy.library import provenance_of
@@ -44,7 +45,7 @@ def make_sarsa(
     out: Path,
     *,
     resume: bool = False,
-    notify: Callable[[str], None] = lambda _: None,
+    progress: Callable[[float, str], None] = lambda share, step: None,
 ) -> tuple[Policy, list[Trained]]:
     """Train with seeds seed .. seed + runs - 1 on all cores; return the best policy and all trainings.
 
@@ -55,17 +56,18 @@ def make_sarsa(
         runs: number of trainings.
         out: policy file; checkpoints are kept beside it and removed at the end.
         resume: go on from checkpoints that are there.
-        notify: called with a line of progress.
+        progress: gets the share that is done, and a training in words.
     """
-    lock, world = threading.Lock(), arrays(model)
+    lock, over, world, done = threading.Lock(), threading.Event(), arrays(model), dict[int, int]()
 
     def note(training: Training) -> None:
-        if training.done % 500 == 0 or training.done == schedule.episodes:
-            recent = training.seconds[max(0, training.done - 100) : training.done].mean()
-            with lock:
-                notify(
-                    f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, now {recent:.1f} s each"
-                )
+        if over.is_set():
+            raise SurefootError("cancelled", "the trainings were interrupted")
+        recent = training.seconds[max(0, training.done - 100) : training.done].mean()
+        with lock:
+            done[training.seed] = training.done
+            share = sum(done.values()) / (runs * schedule.episodes)
+            progress(share, f"seed {training.seed}: {training.done} episodes, now {recent:.1f} s each")
 
     def one(number: int) -> tuple[Policy, Trained]:
         training, path = Training(model, number, schedule), checkpoint(out, number)
@@ -77,7 +79,10 @@ def make_sarsa(
         return policy, Trained(number, float(results[:, SECONDS_TAKEN].mean()), reached)
 
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        made = list(pool.map(one, range(seed, seed + runs)))
+        try:
+            made = list(pool.map(one, range(seed, seed + runs)))
+        finally:
+            over.set()  # on Ctrl-C: the pool waits for each training to come to its next checkpoint
     policy, best = min(made, key=lambda each: (-each[1].success, each[1].mean_s))
     best.kept = True
     for number in range(seed, seed + runs):

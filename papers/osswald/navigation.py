@@ -247,17 +247,19 @@ def _least_runs(mean_a: float, sd_a: float, mean_b: float, sd_b: float) -> int:
 
 
 def reproduce(
-    out: Path | None, notify: Callable[[str], None] = lambda text: None, live: Path | None = None
+    out: Path | None,
+    progress: Callable[[float, str], None] = lambda share, step: None,
+    live: Path | None = None,
 ) -> Reproduction:
     """Compute everything; write the figures into a folder when there is one.
 
     Args:
         out: folder of the figures, or None.
-        notify: callback that gets a line of progress.
+        progress: gets the share that is done, and its step in words.
         live: results of the live benchmark, or None.
     """
     robot = [] if live is None else live_runs.findings(live)
-    done = study(notify)
+    done = study(progress)
     notes = NOTES if live is not None else (*NOTES, LIVE_NOTE)
-    notify("blur from pixels")
+    progress(0.95, "blur from pixels")
     return Reproduction(TITLE, (*findings(done, robot), *pixels.findings()), draw(done, out), notes)

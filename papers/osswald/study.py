@@ -41,6 +41,8 @@ TURN_THRESHOLDS = (12.0, TUNED_TURN_DEG, 25.0, PAPER_TURN_DEG, 45.0, 60.0)  # de
 EVERY = 10  # training episodes from one drawn path to the next, Fig. 3
 TURNING_WALKS = 50  # of them are walked step by step
 BRIEF = 500  # training episodes of the errata
+TRAINED = 0.8
+"""Share of `compare` that trains."""
 
 
 @dataclass(frozen=True)
@@ -131,14 +133,17 @@ def choose_of(world: Arrays, policies: list[Policy]) -> int:
     )
 
 
-def compare(model: NavigationModel) -> Vision:
-    """Train, and return the hand controller and the learned policies in one world."""
+def compare(model: NavigationModel, progress: Callable[[float], None] = lambda share: None) -> Vision:
+    """Train, and return the hand controller and the learned policies in one world; `progress` gets the share done."""
     world = arrays(model)
     thresholds, threshold = tune(world)
     own = hand(world, stand_above=threshold)
-    trainings = [train(model, seed) for seed in TRAININGS]
+    trainings, settling = list[Training](), list[Policy]()
+    for number, seed in enumerate(TRAININGS, 1):
+        trainings.append(train(model, seed))
+        settling.append(train(model, seed, SETTLING).policy())
+        progress(TRAINED * number / len(TRAININGS))
     policies = [training.policy() for training in trainings]
-    settling = [train(model, seed, SETTLING).policy() for seed in TRAININGS]
     chosen = choose_of(world, policies)
     one_by_one = EVALUATION, LEARNED_EPISODES.first, LEARNED_EPISODES.count
     return Vision(
@@ -181,14 +186,13 @@ def with_printed_gamma() -> tuple[str, Array]:
     return refusal, episodes(arrays(free), training.policy(), Seeds(PAIRED_EPISODES.first, PAIRED_EPISODES.first + 100))
 
 
-def study(notify: Callable[[str], None] = lambda text: None) -> NavigationStudy:
+def study(progress: Callable[[float, str], None] = lambda share, step: None) -> NavigationStudy:
     """Compute everything: about half a minute."""
     normal, blur = (load(name, (THREE_STATES,)) for name in ("paper", "paper-blur"))
-    notify("trainings and 100 + 100 episodes, moderate blur")
-    seen = compare(normal)
-    notify("trainings and 100 + 100 episodes, strong blur")
-    blurred = compare(blur)
-    notify("paths of a training, other turning thresholds, errata")
+    step = "trainings and 100 + 100 episodes"
+    seen = compare(normal, lambda share: progress(0.4 * share, f"{step}, moderate blur"))
+    blurred = compare(blur, lambda share: progress(0.4 + 0.4 * share, f"{step}, strong blur"))
+    progress(0.8, "paths of a training, other turning thresholds, errata")
     drawn = paths(Training(normal, TRAININGS[seen.chosen], AS_PRINTED), EVERY)
     turning: dict[float, tuple[Array, tuple[Episode, ...]]] = {}
     for deg in TURN_THRESHOLDS:

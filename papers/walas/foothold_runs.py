@@ -7,7 +7,7 @@ stones; +8.7 to -0.35 cm) with its exact map. Seeds of collection and of walks d
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from surefoot.lab.footholds.campaign import read, sample_of
 from surefoot.lab.footholds.primitives import own_worker, paper_trials, run_trials
 from surefoot.lab.footholds.rules import model_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
+from surefoot.lab.pools import worker_processes
 from surefoot.robot.reader import load_robot
 from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.select import SelectParams
@@ -92,9 +93,18 @@ def walked(key: WalkKey) -> dict[str, Any]:
 class Runs:
     """Walks and trials of a study; a folder keeps those that are done."""
 
-    def __init__(self, folder: Path, jobs: int | None = None) -> None:
+    def __init__(
+        self, folder: Path, jobs: int | None = None, progress: Callable[[str], None] = lambda step: None
+    ) -> None:
+        """Read what a folder holds.
+
+        Args:
+            folder: made if it is missing.
+            jobs: walks at a time; None = one a core.
+            progress: gets each walk and each trial that is done, in words.
+        """
         folder.mkdir(parents=True, exist_ok=True)
-        self.folder, self.jobs = folder, jobs or os.cpu_count() or 1
+        self.folder, self.jobs, self._progress = folder, jobs or os.cpu_count() or 1, progress
         self._file = folder / "walks.jsonl"
         self._done: dict[tuple[str, int], dict[str, Any]] = {}
         for line in self._file.read_text(encoding="utf-8").splitlines() if self._file.exists() else ():
@@ -104,22 +114,24 @@ class Runs:
             except (ValueError, KeyError):
                 continue  # a torn line
 
-    def walks(self, keys: Sequence[WalkKey], notify: Callable[[str], None]) -> list[WalkResult]:
+    def walks(self, keys: Sequence[WalkKey]) -> list[WalkResult]:
         """Return the results of walks in their order."""
         missing = [key for key in keys if (key.case, key.seed) not in self._done]
-        for number, found in enumerate(self._walk(missing), 1):
+        for key in (key for key in keys if key not in missing):
+            self._progress(f"walk of before: {key.case}, seed {key.seed}")
+        for found in self._walk(missing):
             self._done[found["case"], found["seed"]] = found
             with self._file.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(found) + "\n")
-            notify(f"walk {number} of {len(missing)}: {found['case']}, seed {found['seed']}")
+            self._progress(f"walk: {found['case']}, seed {found['seed']}")
         return [_result(self._done[key.case, key.seed]) for key in keys]
 
-    def primitives(self, seeds: Sequence[int], noise: float, notify: Callable[[str], None]) -> list[StanceSample]:
+    def primitives(self, seeds: Sequence[int], noise: float) -> list[StanceSample]:
         """Return the outcomes of all primitives: without noise once, else once for each seed."""
         robot, out = load_robot(ROBOT), self.folder / "primitives.jsonl"
         trials = paper_trials(noise=noise, seeds=seeds)
-        count = run_trials(robot, trials, out, [own_worker(robot)])
-        notify(f"{count} of {len(trials)} trials with primitives, noise {1e3 * noise:g} mm")
+        run_trials(robot, trials, out, [own_worker(robot)])
+        self._progress(f"{len(trials)} trials with primitives, noise {1e3 * noise:g} mm")
         wanted = {f"-{trial.noise:g}-{trial.stance}-{trial.stroke:g}-{trial.seed}" for trial in trials}
         return [each for each in read(out)[0] if any(each.trial.endswith(end) for end in wanted)]
 
@@ -127,8 +139,7 @@ class Runs:
         if self.jobs == 1 or len(keys) < 2:
             yield from map(walked, keys)
             return
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        with ProcessPoolExecutor(self.jobs) as pool:
+        with worker_processes(self.jobs) as pool:
             for future in as_completed([pool.submit(walked, key) for key in keys]):
                 yield future.result()
 

@@ -3,6 +3,7 @@
 The paper prints orders, not numbers: each is checked over seeds with 95 % intervals of 2000 resamplings.
 """
 
+import itertools
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 TITLE = "Walas & Belter (2011), section 3: adaptive foothold selection"
 SYSTEM = None
 SEEDS = 10
+SETS, COLLECTED, CASES = 2, 4, 11
+"""Sets of primitives, walks that are collected from, and walks of each seed."""
 COLLECTION, WALKS = 900, 950
 """First seed of the walks that collect, and of those that are compared."""
 EDGE = 0.3
@@ -75,12 +78,18 @@ KNOWN = {
 """Statements of the paper that do not come out here, by the beginning of their rows, and why."""
 
 
-def study(folder: Path, seeds: int, notify: Callable[[str], None], jobs: int | None = None) -> FootholdStudy:
+def study(
+    folder: Path,
+    seeds: int,
+    progress: Callable[[float, str], None] = lambda share, step: None,
+    jobs: int | None = None,
+) -> FootholdStudy:
     """Do the trials and walks that a folder lacks; returns everything the figures need."""
-    runs = Runs(folder, jobs)
-    exact = runs.primitives([0], 0.0, notify)
-    noisy = runs.primitives(range(1, seeds + 1), NOISE, notify)
-    collected = runs.walks([WalkKey("random collection", COLLECTION + k) for k in range(4)], notify)
+    steps = itertools.count(1)
+    runs = Runs(folder, jobs, lambda step: progress(next(steps) / (SETS + COLLECTED + CASES * seeds), step))
+    exact = runs.primitives([0], 0.0)
+    noisy = runs.primitives(range(1, seeds + 1), NOISE)
+    collected = runs.walks([WalkKey("random collection", COLLECTION + k) for k in range(COLLECTED)])
     walked = [s for each in collected for s in each.samples]
     models = {
         "terrain": _learned("terrain", walked, WALKED),
@@ -100,14 +109,12 @@ def study(folder: Path, seeds: int, notify: Callable[[str], None], jobs: int | N
             WalkKey("Gaussian, k = 8", k, model=files["Gaussian"], weight=PRINTED_WEIGHT) for k in numbers
         ],
     }
-    walks = {name: runs.walks(some, notify) for name, some in keys.items()}
-    again = _relearning(runs, walked, numbers, notify)
+    walks = {name: runs.walks(some) for name, some in keys.items()}
+    again = _relearning(runs, walked, numbers)
     return FootholdStudy(exact, noisy, models, walks, _window(models["Gaussian"]), again)
 
 
-def _relearning(
-    runs: Runs, walked: Sequence[StanceSample], numbers: Sequence[int], notify: Callable[[str], None]
-) -> dict[str, list[WalkResult]]:
+def _relearning(runs: Runs, walked: Sequence[StanceSample], numbers: Sequence[int]) -> dict[str, list[WalkResult]]:
     """Return the walks of Fig. 12: without edges, re-learned with c = 1, and again with c = .5."""
     model = _learned("no edges", [s for s in walked if s.k2 / (8.0 * s.cell) < EDGE], WALKED)
     out: dict[str, list[WalkResult]] = {}
@@ -116,7 +123,7 @@ def _relearning(
             outcomes = [s for each in list(out.values())[-1] for s in each.samples]
             model = relearned(model, outcomes, "paper", weight)
         file = keep(model, runs.folder / f"{_plain(name)}.model")
-        out[name] = runs.walks([WalkKey(name, k, model=file, weight=WEIGHT) for k in numbers], notify)
+        out[name] = runs.walks([WalkKey(name, k, model=file, weight=WEIGHT) for k in numbers])
     return out
 
 
@@ -263,9 +270,12 @@ def _figure_12(s: FootholdStudy) -> list[Finding]:
 
 
 def reproduce(
-    out: Path | None, notify: Callable[[str], None] = lambda text: None, seeds: int = SEEDS, jobs: int | None = None
+    out: Path | None,
+    progress: Callable[[float, str], None] = lambda share, step: None,
+    seeds: int = SEEDS,
+    jobs: int | None = None,
 ) -> Reproduction:
     """Do all trials and walks and check each claim; a folder keeps them and gets the figures."""
     with tempfile.TemporaryDirectory() as temporary:
-        done = study(out or Path(temporary), seeds, notify, jobs)
+        done = study(out or Path(temporary), seeds, progress, jobs)
     return Reproduction(TITLE, findings(done), draw(done, out), NOTES)

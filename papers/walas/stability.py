@@ -33,19 +33,19 @@ NOTES = (
 )
 
 
-def study(notify: Callable[[str], None] = lambda text: None) -> StabilityStudy:
+def study(progress: Callable[[float, str], None] = lambda share, step: None) -> StabilityStudy:
     """Recompute the stability results of Walas & Belter; takes about half a minute."""
     ragno, messor = load_robot("ragno"), load_robot("messor")
-    notify("Ragno: displacement of the CoM, slope")
+    progress(0.0, "Ragno: displacement of the CoM, slope")
     postures = walas_ragno.postures(ragno)
     slopes = tuple(walas_ragno.slope(ragno, mu) for mu in walas_ragno.SLOPE_TABLE)
-    notify("Messor: calibration by moving the trunk 10 cm to either side")
+    progress(0.1, "Messor: calibration by moving the trunk 10 cm to either side")
     sweep = walas_messor.sweep(messor)
-    notify("Messor: standing level and tilted")
+    progress(0.4, "Messor: standing level and tilted")
     standing = walas_messor.standing(messor, sweep.calibration.common)
     errors = tuple(walas_messor.com_errors(messor, seed) for seed in SEEDS)
     small = tuple(walas_messor.com_errors(ragno, seed) for seed in SEEDS[:1])
-    notify("Messor: tripod gait")
+    progress(0.8, "Messor: tripod gait")
     gait = walas_messor.gait(messor, sweep.calibration.common)
     return StabilityStudy(ragno, messor, postures, slopes, PressureSensor(), sweep, standing, gait, errors, small)
 
@@ -130,7 +130,7 @@ def _both(ways: tuple[float, float]) -> str:
     return f"{100.0 * ways[0]:.2f} / {100.0 * ways[1]:.2f}"
 
 
-def reproduce(out: Path | None, notify: Callable[[str], None] = lambda text: None) -> Reproduction:
+def reproduce(out: Path | None, progress: Callable[[float, str], None] = lambda share, step: None) -> Reproduction:
     """Compute everything; write the figures into a folder when there is one."""
-    done = study(notify)
+    done = study(progress)
     return Reproduction(TITLE, findings(done), draw(done, out), NOTES)

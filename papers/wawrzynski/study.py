@@ -1,8 +1,6 @@
 """Section VI in simulation: Bioloid walks a metre in about 28 s, and every estimator runs over what it sensed."""
 
-import os
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,6 +12,7 @@ from surefoot.lab.estimation.recorded import log_of_columns
 from surefoot.lab.estimation.scores import Score, score
 from surefoot.lab.estimation.track import Track, names, track
 from surefoot.lab.estimation.walks import SCENARIOS, run_walk
+from surefoot.lab.pools import worker_processes
 from surefoot.record.columns import Columns
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
@@ -145,14 +144,15 @@ def _with_exact_encoders(log: Log, columns: Columns) -> Log:
     return replace(log, foot_position=position, foot_rot=rot)
 
 
-def run(seeds: Iterable[int] = SEEDS, notify: Callable[[str], None] = lambda text: None) -> list[Experiment]:
+def run(
+    seeds: Iterable[int] = SEEDS, progress: Callable[[float, str], None] = lambda share, step: None
+) -> list[Experiment]:
     """Walk once for each seed, as many at a time as there are cores."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    done: list[Experiment] = []
-    with ProcessPoolExecutor(os.cpu_count() or 1) as pool:
-        for one in pool.map(partial(experiment), seeds):
+    wanted, done = list(seeds), list[Experiment]()
+    with worker_processes() as pool:
+        for one in pool.map(partial(experiment), wanted):
             done.append(one)
-            notify(f"seed {one.seed}: {one.way:.2f} m in {one.duration:.1f} s")
+            progress(len(done) / len(wanted), f"seed {one.seed}: {one.way:.2f} m in {one.duration:.1f} s")
     return done
 
 

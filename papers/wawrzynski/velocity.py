@@ -34,14 +34,14 @@ NOTES = (
 )
 
 
-def reproduce(out: Path | None, notify: Callable[[str], None] = lambda text: None) -> Reproduction:
+def reproduce(out: Path | None, progress: Callable[[float, str], None] = lambda share, step: None) -> Reproduction:
     """Compute everything; write the figures into a folder when there is one.
 
     Args:
         out: folder of the figures, or None.
-        notify: function that takes a line of progress.
+        progress: gets the share that is done, and its step in words.
     """
-    done = run(notify=notify)
+    done = run(progress=progress)
     return Reproduction(TITLE, tuple(findings(done)), draw(done, out), NOTES)
 
 

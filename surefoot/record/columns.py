@@ -136,8 +136,12 @@ READ: dict[str, tuple[str, Callable[[Message], dict[str, tuple[float, ...]]]]] =
 """Key: prefix of the columns of its stamps, and the numbers of a message."""
 
 
-def recorded_columns(path: Path) -> tuple[Columns, str]:
+def recorded_columns(path: Path, progress: Callable[[float], None] | None = None) -> tuple[Columns, str]:
     """Read the hardware samples, the truth and the published estimates of the last epoch of a recording.
+
+    Args:
+        path: MCAP file.
+        progress: gets the share that is read.
 
     Returns:
         Columns, and the name of the robot (empty: unknown).
@@ -147,7 +151,7 @@ def recorded_columns(path: Path) -> tuple[Columns, str]:
     """
     tables = {key: _KeyRows() for key in READ}
     epoch = -1
-    for recorded in read_recording(path, tuple(READ)):
+    for recorded in read_recording(path, tuple(READ), progress):
         message = recorded.message()
         if message.epoch < epoch:
             continue

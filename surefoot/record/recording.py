@@ -2,7 +2,7 @@
 
 import json
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from errno import EINVAL
 from pathlib import Path
@@ -126,8 +126,15 @@ def topic_of(key: str) -> Topic[Any] | None:
     return None
 
 
-def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[Recorded]:
+def read_recording(
+    path: Path, keys: tuple[str, ...] | None = None, progress: Callable[[float], None] | None = None
+) -> Iterator[Recorded]:
     """The messages of a recording in the order of their stamps.
+
+    Args:
+        path: MCAP file.
+        keys: of these messages; None = all.
+        progress: gets the share of the recorded time that is read.
 
     Raises:
         SurefootError: the file cannot be read, is empty, no MCAP file, or cut off or damaged.
@@ -136,11 +143,13 @@ def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[
         regular_size(path)
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
-            count = 0
+            count, share_of = 0, None if progress is None else _share_of(reader)
             for _, channel, message in reader.iter_messages(topics=list(keys) if keys else None, log_time_order=True):
                 row = topic_of(channel.topic)
                 yield Recorded(channel.topic, message.log_time, None if row is None else row.model, message.data)
                 count += 1
+                if progress is not None and share_of is not None:
+                    progress(share_of(message.log_time))
             summary = reader.get_summary()
     except OSError as error:
         raise _unreadable(path, error) from None
@@ -151,6 +160,15 @@ def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[
         told = sum(counts.get(i, 0) for i, c in summary.channels.items() if not keys or c.topic in keys)
         if count < told:
             raise _broken(path, f"{told - count} of {told} messages cannot be read")
+
+
+def _share_of(reader: Any) -> Callable[[int], float] | None:
+    """Return the share of the recorded time at a stamp, ns, as a function; None: the file states no times."""
+    summary = reader.get_summary()
+    if summary is None or summary.statistics is None:
+        return None
+    start, end = summary.statistics.message_start_time, summary.statistics.message_end_time
+    return lambda stamp_ns: (stamp_ns - start) / max(1, end - start)
 
 
 def _unreadable(path: Path, error: OSError) -> SurefootError:
@@ -236,14 +254,23 @@ class ReadableRecording:
     damage: str = ""
     found: Findings = field(default_factory=Findings, repr=False)
 
-    def messages(self, keys: tuple[str, ...] | None = None) -> Iterator[Recorded]:
-        """Yield the messages of some keys in the order of their stamps; of a damaged file those of sound chunks."""
+    def messages(
+        self, keys: tuple[str, ...] | None = None, progress: Callable[[float], None] | None = None
+    ) -> Iterator[Recorded]:
+        """Yield the messages of some keys in the order of their stamps; of a damaged file those of sound chunks.
+
+        Args:
+            keys: of these messages; None = all.
+            progress: gets the share of the recorded time that is read.
+        """
         if not self.damage:
-            yield from read_recording(self.path, keys)
+            yield from read_recording(self.path, keys, progress)
             return
         wanted = {number: key for number, key in self.found.channels.items() if keys is None or key in keys}
         models = {number: None if (row := topic_of(key)) is None else row.model for number, key in wanted.items()}
         for item in sound_messages(self.path, self.found.pieces):
+            if progress is not None:
+                progress((item.stamp_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
             if item.channel in wanted:
                 yield Recorded(wanted[item.channel], item.stamp_ns, models[item.channel], item.data)
 

@@ -1,17 +1,25 @@
-"""Long work states its share and the time left, short work nothing."""
+"""Long work states what it is within its first second, then its share and the time left, and on Ctrl-C what is kept."""
 
+import re
+import threading
+from contextlib import suppress
 from itertools import pairwise
 
-from surefoot.lab.cli.progress import EACH_S, FIRST_S, Progress
+import pytest
+
+from surefoot.errors import SurefootError
+from surefoot.lab.cli import main as cli
+from surefoot.lab.cli import progress as module
+from surefoot.lab.cli.progress import EACH_S, FIRST_S, SECOND_S, Progress
 
 
 def lines_of(seconds: float, steps: int) -> list[tuple[float, str]]:
     """Return the lines, and when they come, of even work."""
     lines, now = list[tuple[float, str]](), [100.0]
-    progress = Progress("walk", lambda text: lines.append((now[0] - 100.0, text)), lambda: now[0])
+    progress = Progress("walk", report=lambda text: lines.append((now[0] - 100.0, text)), clock=lambda: now[0])
     for step in range(1, steps + 1):
         now[0] += seconds / steps
-        progress.at(step / steps)
+        progress.at(step / steps, "")
     return lines
 
 
@@ -19,19 +27,114 @@ def test_short_work_is_silent() -> None:
     assert lines_of(0.9 * FIRST_S, 10) == []
 
 
-def test_long_work_reports_within_its_first_seconds_and_then_now_and_then() -> None:
+def test_long_work_reports_within_its_first_second_and_then_now_and_then() -> None:
     lines = lines_of(60.0, 600)
     assert lines[0][0] <= FIRST_S + 0.11
-    assert lines[0][1] == "walk: 2 %, about 59 s left"
+    assert lines[0][1] == "walk: 1 %, about 59 s left"
     gaps = [b[0] - a[0] for a, b in pairwise(lines)]
-    assert all(EACH_S <= gap <= EACH_S + 0.11 for gap in gaps)
-    assert lines[3][1] == "walk: 52 %, about 29 s left"
+    assert all(SECOND_S <= gap <= EACH_S + 0.11 for gap in gaps)
+    assert gaps == sorted(gaps) or max(gaps) - min(gaps[3:]) < 0.2
+    for at, text in lines:
+        share, left = (int(part) for part in re.findall(r"(\d+) %, about (\d+) s", text)[0])
+        assert abs(0.01 * share * 60.0 - at) < 0.4
+        assert abs(at + left - 60.0) < 0.6
+    assert lines[-1][1].startswith("walk: 8")
 
 
-def test_a_share_of_nothing_and_of_all_is_no_line() -> None:
+def test_work_without_a_share_states_how_long_it_has_taken_and_finished_work_nothing() -> None:
     lines, now = list[str](), [0.0]
-    progress = Progress("walk", lines.append, lambda: now[0])
+    progress = Progress("walk", report=lines.append, clock=lambda: now[0])
+    now[0] = 1.0
+    progress.at(0.0, "reading")
     now[0] = 50.0
     progress.at(0.0)
+    now[0] = 99.0
     progress.at(1.0)
-    assert lines == []
+    assert lines == ["walk: at work (reading)", "walk: at work for 50 s"]
+
+
+def test_a_part_of_the_work_fills_its_part_of_the_whole() -> None:
+    lines, now = list[str](), [0.0]
+    progress = Progress("walk", report=lines.append, clock=lambda: now[0])
+    now[0] = 30.0
+    progress.part(0.5, 0.7, "plots")(0.5)
+    assert lines == ["walk: 60 %, about 20 s left (plots)"]
+
+
+def test_a_step_that_says_nothing_does_not_keep_the_context_silent(monkeypatch) -> None:
+    monkeypatch.setattr(module, "FIRST_S", 0.0)
+    said = threading.Event()
+    with Progress("walk", report=lambda text: said.set()):
+        assert said.wait(20.0)
+
+
+def test_ctrl_c_says_what_is_kept_and_other_ends_do_not() -> None:
+    lines = list[str]()
+    for end in (KeyboardInterrupt, SurefootError("invalid", "of another kind"), None):
+        with suppress(KeyboardInterrupt, SurefootError), Progress("walk", "run.mcap is kept", lines.append) as progress:
+            progress.at(0.4)
+            if end is not None:
+                raise end
+    assert lines == ["walk: interrupted at 40 %; run.mcap is kept"]
+
+
+@pytest.fixture
+def talkative(monkeypatch, tmp_path):
+    """Every share that is stated makes a line; the working folder is empty."""
+    for name in ("FIRST_S", "SECOND_S", "EACH_S"):
+        monkeypatch.setattr(module, name, 0.0)
+    monkeypatch.setenv("SUREFOOT_SECURITY", str(tmp_path / "security"))
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+LONG = [
+    ("report {bag} -o r.html", "report of walk.mcap", "report.recorded.write_report"),
+    ("why {bag}", "causes in walk.mcap", "report.why.find_outcome"),
+    ("audit {bag}", "proofs of walk.mcap", "audit.walk._claim"),
+    ("bisect {bag} {bag}", "comparison of walk.mcap and walk.mcap", "again.bisect._Pairing.end"),
+    ("verify {bag}", "", "again.repeat.RecordedRun.again"),
+    ("bag export {bag} --to csv -o c.csv", "walk.mcap to csv", "bags.exporting.table_of"),
+    ("bag export {bag} --to foxglove -o f.mcap", "walk.mcap to foxglove", ""),
+    ("estimate {bag} -o e", "estimate of walk.mcap", "estimation.results.track_of"),
+    ("footholds gather {bag} -o g.jsonl", "g.jsonl", "footholds.campaign.append"),
+    ("evaluate navigator --seeds 0:300", "300 episodes of planner", "train.evaluation.run_episodes"),
+    ("train navigator -p sarsa --episodes 200 -o p.npz", "policy p.npz", "train.runs.run_episodes"),
+    ("chaos stand --ticks 20", "chaos in stand", "chaos.run.Director"),
+    ("reproduce wawrzynski --no-figures", "wawrzynski", "surefoot.papers.wawrzynski.velocity.findings"),
+]
+COSTLY = ("report", "audit", "estimate", "evaluate", "chaos", "reproduce")
+"""Commands that take seconds of processor time: they are only interrupted."""
+
+
+@pytest.mark.parametrize(
+    ("words", "what"), [(words, what) for words, what, _ in LONG if words.split()[0] not in COSTLY and what]
+)
+def test_a_long_command_names_its_work_and_states_share_and_time_left(in_process, talkative, recorded, words, what):
+    pytest.importorskip("foxglove", reason="pip install 'surefoot[foxglove]'") if "foxglove" in words else None
+    code, _, err = in_process(*words.format(bag=recorded).split())
+    assert code == 0, err
+    assert err.startswith(f"{what}: ")
+    assert re.search(rf"^{re.escape(what)}: \d+ %, about \d+ s left", err, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("words", "inner"), [(words, inner) for words, _, inner in LONG if inner])
+def test_ctrl_c_in_a_long_command_ends_with_one_sentence_and_no_half_file(
+    monkeypatch, in_process, talkative, recorded, words, inner
+):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    if "wawrzynski" in words:
+        monkeypatch.setattr("surefoot.papers.wawrzynski.velocity.run", lambda **_: [])
+        monkeypatch.setattr("surefoot.lab.cli.warming.warm_if_cold", lambda *_: None)
+    monkeypatch.setattr(inner if inner.startswith("surefoot") else f"surefoot.lab.{inner}", stop)
+    code, out, err = in_process(*words.format(bag=recorded).split())
+    assert (code, out) == (cli.EXIT_INTERRUPT, "")
+    last = err.strip().splitlines()[-1]
+    assert re.search(r": interrupted( at \d+ %)?; \w", last), err
+    assert "Traceback" not in err
+    left = [path.name for path in talkative.rglob("*") if path.is_file()]
+    assert left == (["p.seed0.checkpoint.npz"] if "sarsa" in words else [])

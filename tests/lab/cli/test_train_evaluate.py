@@ -17,15 +17,12 @@ def test_a_planner_is_made_and_beats_the_paper_s_controller(answer, tmp_path):
     assert 0 < found["policy"]["success_at_least"] < found["policy"]["success"] <= 1
 
 
-def test_sarsa_is_trained_twice_with_progress_and_one_is_kept(in_process, tmp_path):
+def test_sarsa_is_trained_twice_and_one_is_kept(answer, tmp_path):
     out = str(tmp_path / "s.npz")
     words = ("--policy", "sarsa", "--out", out, "--episodes", "100", "--runs", "2", "--seed", "7", "--json")
-    code, said, err = in_process("train", "navigator", *words)
-    made = json.loads(said)
-    assert code == 0
+    made = json.loads(answer("train", "navigator", *words))
     assert [t["seed"] for t in made["trainings"]] == [7, 8]
     assert sum(t["kept"] for t in made["trainings"]) == 1
-    assert "seed 7: 100 of 100" in err
     assert [path.name for path in tmp_path.iterdir()] == ["s.npz"]
 
 
