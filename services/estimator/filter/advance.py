@@ -192,8 +192,8 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
             collapse(state, geometry.foot)
     if setting.limits.levels and settled(state):
         stand_on_levels(state, geometry, dt)
-    if state.memory[M.losses] > losses:
-        check_tilt(state, setting.limits)
+    if state.memory[M.losses] > losses or state.memory[M.lost_for] > FIXED.lost_memory:
+        check_tilt(state, setting.limits, state.memory[M.losses] > losses)
 
 
 @inner_kernel

@@ -87,7 +87,7 @@ class SensorLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (86,)."""
+    """First index of each part of `BestState.memory`, (92,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -153,7 +153,11 @@ class MemoryLayout(NamedTuple):
     """Weighted sums x^2, x y, y^2, x z, y z over pairs of such feet, (5,) m^2; see `level`."""
     watched: int = 53
     """Samples of the feet since the motion of the feet was compared with their switches."""
-    levels: int = 54
+    usual_gyro: int = 54
+    """Mean of the gyro over `usual_s`, IMU axes, (3,) rad/s."""
+    ran: int = 57
+    """Difference of `push` from the velocity at `tilted_for`, odom axes, (3,) m/s; see `start.check_tilt`."""
+    levels: int = 60
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 

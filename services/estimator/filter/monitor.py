@@ -14,7 +14,8 @@ over some tenths of a second. One such foot has a switch that hangs, two have sw
 Encoders are checked alone. A foot follows a smooth way, so that of four samples at equal steps the middle one of
 the three steps is the mean of the others; it is not if an encoder jumps. Two feet of which each jumps to where the
 other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do not
-stands still, and so do all feet that do so for longer than slow encoders are held.
+stands still, and so do all feet that do so for longer than slow encoders are held. It turns for sure where its rate
+differs both from the learned bias, which may be wrong, and from its mean of the last second.
 
 The contact of a foot whose switch is wrong is decided by its height. A foot whose encoders stand still is left out,
 feet that are swapped are taken the other way round. Jumps are outliers, which the filter leaves out one by one; of more
@@ -200,8 +201,10 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
     likely = state if at < 0 else mode(state, at)
     memory[M.watched] = min(memory[M.watched] + 1.0, float(row))
     if row < 1:
+        memory[M.usual_gyro : M.usual_gyro + 3] = memory[M.last_gyro : M.last_gyro + 3]
         return
-    contact, turn, dt = np.zeros(count), 0.0, 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1])
+    contact, turn, beside = np.zeros(count), 0.0, 0.0
+    dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1])
     fade = math.exp(-FIXED.forget_fault * dt)
     for f in range(count):
         for i in (S.switch, S.still, S.jump):
@@ -213,7 +216,9 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
             sensors[foot[k], S.strange : S.against + 1] = 0.0
     for i in range(3):
         turn += (memory[M.last_gyro + i] - likely.x[X.gyro_bias + i]) ** 2
-    _repeat(sensors, samples, row, contact, math.sqrt(turn))
+        memory[M.usual_gyro + i] += min(dt / FIXED.usual_s, 1.0) * (memory[M.last_gyro + i] - memory[M.usual_gyro + i])
+        beside += (memory[M.last_gyro + i] - memory[M.usual_gyro + i]) ** 2
+    _repeat(sensors, samples, row, contact, math.sqrt(min(turn, beside)))  # the bias may be wrong
     for f in range(count):
         g = _exchanged(samples.feet, row, f)
         if g > f:

@@ -187,7 +187,9 @@ class FixedNumbers(NamedTuple):
     crossed: float = 0.1
     """Share of their squared jumps by which two feet may miss each other's places if they are swapped."""
     turning: float = 0.1
-    """Rate of the IMU from which it turns for sure, rad/s: more than the offset of a cheap gyro before a rest."""
+    """Rate of the IMU from which it turns for sure, rad/s."""
+    usual_s: float = 1.0
+    """Time over which the gyro's mean is taken, s: no offset of a gyro, known or not, turns beside it."""
     most_repeated: float = 0.03
     """Turning of the IMU, rad, while a foot on the ground repeats one sample and others do not: its encoders stand
     still. Clean logs of others show 0.009 at most."""

@@ -10,7 +10,7 @@ from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import points_of
-from .layout import DOUBTED, LONG_AGO, MOVING, NO_FEET, STARTED, E, M, X
+from .layout import DOUBTED, LONG_AGO, MOVING, NO_FEET, STARTED, E, M, P, X
 from .noise import FIXED, BestLimits, BestSetting
 from .point import lift
 from .samples import ROW_Q, ROW_W, SampleStore, after
@@ -271,26 +271,39 @@ def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, set
 
 
 @kernel
-def check_tilt(state: BestState, limits: BestLimits) -> None:
-    """Correct the tilt when the velocity is lost again and again, in place; to be called at each loss.
+def check_tilt(state: BestState, limits: BestLimits, lost: bool) -> None:
+    """Correct the tilt when the velocity is lost again and again, or once and feet are left out since, in place.
 
     With a tilt that is wrong by a, the velocity by the inertial unit runs away from the feet with 9.81 sin a m/s^2
-    until it is lost, and again. The mean specific force in odom since the first loss points up, up to what a walk
-    accelerates: the attitude is turned so that it does, tilt and accelerometer bias are unknown again. Heading,
-    position and gyro bias stay. A robot that falls loses its velocity, too: its specific force is not that of one that
-    stands, and its tilt by the gyro is right.
+    until it is lost, and again. If a is small, it is lost once, and feet are blamed for what the inertial unit does.
+    The mean specific force in odom since the first loss, in the second case less what the velocity shows of it, points
+    up, up to what a walk accelerates: the attitude is turned so that it does, tilt and accelerometer bias are unknown
+    again, and the feet are believed. Heading, position and gyro bias stay. A robot that falls loses its velocity, too:
+    its specific force is not that of one that stands, and its tilt by the gyro is right.
+
+    Args:
+        state: after a sample of the feet.
+        limits: of the filter.
+        lost: the velocity is lost by this sample; else `lost_memory` has passed since the first loss.
     """
-    memory = state.memory
-    if memory[M.lost_for] < 0.0:
+    memory, time = state.memory, state.memory[M.lost_for]
+    if time < 0.0:
         memory[M.lost_for] = 0.0
         for i in range(3):
             memory[M.push + i] = 0.0
         return
-    ahead, side, up = memory[M.push], memory[M.push + 1], memory[M.push + 2] + GRAVITY * memory[M.lost_for]
-    level = math.sqrt(ahead * ahead + side * side)
-    if memory[M.lost_for] < FIXED.tilted_for or level < FIXED.tilted * memory[M.lost_for]:
+    ahead, side, up = memory[M.push], memory[M.push + 1], memory[M.push + 2]
+    if time > FIXED.lost_memory:
+        memory[M.lost_for] = LONG_AGO
+        blamed = np.max(state.points[:, P.mistrust]) > FIXED.most_mistrust
+        if lost or not blamed or time > FIXED.lost_memory + FIXED.longest_gap:
+            return
+        ahead, side = ahead - state.x[X.vel] - memory[M.ran], side - state.x[X.vel + 1] - memory[M.ran + 1]
+        up, time = up - state.x[X.vel + 2] - memory[M.ran + 2], time - FIXED.tilted_for
+    level, up = math.sqrt(ahead * ahead + side * side), up + GRAVITY * time
+    if time < FIXED.tilted_for or level < FIXED.tilted * time:
         return
-    force = math.sqrt(level * level + up * up) / memory[M.lost_for]
+    force = math.sqrt(level * level + up * up) / time
     if abs(force - GRAVITY) > FIXED.falling * GRAVITY or rotation(state.x)[2, 2] < FIXED.upright:
         return
     angle = math.atan2(level, up)
@@ -298,6 +311,7 @@ def check_tilt(state: BestState, limits: BestLimits) -> None:
     rot = times(turn, rotation(state.x))
     for k in range(state.points.shape[0]):
         lift(state, k)
+        state.points[k, P.mistrust] = 0.0  # no foot could fit
     set_rotation(state.x, rot)
     for i in range(3):
         state.x[X.acc_bias + i] = 0.0

@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (86,), see `MemoryLayout`."""
+    """Numbers beside the state, (92,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -64,7 +64,7 @@ class BestState(NamedTuple):
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 86)."""
+    """`memory` of each hypothesis, (H, 92)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array
@@ -347,8 +347,8 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         memory[M.lost_for] += d
         for i in range(3):
             memory[M.push + i] += d * push[i]
-        if memory[M.lost_for] > FIXED.lost_memory:
-            memory[M.lost_for] = LONG_AGO
+            if memory[M.lost_for] < FIXED.tilted_for:
+                memory[M.ran + i] = memory[M.push + i] - x[X.vel + i]
 
 
 @kernel

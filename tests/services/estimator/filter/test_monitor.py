@@ -7,6 +7,10 @@ import pytest
 
 from surefoot.lab.estimation.planted import PLANTED, first_altered, named
 from surefoot.lab.estimation.track import Track, track
+from surefoot.services.estimator.filter.layout import M, S, X
+from surefoot.services.estimator.filter.monitor import watch_sensors
+from surefoot.services.estimator.filter.samples import SampleStore
+from surefoot.services.estimator.filter.state import new_state
 from tests.lab.estimation.walks import noisy
 from tests.services.estimator.test_stream import TICK, make, walk
 
@@ -117,3 +121,20 @@ def test_no_sensor_of_a_leg_is_wrong_where_all_feet_are_held_or_rest() -> None:
     found = track("best", held).named
     assert found is not None
     assert not found["still"].any()
+
+
+@pytest.mark.parametrize(("offset", "bias"), [(0.2, 0.0), (0.12, -0.1), (0.0, 0.2)])
+def test_feet_that_repeat_one_sample_at_rest_are_sound_whatever_the_offset_of_the_gyro(
+    offset: float, bias: float
+) -> None:
+    """A bias that was learned while the tilt was wrong is no turning of the robot, nor is one that is not known yet."""
+    state, rows = new_state(2), 100
+    feet = np.tile([[0.0, 0.1, -0.5], [0.0, -0.1, -0.5]], (rows, 1, 1))
+    samples = SampleStore(
+        np.zeros(0, dtype=np.int64), np.zeros((0, 6)), 30_000_000 * np.arange(1, rows + 1), feet,
+        np.tile(np.eye(3), (rows, 2, 1, 1)), np.ones((rows, 2)), np.zeros((rows, 2), dtype=np.int64),
+    )  # fmt: skip
+    state.x[X.gyro_bias], state.memory[M.last_gyro] = bias, offset
+    for row in range(rows):
+        watch_sensors(state, samples, row, np.arange(2), settled=False)
+    assert not state.sensors[:, S.still].any()

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from surefoot.lab.estimation.faults import STARTS
 from surefoot.lab.estimation.scores import tilt
 from surefoot.lab.estimation.track import track
-from surefoot.papers.wawrzynski.synthetic import WalkParams, synthesize
+from surefoot.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
 from surefoot.services.estimator.stream import BEST
 
 
@@ -27,3 +28,12 @@ def test_a_tilt_that_the_feet_contradict_is_found_in_the_walk(degrees):
     assert tilts[late].max() < 1.5
     assert found.flags["initialised"][log.seconds > 5.0].all()
     np.testing.assert_allclose(found.yaw[-1], good.yaw[-1], atol=0.03)
+
+
+def test_feet_are_not_blamed_for_a_small_tilt():
+    """8 deg: the velocity is lost once, then the feet are left out one after the other."""
+    log = synthesize(KINDS["twist"], 40)
+    good, found = track(BEST, log), track(BEST, STARTS["30 deg wrong"](log, 0))
+    late = log.seconds > log.seconds[log.rest[1]] + 1.6
+    assert np.abs(found.v - good.v)[late].max() < 0.05
+    assert found.flags["sensors_ok"][late].all()
