@@ -164,7 +164,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     from surefoot.bus.endpoint import to_listen
     from surefoot.services.supervisor.processes.startable import system_of
 
-    from ..cli.before import check_ground
+    from ..cli.before import check_world
     from ..cli.warming import warm_if_cold
 
     endpoint = to_listen(options.listen)
@@ -173,7 +173,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
             refuse_existing(_folder(options.out, number), force=force, folder=True)
     compose = system_of(scenario, os.environ)
     if "simulator" in compose.service_names:
-        check_ground(scenario.world, scenario.seed)
+        check_world(scenario.world, scenario.seed)
     warm_if_cold(compose, endpoint, notify)
     return seeds
 

@@ -56,7 +56,7 @@ def run(
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
     from ..runs.live import Options, conduct
-    from .before import check_ground
+    from .before import check_world
     from .warming import warm_if_cold
 
     use_json(json)
@@ -69,7 +69,7 @@ def run(
         refuse_existing(out, force=force, folder=True)
     compose = system_of(loaded, os.environ)
     if "simulator" in compose.service_names:
-        check_ground(loaded.world, loaded.seed if seed is None else seed)
+        check_world(loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped

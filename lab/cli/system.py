@@ -64,7 +64,7 @@ def up(
     from surefoot.services.supervisor.processes.startable import startable
 
     from ..runs.attached import attached
-    from .before import check_ground
+    from .before import check_world
     from .warming import warm_if_cold
 
     use_json(json)
@@ -77,7 +77,7 @@ def up(
     files = {} if record is None else attached(compose)
     order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot, files)
     if "simulator" in compose.service_names:
-        check_ground(order.world, seed)
+        check_world(order.world, seed)
     warm_if_cold(compose, endpoint, notify)
     if not is_secure((listen or endpoint,)) and not log:
         notify(OPEN)

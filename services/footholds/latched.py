@@ -15,6 +15,7 @@ class LatchedGround:
     """Ground of the last map.
 
     Args:
+        key: topic that the maps come on, which a refusal names.
         foot_radius: of the robot, m.
         smooth: as in the configuration.
         unsure: deviation of a height, m, above which a cell of a map with variances counts as unknown.
@@ -23,8 +24,8 @@ class LatchedGround:
         ground: None without a map.
     """
 
-    def __init__(self, foot_radius: float, smooth: bool, unsure: float) -> None:
-        self._foot_radius, self._smooth, self._unsure = foot_radius, smooth, unsure
+    def __init__(self, key: str, foot_radius: float, smooth: bool, unsure: float) -> None:
+        self._key, self._foot_radius, self._smooth, self._unsure = key, foot_radius, smooth, unsure
         self.forget()
 
     def forget(self) -> None:
@@ -73,5 +74,5 @@ class LatchedGround:
     def known(self) -> FootholdGround:
         """Return the ground (raises Refusal `not_ready`: there is none)."""
         if self.ground is None:
-            raise Refusal("not_ready", "no terrain map has come yet")
+            raise Refusal("not_ready", f"no usable map has come on {self._key} yet")
         return self.ground

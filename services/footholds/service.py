@@ -55,7 +55,7 @@ class Footholds(Service[FootholdsConfig]):
         self._since: int | None = None
         """Tick of the first request that the model in force answered."""
         self._now: Tick | None = None
-        self.latched = LatchedGround(self.robot.foot_radius, self.config.smooth, self.config.unsure_m)
+        self.latched = LatchedGround(self._maps.key, self.robot.foot_radius, self.config.smooth, self.config.unsure_m)
         self.handle(FOOTHOLDS_SELECT, self.choose)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
         self.handle(FOOTHOLDS_MODEL, self.use_model)

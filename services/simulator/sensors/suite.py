@@ -43,7 +43,7 @@ class SensorSuite:
     ) -> None:
         profile = robot.imu.profile if profile is None else profile
         if isinstance(profile, str):
-            profile = _imu_profile(profile)
+            profile = known_imu(profile)
         self._points = tuple(len(leg.foot.points) for leg in robot.legs)
         self.limit = np.full(6, NO_LIMIT)
         """Range of the inertial unit, (6,): m/s2, rad/s."""
@@ -92,7 +92,8 @@ class SensorSuite:
         self._feet.restore(state["feet"])
 
 
-def _imu_profile(name: str) -> ImuProfile | None:
+def known_imu(name: str) -> ImuProfile | None:
+    """Return the inertial unit of that name, None = exact (raises WorldError)."""
     if name == "ideal":
         return None
     if name not in imu_profile_names():

@@ -57,6 +57,16 @@ def test_by_its_configuration_it_reads_the_own_map_tick_by_tick_or_the_given_one
     assert (given.inputs, given.batched) == ((TERRAIN_MAP,), True)
 
 
+@pytest.mark.parametrize(("own", "key"), [(True, "state/elevation"), (False, "terrain/map")])
+def test_without_a_map_a_request_is_refused_with_the_topic_that_is_awaited(own, key):
+    one = Footholds(FootholdsConfig(own_map=own))
+    system = LocalSystem([one])
+    with pytest.raises(Refusal, match=f"on {key} yet") as refusal:
+        one.select(asked("lf"))
+    assert refusal.value.code == "not_ready"
+    system.close()
+
+
 def test_a_sure_map_is_chosen_on_as_a_given_one(service):
     give(service, measured(flat()))
     leg = choice(service, asked("lf"))
