@@ -48,7 +48,7 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
         FileError: `not_found` the file cannot be opened, `value` it is no regular file or larger than `most_bytes`.
     """
     try:
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise FileError("value", "file", "is no regular file", str(path))

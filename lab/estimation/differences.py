@@ -1,7 +1,6 @@
 """Two outputs of `surefoot estimate`, or two recordings, side by side."""
 
 import json
-import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,7 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
+from surefoot.npz import BROKEN_NPZ
 from surefoot.record.columns import recorded_columns
 from surefoot.robot.reader import load_robot
 
@@ -64,14 +65,15 @@ def load_estimated(path: Path) -> Estimated:
         return _of_recording(file)
     names = {part: FILE_NAMES.get(part, part) for part in PARTS}
     try:
-        with np.load(file, allow_pickle=False) as columns:
+        regular_size(file)
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as columns:
             missing = [key for key in ("stamp_ns", "initialised", *names.values()) if key not in columns.files]
             if missing:
                 text = f"{file} has no {missing[0]!r}; wanted is what `surefoot estimate -o` writes"
                 raise SurefootError("invalid", text, missing[0])
             found = {part: columns[key] for part, key in names.items()}
             stamps, started = columns["stamp_ns"], columns["initialised"]
-    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+    except (OSError, *BROKEN_NPZ) as error:
         raise SurefootError("malformed", f"{file} is no NPZ file ({str(error)[:80]})", "estimates") from None
     beside = file.with_name(SUMMARY)
     errors = json.loads(beside.read_text()).get("errors", {}) if beside.exists() else {}

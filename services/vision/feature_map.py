@@ -7,7 +7,6 @@ and that a recognised feature carries exactly.
 
 import hashlib
 import zipfile
-import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -15,7 +14,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.disk import regular_size
 from surefoot.errors import Refusal
+from surefoot.npz import BROKEN_NPZ
 
 from .features import KINDS, MOST_COMPARED, Kind, distances
 
@@ -146,6 +147,7 @@ def load(path: str | Path) -> FeatureMap:
     source = Path(path)
     names = ("content", "kind", "positions", "looks", "seen", "sd", "pixel", "camera", "version", "source", "opencv")
     try:
+        regular_size(source)
         with source.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             table: dict[str, Any] = {name: archive[name] for name in names}
     except OSError as error:
@@ -154,7 +156,7 @@ def load(path: str | Path) -> FeatureMap:
         raise Refusal(
             "malformed", f"{source.name} is no map of features; surefoot map build makes one", "map"
         ) from None
-    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError) as error:
+    except BROKEN_NPZ as error:
         raise Refusal("malformed", f"{source.name} is no map of features: {str(error)[:80]}", "map") from None
     return _checked(table, source.name)
 

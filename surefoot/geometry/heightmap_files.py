@@ -3,17 +3,15 @@
 import hashlib
 import json
 import math
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.disk import whole
 from surefoot.geometry.heightmap import FRAME, HeightMap, HeightMapError
+from surefoot.npz import BROKEN_NPZ
 
 SCHEMA = "surefoot.geometry.heightmap/1"
 MAX_FILE_BYTES = 256_000_000
@@ -80,16 +78,7 @@ def load(path: str | Path) -> HeightMap:
         raise
     except KeyError as error:
         raise HeightMapError("file", f"{source.name} lacks an array: {error}") from error
-    except (
-        ValueError,
-        OSError,
-        EOFError,
-        AttributeError,
-        NotImplementedError,
-        BadZipFile,
-        zlib.error,
-        struct.error,
-    ) as error:
+    except (OSError, *BROKEN_NPZ) as error:
         raise HeightMapError("file", f"{source.name} is no .npz height map, or damaged") from error
     if frame != FRAME:
         raise HeightMapError("frame", f"must be {FRAME!r}, got {frame!r}")

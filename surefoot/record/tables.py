@@ -1,7 +1,5 @@
 """Logs of others as columns: CSV and NPZ, checked, with row and column of each error (docs/estimate.md)."""
 
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +7,7 @@ from numpy.typing import NDArray
 
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
+from surefoot.npz import BROKEN_NPZ
 from surefoot.record.columns import METADATA, SHAPES, Columns
 from surefoot.record.csv_table import read_csv
 
@@ -207,7 +206,7 @@ def _from_npz(path: Path) -> Columns:
         if error.strerror is None:
             raise SurefootError("malformed", f"{path} is no NPZ file", "log") from None
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError, zlib.error, AttributeError, TypeError) as error:
+    except BROKEN_NPZ as error:
         raise SurefootError("malformed", f"{path} is cut off or no NPZ file ({str(error)[:80]})", "log") from None
     for name, values in columns.items():
         if name not in SHAPES:

@@ -1,8 +1,6 @@
 """Landmark maps in files: `.npz` without pickled objects."""
 
-import struct
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.disk import regular_size, whole
+from surefoot.npz import BROKEN_NPZ
 
 from .landmarks import (
     LONGEST_DESCRIPTOR,
@@ -64,7 +63,7 @@ def load(path: str | Path) -> FloorLandmarks:
         if error.strerror is None:
             raise _malformed(source, f"is no .npz archive: {error}") from None
         raise LandmarkMapError("not_found", f"{source} cannot be read: {error.strerror}", "file") from None
-    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, struct.error, NotImplementedError) as error:
+    except BROKEN_NPZ as error:
         raise _malformed(
             source, f"is no .npz archive without pickled objects, or damaged: {str(error)[:120]}"
         ) from None

@@ -1,19 +1,20 @@
 """Configuration: who wins, and errors that name the source, the field, the value and what is allowed."""
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import pytest
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from surefoot.errors import ConfigError
-from surefoot.lockstep.config import ServiceConfig, config_hash, load_config
+from surefoot.lockstep.config import ServiceConfig, changed, config_hash, load_config
 from tests.surefoot.expect import expect_error
 
 
 class Example(ServiceConfig):
     """A configuration with one field of each kind."""
 
+    live: ClassVar[tuple[str, ...]] = ("rate",)
     rate: float = Field(default=1.0, gt=0, le=10)
     mode: Literal["ekf", "best"] = "ekf"
     expect: tuple[str, ...] = ()
@@ -117,3 +118,19 @@ def test_hash_of_a_path_that_is_no_utf8() -> None:
 
 def test_variables_of_other_services_are_no_concern() -> None:
     assert load(None, {"SUREFOOT_WALKER_STRIDE_M": "0.1", "SUREFOOT_LISTEN": "tcp/x:1", "PATH": "/bin"}) == load()
+
+
+def test_a_program_that_misspells_a_field_is_refused() -> None:
+    with pytest.raises(ValidationError, match="speed"):
+        Example.model_validate({"speed": 1})
+
+
+def test_of_a_running_service_live_parameters_alone_are_changed() -> None:
+    assert changed(load(), "example", {"rate": "3"}).rate == 3.0
+    with expect_error(ConfigError, "not_live", field="mode", text="'mode'") as caught:
+        changed(load(), "example", {"mode": "best"})
+    assert "live are: rate" in caught.value.message
+    with expect_error(ConfigError, "invalid", field="rate"):
+        changed(load(), "example", {"rate": "11"})
+    with expect_error(ConfigError, "unknown_key", field="speed"):
+        changed(load(), "example", {"speed": "1"})
