@@ -1,8 +1,8 @@
 """Goals, actions and the state of the walker, as the pilot takes them."""
 
+import json
 import math
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
@@ -153,17 +153,16 @@ class NavigationGoal:
         along = 0.0 if length == 0.0 else min(1.0, max(0.0, ((x - begin[0]) * dx + (y - begin[1]) * dy) / length))
         return math.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
 
-    @classmethod
-    def restored(cls, kept: Mapping[str, Any]) -> "NavigationGoal":
-        """Return a goal from the fields that `kept` returned, also after JSON has made lists of tuples."""
-        start = kept["start"]
-        route, places = (tuple((float(x), float(y)) for x, y in kept[name]) for name in ("route", "places"))
-        found = {"route": route, "places": places, "ends": tuple(map(int, kept["ends"]))}
-        found |= {"start": start and (start[0], start[1]), "recoveries": Counter(kept["recoveries"])}
-        goal = cls(**{**kept, **found})
-        if not route or not 0 <= goal.index <= len(route) or len(goal.ends) != len(goal.places):
-            raise ValueError(f"the goal is at waypoint {goal.index} of {len(route)}, place {goal.ends}")
-        return goal
+    def check(self) -> None:
+        """Refuse a goal that no navigator can have kept (raises ValueError)."""
+        json.dumps(self.kept(), allow_nan=False)
+        last, ends = len(self.route) - 1, self.ends
+        if last < 0 or len(ends) != len(self.places) or [*ends] != sorted({*ends, last}) or ends[0] < 0:
+            raise ValueError(
+                f"its {len(self.places)} places end at {ends}, allowed are waypoints until the last, {last}"
+            )
+        if not 0 <= self.index <= last + 1:
+            raise ValueError(f"it is at waypoint {self.index}, allowed are 0 to {last + 1}")
 
     def kept(self) -> dict[str, Any]:
         """Return the fields as plain values of JSON; an infinite distance becomes 1e9 m."""

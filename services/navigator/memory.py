@@ -3,12 +3,15 @@
 The file belongs to one run (its folder); contents of another epoch, or of a later tick than now, are ignored.
 """
 
-import json
-from dataclasses import dataclass
-from typing import Any, cast, get_args
+from dataclasses import dataclass, fields
+from typing import Annotated
 
-from surefoot.lockstep.memory import RunMemory
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from surefoot.lockstep.memory import MOST_ID, RunMemory
 from surefoot.schemas.navigation import GoalState
+from surefoot.tables import TableError, table_error
 
 from .goals import End, NavigationGoal
 
@@ -37,6 +40,46 @@ class Kept:
     """Goals that wait for their tick."""
 
 
+class _Stored(BaseModel):
+    """Content of the file: what is `Kept` and when it was kept."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    epoch: int
+    tick: int
+    number: int = Field(ge=0, le=MOST_ID)
+    pose: tuple[float, float, float]
+    covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
+    odom: tuple[float, float, float] | None
+    goal: NavigationGoal | None
+    state: GoalState
+    end: End
+    ended: float
+    planned: tuple[tuple[int, NavigationGoal], ...]
+
+    @field_validator("covariance")
+    @classmethod
+    def _positive(cls, covariance: tuple[float, ...]) -> tuple[float, ...]:
+        matrix = np.array(covariance).reshape(3, 3)
+        least = -1e-9 * float(np.abs(matrix).max())
+        if (np.abs(matrix - matrix.T) > -least).any() or np.linalg.eigvalsh(matrix)[0] < least:
+            raise ValueError(f"got {covariance}, allowed is a covariance: symmetric, without negative variances")
+        return covariance
+
+    @field_validator("goal")
+    @classmethod
+    def _goal(cls, goal: NavigationGoal | None) -> NavigationGoal | None:
+        if goal is not None:
+            goal.check()
+        return goal
+
+    @field_validator("planned")
+    @classmethod
+    def _goals(cls, planned: tuple[tuple[int, NavigationGoal], ...]) -> tuple[tuple[int, NavigationGoal], ...]:
+        for _, goal in planned:
+            goal.check()
+        return planned
+
+
 class GoalMemory(RunMemory):
     """File that keeps the last goal.
 
@@ -61,40 +104,10 @@ class GoalMemory(RunMemory):
         if content is None:
             return None
         try:
-            found = json.loads(content)
-            if found["epoch"] != epoch or found["tick"] > tick:
-                return None
-            odom, goal = found["odom"], found["goal"]
-            return Kept(
-                int(found["number"]), _pose(found["pose"]), _covariance(found["covariance"]),
-                None if odom is None else _pose(odom), goal and NavigationGoal.restored(goal),
-                _state(found["state"]), _end(*found["end"]), float(found["ended"]),
-                tuple((int(tick), NavigationGoal.restored(fields)) for tick, fields in found["planned"]),
-            )  # fmt: skip
-        except KeyError as error:
-            self.give_up(f"{error.args[0]} is missing")
-        except (ArithmeticError, RecursionError, LookupError, TypeError, ValueError) as error:
-            self.give_up(error)
-        return None
-
-
-def _pose(values: Any) -> tuple[float, float, float]:
-    x, y, yaw = map(float, values)
-    return (x, y, yaw)
-
-
-def _covariance(values: Any) -> tuple[float, ...]:
-    numbers = tuple(map(float, values))
-    if len(numbers) != 9:
-        raise ValueError(f"covariance has {len(numbers)} numbers, allowed are 9")
-    return numbers
-
-
-def _state(value: Any) -> GoalState:
-    if value not in get_args(GoalState):
-        raise ValueError(f"state is {value!r}, allowed are {', '.join(get_args(GoalState))}")
-    return cast(GoalState, value)
-
-
-def _end(state: Any, error: Any, message: Any) -> End:
-    return (_state(state), str(error), str(message))
+            found = _Stored.model_validate_json(content)
+        except ValidationError as error:
+            self.give_up(table_error(error, _Stored, TableError))
+            return None
+        if found.epoch != epoch or found.tick > tick:
+            return None
+        return Kept(**{field.name: getattr(found, field.name) for field in fields(Kept)})

@@ -10,14 +10,11 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from surefoot.lockstep.memory import RunMemory
+from surefoot.lockstep.memory import MOST_ID, RunMemory
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.tables import TableError, table_error
 
 from .interface import BodyPose, MotionCommand
-
-MOST_ID = 2**53
-"""Largest number of a command or order: the largest that every JSON reader keeps exactly."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ from surefoot.files import FileError, read_regular
 
 MOST_BYTES = 1 << 20
 """Largest file that is read; a service writes some kB."""
+MOST_ID = 2**53
+"""Largest number of a command or order: the largest that every JSON reader keeps exactly."""
 
 
 class RunMemory:

@@ -1,6 +1,5 @@
 """The pilot takes goals to their end, on a walker without legs."""
 
-import json
 import math
 from collections.abc import Callable
 
@@ -191,15 +190,3 @@ def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before(run: Run) -> N
     run.pilot.resume(goal, TowardsGoal(), "navigating", ("navigating", "", ""))
     run.until(run.ended)
     assert (run.pilot.state, goal.missed) == ("succeeded", [])
-
-
-def test_a_goal_that_was_kept_goes_on_counting_its_recoveries() -> None:
-    goal = NavigationGoal("g", ((1.0, 0.0), (2.0, 0.5)), "steer", 3.0, start=(0.1, 0.2), missed=[0], index=1)
-    goal.recoveries["look"] += 2
-    again = NavigationGoal.restored(json.loads(json.dumps(goal.kept())))
-    again.nearest = goal.nearest
-    assert again == goal
-    again.recoveries["stand_and_look"] += 1
-    assert again.recoveries == {"look": 2, "stand_and_look": 1}
-    fresh = NavigationGoal("g", ((1.0, 0.0),), "steer", 0.0)
-    assert NavigationGoal.restored(json.loads(json.dumps(fresh.kept()))).start is None

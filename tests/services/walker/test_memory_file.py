@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from surefoot.services.walker.memory import MOST_ID, MemoryFile, WalkMemory
+from surefoot.lockstep.memory import MOST_ID
+from surefoot.services.walker.memory import MemoryFile, WalkMemory
 
 KEPT = WalkMemory(3, None, None, None)
 
