@@ -40,7 +40,7 @@ class Kept:
     """Goals that wait for their tick."""
 
 
-class _Stored(BaseModel):
+class _StoredGoal(BaseModel):
     """Content of the file: what is `Kept` and when it was kept."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
@@ -104,9 +104,9 @@ class GoalMemory(RunMemory):
         if content is None:
             return None
         try:
-            found = _Stored.model_validate_json(content)
+            found = _StoredGoal.model_validate_json(content)
         except ValidationError as error:
-            self.give_up(table_error(error, _Stored, TableError))
+            self.give_up(table_error(error, _StoredGoal, TableError))
             return None
         if found.epoch != epoch or found.tick > tick:
             return None

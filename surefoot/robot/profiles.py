@@ -134,7 +134,7 @@ class DepthCameraFile(Profile):
     field_deg: Number = Field(gt=1, le=170, description="deg, horizontal field of view")
     period_ms: PeriodMs | None = Field(None, description="ms between two images; default: by the rate of `hw/depth`")
     shortest: Positive = Field(description="m, nearer things give no depth")
-    longest: Number = Field(gt=0, le=100, description="m, nor do things beyond")
+    longest: Number = Field(le=100, description="m, nor do things beyond")
     sigma: NotNegative = Field(description="m, standard deviation of the depth close by")
     sigma_square: NotNegative = Field(description="m per m2, beside that, with the square of the depth")
     dropout: Share = Field(description="share of pixels without a depth")

@@ -107,6 +107,16 @@ def test_imu_profile_is_in_si():
         ("lower_deg = -60.0", "lower_deg = 70.0", "value", "chains.leg.links[0].upper_deg"),
         ("lower_deg = -60.0", "lower_deg = -6e5", "value", "chains.leg.links[0].lower_deg"),
         ("neutral_deg = 24.0", "neutral_deg = 91.0", "value", "chains.leg.links[1].neutral_deg"),
+        ("neutral_deg = 24.0", "neutral_deg = -61.0", "value", "chains.leg.links[1].neutral_deg"),
+        ("upper_deg = 90.0", "upper_deg = 360.1", "value", "chains.leg.links[1].upper_deg"),
+        ("lower_deg = -60.0", "lower_deg = -360.1", "value", "chains.leg.links[0].lower_deg"),
+        ("[servos.main]", "[chains.arm]\nsource = 'fit'\nlinks = []\n[servos.main]", "type", "chains.arm.links"),
+        ("[servos.main]\n", "[servos.main]\nlatency_ms = -0.1\n", "value", "servos.main.latency_ms"),
+        ("[servos.main]\n", "[servos.main]\nlatency_ms = 100.1\n", "value", "servos.main.latency_ms"),
+        ("[servos.main]\n", "[servos.main]\nbacklash_deg = -0.1\n", "value", "servos.main.backlash_deg"),
+        ("[servos.main]\n", "[servos.main]\nresolution_deg = 5.1\n", "value", "servos.main.resolution_deg"),
+        ("quat_wxyz = [1.0, 0.0, 0.0, 0.0]", "quat_wxyz = [1.0, 0.0, 0.0]", "type", "imu.quat_wxyz"),
+        ("quat_wxyz = [1.0, 0.0, 0.0, 0.0]", "quat_wxyz = [1.0, 0.0, 0.0, 0.0, 0.0]", "type", "imu.quat_wxyz"),
         ('servo = "main"', 'servo = "mian"', "unknown_name", "chains.leg.links[0].servo"),
         ('name = "femur"', 'name = "coxa"', "duplicate", "chains.leg.links[1].name"),
         ('name = "femur"', 'name = "Fe mur"', "value", "chains.leg.links[1].name"),
@@ -124,6 +134,9 @@ def test_imu_profile_is_in_si():
         ("off_n = 0.4", "off_n = 0.9", "value", "contacts.off_n"),
         ("switches = 1", "switches = 9", "value", "contacts.switches"),
         ('kind = "switch"', 'kind = "laser"', "value", "contacts.kind"),
+        ("switches = 1", "switches = 0", "value", "contacts.switches"),
+        ('kind = "switch"', 'kind = "switch"\nmin_n = 1.0', "unknown_key", "contacts.min_n"),
+        ('kind = "switch"', 'kind = "force"\nmin_n = 2.0\nmax_n = 2.0', "value", "contacts.max_n"),
         ('kind = "switch"', 'kind = "force"', "missing", "contacts.min_n"),
         ('[servos.main]\nsource = "study"', "[servos.main]", "missing", "servos.main.source"),
         ('[servos.main]\nsource = "study"', '[servos.main]\nsource = "me"', "unknown_name", "servos.main.source"),
@@ -143,6 +156,15 @@ def test_a_hexapod_with_four_legs_is_refused(load_changed):
     two = RAGNO[RAGNO.rindex("[[limbs]]", 0, RAGNO.rindex("[[limbs]]")) : RAGNO.index("[imu]")]
     with expect_error(RobotError, "value", field="limbs", text="6 legs, got 4"):
         load_changed(two, "")
+
+
+def test_a_trunk_without_spheres_and_a_robot_without_limbs_are_refused(load_changed):
+    belly = RAGNO[RAGNO.index("belly = [") : RAGNO.index("[servos.main]")]
+    with expect_error(RobotError, "type", field="trunk.belly"):
+        load_changed(belly, "belly = []\n")
+    without = RAGNO[: RAGNO.index("[[limbs]]")] + RAGNO[RAGNO.index("[imu]") :]
+    with expect_error(RobotError, "type", field="limbs"):
+        load_changed('kind = "hexapod"', 'kind = "hexapod"\nlimbs = []', without)
 
 
 def test_a_chain_without_joints_is_refused(load_changed):
