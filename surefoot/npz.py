@@ -9,5 +9,5 @@ BROKEN_NPZ = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, ValueError, EOFError, KeyError, TypeError,
     AttributeError, OverflowError, MemoryError, RuntimeError,
 )  # fmt: skip
-"""What zip, its ways of packing and numpy raise, besides OSError: without an errno, a bzip2 stream is damaged. Of
-RuntimeError are members that are encrypted, or packed in a way of another version."""
+"""Errors of zip, its ways of packing and numpy, besides OSError, which without an errno is a damaged bzip2 stream.
+A member that is encrypted, or packed in a way of another version, raises a RuntimeError."""
