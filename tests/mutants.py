@@ -32,6 +32,8 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
+from tests.guards import GUARDS
+
 ROOT = Path(__file__).parents[1]
 LIMIT_S = 30.0
 """Processor time of the tests of one mutant, s; one that never ends is noticed, too."""
@@ -41,69 +43,6 @@ UNTRACED = ("--ignore=tests/surefoot/lockstep/test_chaos.py", "--ignore=tests/su
 """Tests that take too long for every mutant."""
 STALLED = 5.0
 """Time after which a run is ended, in limits of its processor time: a mutant may wait for ever."""
-
-GUARDS: dict[str, tuple[str, ...]] = {
-    "surefoot/lockstep/join.py": ("tests/surefoot/lockstep",),
-    "surefoot/lockstep/commands.py": ("tests/surefoot/lockstep", "tests/services/simulator/test_service.py"),
-    "surefoot/lockstep/binding.py": ("tests/surefoot/lockstep",),
-    "surefoot/lockstep/links.py": ("tests/surefoot/lockstep",),
-    "surefoot/lockstep/ages.py": ("tests/surefoot/lockstep",),
-    "surefoot/lockstep/answers.py": ("tests/surefoot/lockstep",),
-    "surefoot/lockstep/config.py": ("tests/surefoot/lockstep/test_config.py",),
-    "surefoot/bus/codec.py": ("tests/schemas", "tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep"),
-    "surefoot/bus/frame.py": ("tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep"),
-    "surefoot/bus/inbox.py": ("tests/surefoot/bus/test_inbox.py", "tests/surefoot/lockstep/test_overload.py"),
-    "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py", "tests/surefoot/bus/test_endpoint.py"),
-    "surefoot/files.py": ("tests/surefoot/test_files.py",),
-    "surefoot/tables.py": ("tests/services/supervisor/scenarios", "tests/surefoot/robot/test_robot.py"),
-    "surefoot/record/check.py": ("tests/surefoot/record",),
-    "surefoot/record/csv_table.py": ("tests/surefoot/record",),
-    "surefoot/record/tables.py": ("tests/surefoot/record", "tests/surefoot/test_npz.py"),
-    "surefoot/record/recording.py": ("tests/surefoot/record",),
-    "surefoot/geometry/heightmap_files.py": (
-        "tests/surefoot/geometry/test_heightmap_files.py",
-        "tests/surefoot/test_npz.py",
-    ),
-    "surefoot/robot/reader.py": ("tests/surefoot/robot/test_robot.py", "tests/surefoot/robot/test_bipeds.py"),
-    "surefoot/robot/files.py": ("tests/surefoot/robot/test_robot.py", "tests/surefoot/robot/test_bipeds.py"),
-    "surefoot/robot/profiles.py": ("tests/surefoot/robot/test_profiles.py",),
-    "schemas/base.py": ("tests/schemas",),
-    "lab/report/judge.py": ("tests/lab/report",),
-    "services/estimator/inputs/check.py": ("tests/services/estimator/inputs",),
-    "services/estimator/inputs/clock.py": ("tests/services/estimator/inputs",),
-    "services/estimator/inputs/external.py": (
-        "tests/services/estimator/test_external.py",
-        "tests/services/estimator/inputs/test_limits.py",
-    ),
-    "services/estimator/health.py": ("tests/services/estimator/inputs",),
-    "surefoot/lockstep/memory.py": ("tests/services/walker", "tests/surefoot/test_disk.py"),
-    "services/walker/memory.py": ("tests/services/walker",),
-    "services/walker/commander.py": ("tests/services/walker",),
-    "services/walker/commands.py": ("tests/services/walker",),
-    "services/walker/orders.py": ("tests/services/walker",),
-    "services/walker/messages.py": ("tests/services/walker",),
-    "services/navigator/memory.py": ("tests/services/navigator/test_memory.py",),
-    "services/navigator/planning/map_files.py": ("tests/services/navigator/planning",),
-    "services/navigator/belief/landmark_files.py": (
-        "tests/services/navigator/belief/test_landmark_files.py",
-        "tests/surefoot/test_npz.py",
-    ),
-    "services/navigator/policy/files.py": ("tests/services/navigator/policy/test_files.py",),
-    "services/navigator/requests.py": (
-        "tests/services/navigator/test_service.py",
-        "tests/services/navigator/test_ends.py",
-    ),
-    "services/footholds/models/files.py": ("tests/services/footholds/models/test_model_files.py",),
-    "services/simulator/physics/command.py": (
-        "tests/services/simulator/test_command.py",
-        "tests/services/simulator/test_torque_limit.py",
-    ),
-    "services/simulator/physics/faults.py": ("tests/services/simulator/test_faults.py",),
-    "services/stability/requests.py": ("tests/services/stability/queries", "tests/services/stability/test_service.py"),
-    "services/supervisor/processes/compose.py": ("tests/services/supervisor/processes/test_compose.py",),
-    "services/supervisor/scenarios/scenario.py": ("tests/services/supervisor/scenarios",),
-}
-"""Modules that judge or refuse, and the tests that concern them."""
 
 CHECKS = re.compile(r"_?(check|refuse|require|verify|validate|belonging|finite|count_result)")
 """Names of functions that a statement calls for their refusal alone."""
