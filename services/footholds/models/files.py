@@ -79,7 +79,7 @@ class _ModelFile(_FilePart):
     support: Annotated[int, Field(ge=0, lt=2**31)]
     relief: bool = False
     enough: Annotated[Finite, Field(gt=0)] | None = None
-    base: Annotated[list[Annotated[Finite, Field(ge=0, le=10)]], Field(max_length=1 + len(KNOTS))] = []
+    base: list[Annotated[Finite, Field(ge=0, le=10)]] = []
     trials: Annotated[list[Annotated[str, Field(pattern=r"^[0-9a-f]{12}$")]], Field(max_length=MAX_TRIALS)] = []
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     lattice: _LatticePart

@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
-from surefoot.services.footholds.models.files import MAX_BYTES, MAX_TRIALS, ModelError, decode, encode, load, save
+from surefoot.services.footholds.models.files import (
+    MAX_BINS,
+    MAX_BYTES,
+    MAX_TERMS,
+    MAX_TRIALS,
+    ModelError,
+    decode,
+    encode,
+    load,
+    save,
+)
+from surefoot.services.footholds.models.lattice import inputs
 from tests.services.footholds.learning.made import gather, samples
 from tests.services.refusals import refused
 
@@ -72,6 +83,31 @@ def changed(data: bytes, **changes: Any) -> bytes:
         ({"lattice__width": [0.0, 1.0, 1.0]}, "lattice"),
         ({"terms__weights": [0.0] * 8 + [7.0]}, "terms"),
         ({"terms__warps": ["log", "log", "identity"]}, "terms.warps"),
+        ({"smooth": 1}, "smooth"),
+        ({"title": ""}, "title"),
+        ({"title": "x" * 65}, "title"),
+        ({"cell": 1.001}, "cell"),
+        ({"foot_radius": 0.0}, "foot_radius"),
+        ({"foot_radius": 1.001}, "foot_radius"),
+        ({"distance_weight": 1000.1}, "distance_weight"),
+        ({"landing_error": -0.001}, "landing_error"),
+        ({"landing_error": 0.101}, "landing_error"),
+        ({"support": -1}, "support"),
+        ({"seed": -1}, "seed"),
+        ({"trials": ["0123456789a"]}, "trials.0"),
+        ({"trials": ["0123456789ab"] * (MAX_TRIALS + 1)}, "trials"),
+        ({"provenance": [""] * 1001}, "provenance"),
+        ({"relief": True, "base": [-0.1] * 6}, "base.0"),
+        ({"relief": True, "base": [10.1] * 6}, "base.0"),
+        ({"relief": True, "base": [0.1] * 5}, "base"),
+        ({"terms__scales": [0.0, 1.0, 1.0]}, "terms.scales.0"),
+        ({"terms__scales": [1.0, 0.0, 1.0]}, "terms.scales.1"),
+        ({"terms__scales": [1.0, 1.0, 0.0]}, "terms.scales.2"),
+        ({"terms__weights": [0.1] * (MAX_TERMS + 2)}, "terms.weights"),
+        ({"terms__rates": []}, "terms"),
+        ({"terms__centres": [], "terms__rates": [], "terms__weights": [], "terms__constant": False}, "terms"),
+        ({"bins": [[-(10**400), 0, 0, 1.0, 0, 0]]}, "bins.0.0"),
+        ({"bins": [[-(10**9), 0, 0, 1.0, 0, 0]]}, "bins"),
     ],
 )
 def test_refusals_name_the_field(data: bytes, changes: dict[str, Any], field: str) -> None:
@@ -102,6 +138,37 @@ def test_models_that_are_of_no_use_are_refused_by_name(data: bytes, change: Any,
     change(raw)
     with refused(ModelError, field=field):
         decode(json.dumps(raw).encode())
+
+
+@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_each_end_of_a_range_belongs_to_the_bins(data: bytes, axis: int, end: int) -> None:
+    raw = json.loads(data)
+    raw["ranges"][axis][end] += (-10.0, 10.0)[end]
+    with refused(ModelError, field="ranges"):
+        decode(json.dumps(raw).encode())
+
+
+def test_a_range_that_ends_before_it_begins_is_refused_though_its_ends_belong_to_the_bins(data: bytes) -> None:
+    raw, model = json.loads(data), decode(data)
+    raw["bins"] = raw["bins"][:1]
+    (centre,) = inputs(model.lattice.centres(dict([next(iter(model.bins.items()))])))
+    raw["ranges"] = [[float(c - 1e-3), float(c + 1e-3)] for c in centre]
+    decode(json.dumps(raw).encode())
+    raw["ranges"] = [[high, low] for low, high in raw["ranges"]]
+    with pytest.raises(ModelError, match="is empty"):
+        decode(json.dumps(raw).encode())
+
+
+def test_a_model_of_another_kind_is_not_written_and_too_many_bytes_are_not_read(data: bytes) -> None:
+    model = decode(data)
+    with refused(ModelError, field="terms"):
+        encode(replace(model, terms=replace(model.terms, basis=object())))  # type: ignore[arg-type]
+    with refused(ModelError, "too_large"):
+        decode(bytes(MAX_BYTES + 1))
+    bins = [[i % 100, i // 100, 0, 1.0, 0, 0] for i in range(MAX_BINS + 1)]
+    with pytest.raises(ModelError, match=f"bins: List should have at most {MAX_BINS} items"):
+        decode(changed(data, bins=bins))
 
 
 def test_a_file_of_the_version_before_is_read(data: bytes) -> None:
