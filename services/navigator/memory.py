@@ -4,11 +4,11 @@ The file belongs to one run (its folder); contents of another epoch, or of a lat
 """
 
 from dataclasses import dataclass, fields
-from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from surefoot.geometry.linear import eigen3
 from surefoot.lockstep.memory import MOST_ID, RunMemory
 from surefoot.schemas.navigation import GoalState
 from surefoot.tables import TableError, table_error
@@ -48,7 +48,7 @@ class _StoredGoal(BaseModel):
     tick: int
     number: int = Field(ge=0, le=MOST_ID)
     pose: tuple[float, float, float]
-    covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
+    covariance: tuple[float, ...]
     odom: tuple[float, float, float] | None
     goal: NavigationGoal | None
     state: GoalState
@@ -61,7 +61,7 @@ class _StoredGoal(BaseModel):
     def _positive(cls, covariance: tuple[float, ...]) -> tuple[float, ...]:
         matrix = np.array(covariance).reshape(3, 3)
         least = -1e-9 * float(np.abs(matrix).max())
-        if (np.abs(matrix - matrix.T) > -least).any() or np.linalg.eigvalsh(matrix)[0] < least:
+        if (np.abs(matrix - matrix.T) > -least).any() or not eigen3(matrix)[0].min() >= least:
             raise ValueError(f"got {covariance}, allowed is a covariance: symmetric, without negative variances")
         return covariance
 

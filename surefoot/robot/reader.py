@@ -107,8 +107,6 @@ def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
     tree = _Tree(file)
     for i, limb in enumerate(file.limbs):
         tree.add_limb(limb, f"limbs[{i}]")
-    if not tree.legs:
-        raise RobotError("value", "limbs", "no limb has a foot")
     if len(tree.legs) != LEGS[file.kind]:
         raise RobotError("value", "limbs", f"a {file.kind} has {LEGS[file.kind]} legs, got {len(tree.legs)}")
     imu, profile = read_profile(ImuFile, file.imu.profile, "imu.profile")

@@ -89,6 +89,15 @@ def test_a_goal_that_no_navigator_writes_is_reported(tmp_path: Path, change: dic
     assert "goal" in memory.problem
 
 
+def test_goals_that_wait_are_checked_as_well(tmp_path: Path) -> None:
+    path = tmp_path / "navigator.json"
+    GoalMemory(str(path)).keep(2, 50, kept(planned=((90, goal()), (95, goal(index=4)))))
+    memory = GoalMemory(str(path))
+    assert memory.recall(2, 60) is None
+    assert "planned" in memory.problem
+    assert "waypoint 4" in memory.problem
+
+
 @pytest.mark.parametrize("text", ["", "not json", "[" * 100_000, '{"epoch": 2}', "[1e999]", "\xff"])
 def test_what_is_no_memory_is_reported_and_no_file_is_no_fault(tmp_path: Path, text: str) -> None:
     path = tmp_path / "navigator.json"

@@ -185,8 +185,22 @@ def test_broken_toml_and_unknown_robots_are_one_sentence(tmp_path):
         load_robot("spot")
 
 
-def test_a_folder_is_a_robot_too():
+def test_a_folder_is_a_robot_too_where_it_holds_one(tmp_path):
     assert load_robot(ROBOTS / "ragno").hash == load_robot("ragno").hash
+    with expect_error(RobotError, "not_found", field="name", text="holds no robot.toml"):
+        load_robot(tmp_path)
+
+
+@pytest.mark.parametrize("parent", ["toe", "ankle_roll", "knee"])
+def test_the_parent_of_a_link_comes_before_it(load_changed, parent):
+    with expect_error(RobotError, "unknown_name", field="chains.leg.links[4].parent", text=f"got '{parent}'"):
+        load_changed('parent = "hip_pitch"', f'parent = "{parent}"', TOY_BIPED.read_text())
+
+
+def test_the_source_of_each_limb_is_known(load_changed):
+    first, rest = RAGNO[: RAGNO.index("[[limbs]]")], RAGNO[RAGNO.index("[[limbs]]") :]
+    with expect_error(RobotError, "unknown_name", field="limbs[0].source", text="got 'me'"):
+        load_changed(rest, rest.replace('source = "', 'source = "me" # ', 1), first + rest)
 
 
 @pytest.mark.parametrize(
