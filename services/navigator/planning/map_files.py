@@ -11,7 +11,6 @@ image has any) and occ = 1 - s, or s with `negate`:
 The top row of the image is y-max. (ROS 2 Navigation, nav2_map_server, map_io.)
 """
 
-import math
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -313,6 +312,6 @@ def _pgm_head(head: bytes, path: Path) -> tuple[int, int, int]:
         raise MapFileError(
             "malformed", f"{path.name} is cut off: {width} x {height} pixels do not fit into it", "image"
         )
-    if not math.isfinite(most) or most < 1:
+    if most < 1:
         raise MapFileError("malformed", f"{path.name}: the largest value must be 1 to 255, got {most}", "image")
     return width, height, most

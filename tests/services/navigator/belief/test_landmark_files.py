@@ -45,6 +45,7 @@ def test_a_map_without_deviations_has_exact_places(tmp_path):
         ("positions", np.array(["a", "b"]), "positions"),
         ("descriptors", np.full_like(WORLD.descriptors, np.inf), "descriptors"),
         ("version", 1.5, "version"),
+        ("version", np.array([2]), "version"),
         ("sd", np.full(len(WORLD), -0.01), "sd"),
         ("sd", np.zeros(len(WORLD) - 1), "sd"),
         ("sd", np.array(["a"]), "sd"),

@@ -11,7 +11,15 @@ from PIL import Image
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.navigator.planning.grid import FloorGrid, GridError, grid_of
-from surefoot.services.navigator.planning.map_files import MODES, MapFileError, MapInfo, load, occupancy, save
+from surefoot.services.navigator.planning.map_files import (
+    MAX_IMAGE_BYTES,
+    MODES,
+    MapFileError,
+    MapInfo,
+    load,
+    occupancy,
+    save,
+)
 from tests.services.refusals import refused
 
 YAML = "image: {image}\nresolution: 0.05\norigin: [-1.0, -2.0, 0.0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -117,6 +125,8 @@ def test_numbers_may_be_written_as_yaml_1_2_writes_them(tmp_path):
         ("image: map.pgm", "image: other.pgm", "image"),
         ("image: map.pgm", "image: ''", "image"),
         ("image: map.pgm", "image: [map.pgm]", "image"),
+        ("image: map.pgm", 'image: "map\\0.pgm"', "image"),
+        ("image: map.pgm\n", "", "image"),
         ("resolution: 0.05", "resolution: 0", "resolution"),
         ("resolution: 0.05", "resolution: -1", "resolution"),
         ("resolution: 0.05", "resolution: .nan", "resolution"),
@@ -128,6 +138,8 @@ def test_numbers_may_be_written_as_yaml_1_2_writes_them(tmp_path):
         ("[-1.0, -2.0, 0.0]", "[-1.0, -2.0, 0.3]", "origin"),
         ("[-1.0, -2.0, 0.0]", "[-1.0, -2.0]", "origin"),
         ("[-1.0, -2.0, 0.0]", "[-1.0, .nan, 0.0]", "origin"),
+        ("[-1.0, -2.0, 0.0]", "'120'", "origin"),
+        ("origin: [-1.0, -2.0, 0.0]\n", "", "origin"),
         ("free_thresh: 0.196", "free_thresh: 0.7", "free_thresh"),
         ("free_thresh: 0.196", "free_thresh: 1.7", "free_thresh"),
         ("free_thresh: 0.196", "free_thresh: 0.196\nmode: binary", "mode"),
@@ -176,6 +188,8 @@ def png_head(width, height, bits=8):
         b"P5\n100000 2\n255\n" + bytes(200_000),
         b"P5\n100000 100000\n255\n",
         b"P5\n5000 5000\n255\n" + bytes(25_000_000),
+        b"P5\n2 100000\n255\n" + bytes(200_000),
+        b"P5\n2 x\n255\n" + bytes(4),
         b"P5\n0 2\n255\n",
         b"P5\n2 2\n65535\n" + bytes(8),
         b"P5\n2 2\n255\n" + bytes(3),
@@ -200,6 +214,22 @@ def test_images_that_are_no_map_are_refused(tmp_path, content):
         load(write(tmp_path, YAML.format(image="map.pgm")))
 
 
+@pytest.mark.parametrize(
+    ("image", "content", "words"),
+    [
+        ("map.pgm", b"P5\n20 20\n255\n" + bytes(3), "20 x 20 pixels do not fit"),
+        ("map.pgm", b"P5\n2 2\n0\n" + bytes(4), "largest value must be 1 to 255, got 0"),
+        ("map.png", png_head(10, 10).replace(b"IHDR", b"JHDR") + bytes(30), "cut off in its header"),
+        ("''", b"", "the name of a PGM or PNG file"),
+    ],
+)
+def test_a_head_that_lies_is_named_before_anything_is_decoded(tmp_path, image, content, words):
+    if content:
+        (tmp_path / image).write_bytes(content)
+    with pytest.raises(MapFileError, match=words):
+        load(write(tmp_path, YAML.format(image=image)))
+
+
 def test_sixteen_bits_cut_off_pngs_and_missing_files_are_refused(tmp_path):
     Image.fromarray(np.zeros((50, 50), dtype=np.uint16)).save(tmp_path / "map.png")
     with pytest.raises(MapFileError, match="65535"):
@@ -215,6 +245,17 @@ def test_sixteen_bits_cut_off_pngs_and_missing_files_are_refused(tmp_path):
         load(tmp_path / "none.yaml")
     with pytest.raises(MapFileError):
         load(tmp_path)
+
+
+def test_a_yaml_that_is_no_text_and_an_image_of_too_many_bytes_are_refused(tmp_path):
+    (tmp_path / "map.yaml").write_bytes(b"image: \xff\xfe\n")
+    with pytest.raises(MapFileError, match="is not UTF-8 text"):
+        load(tmp_path / "map.yaml")
+    path = pgm(tmp_path, np.zeros((2, 2)))
+    with (tmp_path / "map.pgm").open("r+b") as stream:
+        stream.truncate(MAX_IMAGE_BYTES + 1)
+    with pytest.raises(MapFileError, match=f"allowed are {MAX_IMAGE_BYTES}"):
+        load(path)
 
 
 def test_other_modes_and_formats_are_not_written(tmp_path):
