@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import read_recording, recording_info
+from surefoot.record.recording import open_readable, read_recording
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
-from surefoot.robot.reader import load_robot
 from surefoot.schemas.stability import Contact, RegionRequest, StabilityStatus
 from surefoot.schemas.topics import HW_JOINTS, STATE_GAIT, STATE_STABILITY, STATE_VELOCITY
 from surefoot.services.stability.answers import region_reply
 
+from ..scene.film import robot_of
 from .proof import Array, bounds, holds, inside
 
 ALLOWED_M = 2e-3
@@ -86,8 +86,7 @@ def audit(path: Path, progress: Callable[[float], None] = lambda share: None) ->
     Raises:
         SurefootError: the recording cannot be read, names no robot, or claims nothing.
     """
-    about = recording_info(path)["metadata"].get("run", {})
-    robot = load_robot(about.get("robot", ""))
+    robot = robot_of(open_readable(path))
     joints: dict[int, Any] = {}
     up: dict[int, Any] = {}
     step: dict[int, int] = {}
@@ -97,6 +96,9 @@ def audit(path: Path, progress: Callable[[float], None] = lambda share: None) ->
         message: Any = item.message()
         match item.key:
             case HW_JOINTS.key:
+                if len(message.position) != robot.nj:
+                    text = f"{path} has {len(message.position)} joints, {robot.name} has {robot.nj}"
+                    raise SurefootError("invalid", text, "robot")
                 joints[message.stamp_ns] = message
             case STATE_VELOCITY.key:
                 up[message.tick] = message.g_up

@@ -162,6 +162,8 @@ def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
             recording, ("hw/imu", "hw/joints", "hw/contacts", "state/velocity", "state/odometry"), progress
         ):
             m: Any = item.message()
+            if m.stamp_ns < 0:
+                raise SurefootError("malformed", f"{item.key}: got {m.stamp_ns}, allowed is 0 or more", "stamp_ns")
             made: dict[str, Any] = {}
             if item.key == "hw/imu":
                 made["imu"] = imu_message(m, "imu")

@@ -52,8 +52,12 @@ class _KeyRows:
                 row = len(self.stamps)
                 raise SurefootError("malformed", f"{key} row {row}: {len(numbers)} numbers after rows of {width}", name)
             self.values.setdefault(name, array("d")).extend(numbers)
-        self.stamps.append(message.stamp_ns)
-        self.ticks.append(message.tick)
+        try:
+            self.stamps.append(message.stamp_ns)
+            self.ticks.append(message.tick)
+        except OverflowError:
+            text = f"{key} row {len(self.stamps)}: got {message.stamp_ns} and {message.tick}, allowed are 64 bits"
+            raise SurefootError("malformed", text, "stamp_ns") from None
 
     def columns(self, prefix: str) -> Columns:
         out: Columns = {

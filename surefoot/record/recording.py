@@ -22,6 +22,8 @@ from surefoot.version import VERSION
 
 BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
+ENCODINGS = ("json", BULK)
+"""Message encodings of our topics."""
 SUMMARY, HASHES = "surefoot", "hashes"
 """Names of the metadata at the end of a file: the run hash, and the digest of each key."""
 KINDS = {".toml": "application/toml", ".json": "application/json", ".yaml": "application/yaml"}
@@ -146,6 +148,8 @@ def read_recording(
             count, share_of = 0, None if progress is None else _share_of(reader)
             for _, channel, message in reader.iter_messages(topics=list(keys) if keys else None, log_time_order=True):
                 row = topic_of(channel.topic)
+                if row is not None and channel.message_encoding not in ENCODINGS:
+                    raise _foreign(path, channel.topic, channel.message_encoding)
                 yield Recorded(channel.topic, message.log_time, None if row is None else row.model, message.data)
                 count += 1
                 if progress is not None and share_of is not None:
@@ -174,6 +178,13 @@ def _share_of(reader: Any) -> Callable[[int], float] | None:
 def _unreadable(path: Path, error: OSError) -> SurefootError:
     """Why a file cannot be read; one too short for a summary makes the reader look before its beginning."""
     return _broken(path, "") if error.errno == EINVAL else SurefootError("unreadable", f"{path}: {error.strerror}")
+
+
+def _foreign(path: Path, key: str, encoding: str) -> SurefootError:
+    """Return the fault of a topic of this project that somebody else has written."""
+    return SurefootError(
+        "malformed", f"{path}: {key} is encoded as {encoding!r}, allowed is 'json'", "message_encoding"
+    )
 
 
 def _broken(path: Path, why: str) -> SurefootError:
