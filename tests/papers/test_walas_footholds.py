@@ -83,10 +83,10 @@ def test_accumulated_slip_is_the_sum_over_stances() -> None:
 
 def test_a_torn_line_of_the_folder_is_done_again(quick: list[WalkKey], tmp_path: Path) -> None:
     keys = [WalkKey("random", seed) for seed in (1, 2)]
-    Runs(tmp_path, 1).walks(keys, lambda text: None)
+    Runs(tmp_path, 1).walks(keys)
     lines = (tmp_path / "walks.jsonl").read_text().splitlines()
     (tmp_path / "walks.jsonl").write_text(lines[0] + "\n" + lines[1][:40] + "\n")
     quick.clear()
-    again = Runs(tmp_path, 1).walks(keys, lambda text: None)
+    again = Runs(tmp_path, 1).walks(keys)
     assert [key.seed for key in quick] == [2]
     assert [each.seed for each in again] == [1, 2]

@@ -79,7 +79,9 @@ def test_a_failure_is_shrunk_and_its_test_is_written(
 ) -> None:
     """In place of the robot a run that fails when there are a drop and a kill."""
 
-    def suffered(scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool = False) -> MemoryRun:
+    def suffered(
+        scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool = False, **_: object
+    ) -> MemoryRun:
         bad = ("no tick after 7",) if {event.kind for event in events} == {"drop", "kill"} else ()
         return MemoryRun(seed=seed, outcomes=(), violations=bad, ticks=9, run_hash="", unbound=0, wall_s=1.0)
 
