@@ -108,7 +108,7 @@ def test_pools_that_always_break_end_the_campaign(tmp_path: Path, monkeypatch: p
 
         def __exit__(self, *what: object) -> None: ...
 
-    monkeypatch.setattr(campaign, "ProcessPoolExecutor", Broken)
+    monkeypatch.setattr(campaign, "worker_processes", Broken)
     with expect_error(SurefootError, "worker_died"):
         collect(planned([SHORT], ("exact",), range(2)), tmp_path / "s.jsonl", jobs=2)
 

@@ -71,7 +71,7 @@ def edited(edit: Edit, without: tuple[str, ...] = ()) -> Signals:
 
 
 def explained(signals: Signals, monkeypatch: pytest.MonkeyPatch) -> Explanation:
-    monkeypatch.setattr(why, "read_signals", lambda path: signals)
+    monkeypatch.setattr(why, "read_signals", lambda path, progress: signals)
     return explain(Path("run.mcap"))
 
 
