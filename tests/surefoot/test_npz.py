@@ -13,6 +13,7 @@ from surefoot.errors import SurefootError
 from surefoot.geometry.heightmap_files import load as load_map
 from surefoot.lab.estimation.differences import load_estimated
 from surefoot.record.tables import read_table
+from surefoot.services.navigator.belief.landmark_files import SCHEMA
 from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
 from surefoot.services.vision.feature_map import load as load_features
 
@@ -26,6 +27,10 @@ ARRAYS = {
         "z": np.zeros((9, 9), dtype=np.float32), "origin": np.zeros(2), "cell": np.array(0.01),
         "version": np.array(1), "frame": np.array("map"),
     },
+}  # fmt: skip
+ARRAYS[load_landmarks] = {
+    "schema": np.array(SCHEMA), "positions": np.random.default_rng(0).normal(size=(9, 2)), "version": np.array(1),
+    "descriptors": np.random.default_rng(1).normal(size=(9, 8)), "source": np.array("test"),
 }  # fmt: skip
 """Content that a reader takes when it is sound; the others get that of `read_table`, which they refuse."""
 METHODS = {

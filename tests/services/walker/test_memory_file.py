@@ -33,5 +33,6 @@ def test_numbers_at_their_limits_are_taken(tmp_path: Path) -> None:
 def test_a_file_that_is_absent_and_a_memory_without_one_are_no_fault(tmp_path: Path) -> None:
     absent, nowhere = MemoryFile(str(tmp_path / "walker.json")), MemoryFile(None)
     assert absent.recall(2, 101) is None
+    assert nowhere.recall(2, 101) is None
     nowhere.keep(2, 100, KEPT)
     assert (absent.problem, nowhere.problem) == ("", "")

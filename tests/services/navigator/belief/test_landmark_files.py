@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from surefoot.services.navigator.belief.landmark_files import SCHEMA, load, save
+from surefoot.services.navigator.belief.landmark_files import MAX_ARCHIVE_BYTES, SCHEMA, load, save
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks, LandmarkMapError
 from tests.services.navigator.belief.floors import floor
 from tests.services.refusals import refused
@@ -103,6 +103,14 @@ def test_damaged_and_missing_files_are_refused(tmp_path):
         load(tmp_path / "none.npz")
     with pytest.raises(LandmarkMapError):
         load(tmp_path)
+
+
+def test_an_archive_of_too_many_bytes_is_refused_unread(tmp_path):
+    np.savez(tmp_path / "map.npz", **GOOD)
+    with (tmp_path / "map.npz").open("r+b") as stream:
+        stream.truncate(MAX_ARCHIVE_BYTES + 1)
+    with pytest.raises(LandmarkMapError, match=f"allowed are {MAX_ARCHIVE_BYTES}"):
+        load(tmp_path / "map.npz")
 
 
 def test_an_archive_that_unpacks_to_too_much_is_refused_unread(tmp_path):

@@ -83,6 +83,11 @@ def test_a_file_that_was_changed_after_it_was_written_is_refused(policy, member)
         assert parse(changed(policy, **{member: other}), "p", "p.npz").kind == policy.kind
 
 
+def test_what_is_wrong_is_named_once(policy):
+    with pytest.raises(Refusal, match=r"^p\.npz: lacks grid; a policy file has "):
+        parse(changed(policy, grid=None), "p", "p.npz")
+
+
 def test_truncated_foreign_and_pickled_files_are_refused(policy, tmp_path):
     content = content_of(policy)
     made = []
