@@ -36,6 +36,23 @@ def test_a_command_of_another_time_is_refused(tick: int, stamp_ns: int, code: st
     assert commands.known(tick) == (not code)
 
 
+@pytest.mark.parametrize(
+    ("sender", "position", "code"), [("a", 0.0, ""), ("a", 1.0, "conflict"), ("b", 1.0, ""), ("b", 0.0, "")]
+)
+def test_of_two_commands_of_a_tick_the_first_is_obeyed(sender: str, position: float, code: str) -> None:
+    commands, checked = Commands(), list[JointCommand]()
+    first, second = (JointCommand(position=(x,)).stamped(NOW * TICK_NS, NOW, 1, NOW, "walker") for x in (0.0, position))
+    commands.offer(first, NOW, checked.append, "a")
+    if code:
+        with pytest.raises(Refusal, match="'a'") as refusal:
+            commands.offer(second, NOW, checked.append, sender)
+        assert refusal.value.code == code
+    else:
+        commands.offer(second, NOW, checked.append, sender)
+    assert len(checked) == 1
+    assert commands.take(NOW, exact=True) is first
+
+
 def test_what_the_hardware_refuses_is_answered_and_never_obeyed() -> None:
     def refuse(command: JointCommand) -> None:
         raise Refusal("range", "too far")
