@@ -140,6 +140,31 @@ def test_models_that_are_of_no_use_are_refused_by_name(data: bytes, change: Any,
         decode(json.dumps(raw).encode())
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"schema": "surefoot.slip/9"}, "must be 'surefoot.slip/2' or 'surefoot.slip/1', got 'surefoot.slip/9'"),
+        (
+            {
+                "lattice__origin": [0.0] * 3,
+                "lattice__width": [1e-3] * 3,
+                "bins": [[-900, 0, -900, 1.0, 0, 0], [900, 50, 900, 1.0, 0, 0]],
+            },
+            "its keys span",
+        ),
+        ({"terms__weights": [0.1]}, "terms do not fit together"),
+        (
+            {"terms__centres": [], "terms__rates": [], "terms__weights": [], "terms__constant": False},
+            "terms do not fit together",
+        ),
+        ({"terms__weights": [1e300] * 9}, "no prediction lies between 0 and 1"),
+    ],
+)
+def test_refusals_name_the_cause(data: bytes, changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        decode(changed(data, **changes))
+
+
 @pytest.mark.parametrize("end", [0, 1])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_each_end_of_a_range_belongs_to_the_bins(data: bytes, axis: int, end: int) -> None:
