@@ -190,8 +190,11 @@ def logs(
     if service is not None and service not in found:
         raise typer.BadParameter(f"no log of {service!r}; there are {', '.join(found) or 'none'}")
     chosen = {name: path for name, path in found.items() if service in (None, name)}
-    for name, line in last_lines(chosen, lines):
+    rows = last_lines(chosen, lines)
+    for name, line in rows:
         _show_line(name, line, json=json)
+    if not rows and lines:
+        notify(f"no lines so far of {', '.join(chosen) or 'any service'}")
     if follow:
         for name, line in follow_logs(chosen):
             _show_line(name, line, json=json)

@@ -36,3 +36,11 @@ def test_the_command_shows_them(surefoot, place) -> None:
         "service": "recorder", "time": "2026-03-01T12:00:00.200Z", "level": "warning", "tick": 7, "text": "second",
     }  # fmt: skip
     assert lines[3] == {"service": "walker", "time": None, "level": None, "tick": None, "text": "Traceback"}
+
+
+def test_a_log_without_lines_is_stated(surefoot, place) -> None:
+    folder = RunFolder("ragno", place[0] / "state" / "surefoot")
+    logs(folder.path / "logs")["walker"].write_text("")
+    done = surefoot("logs", "walker")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert "no lines so far of walker" in done.stderr
