@@ -31,6 +31,11 @@ class _Counted(NamedTuple):
     size: int
 
 
+def plain(item: Any) -> Any:
+    """Return what was put into a lane of which `items` has this."""
+    return item.item if type(item) is _Counted else item
+
+
 class Lane:
     """One bounded queue of an inbox. One thread takes, any thread puts."""
 

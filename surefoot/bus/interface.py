@@ -179,6 +179,9 @@ class Publisher(Protocol, Generic[M_contra]):
 class Bus(Protocol):
     """A namespace of topics and queries. Sinks may be called from any thread and must only queue."""
 
+    apart: bool
+    """Other processes act while one waits in a call."""
+
     def publisher(self, topic: Topic[M], instance: str = "") -> Publisher[M]:
         """Declares the one writer of a key; ``instance`` names the process in its frames."""
         ...

@@ -73,6 +73,8 @@ class MemoryBus:
     the answer is there. Because the call graph is acyclic no node is ever pumped while it is in a call itself.
     """
 
+    apart = False
+
     def __init__(self) -> None:
         self._sinks: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._families: list[tuple[str, Callable[[Delivery], Any]]] = []

@@ -102,6 +102,8 @@ class ZenohIncoming:
 class ZenohBus:
     """Topics and queries of one robot over a Zenoh session."""
 
+    apart = True
+
     def __init__(self, endpoint: ZenohOptions) -> None:
         self.endpoint = endpoint
         try:

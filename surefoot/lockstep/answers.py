@@ -38,6 +38,7 @@ class Answers:
         self._put, self._refuse, self._clock = put, refuse, clock
         self.late = 0
         """Queries whose answer is being worked out on another thread."""
+        self._last: dict[str, tuple[Request | None, Any]] = {}
         self.waiting: list[tuple[float, Incoming, TickRequest]] = []
         """Queries about ticks that have not come, and since when, s."""
 
@@ -73,11 +74,19 @@ class Answers:
             incoming.fail(refusal)
             return None
 
-    def settle(self, incoming: Incoming, make: Callable[[], Any]) -> None:
-        """Answers with what ``make`` returns or raises; where that is a future, once it is done."""
+    def settle(self, incoming: Incoming, make: Callable[[], Any], request: Request | None = None) -> None:
+        """Answers with what ``make`` returns or raises; where that is a future, once it is done.
+
+        The same request of the same tick gets the same answer: its first one was lost on the way, and what a service
+        learns from a request is learned once.
+        """
         key = incoming.query.key
         try:
-            answer = make()
+            known, answer = self._last.get(key, (None, None))
+            if known is None or known != request:
+                answer = make()
+                if isinstance(request, TickRequest) and request.tick is not None and request.epoch is not None:
+                    self._last[key] = (request, answer)
             if not isinstance(answer, Future):
                 incoming.reply(answer)
                 return

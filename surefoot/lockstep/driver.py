@@ -27,9 +27,9 @@ JOIN_TIMEOUT_S = 90.0
 """Limit on the wait for the first or next service that becomes ready."""
 HOLD_S = 120.0
 """Simulated time waits so long for the return of a lost member; then the run ends."""
-SILENCE_S, RESENDS = 0.25, 8
+SILENCE_S, RESENDS, REPEAT_S = 0.25, 8, 1.0
 """Without progress for so long the last ticks are sent again; after so many repetitions (2 s) the slowest member counts
-as lost although its process lives (frozen)."""
+as lost although its process lives (frozen). In a hold they come each ``REPEAT_S``: who asks empties no inbox."""
 STATUS_S = 1.0
 """``Driver.on_status`` is called at least so often in wall time, whether simulated time runs or not."""
 
@@ -258,7 +258,7 @@ class DriverNode(Node):
         self._prime()
         now = self.clock()
         if now >= self._next_repeat and all(self.bindings.visible(*one) for one in leader.awaited()):
-            self._next_repeat = now + SILENCE_S  # one is silent, perhaps because it asked another that lacks a tick
+            self._next_repeat = now + REPEAT_S  # one is silent, perhaps because it asked another that lacks a tick
             self._repeat_all()
         if now - self._since > HOLD_S:
             gone = ", ".join(leader.give_up_waiting())

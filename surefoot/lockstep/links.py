@@ -1,13 +1,14 @@
 """The links a service needs: inputs that their publishers have primed, queries that their owners answer."""
 
-import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, TypeVar
 
 from surefoot.bus.interface import Bus
 from surefoot.errors import CallError
 from surefoot.lockstep.binding import Bindings
 from surefoot.lockstep.join import DRIVER
+from surefoot.lockstep.patience import LOCKSTEP_ANSWER_S, Patience
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.system import JoinRequest
@@ -18,9 +19,6 @@ Rep = TypeVar("Rep", bound=Wire)
 Row = Topic[Any] | Query[Any, Any]
 
 JOIN_S = 0.3  # s, limit on the wait for one driver's answer
-PATIENCE_S = 10.0
-"""Limit on the wait for an answer within a tick in lockstep, s: longer than the silence after which a driver gives a
-member up and a supervisor starts a process anew, and no time in which a machine that works leaves a request alone."""
 
 
 class Links:
@@ -29,11 +27,11 @@ class Links:
     Args:
         bus: what it asks by.
         bindings: processes that services are bound to.
-        meanwhile: called now and then in a long wait for an answer: a sign of life.
+        patience: of requests within ticks.
     """
 
-    def __init__(self, bus: Bus, bindings: Bindings, meanwhile: Callable[[], Any]) -> None:
-        self._bus, self._bindings, self._meanwhile = bus, bindings, meanwhile
+    def __init__(self, bus: Bus, bindings: Bindings, patience: Patience) -> None:
+        self._bus, self._bindings, self._patience = bus, bindings, patience
         self._rows: tuple[Row, ...] = ()
         self._proved: set[str] = set()
         self._servers: dict[str, str] = {}
@@ -66,22 +64,16 @@ class Links:
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None, within: Tick | None = None) -> Rep:
         """Ask the process that a query's owner is bound to, in the course of a tick or of none (raises CallError).
 
-        In lockstep simulated time waits for the answer, however slow the machine is; a process that still lacks the
-        tick which the request names is asked again, and the driver repeats the tick to it.
+        In lockstep simulated time waits for the answer, see `patience`, where others act while this service waits.
         """
         if within is None or query.owner == DRIVER:
             return self._ask(query, request, timeout_s)
         if query.owner not in within.roster:
             raise CallError("absent", f"{query.owner} is not on the roster")
-        if within.mode != "lockstep":
+        if within.mode != "lockstep" or not self._bus.apart:
             return self._ask(query, request, timeout_s)
-        end = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                return self._ask(query, request, PATIENCE_S, self._meanwhile)
-            except CallError as error:
-                if error.code != "not_ready" or time.monotonic() >= end:
-                    raise
+        look = partial(self._patience.look, query.owner, within)
+        return self._patience.ask(lambda: self._ask(query, request, LOCKSTEP_ANSWER_S, look), query.owner, within)
 
     def _ask(
         self, query: Query[Req, Rep], request: Req, timeout_s: float | None, meanwhile: Callable[[], Any] | None = None

@@ -25,6 +25,7 @@ from surefoot.lockstep.health import health_of, join_request
 from surefoot.lockstep.join import DRIVER, NAMED, Delayed, Join, TickInputs
 from surefoot.lockstep.leader import KEEP_TICKS
 from surefoot.lockstep.links import Links
+from surefoot.lockstep.patience import Patience
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line, sendable
 from surefoot.schemas.base import Message, Request, TickRequest, Wire
@@ -61,7 +62,7 @@ class Node:
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
         self._observed = {topic.key for topic in service.observes}
-        self.links = Links(bus, self.bindings, self._beat)
+        self.links = Links(bus, self.bindings, Patience(self.inbox, self.bindings, self._beat, lambda: self.stopping))
         self._answers = Answers(self.inbox.put, self.refuse, clock)
         self._tick: TickInputs | None = None
         self.epoch = -1
@@ -125,10 +126,8 @@ class Node:
                 wait = min(self.timers(), LOOK_S)
                 if busy:
                     continue
-                try:
+                with suppress(Empty):
                     self.handle(self.inbox.get(wait, self.join.awaited()))
-                except Empty:
-                    continue
         finally:
             self.state = "stopping"
             self.service.on_stop()
@@ -318,7 +317,7 @@ class Node:
         if key == f"health/{self.name}":
             incoming.reply(HealthReply(health=self.health()))
         else:
-            self._answers.settle(incoming, lambda: self.service.handlers[key](request))
+            self._answers.settle(incoming, lambda: self.service.handlers[key](request), request)
         if COMPILING.done_here != before:  # a kernel that no rehearsal needs: never silently
             self.log("warning", f"{key} had to compile {COMPILING.last}; `surefoot warm --all` does so ahead of time")
 

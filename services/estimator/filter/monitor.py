@@ -14,8 +14,8 @@ over some tenths of a second. One such foot has a switch that hangs, two have sw
 Encoders are checked alone. A foot follows a smooth way, so that of four samples at equal steps the middle one of
 the three steps is the mean of the others; it is not if an encoder jumps. Two feet of which each jumps to where the
 other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do not
-stands still, and so do all feet that do so for longer than slow encoders are held. It turns for sure where its rate
-differs both from the learned bias, which may be wrong, and from its mean of the last second.
+stands still, and so do all feet that do so for longer than slow encoders are held while the rate of the robot differs
+from its mean of the last second, too: the learned bias may be wrong.
 
 The contact of a foot whose switch is wrong is decided by its height. A foot whose encoders stand still is left out,
 feet that are swapped are taken the other way round. Jumps are outliers, which the filter leaves out one by one; of more
@@ -105,7 +105,7 @@ def _jumps(samples: SampleStore, row: int, f: int, point: int) -> bool:
 
 
 @kernel
-def _repeat(sensors: Array, samples: SampleStore, row: int, contact: Array, turn: float) -> None:
+def _repeat(sensors: Array, samples: SampleStore, row: int, contact: Array, turn: float, beside: float) -> None:
     """Learn for how long each foot has repeated one sample, and by how much the IMU has turned meanwhile, in place.
 
     Args:
@@ -113,7 +113,8 @@ def _repeat(sensors: Array, samples: SampleStore, row: int, contact: Array, turn
         samples: filled rows.
         row: of the feet, 1 at least.
         contact: probability that each foot touches the ground, (L,).
-        turn: rate of the IMU, rad/s.
+        turn: rate of the IMU without its bias, rad/s.
+        beside: its rate beside its usual one, rad/s.
     """
     count, together = samples.feet.shape[1], True
     step = min(1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1]), FIXED.longest_repeat)
@@ -123,6 +124,7 @@ def _repeat(sensors: Array, samples: SampleStore, row: int, contact: Array, turn
             sensors[f, S.held] = sensors[f, S.repeated] = 0.0
         else:
             sensors[f, S.held] += step
+    turn = min(turn, beside) if together else turn  # the bias may be wrong where nothing moves
     for f in range(count):
         if sensors[f, S.held] > 0.0 and turn > FIXED.turning and (together or contact[f] >= 0.5):
             sensors[f, S.repeated] += turn * step
@@ -218,7 +220,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         turn += (memory[M.last_gyro + i] - likely.x[X.gyro_bias + i]) ** 2
         memory[M.usual_gyro + i] += min(dt / FIXED.usual_s, 1.0) * (memory[M.last_gyro + i] - memory[M.usual_gyro + i])
         beside += (memory[M.last_gyro + i] - memory[M.usual_gyro + i]) ** 2
-    _repeat(sensors, samples, row, contact, math.sqrt(min(turn, beside)))  # the bias may be wrong
+    _repeat(sensors, samples, row, contact, math.sqrt(turn), math.sqrt(beside))
     for f in range(count):
         g = _exchanged(samples.feet, row, f)
         if g > f:

@@ -187,7 +187,7 @@ def test_ticks_come_again_to_all_while_a_silent_member_is_awaited(alive: bool, m
     lost_in_silence(bench, "walker", monkeypatch)
     if not alive:
         bench.bus.depart("walker")
-    monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
+    monkeypatch.setattr(runtime, "REPEAT_S", 0.0)
     before = [tick.tick for tick in bench.ticks].count(bench.leader.tick)
     for _ in range(3):
         bench.node.pump_once()

@@ -5,15 +5,20 @@ from typing import Any
 
 import pytest
 
-from surefoot.bus.interface import Life
+from surefoot.bus.codec import encode
+from surefoot.bus.frame import Frame, FramePart, pack
+from surefoot.bus.inbox import Inbox
+from surefoot.bus.interface import Life, Stamp
 from surefoot.bus.memory import MemoryBus
 from surefoot.errors import CallError
-from surefoot.lockstep import links as runtime
+from surefoot.lockstep import patience
 from surefoot.lockstep.binding import Bindings
-from surefoot.lockstep.links import PATIENCE_S, Links
+from surefoot.lockstep.join import DRIVER
+from surefoot.lockstep.links import Links
+from surefoot.lockstep.patience import LOCKSTEP_ANSWER_S, Patience
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.stability import RegionReply, RegionRequest
-from surefoot.schemas.topics import STABILITY_REGION
+from surefoot.schemas.topics import HW_TICK, STABILITY_REGION
 from tests.surefoot.expect import expect_error
 
 REQUEST = RegionRequest(contacts=(), directions=16)
@@ -23,10 +28,13 @@ REPLY = RegionReply(status="infeasible", inner=(), outer=(), support=())
 class Slow(MemoryBus):
     """A bus whose server fails some times with a code before it answers."""
 
+    apart = True
+
     def __init__(self, code: str, failures: int) -> None:
         super().__init__()
         self.code, self.failures = code, failures
         self.limits: list[float | None] = []
+        self.others: dict[str, RegionReply] = {}
         self.serve(STABILITY_REGION, lambda incoming: None, instance="s")
 
     def call(
@@ -38,6 +46,8 @@ class Slow(MemoryBus):
         instance: str = "",
         meanwhile: Callable[[], Any] | None = None,
     ) -> Any:
+        if instance in self.others:
+            return self.others[instance]
         assert instance == "s"
         if timeout_s is not None and meanwhile is not None:
             meanwhile()
@@ -47,36 +57,85 @@ class Slow(MemoryBus):
         return REPLY
 
 
+def patient(bus: MemoryBus, beats: list[int], *, stopping: bool = False) -> tuple[Links, Inbox]:
+    bindings, inbox = Bindings(), Inbox()
+    for service in ("stability", DRIVER):
+        bindings.on_life(Life(service, "s", True))
+        bindings.bind(service, "s")
+    return Links(bus, bindings, Patience(inbox, bindings, lambda: beats.append(1), lambda: stopping)), inbox
+
+
 def links(bus: MemoryBus, beats: list[int]) -> Links:
-    bindings = Bindings()
-    bindings.on_life(Life("stability", "s", True))
-    return Links(bus, bindings, lambda: beats.append(1))
+    return patient(bus, beats)[0]
 
 
-def tick(mode: str, *roster: str) -> Tick:
-    return Tick(tick=3, epoch=1, source="driver", roster=roster, roster_version=1, due=(), mode=mode, seed=0)  # pyright: ignore[reportArgumentType]
+def tick(mode: str, *roster: str, number: int = 3, epoch: int = 1) -> Tick:
+    fields = {"tick": number, "epoch": epoch, "source": "driver", "roster": roster, "roster_version": 1, "due": ()}
+    return Tick.model_validate({**fields, "mode": mode})
 
 
-def test_in_lockstep_one_that_lacks_the_tick_is_asked_until_it_has_it() -> None:
-    bus, beats = Slow("not_ready", failures=3), list[int]()
+@pytest.fixture(autouse=True)
+def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(patience, "AGAIN_S", 0.0)
+
+
+@pytest.mark.parametrize("code", ["not_ready", "absent", "timeout"])
+def test_in_lockstep_a_process_out_of_reach_or_behind_is_asked_until_it_answers(code: str) -> None:
+    bus, beats = Slow(code, failures=3), list[int]()
     assert links(bus, beats).call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability")) == REPLY
-    assert bus.limits == [PATIENCE_S] * 4, "not the second that the caller would wait"
-    assert len(beats) == 4, "it gives signs of life meanwhile"
+    assert bus.limits == [LOCKSTEP_ANSWER_S] * 4, "not the second that the caller would wait"
+    assert len(beats) >= 4, "it gives signs of life meanwhile"
 
 
-@pytest.mark.parametrize("code", ["timeout", "absent", "refused"])
-def test_an_error_that_waiting_does_not_mend_is_raised_at_once(code: str) -> None:
-    bus = Slow(code, failures=1)
-    with expect_error(CallError, code):
+def test_a_refusal_is_an_answer() -> None:
+    bus = Slow("refused", failures=1)
+    with expect_error(CallError, "refused"):
         links(bus, []).call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
     assert len(bus.limits) == 1
 
 
 def test_patience_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runtime, "PATIENCE_S", 0.0)
-    bus = Slow("not_ready", failures=10**6)
+    monkeypatch.setattr(patience, "LOCKSTEP_ANSWER_S", 0.0)
     with expect_error(CallError, "not_ready"):
-        links(bus, []).call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
+        links(Slow("not_ready", 10**6), []).call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
+
+
+def test_a_new_process_is_asked_whose_token_has_come_meanwhile() -> None:
+    bus = Slow("absent", failures=10**6)
+    asking, inbox = patient(bus, [])
+    inbox.put(Life("stability", "s", False))
+    inbox.put(Life("stability", "new", True))
+    bus.serve(STABILITY_REGION, lambda incoming: None, instance="new")
+    bus.others["new"] = REPLY
+    assert asking.call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability")) == REPLY
+    assert len(inbox.tick.items) == 2, "the node gets them, too"
+
+
+def frame_of(message: Tick, instance: str = "s") -> Frame:
+    stamp = Stamp(message.tick, message.epoch, message.stamp_ns, message.seq)
+    return Frame(DRIVER, {HW_TICK.key: HW_TICK}, *pack([FramePart(HW_TICK.key, encode(message)[0], stamp)], instance))
+
+
+@pytest.mark.parametrize(
+    ("newest", "why"),
+    [
+        (tick("lockstep", "stability", number=-1, epoch=2), "run 2 begins"),
+        (tick("lockstep", "walker", number=4), "stability has left the roster"),
+    ],
+)
+def test_the_wait_ends_when_nobody_needs_the_answer(newest: Tick, why: str) -> None:
+    asking, inbox = patient(Slow("timeout", failures=10**6), [])
+    inbox.put(frame_of(tick("lockstep", "stability", number=4)))
+    inbox.put(frame_of(newest))
+    inbox.put(frame_of(tick("lockstep", number=9, epoch=7), "stranger"))
+    with expect_error(CallError, "absent", text=why):
+        asking.call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
+
+
+def test_a_service_that_is_to_end_waits_for_nobody() -> None:
+    asking, _ = patient(Slow("timeout", failures=10**6), [], stopping=True)
+    with expect_error(CallError, "absent", text="the service ends"):
+        asking.call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
 
 
 @pytest.mark.parametrize("within", [tick("paced", "stability"), None])
@@ -85,6 +144,13 @@ def test_beside_lockstep_the_callers_limit_holds(within: Tick | None) -> None:
     with expect_error(CallError, "not_ready"):
         links(bus, beats).call(STABILITY_REGION, REQUEST, 1.0, within)
     assert (bus.limits, beats) == ([1.0], [])
+
+
+def test_nobody_waits_where_nothing_moves_meanwhile() -> None:
+    bus = Slow("timeout", failures=10**6)
+    bus.apart = False
+    with expect_error(CallError, "timeout"):
+        links(bus, []).call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "paced"])

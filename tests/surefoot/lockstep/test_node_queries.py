@@ -120,6 +120,30 @@ def test_a_request_for_a_tick_waits_until_it_is_consumed(bench: Bench) -> None:
     assert at_once.answer is not None
 
 
+def test_the_same_request_of_a_tick_is_handled_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first answer was lost on the way; a new tick or another request is handled."""
+    bench.both(0)
+    handled: list[Any] = []
+    original = bench.node.service.handlers[FOOTHOLDS_SELECT.key]
+    monkeypatch.setitem(
+        bench.node.service.handlers,
+        FOOTHOLDS_SELECT.key,
+        lambda request: (handled.append(request), original(request))[1],
+    )
+
+    def ask(**fields: Any) -> Any:
+        asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({**SELECT, **fields}))
+        bench.node.handle(asked)
+        return asked.answer
+
+    assert ask(tick=0, epoch=1) == ask(tick=0, epoch=1) is not None
+    assert len(handled) == 1
+    bench.both(1)
+    for fields in ({"tick": 1, "epoch": 1}, {"tick": 0, "epoch": 1}, {}, {}):
+        assert ask(**fields) is not None
+    assert len(handled) == 5
+
+
 def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.both(0)
     asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 10**6, "epoch": 1, **SELECT}))

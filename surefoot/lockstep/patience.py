@@ -1,0 +1,84 @@
+"""Wait of a request of a tick in lockstep for its answer, and what ends it.
+
+Simulated time waits, too, so no limit of wall time may decide what a tick computes: a process that is slow, out of
+reach or started anew is waited for as the driver waits for it.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from surefoot.bus.frame import Frame
+from surefoot.bus.inbox import Inbox, plain
+from surefoot.bus.interface import Life
+from surefoot.errors import CallError, Refusal
+from surefoot.lockstep.binding import Bindings
+from surefoot.lockstep.join import DRIVER
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.topics import HW_TICK
+
+Rep = TypeVar("Rep")
+
+LOCKSTEP_ANSWER_S = 30.0
+"""Limit on the wait, s: longer than a partition after which Zenoh links two hosts anew, and than the start of a
+service. Meanwhile the inbox has room for what the driver repeats."""
+AGAIN_S = 0.1
+"""Pause before a process that was out of reach is asked again, s."""
+
+
+class Patience:
+    """The wait of one service for answers.
+
+    Args:
+        inbox: of the service; nothing is taken out of it.
+        bindings: processes that services are bound to; they follow the processes that come and go meanwhile.
+        beat: gives a sign of life if one is due.
+        stopping: returns whether the service is to end.
+    """
+
+    def __init__(
+        self, inbox: Inbox, bindings: Bindings, beat: Callable[[], None], stopping: Callable[[], bool]
+    ) -> None:
+        self._inbox, self._bindings, self._beat, self._stopping = inbox, bindings, beat, stopping
+
+    def look(self, owner: str, within: Tick) -> None:
+        """Give a sign of life; raise CallError if the answer is of no use any more.
+
+        That is when the service is to end, a new run begins, or the owner of the query has left the roster.
+        """
+        self._beat()
+        if self._stopping():
+            raise CallError("absent", "the service ends")
+        newest: Frame | None = None
+        tick: Any = within
+        for item in map(plain, tuple(self._inbox.tick.items)):
+            if isinstance(item, Life):
+                self._bindings.on_life(item)
+            elif isinstance(item, Frame) and item.owner == DRIVER and item.instance == self._bindings.bound.get(DRIVER):
+                newest = item
+        if newest is None:
+            return
+        try:
+            tick = next((d.message() for d in newest.deliveries() if d.key == HW_TICK.key), tick)
+        except Refusal:  # it is counted when it is taken out
+            return
+        if tick.epoch != within.epoch:
+            raise CallError("absent", f"run {tick.epoch} begins")
+        if tick.tick >= 0 and owner not in tick.roster:
+            raise CallError("absent", f"{owner} has left the roster")
+
+    def ask(self, once: Callable[[], Rep], owner: str, within: Tick) -> Rep:
+        """Return the answer to a query of a service, asked again while its process is out of reach or lacks the tick.
+
+        Raises:
+            CallError: what the last try ended with, or see `look`.
+        """
+        end = time.monotonic() + LOCKSTEP_ANSWER_S
+        while True:
+            try:
+                return once()
+            except CallError as error:
+                if error.code not in ("absent", "timeout", "not_ready") or time.monotonic() >= end:
+                    raise
+            self.look(owner, within)
+            time.sleep(AGAIN_S)
