@@ -8,6 +8,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
     ),
     "surefoot/lockstep/binding.py": ("tests/surefoot/lockstep/test_border.py",),
     "surefoot/lockstep/links.py": ("tests/surefoot/lockstep",),
+    "surefoot/lockstep/patience.py": ("tests/surefoot/lockstep/test_links.py",),
     "surefoot/lockstep/ages.py": ("tests/surefoot/lockstep/test_ages.py",),
     "surefoot/lockstep/answers.py": ("tests/surefoot/lockstep/test_node_queries.py",),
     "surefoot/lockstep/config.py": ("tests/surefoot/lockstep/test_config.py",),

@@ -132,6 +132,12 @@ def test_the_wait_ends_when_nobody_needs_the_answer(newest: Tick, why: str) -> N
         asking.call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
 
 
+def test_a_damaged_frame_does_not_end_the_wait() -> None:
+    asking, inbox = patient(Slow("timeout", failures=2), [])
+    inbox.put(Frame(DRIVER, {HW_TICK.key: HW_TICK}, b"[{]", b"s;no index"))
+    assert asking.call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability")) == REPLY
+
+
 def test_a_service_that_is_to_end_waits_for_nobody() -> None:
     asking, _ = patient(Slow("timeout", failures=10**6), [], stopping=True)
     with expect_error(CallError, "absent", text="the service ends"):
