@@ -154,9 +154,9 @@ class ZenohBus:
         def end() -> None:
             if subscriber in self._keep:
                 self._keep.remove(subscriber)
-                self._pours.remove(thread)
                 with suppress(zenoh.ZError):  # the session is closed
                     subscriber.undeclare()
+                self._pours[:] = [one for one in self._pours if one.is_alive()]  # `close` waits for the others
 
         return end
 
