@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import threading
 import time
 from queue import Empty
 from typing import Any
@@ -164,32 +163,6 @@ def test_participants_get_a_tick_in_one_piece_and_a_batch_when_it_is_full(net: N
     owner.flush()
     assert [d.prime for d in ticks.get().deliveries()] == [True, True]
     assert [d.prime for d in batches.get().deliveries()] == [True, True]
-
-
-def test_the_end_waits_for_readers_that_have_ended(net: Net) -> None:
-    """One that is in the network library still when the interpreter ends aborts the process."""
-    owner, reader = net.open(), net.open("client")
-    publisher, held, go_on = owner.publisher(HW_IMU), threading.Event(), threading.Event()
-    seen: list[threading.Thread] = []
-
-    def sink(delivery: Delivery) -> None:
-        seen.append(threading.current_thread())
-        held.set()
-        go_on.wait(WAIT_S)
-
-    end = reader.listen(HW_IMU, sink)
-
-    def heard() -> bool:
-        publisher.put(Imu(acc=(0.0, 0.0, 9.81), gyro=(0.0, 0.0, 0.0)))
-        return held.is_set()
-
-    wait_until(heard)
-    end()
-    later = threading.Timer(0.1, go_on.set)  # the reader works while the session is closed
-    later.start()
-    reader.close()
-    later.join()
-    assert not seen[0].is_alive()
 
 
 def test_onlookers_hear_the_topic_itself_from_when_they_listen(net: Net) -> None:
