@@ -19,7 +19,7 @@ from .legged.standins import HullCheck, nominal_footholds
 from .outcomes import Outcomes
 
 ANSWER_S = 1.0
-"""A request that is not answered in this wall time is answered by the walker's own stand-in, s."""
+"""Wall time in paced mode after which the walker's own stand-in replaces a reply, s; in lockstep time waits for it."""
 REGION_TOLERANCE_M = 1e-3
 """Accuracy of the region in the reply, m; its margins are exact."""
 

@@ -123,6 +123,8 @@ class Incoming(Protocol):
     """A query that waits for its answer. Exactly one of the methods ends it."""
 
     query: Query[Any, Any]
+    participant: bool
+    """It came on the way of participants."""
 
     @property
     def probe(self) -> bool:

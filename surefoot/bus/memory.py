@@ -45,8 +45,8 @@ class MemoryPublisher(Generic[M]):
 class MemoryIncoming:
     """A query whose asker waits in the same thread."""
 
-    def __init__(self, query: Query[Any, Any], request: Request | None) -> None:
-        self.query = query
+    def __init__(self, query: Query[Any, Any], request: Request | None, *, participant: bool = False) -> None:
+        self.query, self.participant = query, participant
         self.probe = request is None
         self._request = request
         self.answer: Wire | None = None
@@ -138,7 +138,7 @@ class MemoryBus:
         server = self._servers.get(query.key, {}).get(instance or self._owner(query))
         if server is None:
             raise CallError("absent", f"no service answers {query.key!r}")
-        incoming = MemoryIncoming(query, request)
+        incoming = MemoryIncoming(query, request, participant=bool(instance))
         server[1 if instance else 0](incoming)
         pump = self._pumps.get(query.key)
         while incoming.answer is None and incoming.error is None:

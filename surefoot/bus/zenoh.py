@@ -55,7 +55,7 @@ class ZenohIncoming:
 
     def __init__(self, query: Query[Any, Any], key: str, asked: zenoh.Query, replies: Replies | None = None) -> None:
         self.query = query
-        self._key, self._asked, self._replies = key, asked, replies
+        self._key, self._asked, self._replies, self.participant = key, asked, replies, replies is None
         attachment = asked.attachment
         self._attachment = None if attachment is None else attachment.to_bytes()
         self.probe = self._attachment == PROBE

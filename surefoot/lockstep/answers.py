@@ -39,8 +39,13 @@ class Answers:
         self.late = 0
         """Queries whose answer is being worked out on another thread."""
         self._last: dict[str, tuple[Request | None, Any]] = {}
+        """Last request of a participant and its answer, by key."""
         self.waiting: list[tuple[float, Incoming, TickRequest]] = []
         """Queries about ticks that have not come, and since when, s."""
+
+    def begin(self) -> None:
+        """A new run: what was answered in the last one is of no use, though its ticks have the same numbers."""
+        self._last.clear()
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
         """Keeps a query about a tick that has not come."""
@@ -77,15 +82,18 @@ class Answers:
     def settle(self, incoming: Incoming, make: Callable[[], Any], request: Request | None = None) -> None:
         """Answers with what ``make`` returns or raises; where that is a future, once it is done.
 
-        The same request of the same tick gets the same answer: its first one was lost on the way, and what a service
-        learns from a request is learned once.
+        A participant that repeats its last request of a tick gets the same answer: the first was lost on the way, and
+        what a service learns from a request is learned once.
         """
         key = incoming.query.key
         try:
-            known, answer = self._last.get(key, (None, None))
+            known: Request | None = None
+            answer: Any = None
+            if incoming.participant:
+                known, answer = self._last.get(key, (None, None))
             if known is None or known != request:
                 answer = make()
-                if isinstance(request, TickRequest) and request.tick is not None and request.epoch is not None:
+                if incoming.participant and isinstance(request, TickRequest) and request.tick is not None:
                     self._last[key] = (request, answer)
             if not isinstance(answer, Future):
                 incoming.reply(answer)

@@ -29,7 +29,7 @@ HOLD_S = 120.0
 """Simulated time waits so long for the return of a lost member; then the run ends."""
 SILENCE_S, RESENDS, REPEAT_S = 0.25, 8, 1.0
 """Without progress for so long the last ticks are sent again; after so many repetitions (2 s) the slowest member counts
-as lost although its process lives (frozen). In a hold they come each ``REPEAT_S``: who asks empties no inbox."""
+as lost although its process lives (frozen). In a hold they are sent every ``REPEAT_S`` only: inboxes may be full."""
 STATUS_S = 1.0
 """``Driver.on_status`` is called at least so often in wall time, whether simulated time runs or not."""
 

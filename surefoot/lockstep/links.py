@@ -73,7 +73,7 @@ class Links:
         if within.mode != "lockstep" or not self._bus.apart:
             return self._ask(query, request, timeout_s)
         look = partial(self._patience.look, query.owner, within)
-        return self._patience.ask(lambda: self._ask(query, request, LOCKSTEP_ANSWER_S, look), query.owner, within)
+        return self._patience.ask(lambda: self._ask(query, request, LOCKSTEP_ANSWER_S, look), look)
 
     def _ask(
         self, query: Query[Req, Rep], request: Req, timeout_s: float | None, meanwhile: Callable[[], Any] | None = None

@@ -335,6 +335,7 @@ class Node:
             self.epoch, self._begun = tick.epoch, self.join.begun
             self._outbox.clear()
             self.ages.begin(self.service.limits)
+            self._answers.begin()
             self.service.on_reset()
         self.ages.judge(inputs, self.join.absent, self.log)
         self.state = "running"

@@ -67,11 +67,15 @@ class Patience:
         if tick.tick >= 0 and owner not in tick.roster:
             raise CallError("absent", f"{owner} has left the roster")
 
-    def ask(self, once: Callable[[], Rep], owner: str, within: Tick) -> Rep:
-        """Return the answer to a query of a service, asked again while its process is out of reach or lacks the tick.
+    def ask(self, once: Callable[[], Rep], look: Callable[[], None]) -> Rep:
+        """Return the reply to a request, sent again while the process is out of reach or lacks the tick.
+
+        Args:
+            once: sends the request and returns the reply.
+            look: `look` of this query and tick, called between two tries.
 
         Raises:
-            CallError: what the last try ended with, or see `look`.
+            CallError: that of the last try, or of `look`.
         """
         end = time.monotonic() + LOCKSTEP_ANSWER_S
         while True:
@@ -80,5 +84,5 @@ class Patience:
             except CallError as error:
                 if error.code not in ("absent", "timeout", "not_ready") or time.monotonic() >= end:
                     raise
-            self.look(owner, within)
+            look()
             time.sleep(AGAIN_S)

@@ -182,7 +182,7 @@ def test_a_member_that_was_cut_off_gets_all_it_lacks(name: str, monkeypatch: pyt
 
 @pytest.mark.parametrize("alive", [True, False])
 def test_ticks_come_again_to_all_while_a_silent_member_is_awaited(alive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It may be silent because it asked another that lacks a tick; one whose process is gone asks nobody."""
+    """It may wait for the reply of another that lacks a tick; one whose process is gone waits for none."""
     bench = Bench(policy="hold", at=20)
     lost_in_silence(bench, "walker", monkeypatch)
     if not alive:

@@ -10,6 +10,7 @@ from surefoot.bus.codec import decode
 from surefoot.bus.memory import MemoryBus, MemoryIncoming
 from surefoot.errors import CallError, Refusal
 from surefoot.lockstep import answers
+from surefoot.lockstep.answers import Answers
 from surefoot.schemas.footholds import AssessRequest, SelectReply, SelectRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
 from surefoot.schemas.system import Health, HealthRequest
@@ -131,17 +132,37 @@ def test_the_same_request_of_a_tick_is_handled_once(bench: Bench, monkeypatch: p
         lambda request: (handled.append(request), original(request))[1],
     )
 
-    def ask(**fields: Any) -> Any:
-        asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({**SELECT, **fields}))
+    def ask(participant: bool = True, **fields: Any) -> Any:
+        request = SelectRequest.model_validate({**SELECT, **fields})
+        asked = MemoryIncoming(FOOTHOLDS_SELECT, request, participant=participant)
         bench.node.handle(asked)
         return asked.answer
 
     assert ask(tick=0, epoch=1) == ask(tick=0, epoch=1) is not None
     assert len(handled) == 1
+    assert ask(False, tick=0, epoch=1) == ask(False, tick=0, epoch=1) is not None
+    assert len(handled) == 3, "a client that asks again wants to know what holds now"
     bench.both(1)
     for fields in ({"tick": 1, "epoch": 1}, {"tick": 0, "epoch": 1}, {}, {}):
         assert ask(**fields) is not None
-    assert len(handled) == 5
+    assert len(handled) == 7
+
+
+def test_an_answer_of_the_last_run_is_not_given_again() -> None:
+    """A new driver counts its epochs from 1 again, and the same walk sends the same requests."""
+    found = Answers(lambda late: None, lambda reason, detail: None)
+    request = SelectRequest.model_validate({"tick": 0, "epoch": 1, **SELECT})
+    made: list[int] = []
+
+    def make() -> Any:
+        made.append(1)
+        return SelectReply.model_construct()
+
+    for runs in (1, 2):
+        for _ in range(2):
+            found.settle(MemoryIncoming(FOOTHOLDS_SELECT, request, participant=True), make, request)
+        assert len(made) == runs
+        found.begin()
 
 
 def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
