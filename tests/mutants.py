@@ -367,6 +367,8 @@ def main() -> None:
     for heavy in ("numpy", "scipy.spatial", "pydantic", "numba", "mcap.reader", "pytest", "hypothesis", "yaml"):
         __import__(heavy)
     chosen = [name for name in GUARDS if not arguments.modules or any(word in name for word in arguments.modules)]
+    if not chosen:
+        parser.error(f"got {' '.join(arguments.modules)}, known are {', '.join(GUARDS)}")
     checks = killed = 0
     for module in chosen:
         began = time.monotonic()

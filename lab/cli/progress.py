@@ -9,6 +9,8 @@ from .output import notify
 
 FIRST_S, SECOND_S, EACH_S = 0.5, 2.0, 10.0
 """Wall time before the first line, from it to the second, and the longest between further lines."""
+LEAST_SHARE = 0.01
+"""Share from which the time left is stated: before, a first step that compiled kernels would make it hours."""
 
 
 class Progress:
@@ -74,7 +76,9 @@ class Progress:
                 return
             spent = now - self._began
             self._next = now + min(EACH_S, max(SECOND_S, spent))
-        state = f"{100.0 * share:.0f} %, about {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.0 else "at work"
-        if share <= 0.0 and spent >= SECOND_S:
+        state = "at work"
+        if share >= LEAST_SHARE:
+            state = f"{100.0 * share:.0f} %, about {spent * (1.0 / share - 1.0):.0f} s left"
+        elif spent >= SECOND_S:
             state = f"at work for {spent:.0f} s"
         self._report(f"{self._what}: {state}{f' ({step})' if step else ''}")
