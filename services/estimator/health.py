@@ -57,6 +57,7 @@ class Condition(NamedTuple):
     since_velocity_s: float  # since the feet last corrected the velocity
     legs: LegSensors
     blind: bool  # all feet are left out
+    unsettled: bool = False  # the velocity was lost and feet are left out since: they may be right, and the tilt wrong
     external_out: int = 0  # samples from elsewhere in a row that were left out
 
 
@@ -73,7 +74,8 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
     joints_frozen = faults.feet_repeat and c.initialised and not c.standing
     broken = faults.imu_frozen or joints_frozen or faults.saturated or faults.weightless or legs_wrong != 0
     inputs_ok = not faults.refused and c.since_feet_s < SILENT_S
-    filter_ok = c.initialised and c.healthy and c.nis < MAX_NIS and c.since_velocity_s < UNCORRECTED_S and not c.blind
+    corrected = c.since_velocity_s < UNCORRECTED_S and not c.blind and not c.unsettled
+    filter_ok = c.initialised and c.healthy and c.nis < MAX_NIS and corrected
     sensors_ok = not broken and c.since_feet_s < SILENT_S and c.since_contact_s < NO_CONTACT_S
     return inputs_ok, filter_ok, sensors_ok
 
@@ -121,6 +123,8 @@ def reasons(
         out.append(f"no foot in contact for {c.since_contact_s:.1f} s")
     if c.initialised and c.since_velocity_s >= UNCORRECTED_S:
         out.append(f"no correction by the feet for {c.since_velocity_s:.1f} s")
+    if c.unsettled:
+        out.append("the velocity was lost, and feet contradict it since: the tilt may be wrong")
     if c.faults.refused:
         out.append(f"degraded input: {last_bad}")
     if c.initialised and not c.healthy:

@@ -37,3 +37,16 @@ def test_feet_are_not_blamed_for_a_small_tilt():
     late = log.seconds > log.seconds[log.rest[1]] + 1.6
     assert np.abs(found.v - good.v)[late].max() < 0.05
     assert found.flags["sensors_ok"][late].all()
+
+
+@pytest.mark.parametrize("kind", ["twist", "slip", "turn"])
+def test_an_estimate_that_a_small_tilt_spoils_is_not_called_right(kind):
+    """From the first loss of the velocity to the tilt that is found feet are left out; .5 s before may be silent."""
+    log = synthesize(KINDS[kind], 60)
+    good, found = track(BEST, log), track(BEST, STARTS["30 deg wrong"](log, 0))
+    error, step = np.linalg.norm(found.v - good.v, axis=1), float(np.median(np.diff(log.seconds)))
+    walking = log.seconds > log.seconds[log.rest[1]]
+    silent = walking & (error > 0.05) & found.flags["initialised"] & found.flags["filter_ok"]
+    assert (walking & (error > 0.05)).sum() * step > 1.0
+    assert silent.sum() * step < 0.5
+    assert good.flags["filter_ok"][walking].all()

@@ -56,6 +56,7 @@ def words(c: Condition) -> str:
         ({"legs": NO_LEGS._replace(swapped=2)}, SENSORS, "encoders of foot 1 are swapped"),
         ({"legs": NO_LEGS._replace(late_ns=30_000_000)}, SENSORS, "30 ms late"),
         ({"blind": True, "legs": NO_LEGS._replace(left_out=3)}, (True, False, False), "left out: foot 0, 1"),
+        ({"unsettled": True}, FILTER, "velocity was lost"),
         ({"slipping": True}, ALL, "slipping: foot 0"),
         ({"excess": ROUGH_EXCESS}, ALL, "errs 3 times as much"),
         ({"external_out": 2}, ALL, "2 samples from elsewhere"),
