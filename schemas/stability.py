@@ -84,11 +84,15 @@ class BasePose(Request):
     quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to world, order w x y z")
 
 
+LEVEL = BasePose.model_construct()
+"""Default pose; made without a validator, so that an import builds none."""
+
+
 class Actuation(Request):
     """The posture in which the servos hold the robot, and what they can do."""
 
     joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
-    base: BasePose = Field(default=BasePose(), description="pose of base_link")
+    base: BasePose = Field(default=LEVEL, description="pose of base_link")
     robot: str | None = Field(
         default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
     )
@@ -181,7 +185,7 @@ class CheckRequest(RegionFields):
     joints: PerJoint | None = Field(
         default=None, description="joint angles now, rad, order of the robot description: for the CoM and its shift"
     )
-    base: BasePose = Field(default=BasePose(), description="pose of base_link now; used with joints")
+    base: BasePose = Field(default=LEVEL, description="pose of base_link now; used with joints")
     robot: str | None = Field(
         default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
     )
@@ -280,7 +284,7 @@ class ComRequest(Request):
 
     schema_version: ClassVar[str] = "1.1"
     joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
-    base: BasePose = Field(default=BasePose(), description="pose of base_link")
+    base: BasePose = Field(default=LEVEL, description="pose of base_link")
     torque: PerJoint | None = Field(default=None, description="torques of the servos on the joints, Nm; null = unknown")
     touch: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] | None = Field(
         default=None, description="per foot: on the ground, order of the robot description; null = all"

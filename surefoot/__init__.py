@@ -25,18 +25,19 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from surefoot import bags, estimation, navigation, robots, simulation, stability, terrain
-    from surefoot.client import AsyncClient, Client, connect, connect_async
+    from surefoot.client import Client, connect
+    from surefoot.client_async import AsyncClient, connect_async
     from surefoot.errors import SurefootError
     from surefoot.version import VERSION as __version__
 
 _PARTS = ("bags", "estimation", "navigation", "robots", "simulation", "stability", "terrain")
 _PLACES = {
-    "AsyncClient": ("surefoot.client", "AsyncClient"),
+    "AsyncClient": ("surefoot.client_async", "AsyncClient"),
     "Client": ("surefoot.client", "Client"),
     "SurefootError": ("surefoot.errors", "SurefootError"),
     "__version__": ("surefoot.version", "VERSION"),
     "connect": ("surefoot.client", "connect"),
-    "connect_async": ("surefoot.client", "connect_async"),
+    "connect_async": ("surefoot.client_async", "connect_async"),
 }
 __all__ = [
     "AsyncClient", "Client", "SurefootError", "__version__", "bags", "connect", "connect_async", "estimation",

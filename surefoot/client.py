@@ -9,10 +9,8 @@ with surefoot.connect() as robot:
     print(robot.call("stability/region", contacts=feet).inner)
 """
 
-import asyncio
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
 from typing import Any, Self, TypeVar, cast
 
@@ -133,44 +131,6 @@ class Client:
             return ""
 
 
-class AsyncClient:
-    """A `Client` for programs that run on `asyncio`: waiting never blocks the loop."""
-
-    def __init__(self, client: Client) -> None:
-        self.client = client
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await asyncio.to_thread(self.client.close)
-
-    async def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
-        """Ask a query, see `Client.call`."""
-        return await asyncio.to_thread(self.client.call, query, timeout_s, **fields)
-
-    async def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> AsyncIterator[M]:
-        """Yield messages as they come; end when none comes for ``timeout_s``."""
-        loop, queue = asyncio.get_running_loop(), asyncio.Queue[M]()
-
-        def take(message: M) -> None:
-            with suppress(RuntimeError):  # the loop is closed
-                loop.call_soon_threadsafe(queue.put_nowait, message)
-
-        end = self.client.subscribe(topic, take)
-        try:
-            while True:
-                yield await asyncio.wait_for(queue.get(), timeout_s)
-        except TimeoutError:
-            return
-        finally:
-            end()
-
-    async def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
-        """Return the next message of a topic, see `Client.latest`."""
-        return await asyncio.to_thread(self.client.latest, topic, timeout_s)
-
-
 def make_request(query: Query[Any, Any], fields: dict[str, Any]) -> Wire:
     """The validated request of a query (raises SurefootError naming the field)."""
     from pydantic import ValidationError
@@ -195,8 +155,3 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
     """
     where = checked("endpoint", endpoint) if endpoint else to_connect()
     return Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=f"{fleet}/{robot}")))
-
-
-async def connect_async(robot: str = "ragno", endpoint: str | None = None, fleet: str = "surefoot") -> AsyncClient:
-    """Join the network from a program on `asyncio`; see `connect`."""
-    return AsyncClient(await asyncio.to_thread(connect, robot, endpoint, fleet))

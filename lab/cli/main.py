@@ -28,6 +28,7 @@ from . import (
     warm,
 )
 from .compiling import compilation_reported
+from .needed import needed
 from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, notify, state
 from .rooms import room_commands
 
@@ -87,9 +88,10 @@ def common(
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
+    words = sys.argv[1:] if arguments is None else arguments
     try:
         with compilation_reported(notify):
-            code = app(args=arguments, prog_name="surefoot", standalone_mode=False)
+            code = needed(app, words)(args=words, prog_name="surefoot", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPT)
@@ -98,7 +100,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(EXIT_CHECK)
     except Exception as error:
         if hasattr(error, "show"):  # typer's own: words that are no use of the command
-            sys.exit(misused(error, json="--json" in (sys.argv[1:] if arguments is None else arguments)))
+            sys.exit(misused(error, json="--json" in words))
         if state.debug:
             raise
         sys.exit(fail(error))

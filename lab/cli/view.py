@@ -1,7 +1,6 @@
 """`surefoot view`."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -58,6 +57,8 @@ def view_system(shown: ShownSystem, port: int | None = None, duration_s: float =
 
 def _recorded(file: Path) -> str:
     """Return the report of a recording, whose replay is the view of it."""
+    from tempfile import TemporaryDirectory
+
     from ..report.recorded import report_recording
 
     remark(f"reading {file}")

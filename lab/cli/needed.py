@@ -1,0 +1,70 @@
+"""The part of the command line that given words need: typer builds every option of every command it is handed."""
+
+import inspect
+import os
+from collections.abc import Iterator, Sequence
+from copy import copy
+from typing import Any, cast
+
+import typer
+
+COMPLETING = "_SUREFOOT_COMPLETE"
+"""Environment variable of a shell that asks for completions, with the words of the command line in another one."""
+
+
+def needed(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
+    """Return an app with the one command that words name; of all commands their outlines, where words name none."""
+    place = next((number for number, word in enumerate(words) if not word.startswith("-")), None)
+    if COMPLETING in os.environ:
+        return app
+    return outline(app) if place is None else _named(app, words[place], words[place + 1 :]) or app
+
+
+def outline(app: typer.Typer) -> typer.Typer:
+    """Return an app whose commands have a name and a help text, but no options: what the help of a group shows."""
+    commands = [
+        _changed(each, name=_command(each), callback=_nothing, help=each.help or inspect.getdoc(each.callback))
+        for each in app.registered_commands
+    ]
+    groups = [
+        _changed(group, typer_instance=_part(inside) if name else outline(inside))
+        for group, name, inside in _groups(app)
+    ]
+    return _part(app, commands, groups)
+
+
+def _named(app: typer.Typer, name: str, rest: Sequence[str]) -> typer.Typer | None:
+    """Return an app with the command or group of this name alone; None if it has neither."""
+    for command in app.registered_commands:
+        if _command(command) == name:
+            return _part(app, [command])
+    for group, own, inside in _groups(app):
+        part = needed(inside, rest) if own == name else None if own else _named(inside, name, rest)
+        if part is not None:
+            return _part(app, [], [_changed(group, typer_instance=part)])
+    return None
+
+
+def _groups(app: typer.Typer) -> Iterator[tuple[Any, str, typer.Typer]]:
+    """Yield the groups of an app, their name and content; without a name, their commands are those of the app."""
+    for group in app.registered_groups:
+        inside = cast("typer.Typer", group.typer_instance)
+        yield group, next((name for name in (group.name, inside.info.name) if isinstance(name, str)), ""), inside
+
+
+def _command(command: Any) -> str:
+    return command.name or typer.main.get_command_name(command.callback.__name__)
+
+
+def _part(app: typer.Typer, commands: Sequence[Any] = (), groups: Sequence[Any] = ()) -> typer.Typer:
+    return _changed(app, registered_commands=list(commands), registered_groups=list(groups))
+
+
+def _changed(whole: Any, **fields: Any) -> Any:
+    part = copy(whole)
+    vars(part).update(fields)
+    return part
+
+
+def _nothing() -> None:
+    pass
