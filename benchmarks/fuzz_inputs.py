@@ -91,7 +91,9 @@ class Drawer:
 
     def _array(self, schema: dict[str, Any], depth: int) -> list[Any]:
         if "prefixItems" in schema:
-            return [self.value(item, depth + 1) for item in schema["prefixItems"]]
+            values = [self.value(item, depth + 1) for item in schema["prefixItems"]]
+            length = math.hypot(*values) if len(values) == 4 and self._random.random() < 0.9 else 0.0
+            return [each / length for each in values] if length > 0.0 else values  # a quaternion
         low = schema.get("minItems", 0)
         count = self._random.randint(low, max(low, min(schema.get("maxItems", 4), low + 4)))
         return [self.value(schema.get("items", {}), depth + 1) for _ in range(count)]

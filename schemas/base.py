@@ -10,19 +10,35 @@ All are frozen and finite: JSON has no infinity or NaN, an absent number is ``nu
 Numbers are numbers: ``true`` and ``"1"`` are refused where one is expected, in every model.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Self, cast
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import CoreSchema, PydanticCustomError
 
 MAX_JOINTS = 64
 MAX_FEET = 8
+UNIT_WITHIN = 0.01
+"""Largest distance of the length of a quaternion from 1: beyond it, the numbers are no rotation."""
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
+
+
+def _unit(quat_wxyz: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    length = math.hypot(*quat_wxyz)
+    if not abs(length - 1.0) <= UNIT_WITHIN:
+        raise PydanticCustomError(
+            "not_unit", "a quaternion of length {length}, allowed is 1 within {within}",
+            {"length": f"{length:.3g}", "within": UNIT_WITHIN},
+        )  # fmt: skip
+    return quat_wxyz
+
+
 QuatWxyz = Annotated[
     tuple[float, float, float, float],
+    AfterValidator(_unit),
     Field(description="unit quaternion, order w x y z (MuJoCo's), rotates body to world"),
 ]
 PerJoint = Annotated[tuple[float, ...], Field(max_length=MAX_JOINTS)]

@@ -4,6 +4,7 @@ import lzma
 import struct
 import zipfile
 import zlib
+from pathlib import Path
 
 BROKEN_NPZ = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, ValueError, EOFError, KeyError, TypeError,
@@ -11,3 +12,15 @@ BROKEN_NPZ = (
 )  # fmt: skip
 """Errors of zip, its ways of packing and numpy, besides OSError, which without an errno is a damaged bzip2 stream.
 A member that is encrypted, or packed in a way of another version, raises a RuntimeError."""
+
+MAGIC = b"PK\x03\x04"
+"""First bytes of an NPZ file, which is a zip archive."""
+
+
+def damage_of(path: Path) -> str:
+    """Return what is wrong with a file whose reading raised one of `BROKEN_NPZ`, to follow its name in a sentence."""
+    with path.open("rb") as file:
+        head = file.read(len(MAGIC))
+    if head == MAGIC:
+        return "is cut off, damaged, or holds objects that are neither numbers nor text"
+    return f"begins with {head!r}, allowed is an NPZ file: {MAGIC!r}" if head else "is empty"

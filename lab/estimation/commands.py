@@ -48,7 +48,7 @@ def estimate(
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
     use_json(json)
-    with Progress(f"estimate of {log.name}") as progress:
+    with Progress(f"estimate of {log.name}", reads=[log]) as progress:
         from .calibration_report import checked, show
         from .feet import FeetOptions
         from .files import open_log
@@ -121,7 +121,7 @@ def compare(
 ) -> None:
     """Compare two estimates of one log: differences in velocity, tilt, position and heading, and both scores."""
     use_json(json)
-    with Progress(f"comparison of {a.name} and {b.name}") as progress:
+    with Progress(f"comparison of {a.name} and {b.name}", reads=[a, b]) as progress:
         from .differences import departures, load_estimated
 
         one = load_estimated(a)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
-from surefoot.npz import BROKEN_NPZ
+from surefoot.npz import BROKEN_NPZ, damage_of
 from surefoot.record.columns import recorded_columns
 from surefoot.robot.reader import load_robot
 
@@ -74,7 +74,8 @@ def load_estimated(path: Path) -> Estimated:
             found = {part: columns[key] for part, key in names.items()}
             stamps, started = columns["stamp_ns"], columns["initialised"]
     except (OSError, *BROKEN_NPZ) as error:
-        raise SurefootError("malformed", f"{file} is no NPZ file ({str(error)[:80]})", "estimates") from None
+        why = error.strerror if isinstance(error, OSError) and error.strerror else damage_of(file)
+        raise SurefootError("malformed", f"{file} {why}", "estimates") from None
     beside = file.with_name(SUMMARY)
     errors = json.loads(beside.read_text()).get("errors", {}) if beside.exists() else {}
     return Estimated(path, stamps, started, **found, errors=errors)

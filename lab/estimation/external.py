@@ -114,10 +114,6 @@ def _yaw(columns: Columns, rot_base_from_imu: Array) -> Array | None:
     if "external_quat_wxyz" not in columns:
         return None
     quats = np.asarray(columns["external_quat_wxyz"], dtype=np.float64)
-    off = np.abs(np.linalg.norm(quats, axis=1) - 1.0)
-    if (off > 1e-2).any():
-        row = int(np.argmax(off > 1e-2))
-        raise SurefootError("invalid", f"external_quat_wxyz, row {row}: the length is not 1", "external_quat_wxyz")
     base = np.array([matrix_from_quat(q) if np.isfinite(q).all() else np.full((3, 3), np.nan) for q in quats])
     base = base @ rot_base_from_imu.T
     return np.arctan2(base[:, 1, 0], base[:, 0, 0])

@@ -184,19 +184,18 @@ def _feet(columns: Columns, notes: list[str]) -> tuple[Array, Array]:
     if "foot_rotation" in columns:
         rot = np.asarray(columns["foot_rotation"], dtype=np.float64)
         off = np.abs(np.einsum("mfji,mfjk->mfik", rot, rot) - np.eye(3)).max(axis=(2, 3))
-    elif "foot_quat_wxyz" in columns:
+        bad = np.argwhere(off > 1e-2)
+        if bad.size:
+            row, foot = (int(i) for i in bad[0])
+            text = f"row {row}, foot {foot}: the orientation is no rotation (off by {off[row, foot]:.3g})"
+            raise SurefootError("invalid", f"{text}; {len(bad)} are so", "foot_rotation")
+        return position, rot
+    if "foot_quat_wxyz" in columns:
         quat = np.asarray(columns["foot_quat_wxyz"], dtype=np.float64)
-        off = np.abs(np.linalg.norm(quat, axis=2) - 1.0)
-        rot = np.array([[matrix_from_quat(q) for q in row] for row in quat]).reshape(*quat.shape[:2], 3, 3)
-    else:
-        notes.append("feet without orientation: velocity by kinematics alone needs three of them")
-        return position, np.broadcast_to(np.eye(3), (*position.shape, 3)).copy()
-    bad = np.argwhere(off > 1e-2)
-    if bad.size:
-        row, foot = (int(i) for i in bad[0])
-        text = f"row {row}, foot {foot}: the orientation is no rotation (off by {off[row, foot]:.3g})"
-        raise SurefootError("invalid", f"{text}; {len(bad)} are so", "foot_rotation")
-    return position, rot
+        rot = np.array([[matrix_from_quat(q) for q in row] for row in quat])
+        return position, rot.reshape(*quat.shape[:2], 3, 3)
+    notes.append("feet without orientation: velocity by kinematics alone needs three of them")
+    return position, np.broadcast_to(np.eye(3), (*position.shape, 3)).copy()
 
 
 def _joints(columns: Columns, robot: Robot) -> tuple[list[int], Array]:

@@ -1,6 +1,7 @@
 """Time series of a run: messages in, one at a time, live or from a recording; arrays out."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -232,12 +233,15 @@ class KeptMessage(Protocol):
 
 def read_traces(kept: Iterable[KeptMessage], notes: Iterable[tuple[float, str]] = ()) -> Traces:
     """Return the traces of a run from its messages, and marks with their simulated time in s."""
-    traces = Traces()
+    traces, first, refused = Traces(), dict[str, str](), Counter[str]()
     for item in kept:
         try:
             traces.feed(item.key, item.message())
         except Refusal as refusal:
-            traces.note(0.0, f"{item.key} could not be read: {refusal.message}")
+            first.setdefault(item.key, refusal.message)
+            refused[item.key] += 1
+    for key, count in refused.items():
+        traces.note(0.0, f"{count} of {key} could not be read: {first[key]}")
     for time_s, text in notes:
         traces.note(time_s, text)
     return traces

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from surefoot.disk import regular_size
 from surefoot.errors import Refusal
-from surefoot.npz import BROKEN_NPZ
+from surefoot.npz import BROKEN_NPZ, damage_of
 
 from .features import KINDS, MOST_COMPARED, Kind, distances
 
@@ -156,8 +156,8 @@ def load(path: str | Path) -> FeatureMap:
         raise Refusal(
             "malformed", f"{source.name} is no map of features; surefoot map build makes one", "map"
         ) from None
-    except BROKEN_NPZ as error:
-        raise Refusal("malformed", f"{source.name} is no map of features: {str(error)[:80]}", "map") from None
+    except BROKEN_NPZ:
+        raise Refusal("malformed", f"{source.name} {damage_of(source)}", "map") from None
     return _checked(table, source.name)
 
 

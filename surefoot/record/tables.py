@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
-from surefoot.npz import BROKEN_NPZ
+from surefoot.npz import BROKEN_NPZ, damage_of
 from surefoot.record.columns import METADATA, SHAPES, Columns
 from surefoot.record.csv_table import read_csv
+from surefoot.schemas.base import UNIT_WITHIN
 
 Ints = NDArray[np.int64]
 
@@ -59,6 +60,7 @@ def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
     if "force" in columns and columns["force"].ndim == 3 and columns["force"].shape[2] == 3:
         columns = {**columns, "force": np.linalg.norm(columns["force"], axis=2)}
     _check_shapes(columns, name)
+    _check_quaternions(columns, name)
     out = {key: value for key, value in columns.items() if key not in ("t", "foot_t")}
     out["stamp_ns"] = _stamps(columns, "", name, sort)
     if any(key in columns for key in ("foot_position", "joints")):
@@ -116,6 +118,16 @@ def _check_shapes(columns: Columns, name: str) -> None:
         raise SurefootError("invalid", f"{name} has no rows", "t")
     if sizes["n"][0] == 1:
         raise SurefootError("invalid", f"{name} has one row; nothing can be estimated from it", "t")
+
+
+def _check_quaternions(columns: Columns, name: str) -> None:
+    """Refuse quaternions that are no rotation; rows with NaN are absent samples."""
+    for key in (key for key in SHAPES if key.endswith("quat_wxyz") and key in columns):
+        length = np.linalg.norm(np.asarray(columns[key], dtype=np.float64), axis=-1)
+        bad = np.argwhere(np.abs(length - 1.0) > UNIT_WITHIN)
+        if bad.size:
+            row, text = bad[0], f"allowed is 1 within {UNIT_WITHIN:g}; {len(bad)} are so"
+            raise SurefootError("invalid", f"{name} row {row[0]}: {key} has length {length[*row]:.3g}, {text}", key)
 
 
 def _stamps(columns: Columns, prefix: str, name: str, sort: bool, imu: Ints | None = None) -> Ints:
@@ -204,10 +216,10 @@ def _from_npz(path: Path) -> Columns:
                     columns["joint_names" if named else name] = values
     except OSError as error:
         if error.strerror is None:
-            raise SurefootError("malformed", f"{path} is no NPZ file", "log") from None
+            raise SurefootError("malformed", f"{path} {damage_of(path)}", "log") from None
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-    except BROKEN_NPZ as error:
-        raise SurefootError("malformed", f"{path} is cut off or no NPZ file ({str(error)[:80]})", "log") from None
+    except BROKEN_NPZ:
+        raise SurefootError("malformed", f"{path} {damage_of(path)}", "log") from None
     for name, values in columns.items():
         if name not in SHAPES:
             continue

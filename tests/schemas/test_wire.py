@@ -10,7 +10,18 @@ from pydantic import TypeAdapter, ValidationError
 
 from surefoot.bus.codec import MAX_BULK_BYTES, check_encoding, decode, encode, encoding_of, json_schema
 from surefoot.errors import Refusal
-from surefoot.schemas.base import MAX_FEET, MAX_JOINTS, Message, PerFoot, Reply, Request, TickRequest, Wire
+from surefoot.schemas.base import (
+    MAX_FEET,
+    MAX_JOINTS,
+    UNIT_WITHIN,
+    Message,
+    PerFoot,
+    QuatWxyz,
+    Reply,
+    Request,
+    TickRequest,
+    Wire,
+)
 from surefoot.schemas.calibration import FIELDS as CALIBRATE_FIELDS
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import FIELDS as WALK_FIELDS
@@ -216,3 +227,14 @@ def test_an_explicit_null_is_no_field() -> None:
 def test_an_array_beyond_the_largest_is_refused_before_its_header_is_read() -> None:
     with expect_error(Refusal, "too_large"):
         decode(HeightMapMessage, bytes(MAX_BULK_BYTES + 1), b"{")
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-9, 1.0 - 1.1 * UNIT_WITHIN, 1.0 + 1.1 * UNIT_WITHIN, 2.0, 1e300])
+def test_a_quaternion_that_is_no_rotation_is_refused(length: float) -> None:
+    adapter = TypeAdapter[Any](QuatWxyz)
+    for direction in ((1.0, 0.0, 0.0, 0.0), (0.5, -0.5, 0.5, -0.5), (0.0, 0.6, 0.0, 0.8)):
+        given = tuple(length * part for part in direction)
+        with pytest.raises(ValidationError, match=r"a quaternion of length .*, allowed is 1 within 0\.01"):
+            adapter.validate_python(given)
+        for near in (1.0 - 0.9 * UNIT_WITHIN, 1.0 + 0.9 * UNIT_WITHIN, -1.0):
+            adapter.validate_python(tuple(near * part for part in direction))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.disk import regular_size, whole
-from surefoot.npz import BROKEN_NPZ
+from surefoot.npz import BROKEN_NPZ, damage_of
 
 from .landmarks import (
     LONGEST_DESCRIPTOR,
@@ -58,12 +58,10 @@ def load(path: str | Path) -> FloorLandmarks:
             arrays: dict[str, NDArray[Any]] = {key: archive[key] for key in (*KEYS, SD) if key in archive.files}
     except OSError as error:
         if error.strerror is None:
-            raise _malformed(source, f"is no .npz archive: {error}") from None
+            raise _malformed(source, damage_of(source)) from None
         raise LandmarkMapError("not_found", f"{source} cannot be read: {error.strerror}", "file") from None
-    except BROKEN_NPZ as error:
-        raise _malformed(
-            source, f"is no .npz archive without pickled objects, or damaged: {str(error)[:120]}"
-        ) from None
+    except BROKEN_NPZ:
+        raise _malformed(source, damage_of(source)) from None
     schema = str(arrays["schema"])
     if schema != SCHEMA:
         raise LandmarkMapError(

@@ -181,10 +181,6 @@ def test_assess_for_a_leg(mapped: Footholds) -> None:
         (AssessRequest(centre=(1e30, 0.0)), "centre"),
         (AssessRequest(centre=(0.0, 0.0), leg="lf"), "base"),
         (AssessRequest(centre=(0.0, 0.0), leg="tail", base=BASE), "leg"),
-        (
-            AssessRequest(centre=(0.0, 0.0), leg="lf", base=BasePose(position=(0, 0, 0.1), quat_wxyz=(0, 0, 0, 0))),
-            "base.quat_wxyz",
-        ),
     ],
 )
 def test_wrong_assessments_name_the_field(mapped: Footholds, request_: AssessRequest, field: str) -> None:

@@ -192,7 +192,7 @@ def test_com(service: Stability) -> None:
         (
             "check",
             {"contacts": FLOOR, "joints": [0.0] * 18, "base": {"quat_wxyz": [0, 0, 0, 0]}},
-            "not_unit",
+            "invalid",
             "base.quat_wxyz",
         ),
         ("check", {"contacts": [FLOOR[0] | {"leg": "x"}], "joints": [0.0] * 18}, "unknown_leg", "contacts.0.leg"),

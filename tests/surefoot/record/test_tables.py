@@ -157,6 +157,18 @@ BAD_NPZ = {
     "words": ({"gyro": np.full((N, 3), "x")}, "gyro"),
     "twice": ({"w": np.zeros((N, 3))}, "gyro"),
     "two clocks": ({"stamp_ns": np.arange(N)}, "t"),
+    "true quaternions of zero": (
+        {"true_position": np.zeros((N, 3)), "true_quat_wxyz": np.zeros((N, 4))},
+        "true_quat_wxyz",
+    ),
+    "a foot turned by two": (
+        {"foot_quat_wxyz": np.stack([np.eye(4)[:2], 2.0 * np.eye(4)[:2]] * (N // 2))},
+        "foot_quat_wxyz",
+    ),
+    "quaternions from elsewhere": (
+        {"external_t": np.arange(1, 4) * 0.1, "external_quat_wxyz": np.full((3, 4), 0.1)},
+        "external_quat_wxyz",
+    ),
     "objects": ({"gyro": np.array([None] * N, dtype=object)}, "log"),
 }
 
@@ -215,6 +227,32 @@ def test_a_csv_without_gyro_names_what_it_has_and_the_page(csv):
 
 def test_empty_lines_of_a_csv_count_for_nothing(csv):
     assert len(read_table(csv([*rows(9), "", *rows()[9:], ""]))["gyro"]) == N
+
+
+def test_rows_of_a_quaternion_may_be_absent(npz):
+    given = np.tile([1.0, 0.0, 0.0, 0.0], (N, 1))
+    given[3:7] = np.nan
+    assert read_table(npz(true_quat_wxyz=given))["true_quat_wxyz"].shape == (N, 4)
+
+
+@pytest.mark.parametrize("kind", ["empty", "text", "array", "cut", "objects"])
+def test_a_file_that_is_no_npz_is_refused_in_plain_words(npz, tmp_path, kind):
+    path = tmp_path / f"{kind}.npz"
+    whole = npz().read_bytes()
+    match kind:
+        case "text":
+            path.write_text("hello")
+        case "array":
+            with path.open("wb") as file:
+                np.save(file, np.arange(3))
+        case "objects":
+            path = npz(gyro=np.array([None] * N, dtype=object))
+        case _:
+            path.write_bytes(whole[: len(whole) // 2] if kind == "cut" else b"")
+    words = {"empty": " is empty", "text": " begins with b'hell', allowed is an NPZ file: b'PK\\x03\\x04'"}
+    words["array"] = words["text"].replace("b'hell'", "b'\\x93NUM'")
+    cut = " is cut off, damaged, or holds objects that are neither numbers nor text"
+    assert refused(path).message == f"{path}{words.get(kind, cut)}"
 
 
 def test_a_truncated_npz(npz, tmp_path):

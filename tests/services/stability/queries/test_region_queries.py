@@ -194,7 +194,7 @@ POSTURE = {"joints": RAGNO.neutral.tolist()}
         ({"actuation": POSTURE, "adaptive": True}, "unsupported", "adaptive"),
         ({"actuation": {"joints": [0.0]}}, "shape", "actuation.joints"),
         ({"actuation": POSTURE | {"robot": "nobody"}}, "unknown_robot", "actuation.robot"),
-        ({"actuation": POSTURE | {"base": {"quat_wxyz": [0, 0, 0, 0]}}}, "not_unit", "actuation.base.quat_wxyz"),
+        ({"actuation": POSTURE | {"base": {"quat_wxyz": [0, 0, 0, 0]}}}, "invalid", "actuation.base.quat_wxyz"),
         ({"actuation": POSTURE | {"max_torque_nm": [1.0]}}, "shape", "actuation.max_torque_nm"),
         ({"actuation": POSTURE | {"max_torque_nm": [1.0] * 17 + [0.0]}}, "not_positive", "actuation.max_torque_nm.17"),
         ({"actuation": POSTURE, "contacts": [FEET[0] | {"leg": "x"}]}, "unknown_leg", "contacts.0.leg"),
