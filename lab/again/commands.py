@@ -21,7 +21,7 @@ def why(file: Recording, json: Json = False) -> None:
     """Walk back from a fall, stop, halt, missed goal or slip to its first cause. Exit code 1: something went wrong,
     or a part of the recording cannot be read."""
     use_json(json)
-    with Progress(f"causes in {file.name}") as progress:
+    with Progress(f"causes in {file.name}", reads=[file]) as progress:
         from ..report.why import explain
 
         found = explain(file, progress.at)
@@ -48,8 +48,6 @@ def verify(
     The scenario, the seed and the delay come from the recording; the run takes place in this process. Without a
     recording it repeats the runs of the public list (scenario, seed, hash): some minutes.
     """
-    from .repeat import verify as repeat
-
     use_json(json)
     if file is None:
         if out is not None:
@@ -60,8 +58,10 @@ def verify(
         raise typer.BadParameter("is of the public list, not of a recording", param_hint="--scenario")
     if out is not None:
         refuse_existing(out, force=False)
-    notify(f"surefoot: repeating the run of {near(file)}")
-    with Progress(near(file)) as progress:
+    with Progress(near(file), reads=[file]) as progress:
+        notify(f"surefoot: repeating the run of {near(file)}")
+        from .repeat import verify as repeat
+
         found = repeat(file, out, progress.at)
     if json:
         write_json({"same": found.same, **vars(found)})
@@ -102,7 +102,7 @@ def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
 def bisect(a: Recording, b: Annotated[Path, typer.Argument(help="Another recording.")], json: Json = False) -> None:
     """Name the first message and field in which two recordings differ. Exit code 1: there is one."""
     use_json(json)
-    with Progress(f"comparison of {a.name} and {b.name}") as progress:
+    with Progress(f"comparison of {a.name} and {b.name}", reads=[a, b]) as progress:
         from .bisect import first_difference
 
         found = first_difference(a, b, progress.at)
@@ -138,7 +138,7 @@ def whatif(
         refuse_existing(out, force=False)
     run = RecordedRun.of(file)
     notify(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
-    with kept(out) as target, Progress(near(file)) as progress:
+    with kept(out) as target, Progress(near(file), reads=[file]) as progress:
         found = changed(run, at, changes, target, progress.at)
         rows = compare(file, target, at)
     if json:

@@ -24,7 +24,7 @@ def audit(
     code that knows nothing of the service that found them.
     """
     use_json(json)
-    with Progress(f"proofs of {recording.name}") as progress:
+    with Progress(f"proofs of {recording.name}", reads=[recording]) as progress:
         from .walk import audit as check
 
         found = check(recording, progress.at)

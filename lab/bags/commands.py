@@ -49,8 +49,6 @@ def import_log(
     use_json(json)
     if clock not in ("header", "record"):
         raise SurefootError("invalid", f"got {clock!r}, allowed are header and record", "clock")
-    if not log.exists():
-        raise SurefootError("unreadable", f"{log}: no such file", "log")
     description, stated = load_robot(robot), _thresholds(contact_on, contact_off)
     if calibration is not None:
         refuse_existing(calibration, force=True)
@@ -59,7 +57,7 @@ def import_log(
         clock == "record", sort,
     )  # fmt: skip
     path = out or Path(f"{log.resolve().stem}.mcap")
-    with Progress(f"{log.name} to {path.name}") as progress:
+    with Progress(f"{log.name} to {path.name}", reads=[log]) as progress:
         made = fitted(_read(log, wanted), description, stated, imu_frame)
         player = record(made, robot, path, progress.at)
     refused = dict(player.intake.refused)
@@ -130,7 +128,7 @@ def export_recording(
 ) -> None:
     """Write a recording in a format of others."""
     use_json(json)
-    with Progress(f"{file.name} to {to}") as progress:
+    with Progress(f"{file.name} to {to}", reads=[file]) as progress:
         from .exporting import SUFFIXES, export
 
         target = out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}")

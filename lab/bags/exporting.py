@@ -22,10 +22,10 @@ from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.nearest import did_you_mean
 from surefoot.record.columns import Columns, recorded_columns
-from surefoot.record.recording import read_recording, recording_info
+from surefoot.record.recording import open_readable, read_recording
 from surefoot.robot.description import Robot
-from surefoot.robot.reader import load_robot
 
+from ..scene.film import robot_for
 from .foxglove import write_foxglove
 
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
@@ -50,17 +50,14 @@ def export(
         progress: gets the share that is done.
 
     Raises:
-        SurefootError: the format is unknown, `out` exists, or the recording cannot be read.
+        SurefootError: the format is unknown, `out` exists, the recording cannot be read, or is of another robot.
     """
     if kind not in FORMATS:
         hint = did_you_mean(kind, FORMATS)
         raise SurefootError("invalid", f"got {kind!r}{hint}, allowed are {', '.join(FORMATS)}", "to")
     if out.exists():
         raise SurefootError("invalid", f"{out} exists; allowed is a new path (--out)", "out")
-    named = robot or recording_info(recording)["metadata"].get("run", {}).get("robot", "")
-    if not named:
-        raise SurefootError("invalid", f"{recording} names no robot (--robot)", "robot")
-    description = load_robot(named)
+    description = robot_for(open_readable(recording), robot)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
         part = Path(folder) / out.name

@@ -2,8 +2,11 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Self
+
+from surefoot.errors import SurefootError
 
 from .output import notify
 
@@ -23,6 +26,10 @@ class Progress:
         kept: what is left after Ctrl-C.
         report: gets the lines.
         clock: s.
+        reads: files and folders without which the work does not begin, so that no line on it comes before a refusal.
+
+    Raises:
+        SurefootError: one of them is absent.
     """
 
     def __init__(
@@ -31,7 +38,13 @@ class Progress:
         kept: str = "nothing was written",
         report: Callable[[str], None] = notify,
         clock: Callable[[], float] = time.monotonic,
+        reads: Iterable[Path] = (),
     ) -> None:
+        for path in reads:
+            try:
+                path.stat()
+            except OSError as error:
+                raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
         self._what, self._kept, self._report, self._clock = what, kept, report, clock
         self._share, self._step = 0.0, ""
         self._began = clock()

@@ -25,7 +25,7 @@ def render(
     """Paint a recording as a moving picture: robot, ground, support region, centre of mass, forces."""
     use_json(json)
     refuse_existing(out, force=force)
-    with Progress(out.name) as progress:
+    with Progress(out.name, reads=[file]) as progress:
         from ..scene.render import Shot
         from ..scene.render import render as paint
 

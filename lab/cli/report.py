@@ -19,7 +19,7 @@ def report(
     use_json(json)
     if out is not None and (out.suffix.lower() not in (".html", ".htm") or out.is_dir()):
         raise typer.BadParameter(f"got {near(out)}, allowed is a file *.html", param_hint="--out")
-    with Progress(f"report of {file.name}") as progress:
+    with Progress(f"report of {file.name}", reads=[file]) as progress:
         from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
         from ..report.recorded import report_recording

@@ -34,7 +34,7 @@ def navigator(
     Recordings with images need --landmarks, the map that vision used.
     """
     use_json(json)
-    with Progress(f"fit of {len(recordings)} recordings") as progress:
+    with Progress(f"fit of {len(recordings)} recordings", reads=recordings) as progress:
         from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
         from surefoot.services.navigator.policy.params import load
 

@@ -1,5 +1,6 @@
 """`surefoot footholds collect|primitives|learn|tune|merge|show|judge|score`."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -100,11 +101,10 @@ def gather(
 ) -> None:
     """Append the stances of recorded walks to a file of samples, with the slip that the estimator measured."""
     use_json(json)
-    with _Count(out, len(recordings)) as count:
+    with _Count(out, len(recordings), recordings) as count:
         from surefoot.record.recording import open_readable
-        from surefoot.robot.reader import load_robot
 
-        from ..scene.film import robot_of
+        from ..scene.film import robot_for
         from .campaign import append, read
         from .recorded import samples_of
 
@@ -112,7 +112,7 @@ def gather(
         missing = [path for path in recordings if path.stem not in done]
         for number, path in enumerate(missing):
             share = count.part(number / len(missing), (number + 1) / len(missing), path.name)
-            walked = load_robot(robot) if robot else robot_of(open_readable(path))
+            walked = robot_for(open_readable(path), robot)
             found = samples_of(path, walked, not exact, share)
             append(out, path.stem, found)
             count.show(path.stem, len(found))
@@ -134,7 +134,7 @@ def learn(
 ) -> None:
     """Learn a slip model from samples; the size of the fit is chosen on trials that were held back."""
     use_json(json)
-    with Progress(f"slip model {title}") as progress:
+    with Progress(f"slip model {title}", reads=samples) as progress:
         from dataclasses import asdict
 
         from surefoot.services.footholds.learning import fit
@@ -318,8 +318,8 @@ def score(
 class _Count(Progress):
     """Progress of a campaign, and the line at its end."""
 
-    def __init__(self, out: Path, trials: int = 0) -> None:
-        super().__init__(out.name, f"what is done is in {out}, and the same command goes on from there")
+    def __init__(self, out: Path, trials: int = 0, reads: Iterable[Path] = ()) -> None:
+        super().__init__(out.name, f"what is done is in {out}, and the same command goes on from there", reads=reads)
         self.trials, self.out, self.done, self.samples = trials, out, 0, 0
 
     def show(self, name: str, stances: int) -> None:

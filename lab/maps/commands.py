@@ -35,7 +35,7 @@ def build(
     Images count where the recording has them. Truth is not read unless --poses asks for it.
     """
     use_json(json)
-    with Progress(f"map of {recording.name}") as progress:
+    with Progress(f"map of {recording.name}", reads=[recording]) as progress:
         from .images import holds_images
 
         if width is not None or holds_images(recording):

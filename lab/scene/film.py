@@ -70,6 +70,23 @@ def robot_of(recording: ReadableRecording) -> Robot:
     return load_robot(name)
 
 
+def robot_for(recording: ReadableRecording, given: str | None) -> Robot:
+    """Return the robot that a command was given for a recording, else that of the recording.
+
+    Raises:
+        SurefootError: the recording is of another robot than the one given, or names none and none was given.
+        RobotError: it is not known here.
+    """
+    if not given:
+        return robot_of(recording)
+    robot, own = load_robot(given), ""
+    with suppress(SurefootError, RobotError):
+        own = robot_of(recording).name
+    if own not in ("", robot.name):
+        raise SurefootError("invalid", f"got {robot.name!r}, allowed is that of {recording.path}: {own!r}", "robot")
+    return robot
+
+
 def film_of_recording(recording: ReadableRecording, robot: Robot) -> Film:
     """Return the film of a recording."""
     messages = ((item.stamp_ns * NS, item) for item in recording.messages(KEYS))

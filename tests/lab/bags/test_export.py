@@ -71,9 +71,11 @@ def test_refusals(walk: Path, tmp_path: Path) -> None:
         export(walk, "rosbag", tmp_path / "x")
     with pytest.raises(SurefootError, match="exists"):
         export(walk, "csv", walk)
-    for kind in ("csv", "rosbag2"):
-        with pytest.raises(SurefootError, match=r"has 12 joints, nao has|has 18 joints, nao has"):
-            export(walk, kind, tmp_path / "x", "nao")
+    for kind in FORMATS:
+        for other in ("nao", "messor"):
+            with pytest.raises(SurefootError, match=f"got {other!r}, allowed is that of .*: {ROBOT!r}") as refused:
+                export(walk, kind, tmp_path / "x", other)
+            assert refused.value.field == "robot"
     (tmp_path / "bad.mcap").write_bytes(walk.read_bytes()[:5000])
     for kind in FORMATS:
         with pytest.raises(SurefootError):

@@ -4,6 +4,7 @@ import pytest
 
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import warming
+from surefoot.lab.cli.progress import Progress
 
 
 @pytest.fixture(autouse=True)
@@ -22,12 +23,12 @@ def here(monkeypatch, tmp_path):
         ("why missing.mcap", "missing.mcap: No such file or directory"),
         ("verify missing.mcap", "missing.mcap: No such file or directory"),
         ("report folder", "folder: Is a directory"),
-        ("bag import missing.csv --robot ragno", "missing.csv: no such file"),
+        ("bag import missing.csv --robot ragno", "missing.csv: No such file or directory"),
         ("bag import file.csv --robot ragno --contact-off 5", "without --contact-on"),
         ("bag import file.csv --robot ragno --contact-on nan", "got nan"),
         ("bag import file.csv --robot ragno --contact-on 1 --contact-off 2", "0 <= off <= on"),
         ("bag import file.csv --robot ragno --contacts /feet", "is a table"),
-        ("compare missing folder", "missing: no such file"),
+        ("compare missing folder", "missing: No such file or directory"),
         ("footholds show missing", "cannot be read"),
         ("footholds judge ragno missing", "cannot be read"),
         ("footholds show ragno --picture x.xyz", "known are .png"),
@@ -67,6 +68,23 @@ def test_one_sentence_exit_code_2_and_no_new_file(complaint, here, words, part):
     assert "Errno" not in err
     assert sorted(here.iterdir()) == sorted([*before, here / "file.csv"])
     assert (here / "file.mcap").read_text() == "hello"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "report missing.mcap", "why missing.mcap", "verify missing.mcap", "bisect file.mcap missing.mcap",
+        "audit missing.mcap", "render missing.mcap -o x.webp", "estimate missing.mcap", "compare folder missing",
+        "bag export missing.mcap --to tum", "bag import missing.bag --robot ragno", "map build missing.mcap",
+        "fit navigator file.mcap missing.mcap", "footholds gather missing.mcap -o s.jsonl",
+        "footholds learn missing.jsonl -o m.json",
+    ],
+)  # fmt: skip
+def test_an_absent_file_is_refused_before_progress_is_reported(complaint, monkeypatch, words):
+    monkeypatch.setattr(Progress, "__enter__", lambda _: pytest.fail("the work was begun"))
+    found = complaint(*words.split())
+    name = next(word for word in words.split() if word.startswith("missing"))
+    assert found == f"surefoot: {name}: No such file or directory\n"
 
 
 def test_a_picture_is_whole_or_absent(answer, here, monkeypatch):
