@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 
-from .legs import SHOWN, LegModel, Unknown, unknowns_of
+from .legs import RESIZING, SHOWN, LegModel, Unknown, unknowns_of
 from .log import Log
 from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_windows, stances, with_inflation
 
@@ -226,14 +226,13 @@ def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, nois
     """
     count = len(theta)
     tips = [theta + EPSILON * sd[i] * np.eye(count)[i] for i in range(count)]
-    moved, sizes, size = (
-        [problem.residuals(x) for x in tips],
-        [problem.noise_sizes(x) for x in tips],
-        problem.noise_sizes(theta),
-    )
+    moved, size = [problem.residuals(x) for x in tips], problem.noise_sizes(theta)
+    sizes = [
+        problem.noise_sizes(x) if u.kind in RESIZING else size for u, x in zip(problem.unknowns, tips, strict=True)
+    ]
     scores, hessians, grown = np.zeros((len(at), count)), np.zeros((len(at), count, count)), np.zeros((len(at), count))
     for k, window in enumerate(problem.windows):
-        rows, _ = window.whitener(noise)
+        rows = window.whitener(noise)
         e = (rows @ at[k]).ravel()
         jac = np.stack([(rows @ (one[k] - at[k])).ravel() for one in moved], axis=1) / EPSILON
         weighted = rows.T @ (rows @ at[k])

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import matrix_from_rotvec
+from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel, Robot
-from surefoot.robot.kinematics import foot_jacobians
+from surefoot.robot.kinematics import foot_jacobians, forward
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.mount import FootMount, feet_in_imu, foot_mount
+from surefoot.services.estimator.feet.mount import FootMount, foot_mount
 
 from .log import Log
 
@@ -32,6 +33,9 @@ SHOWN = {
     "lever": (1e3, "mm"), "radius": (1e3, "mm"),
 }  # fmt: skip
 """Factor and unit of each kind in reports; kinds without one are estimated beside them."""
+
+RESIZING = ("length", "zero")
+"""Kinds of unknowns on which the size of the noise of feet depends."""
 
 
 @dataclass(frozen=True)
@@ -82,15 +86,15 @@ class LegModel:
         model, joints = self._changed(self._mount, theta), self.log.joints
         assert joints is not None
         zeros = self.values(theta, "zero", joints.shape[1])
-        moved = np.array([foot_jacobians(model, q + zeros) for q in joints[rows]])
-        return 0.5 * np.log((moved**2).sum(axis=(2, 3)))
+        return 0.5 * np.log(_lever_squares(model, joints[rows] + zeros))
 
     def _by_joints(self, mount: FootMount, theta: Array, rows: Ints) -> tuple[Array, Array]:
         joints = self.log.joints
         assert joints is not None
-        changed = mount._replace(model=self._changed(mount, theta))
-        seen = [feet_in_imu(changed, q + self.values(theta, "zero", joints.shape[1])) for q in joints[rows]]
-        return np.array([p for p, _ in seen]), np.array([r for _, r in seen])
+        zeros = self.values(theta, "zero", joints.shape[1])
+        position, rot = _feet_of_rows(self._changed(mount, theta), joints[rows] + zeros)
+        turn = mount.rot_imu_from_base
+        return (position - mount.imu_position) @ turn.T, turn @ rot
 
     def _changed(self, mount: FootMount, theta: Array) -> KinematicModel:
         model = mount.model
@@ -98,6 +102,34 @@ class LegModel:
         links = len(model.parent)
         share = 1.0 + self.values(theta, "length", links + len(model.foot_link))[:, None]
         return model._replace(origin_pos=model.origin_pos * share[:links], foot_point=model.foot_point * share[links:])
+
+
+@kernel
+def _feet_of_rows(model: KinematicModel, joints: Array) -> tuple[Array, Array]:
+    """Return foot centres (k, F, 3) m and rot_base_from_foot (k, F, 3, 3), base axes, from joint angles (k, nj) rad."""
+    count, feet = joints.shape[0], model.foot_link.size
+    position, out = np.empty((count, feet, 3)), np.empty((count, feet, 3, 3))
+    for k in range(count):
+        rot, pos = forward(model, joints[k])
+        for f in range(feet):
+            link = model.foot_link[f]
+            out[k, f] = rot[link]
+            for i in range(3):
+                position[k, f, i] = pos[link, i]
+                for j in range(3):
+                    position[k, f, i] += rot[link, i, j] * model.foot_point[f, j]
+    return position, out
+
+
+@kernel
+def _lever_squares(model: KinematicModel, joints: Array) -> Array:
+    """Return the sum of squares of each foot's Jacobian (k, F), m^2, from joint angles (k, nj) rad."""
+    out = np.zeros((joints.shape[0], model.foot_link.size))
+    for k in range(joints.shape[0]):
+        moved = foot_jacobians(model, joints[k])
+        for f in range(out.shape[1]):
+            out[k, f] = (moved[f] ** 2).sum()
+    return out
 
 
 def unknowns_of(log: Log) -> list[Unknown]:

@@ -7,7 +7,9 @@ Within a window (v, g, one c per stance) are free; the rest is noise of foot, cr
 covariance is K. Rows Q^T L^-1, with K = L L^T and Q orthogonal to the free terms, leave independent residuals.
 """
 
+import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear_kernels import times, times_vector
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.kernels.jit import kernel
 
@@ -71,27 +74,61 @@ class StanceWindow:
         sizes = np.diff(self.block, append=len(self.sample))
         return np.add.reduceat(x, self.block, axis=0) / sizes.reshape(-1, *(1,) * (x.ndim - 1))
 
+    @cached_property
+    def _pairs(self) -> tuple[Array, Array, Array, Array]:
+        """Parts of the covariance that times set, (N, N) each: creep, accelerometer, gyro; free terms (N, n)."""
+        m, late = np.minimum.outer(self.s, self.s), np.maximum.outer(self.s, self.s)
+        d, same = late - m, np.equal.outer(self.stance, self.stance)
+        free = np.column_stack([self.s, self.s**2, np.equal.outer(self.stance, np.arange(self.stance.max() + 1))])
+        first = np.minimum.reduceat(self.s, np.flatnonzero(np.diff(self.stance, prepend=-1)))[self.stance]
+        gyro = GRAVITY**2 * m**3 * (m**2 / 20.0 + d * m / 8.0 + d**2 / 12.0)
+        return np.where(same, m - first, 0.0), m**2 * (3.0 * late - m) / 6.0, gyro, free
+
     def foot_covariance(self, noise: StanceNoise) -> Array:
         """Return the covariance of feet and creep, (N, N) m^2, of each axis."""
-        same = np.equal.outer(self.stance, self.stance)
-        first = np.array([self.s[self.stance == j].min() for j in range(int(self.stance.max()) + 1)])[self.stance]
-        k = np.where(same, noise.creep**2 * self.inflation * (np.minimum.outer(self.s, self.s) - first), 0.0)
-        k[np.diag_indices_from(k)] += noise.foot**2 * self.inflation
-        return k
+        return noise.creep**2 * self.inflation * self._pairs[0] + np.diag(noise.foot**2 * self.inflation)
 
-    def whitener(self, noise: StanceNoise) -> tuple[Array, float]:
-        """Return the matrix that leaves independent residuals, (N - free, N), and half the log determinant."""
-        m, late = np.minimum.outer(self.s, self.s), np.maximum.outer(self.s, self.s)
-        d = late - m
-        k = self.foot_covariance(noise) + noise.acc**2 * m**2 * (3.0 * late - m) / 6.0
-        k += (GRAVITY * noise.turn) ** 2 * m**3 * (m**2 / 20.0 + d * m / 8.0 + d**2 / 12.0)
-        factor = np.linalg.cholesky(k)
-        free = np.column_stack([self.s, self.s**2, np.equal.outer(self.stance, np.arange(self.stance.max() + 1))])
-        q, r = np.linalg.qr(solve_triangular(factor, free, lower=True), mode="complete")
-        count = free.shape[1]
-        rows = solve_triangular(factor, q[:, count:], lower=True, trans=1).T
-        scale = np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(r)[:count])).sum()
-        return np.ascontiguousarray(rows), float(scale)
+    def whitener(self, noise: StanceNoise) -> Array:
+        """Return the matrix that leaves independent residuals, (N - free, N)."""
+        _, acc, gyro, free = self._pairs
+        factor = np.linalg.cholesky(self.foot_covariance(noise) + noise.acc**2 * acc + noise.turn**2 * gyro)
+        q, _ = np.linalg.qr(solve_triangular(factor, free, lower=True), mode="complete")
+        rows = solve_triangular(factor, q[:, free.shape[1] :], lower=True, trans=1).T
+        return np.ascontiguousarray(rows)
+
+    def misfit(self, noise: StanceNoise, y: Array) -> float:
+        """Return minus the logarithm of the restricted likelihood of residuals y (N, 3) m, up to a constant."""
+        return _misfit(self._pairs, self.inflation, noise, y)
+
+
+@kernel
+def _misfit(pairs: tuple[Array, Array, Array, Array], inflation: Array, noise: StanceNoise, y: Array) -> float:
+    """`StanceWindow.misfit`, by elimination in [K, free terms, y]: K = U^T U, L = U^T, and then L^-1 of the others."""
+    creep, acc, gyro, free = pairs
+    count, terms = free.shape
+    rows = np.empty((count, count + terms + 3))
+    for i in range(count):
+        for j in range(count):
+            rows[i, j] = noise.creep**2 * inflation[j] * creep[i, j] + noise.acc**2 * acc[i, j]
+            rows[i, j] += noise.turn**2 * gyro[i, j]
+        rows[i, i] += noise.foot**2 * inflation[i]
+        rows[i, count : count + terms], rows[i, count + terms :] = free[i], y[i]
+    logs = 0.0
+    for i in range(count):
+        logs += 0.5 * math.log(rows[i, i])
+        rows[i, i:] /= math.sqrt(rows[i, i])
+        for k in range(i + 1, count):
+            factor = rows[i, k]
+            for j in range(k, rows.shape[1]):
+                rows[k, j] -= factor * rows[i, j]
+    left = np.ascontiguousarray(rows[:, count:].T)
+    for i in range(terms):  # what the free terms explain is taken off the later ones and off y
+        size = math.sqrt(np.sum(left[i] ** 2))
+        logs += math.log(size)
+        left[i] /= size
+        for k in range(i + 1, terms + 3):
+            left[k] -= np.sum(left[i] * left[k]) * left[i]
+    return 3.0 * logs + 0.5 * np.sum(left[terms:] ** 2)
 
 
 @kernel
@@ -111,10 +148,10 @@ def integrate(step: Array, w: Array, q: Array) -> tuple[Array, Array, Array]:
     rot[0] = np.eye(3)
     for i in range(n - 1):
         d = step[i]
-        force = rot[i] @ (matrix_from_rotvec(0.5 * d * w[i]) @ q[i])
+        force = times_vector(rot[i], times_vector(matrix_from_rotvec(0.5 * d * w[i]), q[i]))
         v[i + 1] = v[i] + d * force
         p[i + 1] = p[i] + d * v[i] + 0.5 * d * d * force
-        rot[i + 1] = rot[i] @ matrix_from_rotvec(d * w[i])
+        rot[i + 1] = times(rot[i], matrix_from_rotvec(d * w[i]))
     return rot, v, p
 
 
@@ -147,8 +184,8 @@ class InertialPath:
 def _ahead(s: Array, w: Array, q: Array, rot: Array, v: Array, p: Array) -> tuple[Array, Array]:
     turned, at = np.empty_like(rot), np.empty_like(p)
     for k in range(s.size):
-        force = rot[k] @ (matrix_from_rotvec(0.5 * s[k] * w[k]) @ q[k])
-        turned[k] = rot[k] @ matrix_from_rotvec(s[k] * w[k])
+        force = times_vector(rot[k], times_vector(matrix_from_rotvec(0.5 * s[k] * w[k]), q[k]))
+        turned[k] = times(rot[k], matrix_from_rotvec(s[k] * w[k]))
         at[k] = p[k] + s[k] * v[k] + 0.5 * s[k] * s[k] * force
     return turned, at
 
@@ -231,8 +268,7 @@ def find_noise(windows: list[StanceWindow], residuals: list[Array], start: Stanc
         noise = _noise(logs, start.turn)
         total = float(np.sum(((logs - likely) / FACTORS) ** 2)) / 2.0
         for window, y in pairs:
-            rows, scale = window.whitener(noise)
-            total += 3.0 * scale + 0.5 * float(np.sum((rows @ y) ** 2))
+            total += window.misfit(noise, y)
         return total
 
     likely, first = np.log(np.array([1e-3, 1e-3, sensor])), np.log(np.array(start[:3]))
@@ -255,7 +291,7 @@ def with_inflation(windows: list[StanceWindow], residuals: list[Array], noise: S
     """
     out: list[StanceWindow] = []
     for window, y in zip(windows, residuals, strict=True):
-        rows, _ = window.whitener(noise)
+        rows = window.whitener(noise)
         misfit = rows.T @ (rows @ y)  # K^-1 times the residual that the free terms leave
         share = np.einsum("ij,ij->j", rows, rows)
         inflation = window.inflation.copy()

@@ -69,7 +69,7 @@ def test_two_outputs_are_compared(answer, complaint, log, tmp_path):
     assert "rpe" in out
     same = json.loads(answer("compare", tmp_path / "ekf", tmp_path / "ekf", "--json"))
     assert all(part["largest"] < 1e-6 for part in same["differences"].values())
-    assert "no such file" in complaint("compare", tmp_path / "best", tmp_path / "none")
+    assert "No such file" in complaint("compare", tmp_path / "best", tmp_path / "none")
     assert "initialised" in complaint("compare", tmp_path / "best", log)
 
 

@@ -8,12 +8,15 @@ import pytest
 
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.lab.estimation.calibrate import LegCalibration, calibrate, offset_note, proven
+from surefoot.lab.estimation.legs import LegModel
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.scores import score
+from surefoot.lab.estimation.stances import StanceNoise, stance_windows
 from surefoot.lab.estimation.track import track
 from surefoot.lab.estimation.walks import walk
 from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 from tests.lab.estimation.walks import noisy
 
 SEEDS = range(10)
@@ -115,8 +118,7 @@ def test_a_log_without_stances_shows_nothing():
     assert not offset_note(none)
 
 
-@pytest.mark.parametrize("factor", [0.95, 1.05])
-@pytest.mark.parametrize("kind", ["twist", "slip"])
+@pytest.mark.parametrize(("kind", "factor"), [("twist", 0.95), ("slip", 1.05)])
 def test_a_corrected_log_is_as_good_as_the_right_one(kind, factor):
     log = noisy(kind, 3)
     as_it_was = score(log, track("best", log)).smooth
@@ -156,6 +158,28 @@ def test_links_of_a_robot_are_asked_for_by_name():
     assert "length to left_leg_ankle_pitch" in names
     assert "zero of right_leg_knee_pitch" in names
     assert len(names) == len(set(names))
+
+
+def test_the_likelihood_is_that_of_the_whitened_residuals():
+    noise, rng = StanceNoise(2e-3, 1e-3, 5e-3, 1e-3), np.random.default_rng(0)
+    for window in stance_windows(noisy())[:3]:
+        y = rng.normal(size=(2, len(window.s), 3))
+        whole = [0.5 * np.sum((window.whitener(noise) @ each) ** 2) for each in y]
+        ours = [window.misfit(noise, each) for each in y]
+        assert ours[1] - ours[0] == pytest.approx(whole[1] - whole[0], rel=1e-6)
+        wider = window.misfit(StanceNoise(*(2.0 * x for x in noise)), y[0])  # the covariance 4 times as large
+        free = len(window.s) - len(window.whitener(noise))
+        grown = 3.0 * (len(window.s) - free) * np.log(2.0)
+        assert wider - ours[0] == pytest.approx(grown - 0.75 * whole[0], rel=1e-6)
+
+
+def test_feet_of_many_rows_are_those_of_each():
+    log, rows = nao(), np.arange(0, 400, 40)
+    assert log.joints is not None
+    position, rot = LegModel(log, []).feet(np.zeros(0), rows)
+    each = [feet_in_imu(foot_mount(load_robot("nao")), q) for q in log.joints[rows]]
+    np.testing.assert_allclose(position, [p for p, _ in each], atol=1e-12)
+    np.testing.assert_allclose(rot, [r for _, r in each], atol=1e-12)
 
 
 def test_a_gap_and_missing_numbers_are_left_out():
