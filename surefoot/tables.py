@@ -18,7 +18,7 @@ UNIT_SLACK = 1e-6
 """Largest difference from 1 of the length of a unit vector in a file."""
 
 Text = Annotated[str, Field(strict=True, min_length=1)]
-Name = Annotated[str, Field(strict=True, min_length=1, pattern="^[a-z][a-z0-9_]*$")]
+Name = Annotated[str, Field(strict=True, pattern="^[a-z][a-z0-9_]*$")]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]

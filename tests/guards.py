@@ -17,7 +17,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/bus/inbox.py": ("tests/surefoot/bus/test_inbox.py", "tests/surefoot/lockstep/test_overload.py"),
     "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py", "tests/surefoot/bus/test_endpoint.py"),
     "surefoot/files.py": ("tests/surefoot/test_files.py",),
-    "surefoot/tables.py": ("tests/services/supervisor/scenarios", "tests/surefoot/robot/test_robot.py"),
+    "surefoot/tables.py": ("tests/surefoot/test_tables.py",),
     "surefoot/record/check.py": ("tests/surefoot/record",),
     "surefoot/record/csv_table.py": ("tests/surefoot/record",),
     "surefoot/record/tables.py": ("tests/surefoot/record", "tests/surefoot/test_npz.py"),
