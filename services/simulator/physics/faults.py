@@ -219,7 +219,7 @@ class FaultBank:
         A switch is +1 or -1, so that a factor of -1 inverts it.
         """
         for n, (fault, rng) in enumerate(zip(self.faults, self._random, strict=True)):
-            if not fault.kind.startswith("sensor") or fault.target not in ("", sensor):
+            if fault.target not in ("", sensor):
                 continue
             key, on = f"{fault.kind}/{n}/{sensor}", fault.active(tick)
             if fault.kind == "sensor_stuck":

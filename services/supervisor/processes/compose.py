@@ -87,7 +87,7 @@ def _needs(value: object) -> object:
 
 Words = Annotated[tuple[str, ...], BeforeValidator(_words, json_schema_input_type=str | list[str])]
 Seconds = Annotated[float, BeforeValidator(_seconds, json_schema_input_type=str)]
-ServiceName = Annotated[str, Field(strict=True, pattern="^[a-z0-9][a-z0-9_-]*$")]
+ServiceName = Annotated[str, Field(pattern="^[a-z0-9][a-z0-9_-]*$")]
 ContainerOnly = Annotated[Any, Field(description="for container engines only")]
 
 

@@ -54,8 +54,14 @@ def test_at_tick_is_kept(journey: Journey) -> None:
     assert journey.pilot.state == "idle"
     journey.step()
     assert journey.pilot.state == "navigating"
-    with refused(Refusal, "late", "at_tick"):
-        journey.goto(1.0, 0.0, at_tick=3)
+    requests = journey.service.requests
+    for ask in (
+        lambda: journey.goto(1.0, 0.0, at_tick=3),
+        lambda: requests.cancel(CancelRequest(at_tick=requests.tick)),
+        lambda: requests.set_pose(SetPoseRequest(pose=(0.0, 0.0, 0.0), at_tick=requests.tick)),
+    ):
+        with refused(Refusal, "late", "at_tick"):
+            ask()
 
 
 def test_routes_lead_around_obstacles(journey: Journey) -> None:
@@ -144,6 +150,10 @@ def test_covariances() -> None:
         root = rng.standard_normal((3, 3))
         good = root @ root.T
         assert is_covariance(good)
+        for place in ((1, 0), (0, 2), (2, 1)):
+            uneven = good.copy()
+            uneven[place] += 0.01
+            assert not is_covariance(uneven)
         assert not is_covariance(good - 1.01 * np.linalg.eigvalsh(good)[0] * np.eye(3) - 1e-6 * np.eye(3))
 
 

@@ -7,7 +7,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from surefoot.services.simulator.physics.faults import KINDS, SENSORS, Fault, FaultBank, FaultError
+from surefoot.services.simulator.physics.faults import (
+    CHANNELS,
+    KINDS,
+    SENSORS,
+    STAMPED,
+    Fault,
+    FaultBank,
+    FaultError,
+)
 from surefoot.services.simulator.physics.samples import Detection
 from tests.services.refusals import refused
 
@@ -118,7 +126,6 @@ def test_packet_delay_arrives_late_with_its_content() -> None:
     seen = [found.packet(tick, "imu", {"sent": tick}) for tick in range(3, 11)]
     assert [None if c is None else c["sent"] for c in seen] == [3, 4, None, None, 5, 8, 9, 10]
     assert found.lost == 2  # 6 and 7 arrived together with later ones
-    assert found.packet(11, "joints", {"sent": 11}) == {"sent": 11}
 
 
 def test_packet_loss_has_its_rate_and_its_seed() -> None:
@@ -220,7 +227,25 @@ def test_a_delayed_sensor_keeps_its_stamps() -> None:
     found = bank(fault("sensor_delayed", "imu", 2.0))
     seen = [found.packet(tick, "imu", {"sent": tick}) for tick in range(3, 11)]
     assert [None if c is None else c["sent"] for c in seen] == [3, 4, None, None, 5, 8, 9, 10]
-    assert found.packet(11, "joints", {"sent": 11}) == {"sent": 11}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_packets_of_a_faults_own_channel_are_late_or_lost(kind: str) -> None:
+    """Faults of a joint, leg or sensor leave the lines as they are, whatever their number in the lists of names."""
+    lines = CHANNELS if kind.startswith("packet") else STAMPED if kind == "sensor_delayed" else ()
+    for target in ("", *lines):
+        for channel in CHANNELS:
+            found = bank(fault(kind, target, 2.0 if kind == "sensor_slow" else 1.0))
+            touched = channel in lines and target in ("", channel)
+            assert found.packet(ON[0], channel, {"sent": 1}) == (None if touched else {"sent": 1})
+            assert found.packet(ON[-1] + 3, channel, {"sent": 2}) == {"sent": 2}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.startswith("sensor")])
+def test_faults_of_other_kinds_let_no_sensor_fail(kind: str) -> None:
+    for sensor in SENSORS:
+        row = np.arange(6.0)
+        assert bank(fault(kind, value=1.0)).fail(ON[0], sensor, row) is row
 
 
 def test_a_sensor_that_a_robot_lacks_is_refused_with_those_that_it_has() -> None:
@@ -241,6 +266,7 @@ def test_a_sensor_that_a_robot_lacks_is_refused_with_those_that_it_has() -> None
         (Fault("meltdown", 0, 1.0), "kind"),
         (Fault("imu_drop", 0, 0.0), "duration"),
         (Fault("imu_drop", 0, float("nan")), "duration"),
+        (Fault("imu_drop", 0, float("inf")), "duration"),
         (Fault("imu_drop", 0, 1.0, "left"), "target"),
         (Fault("servo_dead", 0, 1.0, "tail"), "target"),
         (Fault("servo_weak", 0, 1.0, "", 1.5), "value"),
@@ -252,3 +278,8 @@ def test_a_sensor_that_a_robot_lacks_is_refused_with_those_that_it_has() -> None
 def test_refusals_name_the_field(made: Fault, field: str) -> None:
     with refused(FaultError, field=field):
         bank(made)
+
+
+def test_an_unknown_kind_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(FaultError, match=f"got 'meltdown', known are {', '.join(KINDS)}"):
+        bank(Fault("meltdown", 0, 1.0))

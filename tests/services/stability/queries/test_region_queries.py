@@ -1,5 +1,6 @@
 """`stability/region` beyond rest: acceleration, doubtful gravity, limited torques; gradient of `stability/check`."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from surefoot.errors import Refusal
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.kinematics import foot_positions
-from surefoot.robot.reader import load_robot
+from surefoot.robot.reader import load_robot, robot_file
 from surefoot.services.stability.programs.contacts import contact_set, equally_spaced
 from surefoot.services.stability.regions.actuated import actuated_region
 from surefoot.services.stability.regions.equilibrium import equilibrium
@@ -208,6 +209,18 @@ def test_refusals_of_the_service(service: Stability, fields: dict, code: str, fi
     with pytest.raises(Refusal) as refused:
         ask(service, "region", **({"contacts": FEET} | fields))
     assert (refused.value.code, refused.value.field) == (code, field)
+
+
+@pytest.mark.parametrize("given", ["mine", "mine/robot.toml", "mine.toml"])
+def test_a_request_reads_no_robot_from_a_path(service: Stability, tmp_path: Path, monkeypatch: Any, given: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    for copy in ("mine/robot.toml", "mine.toml"):
+        Path(copy).write_bytes(robot_file("ragno").read_bytes())
+        assert load_robot(copy).name == "ragno"
+    with pytest.raises(Refusal) as refused:
+        ask(service, "region", contacts=FEET, actuation=POSTURE | {"robot": given})
+    assert (refused.value.code, refused.value.field) == ("unknown_robot", "actuation.robot")
 
 
 @pytest.mark.parametrize(

@@ -119,6 +119,16 @@ def test_what_cannot_be_extended_is_refused_by_name(tmp_path, services, code, fi
         ("services: {a: {restart: 'on-failure:0'}}", "value", "services.a.restart"),
         ("services: {a: {command: []}}", "type", "services.a.command"),
         ("services: {a: {command: 'say \"'}}", "value", "services.a.command"),
+        ("services: {a: {command: 3}}", "type", "services.a.command"),
+        ("services: {a: {command: [say, 1]}}", "type", "services.a.command"),
+        ("services: {a: {restart: 3}}", "value", "services.a.restart"),
+        ("services: {a: {environment: {X: [1]}}}", "type", "services.a.environment.X"),
+        ("services: {a: {environment: [1]}}", "type", "services.a.environment"),
+        ("services: {a: {depends_on: [1]}}", "type", "services.a.depends_on"),
+        ("services: {!!binary YQ==: {}}", "value", "services"),
+        ("services: {a: {healthcheck: {retries: 0}}}", "value", "services.a.healthcheck.retries"),
+        ("services: {a: {healthcheck: {retries: 1001}}}", "value", "services.a.healthcheck.retries"),
+        ("services: {a: {? [restart] : always}}", "syntax", "file"),
         ("services: {a: {environment: {X: true}}}", "type", "services.a.environment.X"),
         ("services: {a: {environment: [X]}}", "type", "services.a.environment"),
         ("services: {a: {stop_grace_period: 2}}", "value", "services.a.stop_grace_period"),
@@ -148,6 +158,16 @@ def test_what_cannot_be_extended_is_refused_by_name(tmp_path, services, code, fi
 def test_refuses_by_name(text, code, field):
     error = error_of(text)
     assert (error.code, error.field) == (code, field)
+
+
+def test_a_command_with_an_open_quote_is_refused_in_plain_words():
+    assert "cannot be split into words: " in str(error_of("services: {a: {command: 'say \"'}}"))
+
+
+def test_what_is_merged_twice_is_not_given_twice():
+    text = "services: {a: &a {restart: always}, b: &b {stop_grace_period: 1s}, c: {<<: *a, <<: *b}}"
+    service = parse_compose(text).service("c")
+    assert (service.restart, service.stop_grace_s) == ("always", 1.0)
 
 
 def test_a_file_of_aliases_upon_aliases_is_a_short_sentence():
