@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.report import PAGES, ROOT, SHORT, figures, missing, numbers, obstacle
+from benchmarks.report import MACHINE, PAGES, ROOT, SHORT, figures, missing, numbers, obstacle
 
 PAGE = """# Page
 Ten walks. `studies flat 0:10`
@@ -75,3 +75,8 @@ def test_the_readme_states_what_the_page_of_figures_states() -> None:
     assert len(rows) >= 4
     for text, anchor in rows:
         assert missing(text, sections[anchor]) == (), text
+
+
+def test_short_commands_print_no_times():
+    assert not any(map(MACHINE.match, SHORT))
+    assert MACHINE.match("navigator environments")

@@ -75,7 +75,7 @@ GOALS = ("goto", "waypoints")
 
 
 _HEAD = ("do", "at_tick", "when", "after_s")
-_FILE = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True, use_attribute_docstrings=True)
+_FILE = ConfigDict(extra="forbid", defer_build=True, use_attribute_docstrings=True)
 
 
 class ScenarioError(FileError):
