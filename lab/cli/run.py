@@ -51,6 +51,7 @@ def run(
 ) -> None:
     """Run a scenario with every service live, check its limits, write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
+    from surefoot.services.supervisor.processes.rundir import RunFolder
     from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
@@ -68,6 +69,7 @@ def run(
     if out is not None:
         refuse_existing(out, force=force, folder=True)
     compose = system_of(loaded, os.environ)
+    RunFolder(compose.name).refuse_held()
     if "simulator" in compose.service_names:
         check_world(loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
@@ -149,7 +151,7 @@ class _ProgressLine:
     def __init__(self, name: str, *, quiet: bool) -> None:
         from rich.console import Console
 
-        self._name, self._quiet, self._progress = name, quiet, Progress(name)
+        self._name, self._quiet, self._progress = name, quiet, None
         self._console = Console(stderr=True, quiet=quiet)
         self._status = self._console.status(f"{name}: starting") if self._console.is_terminal and not quiet else None
 
@@ -177,4 +179,5 @@ class _ProgressLine:
             done = f"{progress.time:6.2f} s simulated of at most {progress.most:g} s"
             self._status.update(f"{self._name}: {done}, {progress.rtf:.1f}x real time")
         elif not self._quiet:
+            self._progress = self._progress or Progress(self._name)  # begun now: the start is no share of the run
             self._progress.at(progress.time / progress.most, f"of at most {progress.most:g} s simulated")

@@ -60,6 +60,7 @@ def up(
     from surefoot.bus.endpoint import is_secure, secured, to_listen
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.keep import StartOrder, keep, start_detached
+    from surefoot.services.supervisor.processes.rundir import RunFolder
     from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import startable
 
@@ -74,13 +75,15 @@ def up(
     if record is not None:
         refuse_existing(record, force=force)
     compose = startable(system, environ=os.environ, robot=robot)
+    RunFolder(compose.name).refuse_held()
     files = {} if record is None else attached(compose)
     order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot, files)
-    if "simulator" in compose.service_names:
-        check_world(order.world, seed)
-    warm_if_cold(compose, endpoint, notify)
-    if not is_secure((listen or endpoint,)) and not log:
-        notify(OPEN)
+    if not log:  # else `start_detached` runs this, after the same checks
+        if "simulator" in compose.service_names:
+            check_world(order.world, seed)
+        warm_if_cold(compose, endpoint, notify)
+        if not is_secure((listen or endpoint,)):
+            notify(OPEN)
 
     def show(report: dict[str, Any]) -> None:
         if log:

@@ -37,7 +37,7 @@ ORDER = ("stability", "walker", "estimator", "footholds", "simulator")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One service with one robot."""
+    """One service with one robot; of a whole system all its services, by spaces."""
 
     service: str
     robot: str
@@ -48,7 +48,7 @@ class Job:
     def name(self) -> str:
         """Name that holds for one version of the sources, of numba and of Python, and one processor."""
         robot = hashlib.sha256(self.robot.encode()).hexdigest()[:12]
-        return f"{signature()}-{self.service}-{robot}{'-rare' * self.rare}"
+        return f"{signature()}-{self.service.replace(' ', '+')}-{robot}{'-rare' * self.rare}"
 
     @property
     def stamp(self) -> Path:
@@ -129,11 +129,15 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
     Raises:
         BusError: the endpoint to listen on is taken, which a start would report only after that work.
     """
+    whole = Job(" ".join(system.service_names), system.robot)
+    if not is_cold([whole]):  # to find the services with kernels imports them all, a second of processor time
+        return
     jobs = jobs_of([system])
     if is_cold(jobs):
         if listen is not None:
             refuse_taken(listen)
         warm(jobs, notify)
+    _mark((whole,), notify)
 
 
 def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: None) -> list[Warmed]:
@@ -160,14 +164,19 @@ def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: Non
             for job in turn:
                 todo.put(job)
             list(pool.map(lambda ask, todo=todo: work(ask, todo), workers))
+    _mark(jobs, notify)
+    place = {(job.service, job.robot): i for i, job in enumerate(jobs)}
+    return sorted(found, key=lambda each: place[each.service, each.robot])
+
+
+def _mark(jobs: Iterable[Job], notify: Callable[[str], None]) -> None:
+    """Note that jobs are done in this installation."""
     try:
         for job in jobs:
             job.stamp.parent.mkdir(parents=True, exist_ok=True)
             job.stamp.touch()
     except OSError as error:
         notify(f"  nothing can be kept in {_stamps()}: {error.strerror}; kernels are compiled again at each start")
-    place = {(job.service, job.robot): i for i, job in enumerate(jobs)}
-    return sorted(found, key=lambda each: place[each.service, each.robot])
 
 
 def _turns(jobs: Iterable[Job]) -> list[list[Job]]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from surefoot.robot.reader import ROBOT_FILE, load_robot, robot_file
-from surefoot.services.footholds.models.files import shipped
+from surefoot.services.footholds.models.shipped import shipped
 from surefoot.services.supervisor.processes.compose import Compose
 
 LARGEST = 16 * 1024 * 1024

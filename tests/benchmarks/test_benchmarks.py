@@ -25,7 +25,9 @@ SLOW = {
     "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "navigator filters",
     "policies trainings", "queries stability", "soak commands", "soak restarts", "soak stops", "flood floods",
     "stability adaptive", "studies scenarios", "walker actions", "walker held", "secure demo", "vision anywhere",
-    "vision speed", "vision blur", "accidents causes", "accuracy fuzzed", "policies controllers",
+    "vision speed", "vision blur", "accidents causes", "accuracy fuzzed", "policies controllers", "view live",
+    "storage cases", "own_map walks", "foreign tables", "foreign simulated", "policies courses", "secure round-trips",
+    "studies planted", "lost looks", "lost put", "foothold_grounds families", "core ticks",
 }  # fmt: skip
 """Smallest runs of more than 3 s; those that start processes are in no quick test."""
 

@@ -1,8 +1,11 @@
 """Fixtures of several tests: an invented run for verdict and report, the command line in and out of this process."""
 
+import io
 import os
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from subprocess import CompletedProcess
 from types import SimpleNamespace
 
 import numpy as np
@@ -201,13 +204,31 @@ def place(tmp_path_factory):
     end_systems(folder / "state" / "surefoot")
 
 
+PROCESSES = ("up", "run", "down")
+"""Commands that start or end processes; a test of the others saves the start of Python."""
+
+
 @pytest.fixture(scope="module")
 def surefoot(place, command_line):
+    """The command line with the folder and environment of `place`: exit code, standard output and error."""
     folder, environment = place
 
     def run(*words):
         command = [*command_line, *map(str, words)]
-        done = run_process(command, cwd=folder, env=environment, capture_output=True, text=True)
+        if words[0] in PROCESSES:
+            done = run_process(command, cwd=folder, env=environment, capture_output=True, text=True)
+        else:
+            out, err = io.StringIO(), io.StringIO()
+            with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+                patch.chdir(folder)
+                for name in set(os.environ) - set(environment):
+                    patch.delenv(name)
+                for name, value in environment.items():
+                    patch.setenv(name, value)
+                patch.setattr(state, "json", False)
+                with pytest.raises(SystemExit) as ended:
+                    cli.main(command[len(command_line) :])
+            done = CompletedProcess(command, ended.value.code or 0, out.getvalue(), err.getvalue())
         assert "Traceback" not in done.stderr, done.stderr
         return done
 

@@ -14,6 +14,7 @@ from surefoot.errors import SurefootError
 from .bases import Gaussians
 from .lattice import ROUGHEST, Bin, Key, Lattice, LatticeError, inputs
 from .learned import KNOTS, Conditions, LearnedModel, Terms
+from .shipped import shipped as shipped
 
 SCHEMA = "surefoot.slip/2"
 OLD = "surefoot.slip/1"
@@ -279,9 +280,3 @@ def _rounded(values: np.ndarray) -> Any:
         json.dumps(values.tolist()),
         parse_float=lambda text: float(f"{float(text):.{DIGITS}g}") if math.isfinite(float(text)) else float(text),
     )
-
-
-def shipped(robot: str) -> Path | None:
-    """Return the file of the model that comes with a robot, None if there is none."""
-    path = Path(__file__).parent / "shipped" / f"{robot}.json"
-    return path if robot.isidentifier() and path.is_file() else None

@@ -16,7 +16,7 @@ from surefoot.schemas.topics import SIM_RESET
 from ..scenarios.recorded import about_run
 from .compose import Compose
 from .process import Child, busy_s
-from .rundir import RunFolder, RunFolderError
+from .rundir import RunFolder
 from .session import STEP_S, Session
 from .system import SELF
 
@@ -130,8 +130,7 @@ def start_detached(
         BusError: it ended before it was ready; the sentence holds its last words.
     """
     folder = RunFolder(compose.name)
-    if folder.held():
-        raise RunFolderError(f"system {compose.name!r} is already up; stop it with `surefoot down {compose.name}`")
+    folder.refuse_held()
     folder.clear_ready()
     command = [sys.executable, "-m", "surefoot.lab.cli.main", "up", "--log", str(Path(compose.path).resolve())]
     command += [*order.arguments(), *(["--listen", listen] if listen else [])]

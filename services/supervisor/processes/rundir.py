@@ -85,11 +85,7 @@ class RunFolder:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as exc:
             stream.close()
-            owner = self.supervisor()
-            by = f" by process {owner.pid}" if owner else ""
-            raise RunFolderError(
-                f"system {self.name!r} is already run{by}; stop it with `surefoot down {self.name}`"
-            ) from exc
+            raise self._taken() from exc
         os.utime(self.path / "lock")
         for path in self.memories.values():
             path.unlink(missing_ok=True)
@@ -108,6 +104,16 @@ class RunFolder:
             (self.path / name).unlink(missing_ok=True)
         self._lock.close()
         self._lock = None
+
+    def _taken(self) -> RunFolderError:
+        owner = self.supervisor()
+        by = f" by process {owner.pid}" if owner else ""
+        return RunFolderError(f"system {self.name!r} is already run{by}; stop it with `surefoot down {self.name}`")
+
+    def refuse_held(self) -> None:
+        """Refuse a system that is up before anything is prepared for it (raises RunFolderError)."""
+        if self.held():
+            raise self._taken()
 
     def held(self) -> bool:
         """Report whether a live supervisor has this system."""

@@ -43,6 +43,7 @@ def test_says_first_that_it_takes_long_and_then_how_far_it_is(monkeypatch):
     assert not warming.is_cold(jobs)
     assert warming.is_cold((Job("simulator", "nao"),))
     assert warming.is_cold((Job("simulator", "ragno", rare=True),))
+    monkeypatch.setattr(warming, "jobs_of", lambda systems: pytest.fail("imports the services of a warm system"))
     warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
     assert len(told) == 3
 

@@ -6,13 +6,12 @@ from surefoot.files import names
 from surefoot.lab.runs.local import run_local
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
-LONG = {"nao-corner", "nao-lost", "nao-walk", "ragno-goal", "flat", "crawl-flat", "bioloid-walk"}
-"""Walks of a robot whose harder walk is in every run: of Nao the corridor, of Ragno and the quadruped rough ground, of
-the Bioloid the fast one and ice; short goals are in `tests/e2e/test_goals.py` and `tests.contract.short_walks`."""
+SHORT = {"rough-terrain", "ragno-own-map", "bioloid-ice", "nao-stand", "messor", "push", "stand"}
+"""A walk or more of each kind of robot; the quadruped's, and short goals, are in `tests.contract.short_walks`."""
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in names("scenarios", ".toml")]
+    "name", [n if n in SHORT else pytest.param(n, marks=pytest.mark.slow) for n in names("scenarios", ".toml")]
 )
 def test_passes(name: str) -> None:
     verdict = run_local(load_scenario(find_scenario(name)), without=("recorder",)).verdict
