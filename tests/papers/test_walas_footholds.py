@@ -23,10 +23,8 @@ def made_up(key: WalkKey) -> dict:
     """A walk whose slips are known."""
     rng = np.random.default_rng((key.seed, len(key.case)))
     r = SLIPS[key.case] * rng.uniform(0.8, 1.2, 60)
-    stances = [
-        replace(s, trial=f"{key.case} {key.seed}", robot_hash=foothold_runs.load_robot("ragno").hash)
-        for s in samples(60, seed=key.seed)
-    ]
+    robot = foothold_runs.load_robot("ragno").hash
+    stances = [replace(s, trial=f"{key.case} {key.seed}", robot_hash=robot) for s in samples(60, seed=key.seed)]
     return {
         "case": key.case, "seed": key.seed, "fell": False,
         "rows": [(1 + k // 3, float(v), 2.0 * float(v)) for k, v in enumerate(r)],

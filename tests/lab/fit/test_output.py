@@ -107,5 +107,6 @@ def test_files_that_are_no_recordings_end_with_2_and_write_nothing(complaint, tm
 
 
 def test_a_file_that_is_no_toml_is_refused_before_the_work(complaint, tmp_path):
-    err = complaint("fit", "navigator", tmp_path / "absent.mcap", "--out", tmp_path / "fitted")
+    (tmp_path / "text.mcap").write_text("not a recording, but some text")
+    err = complaint("fit", "navigator", tmp_path / "text.mcap", "--out", tmp_path / "fitted")
     assert "*.toml" in err

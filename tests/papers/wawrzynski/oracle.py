@@ -13,12 +13,12 @@ def cross_matrix(x):
 
 
 def f(b, x):
-    """Rotation of x about the vector b, by the exponential series of its matrix."""
-    power, out = np.eye(3), np.zeros((3, 3))
-    for k in range(1, 20):
-        out = out + power
-        power = power @ cross_matrix(b) / k
-    return out @ x
+    """Rotation of x about the vector b (less than 0.1 rad), by the exponential series of its matrix."""
+    matrix, out = cross_matrix(b), x
+    for k in range(1, 10):
+        x = matrix @ x / k
+        out = out + x
+    return out
 
 
 def jacobian(x):

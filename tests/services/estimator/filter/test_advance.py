@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from surefoot.services.estimator.filter.advance import advance
 from surefoot.services.estimator.filter.layout import STARTED, E, M, X
 from surefoot.services.estimator.filter.noise import BestSetting, best_limits, best_noise
-from surefoot.services.estimator.filter.samples import SampleStore
+from surefoot.services.estimator.filter.replay import IMU_END, bring_up, clear, new_replay
 from surefoot.services.estimator.filter.state import new_state
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from tests.services.estimator.mounts import balls
@@ -24,11 +23,12 @@ def test_lost_inertial_samples_are_the_mean_of_their_neighbours():
     for name, chosen in (("all", np.arange(40)), ("kept", kept)):
         state = new_state(1)
         state.memory[M.phase], state.cov[...] = STARTED, 0.0
-        samples = SampleStore(
-            10_000_000 * (chosen + 1), np.ascontiguousarray(rows[chosen]), np.zeros(0, dtype=np.int64),
-            np.zeros((0, 1, 3)), np.zeros((0, 1, 3, 3)), np.zeros((0, 1)), np.zeros((0, 1), dtype=np.int64),
-        )  # fmt: skip
-        advance(state, samples, 0, setting)
+        replay = new_replay(1, 1)  # by the kernel that the service warms
+        clear(replay, state)
+        replay.samples.imu_stamps[: len(chosen)] = 10_000_000 * (chosen + 1)
+        replay.samples.imu[: len(chosen)] = rows[chosen]
+        replay.marks[IMU_END] = len(chosen)
+        bring_up(replay, state, setting)
         found[name] = state
     assert found["kept"].x[X.vel] == pytest.approx(found["all"].x[X.vel], abs=1e-12)
     assert found["kept"].cov[E.vel, E.vel] > found["all"].cov[E.vel, E.vel] + 1e-8

@@ -68,7 +68,7 @@ def test_a_push_is_seen_at_its_size_and_hardly_moves_the_mean(axis):
     assert np.all(peaks[12:] < 0.15 * size)
 
 
-@pytest.mark.parametrize(("seed", "sign"), [(0, 1.0), (6, -1.0)])
+@pytest.mark.parametrize(("seed", "sign"), [pytest.param(0, 1.0, marks=pytest.mark.slow), (6, -1.0)])
 def test_turning_in_a_circle_takes_the_steps_of_the_plan(seed, sign):
     plant = Plant("nao", seed=seed, level=1.0).begin("turn", angle=sign * 16 * PARAMS.turn_step_rad, learn=False)
     plant.until(standing)

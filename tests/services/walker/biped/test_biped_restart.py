@@ -51,8 +51,7 @@ def restart(plant, memory):
     return kept
 
 
-@pytest.mark.parametrize("name", ["bioloid", "nao"])
-@pytest.mark.parametrize("phase", [0.1, 0.4, 0.7, 0.95])
+@pytest.mark.parametrize(("name", "phase"), [("bioloid", 0.1), ("nao", 0.4), ("bioloid", 0.7), ("nao", 0.95)])
 def test_killed_in_any_support_it_stays_up_and_walks_the_rest(name, phase, tmp_path):
     plant = Plant(name, seed=1, level=1.0).stand()
     before = plant.world.truth().position[0]

@@ -78,7 +78,7 @@ def test_killed_in_mid_step_the_service_goes_on_under_the_same_number(name: str,
     plant.stand()
     before = plant.world.truth().position[0]
     number = plant.walker.service.walk(WalkCommand(action="walk", distance=0.15)).id
-    assert plant.walker.service.walk(WalkCommand(action="turn", angle=0.2, at_tick=2200)).accepted
+    assert plant.walker.service.walk(WalkCommand(action="turn", angle=0.2, at_tick=1600)).accepted
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.6)
     plant.walker = ByMessages(name, memory)
     states: list[tuple[int, str]] = []
