@@ -36,8 +36,11 @@ class Gaussians:
 
     def columns(self, u: Array) -> Array:
         """Return phi_q(u_b), (n, m) or (n, m + 1)."""
-        away = u[:, None, :] - self.centres[None]
-        found = np.exp(-(self.widths[None] * away * away).sum(axis=2))
+        power = np.zeros((len(u), len(self.centres)))
+        for seen, centre, width in zip(u.T, self.centres.T, self.widths.T, strict=True):  # each input
+            away = seen[:, None] - centre
+            power += width * away * away
+        found = np.exp(-power)
         return np.column_stack((found, np.ones(len(u)))) if self.constant else found
 
 

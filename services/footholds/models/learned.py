@@ -205,9 +205,10 @@ class LearnedModel:
         at = np.clip(at, 0.0, np.array(n.shape) - 1.0)
         low = np.minimum(at.astype(np.int64), np.array(n.shape) - 2)
         rest, found = at - low, np.zeros(len(x))
-        for corner in np.ndindex(2, 2, 2):
-            share = np.prod(np.where(corner, rest, 1.0 - rest), axis=1)
-            found += share * n[tuple((low + corner).T)]
+        sides, (a, b, c) = (1.0 - rest, rest), low.T
+        for i, j, k in np.ndindex(2, 2, 2):
+            share = sides[i][:, 0] * sides[j][:, 1] * sides[k][:, 2]
+            found += share * n[a + i, b + j, c + k]
         return found
 
     @cached_property
