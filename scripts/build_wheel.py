@@ -42,16 +42,18 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("folder", nargs="?", default="dist", type=Path, help="where it is written (default: dist)")
     parser.add_argument("--systems", nargs="*", help="kernels of these systems only (default: all)")
     parser.add_argument("--kernels", default=ROOT, type=Path, help="checkout whose kernels are taken over (this one)")
+    parser.add_argument("--no-compile", action="store_true", help="with the kernels that are taken over only")
     options = parser.parse_args(words)
-    sys.stdout.write(f"{compiled_wheel(options.folder.resolve(), options.systems, options.kernels.resolve())}\n")
+    systems = () if options.no_compile else options.systems
+    sys.stdout.write(f"{compiled_wheel(options.folder.resolve(), systems, options.kernels.resolve())}\n")
 
 
 def compiled_wheel(folder: Path, systems: Sequence[str] | None = None, kernels: Path = ROOT) -> Path:
-    """Build a wheel with the kernels of these systems (None = all) and of the library; return its path.
+    """Build a wheel with the kernels of these systems and of the library; return its path.
 
     Args:
         folder: where it is written.
-        systems: names of compose files; None = all.
+        systems: names of compose files; None = all, none of them: no kernel is compiled.
         kernels: checkout whose compiled kernels are taken over where the sources are equal.
 
     Raises:
@@ -110,6 +112,9 @@ def _copy(source: Path, target: Path) -> None:
 
 def _compile(site: Path, systems: Sequence[str] | None) -> None:
     """Compile what is missing, and note in the package which services find all their kernels."""
+    if systems is not None and not systems:
+        (site / BROUGHT).touch()
+        return
     environment = site.parents[2]
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTHON"))}
     kept["XDG_CACHE_HOME"] = str(environment / "cache")

@@ -66,23 +66,40 @@ def install(wheels: Path, site: Path) -> None:
     run_process([sys.executable, "-c", UNPACK, str(wheel), str(site)], check=True)
 
 
-@pytest.fixture(scope="module")
-def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An environment with the wheel; its dependencies are those of this one, found by a path file."""
-    environment = tmp_path_factory.mktemp("installed") / "env"
+def environment_with(folder: Path, source: Path, *words: str) -> Path:
+    """Return an environment with the wheel; its dependencies are those of this one, found by a path file.
+
+    Args:
+        folder: where to.
+        source: a checkout.
+        words: options of `scripts/build_wheel.py`.
+    """
+    environment, wheels = folder / "env", folder / "wheels"
     venv.create(environment, with_pip=False, symlinks=True)
     (site,) = environment.glob("lib/python*/site-packages")
-    wheels = tmp_path_factory.mktemp("core")
     if COMPILES:
-        words = (str(source / "scripts" / "build_wheel.py"), str(wheels), "--systems", "ragno", "--kernels", str(ROOT))
-        run_process([sys.executable, *words], check=True, capture_output=True)
+        script = (str(source / "scripts" / "build_wheel.py"), str(wheels), "--kernels", str(ROOT))
+        run_process([sys.executable, *script, *words], check=True, capture_output=True)
     else:
+        wheels.mkdir()
         build(source, wheels)
     install(wheels, site)
     for data in site.glob("surefoot-*.data/data/*"):
         data.rename(environment / data.name)
     (site / "dependencies.pth").write_text(next(path for path in sys.path if path.endswith("site-packages")) + "\n")
     return environment
+
+
+@pytest.fixture(scope="module")
+def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel with the kernels that the checkout happens to have."""
+    return environment_with(tmp_path_factory.mktemp("installed"), source, "--no-compile")
+
+
+@pytest.fixture(scope="module")
+def compiled(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel with all kernels of Ragno and of the library."""
+    return environment_with(tmp_path_factory.mktemp("compiled"), source, "--systems", "ragno")
 
 
 def run(environment: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -142,14 +159,15 @@ def test_examples_run_beside_packages_of_our_names(installed: Path, tmp_path: Pa
     assert "falls" in found["shown"]["library/will_it_fall.py"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not COMPILES, reason=f"the kernels of a wheel need a processor of level {LEVEL}")
 @pytest.mark.parametrize("kept", ["beside the sources", "elsewhere"])
 def test_first_calls_find_their_kernels_in_the_wheel(
-    installed: Path, tmp_path: Path, kept: str, monkeypatch: pytest.MonkeyPatch
+    compiled: Path, tmp_path: Path, kept: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     if kept == "elsewhere":  # as where nothing can be written beside the sources
         monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
-    done = run(installed, tmp_path, "-c", FIRST, str(tmp_path / "stand.mcap"))
+    done = run(compiled, tmp_path, "-c", FIRST, str(tmp_path / "stand.mcap"))
     assert done.stdout.splitlines()[-1] == "compiled 0 cold False", done.stderr
     assert "velocity" in done.stdout
