@@ -8,6 +8,7 @@ from surefoot.robot.description import Robot
 from .config import EstimatorConfig
 from .feet.mount import foot_mount
 from .feet.slip import StanceSlip, feet_in_odom
+from .filter.log import LogInputs
 from .inputs.clock import RESYNC_AFTER
 from .messages import odometry_message, velocity_message
 
@@ -51,3 +52,14 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
     for i in range(RESYNC_AFTER + 1):
         estimator.imu(i * period, 1e-3 * np.sin(i + np.arange(3.0)), up)
     estimator.estimate()  # degraded inputs, in words
+
+
+def rehearse_log(config: EstimatorConfig, robot: Robot) -> None:
+    """Run a log of one row: its kernel holds the whole filter, and `surefoot estimate` alone calls it."""
+    estimator, feet = config.estimator(robot), len(robot.legs)
+    log = LogInputs(
+        np.zeros(1, dtype=np.int64), np.zeros((1, 3)), np.array([[0.0, 0.0, GRAVITY]]), np.zeros(1, dtype=np.bool_),
+        np.zeros(0, dtype=np.int64), np.zeros((0, feet, 3)), np.zeros((0, feet, 3, 3)),
+        np.zeros((0, feet, estimator.switches)),
+    )  # fmt: skip
+    estimator.follow(log, np.zeros(1, dtype=np.int64), 0, 1)

@@ -27,7 +27,7 @@ from .feet.mount import foot_mount
 from .feet.slip import FinishedStance, StanceSlip, feet_in_odom
 from .inputs.results import InputResult
 from .messages import odometry_message, sample_of, velocity_message
-from .rehearsal import rehearse
+from .rehearsal import rehearse, rehearse_log
 
 LATE_JOINTS_S = 0.03
 """Age of joints up to which slip is measured, s: the pose at the time of older ones is not kept."""
@@ -65,6 +65,9 @@ class EstimatorService(Service[EstimatorConfig]):
 
     def rehearse(self) -> None:
         rehearse(self.config, load_robot(self.config.robot), (self.config.mode, *VARIANTS))
+
+    def rehearse_rare(self) -> None:
+        rehearse_log(self.config, load_robot(self.config.robot))
 
     def on_reset(self) -> None:
         self.estimator.reset()

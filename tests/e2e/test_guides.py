@@ -35,7 +35,7 @@ import sys, time
 from tests.lab.bags.sway import messages, sway
 from surefoot.bus.ros2 import Ros2Node, types
 from surefoot.errors import BusError
-log, names, node = sway(60.0), sys.argv[2].split(","), None
+log, names, node = sway(120.0, 100), sys.argv[2].split(","), None
 while node is None:
     try:
         node = Ros2Node("dog", sys.argv[1])
@@ -47,7 +47,7 @@ began = time.monotonic()
 for k in range(len(log.stamp_ns)):
     for topic, publisher in out.items():
         publisher.put(rows[topic][k][1])
-    time.sleep(max(0.0, began + 0.002 * k - time.monotonic()))
+    time.sleep(max(0.0, began + 0.01 * k - time.monotonic()))
 """
 """Publishes a robot that stands and sways as rmw_zenoh would: router, names of the joints."""
 

@@ -5,11 +5,14 @@ import pytest
 
 from surefoot.kernels.compiling import COMPILING
 from surefoot.kernels.jit import loaded
+from surefoot.lab.estimation.track import track
+from surefoot.papers.wawrzynski.synthetic import WalkParams, synthesize
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.filter.log import follow_log
 from surefoot.services.estimator.inputs.clock import RESYNC_AFTER
 from surefoot.services.estimator.inputs.results import InputResult
-from surefoot.services.estimator.rehearsal import rehearse
+from surefoot.services.estimator.rehearsal import rehearse, rehearse_log
 
 PERIOD = 10_000_000
 
@@ -31,3 +34,11 @@ def test_a_new_clock_needs_no_kernel_that_was_not_rehearsed(first: str) -> None:
     assert results.count(InputResult.RESTART) == 1
     assert loaded() == kernels
     assert COMPILING.done == compiled
+
+
+def test_a_log_of_another_robot_needs_no_code_that_was_not_rehearsed() -> None:
+    rehearse_log(EstimatorConfig(robot="ragno"), load_robot("ragno"))
+    signatures: list[object] = list(follow_log.signatures)  # pyright: ignore[reportFunctionMemberAccess]
+    assert len(signatures) == 1
+    track("best", synthesize(WalkParams(duration_s=0.5), 3))
+    assert list(follow_log.signatures) == signatures  # pyright: ignore[reportFunctionMemberAccess]
