@@ -151,10 +151,7 @@ def obstacle(command: str) -> str:
     return f"needs {gap[1]}" if gap is not None else ""
 
 
-SHORT = (
-    "surefoot reproduce wawrzynski", "surefoot evaluate navigator --params paper --seeds 0:2000 --json",
-    "stability adaptive --count 400",
-)  # fmt: skip
+SHORT = ("surefoot evaluate navigator --params paper --seeds 0:2000 --json", "stability adaptive --count 400")
 """Commands of a few seconds whose figures are no times."""
 
 
