@@ -20,6 +20,17 @@ def log(tmp_path_factory):
     return save_npz(noisy(), tmp_path_factory.mktemp("log") / "walk.npz")
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """No curves are drawn, which takes longer than the estimate."""
+
+    def empty(result, path):
+        path.write_text("<svg/>")
+        return path
+
+    monkeypatch.setattr("surefoot.lab.estimation.plots.draw", empty)
+
+
 def test_json_and_files(answer, log, tmp_path):
     report = json.loads(answer("estimate", log, "--json", "-o", tmp_path / "out", "--csv"))
     assert report["errors"]["rmse"] < 0.03
@@ -31,7 +42,7 @@ def test_json_and_files(answer, log, tmp_path):
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
-def test_a_smoothed_log_is_better_and_another_estimator_is_refused(answer, complaint, log, tmp_path):
+def test_a_smoothed_log_is_better_and_another_estimator_is_refused(answer, complaint, log, tmp_path, undrawn):
     both, ahead = (json.loads(answer("estimate", log, "--json", *more)) for more in (("--smooth", "-o", tmp_path), ()))
     assert both["smoothed"]
     assert both["errors"]["rmse"] < 0.85 * ahead["errors"]["rmse"]
@@ -41,7 +52,7 @@ def test_a_smoothed_log_is_better_and_another_estimator_is_refused(answer, compl
     )
 
 
-def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path):
+def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path, undrawn):
     pytest.importorskip("evo", reason="evo is not installed: pip install evo")
     from evo.core import metrics
     from evo.tools import file_interface
@@ -57,7 +68,7 @@ def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path)
     assert report["ate"] == pytest.approx(whole.get_statistic(metrics.StatisticsType.rmse), rel=0.2)
 
 
-def test_two_outputs_are_compared(answer, complaint, log, tmp_path):
+def test_two_outputs_are_compared(answer, complaint, log, tmp_path, undrawn):
     for name in ("best", "ekf"):
         answer("estimate", log, "--estimator", name, "-o", tmp_path / name, "--json")
     report = json.loads(answer("compare", tmp_path / "best", tmp_path / "ekf" / "estimates.npz", "--json"))

@@ -36,7 +36,7 @@ def off(found: Alignment) -> dict[str, np.ndarray]:
     return {name: np.abs(getattr(found, name).value - true[name]) / getattr(found, name).within for name in true}
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("plain", 0), ("twist", 1), ("turn", 0), ("slip", 1)])
+@pytest.mark.parametrize(("kind", "seed"), [("plain", 0), ("slip", 1)])
 def test_a_displaced_truth_is_found_within_its_intervals(kind, seed):
     found = align(displaced(noisy(kind, seed)))
     assert max(part.max() for part in off(found).values()) < 1.5  # of 8 values of 95 % each

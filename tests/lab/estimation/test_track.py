@@ -1,5 +1,7 @@
 """Estimators of the service and referees through one function."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -10,10 +12,15 @@ from tests.lab.estimation.walks import noisy
 from tests.surefoot.expect import expect_error
 
 
+@cache
+def found_by(name):
+    """Track of an estimator over the walk."""
+    return track(name, noisy())
+
+
 @pytest.mark.parametrize("name", names())
 def test_every_estimator_gives_a_finite_track(name):
-    log = noisy()
-    found = track(name, log)
+    log, found = noisy(), found_by(name)
     n = len(log.stamp_ns)
     assert found.v.shape == found.g.shape == found.position.shape == (n, 3)
     assert found.p.shape == (n, 6, 6)
@@ -31,7 +38,7 @@ def test_an_unknown_estimator_is_refused_with_the_known_ones():
 @pytest.mark.parametrize("name", ["kinematics_gyro", "imu", "paper"])
 def test_the_odometry_of_an_estimator_is_its_own(name):
     log = noisy()
-    found, best = track(name, log), track("best", log)
+    found, best = found_by(name), found_by("best")
     assert not np.array_equal(found.position, best.position)
     way = np.cumsum(found.v_odom * np.gradient(log.seconds)[:, None], axis=0)
     np.testing.assert_allclose(found.position - found.position[0], way - way[0], atol=2e-3)
@@ -43,7 +50,7 @@ def test_the_odometry_of_an_estimator_is_its_own(name):
 
 def test_pieces_of_own_odometry_are_the_whole():
     log = noisy()
-    whole = track("kinematics_gyro", log)
+    whole = found_by("kinematics_gyro")
     pieces = [piece for _, piece in follow("kinematics_gyro", log, 333)]
     for part in ("position", "yaw", "v_odom"):
         found = np.concatenate([getattr(piece, part) for piece in pieces])
@@ -59,6 +66,6 @@ def test_the_heading_of_the_gyro_is_kept_over_a_walk_that_turns():
 
 
 def test_the_same_log_gives_the_same_track():
-    a, b = (track("ekf", noisy()) for _ in range(2))
+    a, b = found_by("ekf"), track("ekf", noisy())
     np.testing.assert_array_equal(a.v, b.v)
     np.testing.assert_array_equal(a.p, b.p)

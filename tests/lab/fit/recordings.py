@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,10 +32,19 @@ class Story:
         skip: keys that are left out.
         noise: standard deviation of ranges, m; bearings have the same in rad.
         images: the frames are those of vision, every second message without one, each with 20 features recognised.
+        frame: ticks from one frame to the next.
     """
 
-    def __init__(self, path: Path, skip: tuple[str, ...] = (), noise: float = 0.02, *, images: bool = False) -> None:
-        self.path, self.skip, self.noise, self.images = path, skip, noise, images
+    def __init__(
+        self,
+        path: Path,
+        skip: tuple[str, ...] = (),
+        noise: float = 0.02,
+        *,
+        images: bool = False,
+        frame: int = 10,
+    ) -> None:
+        self.path, self.skip, self.noise, self.images, self.frame = path, skip, noise, images, frame
         self.rows = {topic.key: topic for topic in TOPICS}
         self.writer = RecordingWriter(path, {"robot": "nao"})
         self.rng = np.random.default_rng(4)
@@ -56,7 +65,7 @@ class Story:
         self.writer.write(self.rows[key], stamped, Raw(*encode(stamped), ""))
 
     def gait(self, state: State, ends_in: float | None) -> None:
-        """One tick of the walker; every tenth has a frame."""
+        """One tick of the walker; some have a frame."""
         self.tick += 1
         self._put(
             "state/gait",
@@ -67,7 +76,7 @@ class Story:
         )  # fmt: skip
         if self.images and self.tick % 5 == 0 and self.tick % 10:
             self._put("state/landmarks", SeenLandmarks(landmarks=()))
-        if self.tick % 10 == 0:
+        if self.tick % self.frame == 0:
             marks = self.seen(12 if state == "standing" else 4)
             if self.images:
                 self._put("state/landmarks", SeenLandmarks(landmarks=marks, fresh=True, recognised=20))
@@ -131,9 +140,9 @@ def turn(degrees: float) -> WalkCommand:
     return WalkCommand(action="turn", angle=math.radians(degrees))
 
 
-def tour(path: Path, skip: tuple[str, ...] = (), last: WalkCommand | None = None, *, images: bool = False) -> Path:
+def tour(path: Path, skip: tuple[str, ...] = (), last: WalkCommand | None = None, **more: Any) -> Path:
     """Four walks, a turn to the left, an arc, perhaps one more command, and the end."""
-    story = Story(path, skip, images=images)
+    story = Story(path, skip, **more)
     story.stand(0.5)
     story.act(walk(), first=True)
     for command in (walk(), walk(), walk(), turn(23.0), walk(angle=math.radians(-11.5))):

@@ -70,7 +70,7 @@ def test_files_that_could_not_be_loaded_are_refused(tmp_path, name):
 
 
 def test_from_a_recording_to_a_model_by_command(in_process, tmp_path):
-    recording, out = tour(tmp_path / "tour.mcap"), tmp_path / "fitted.toml"
+    recording, out = tour(tmp_path / "tour.mcap", frame=20), tmp_path / "fitted.toml"
     code, text, _ = in_process("fit", "navigator", recording, "--params", "nao-paper", "--out", out, "--json")
     answer = json.loads(text)
     assert (code, answer["runs"], answer["out"]) == (0, 1, str(out))
@@ -84,7 +84,7 @@ def test_from_a_recording_to_a_model_by_command(in_process, tmp_path):
 def test_models_with_other_errors_are_fitted_too(tmp_path, params):
     """`nao` has noise in proportion to the range, `paper` neither tilt nor sway."""
     base = load(params, ["actions.walk.match=0.3"])
-    numbers = fit([read_run(tour(tmp_path / "tour.mcap"), base)], base)
+    numbers = fit([read_run(tour(tmp_path / "tour.mcap", frame=20), base)], base)
     model = write_model(numbers, params, ["tour.mcap"], tmp_path / "fitted.toml")
     assert model.sight.bearing_sd_deg < 2.0  # the recording has 1.1 deg
     assert (model.sight.tilt_sd_deg > 0.0) == (params == "nao")

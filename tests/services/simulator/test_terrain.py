@@ -1,6 +1,7 @@
 """Terrains: pure, bounded, flat at the start, and the map has the heights of the boxes."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,10 +26,13 @@ RANDOM = ("hills", "rough", "flagstones", "mixed", "elevation", "demo")
 if elevation_file() is None:
     KINDS = tuple(kind for kind in KINDS if kind != "elevation")  # its data is not installed here
 
+known = cache(make_terrain)
+"""Terrains that several tests look at."""
+
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_equal_arguments_give_equal_bits(kind: str) -> None:
-    a, b = make_terrain(kind, 7), make_terrain(kind, 7)
+    a, b = known(kind, 7), make_terrain(kind, 7)
     assert a.map.sha256 == b.map.sha256
     assert a.boxes == b.boxes or all(x.position == y.position for x, y in zip(a.boxes, b.boxes, strict=True))
     assert (make_terrain(kind, 8).map.sha256 == a.map.sha256) == (kind not in RANDOM)
@@ -36,7 +40,7 @@ def test_equal_arguments_give_equal_bits(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("slope", "primitive")])
 def test_the_start_is_flat(kind: str) -> None:
-    terrain = make_terrain(kind, 3)
+    terrain = known(kind, 7)
     start = terrain.map.xs() < shapes.PAD_END - 1e-9
     x, y = np.meshgrid(terrain.map.xs()[start], terrain.map.ys())
     behind = ~terrain.on_floor(np.column_stack((x.ravel(), y.ravel()))).reshape(x.shape)
@@ -76,7 +80,7 @@ def box_top(box: shapes.TerrainBox, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["steps", "flagstones", "mixed", "demo"])
 def test_boxes_are_where_the_map_has_them(kind: str) -> None:
-    terrain = make_terrain(kind, 2)
+    terrain = known(kind, 2)
     rng = np.random.default_rng(0)
     rows = rng.integers(0, terrain.map.shape[0], 300)
     cols = rng.integers(int(1.0 / terrain.map.cell), terrain.map.shape[1], 300)
@@ -98,7 +102,7 @@ def test_boxes_are_where_the_map_has_them(kind: str) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_mixed_ground_has_the_heights_of_the_paper_and_all_its_parts(seed: int) -> None:
-    terrain = make_terrain("mixed", seed)
+    terrain = known("mixed", seed)
     assert -0.0035 - 1e-7 <= terrain.map.z.min() <= -0.003
     assert 0.065 <= terrain.map.z.max() <= 0.087 + 1e-7
     assert terrain.ground is not None
@@ -113,7 +117,7 @@ def test_mixed_ground_has_the_heights_of_the_paper_and_all_its_parts(seed: int) 
 
 
 def test_mixed_ground_is_the_same_in_other_cells_and_scales() -> None:
-    fine, coarse, low = make_terrain("mixed", 2), make_terrain("mixed", 2, cell=0.01), make_terrain("mixed", 2, 0.0435)
+    fine, coarse, low = known("mixed", 2), make_terrain("mixed", 2, cell=0.01), make_terrain("mixed", 2, 0.0435)
     assert low.ground is not None
     np.testing.assert_allclose(fine.ground.z[::2, ::2], coarse.ground.z, atol=1e-6)
     np.testing.assert_allclose(low.ground.z, 0.5 * fine.ground.z, atol=1e-6)

@@ -29,7 +29,7 @@ def test_walks_on_flat_ground_by_the_estimate_alone_without_sliding(robot):
 
 
 def test_walks_over_the_first_hills_of_the_demo():
-    result = walk(2, Setting(distance=0.4), CHOSEN)
+    result = walk(2, Setting(distance=0.3), CHOSEN)
     assert result.reached
     assert result.odometry_mm < 20.0
 

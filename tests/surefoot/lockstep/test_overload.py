@@ -112,8 +112,15 @@ def unread(net: Net, key: str, count: int) -> Iterator[set[str]]:
         yield names
 
 
-@pytest.mark.parametrize("mode", ["lockstep", "paced"])
-@pytest.mark.parametrize("key", ["**", "*/*/@frame/*"])
+@pytest.mark.parametrize(
+    ("key", "mode"),
+    [
+        ("**", "lockstep"),
+        ("*/*/@frame/*", "paced"),
+        pytest.param("**", "paced", marks=pytest.mark.slow),
+        pytest.param("*/*/@frame/*", "lockstep", marks=pytest.mark.slow),
+    ],
+)
 def test_readers_of_everything_that_never_read_stop_nothing(net: Net, key: str, mode: str) -> None:
     gaps: list[float] = []
 

@@ -60,7 +60,7 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
     return float(e @ np.linalg.solve(tracker.cov[:3, :3], e)), math.hypot(e[0], e[1])
 
 
-RUNS = 60
+RUNS = 30
 
 
 def band(share: float) -> tuple[float, float]:

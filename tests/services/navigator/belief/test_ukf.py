@@ -123,7 +123,7 @@ def test_equals_filterpy_over_long_runs(n):
     mean, cov = start(n)
     truth, gain, worst = truth_of(mean, cov, rng), gains(n, rng), 0.0
     referee = Referee(mean, cov)
-    for _ in range(1500):
+    for _ in range(500):
         motion = MOTIONS[rng.integers(len(MOTIONS))]
         move(truth, *motion, rng)
         carry(mean, cov, *motion)

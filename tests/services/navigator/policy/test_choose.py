@@ -1,6 +1,8 @@
 """Decisions: the rules of the hand controllers, guards of all policies, and when a look pays."""
 
 import math
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,8 +10,8 @@ import pytest
 from surefoot.services.navigator.policy.arrays import KIND, STANDS, TURNS, arrays
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.planner import plan, planner, shown_by_standing
-from surefoot.services.navigator.policy.policies import Decider, Policy, hand, planner_numbers
+from surefoot.services.navigator.policy.planner import planner
+from surefoot.services.navigator.policy.policies import Decider, hand
 
 GOAL = (5.0, 0.0)
 SURE = np.diag([1e-4, 1e-4, 1e-4, 1e-3])
@@ -34,12 +36,23 @@ def arcs():
     return arrays(load("paper", ["use='arcs'"]))
 
 
+@cache
+def policy_of(name, params="paper"):
+    """Policy of a model without changes; the planner of one takes a second."""
+    return find(name, load(params))
+
+
+@cache
+def blurred_planner():
+    return planner(arrays(load("paper-blur")))
+
+
 def name_of(decider, *args, blocked=False):
     return decider.world.names[decider.decide(*args, GOAL, blocked=blocked).index]
 
 
 def test_the_hand_controller_follows_its_three_rules(world):
-    d = Decider(world, find("hand", load("paper")))
+    d = Decider(world, policy_of("hand"))
     assert name_of(d, belief(), SURE) == "walk"
     assert name_of(d, belief(deg=-34), SURE) == "walk"
     assert name_of(d, belief(deg=-36), SURE) == "left"
@@ -57,7 +70,7 @@ def test_steering_takes_the_arc_that_leaves_least(arcs):
 
 def test_only_turns_are_allowed_while_blocked_and_a_turn_goes_on(world):
     for name in ("hand", "tuned", "planner"):
-        d = Decider(world, find(name, load("paper")))
+        d = Decider(world, policy_of(name))
         first = d.decide(belief(deg=5), SURE, GOAL, blocked=True)
         assert world.actions[first.index, KIND] == 1
         assert [math.isnan(v) for v in first.values] == [k != 1 for k in world.actions[:, KIND]]
@@ -79,26 +92,25 @@ def test_stands_and_turns_in_a_row_are_capped(world):
 def test_a_belief_inside_the_goal_does_not_turn_for_ever(blurred):
     """The belief has arrived, the robot has not: within a bounded number of decisions something else is tried."""
     for name in ("hand", "tuned", "planner"):
-        d = Decider(blurred, find(name, load("paper-blur")))
+        d = Decider(blurred, policy_of(name, "paper-blur"))
         made = [name_of(d, belief(x=4.97, deg=170), SURE) for _ in range(20)]
         assert set(made) - {"left", "right"}
 
 
 def test_the_planner_stands_where_a_look_can_change_the_way_and_never_when_sure(blurred):
-    table, grid, _ = plan(blurred)
-    policy = Policy("p", 2, blurred.names, planner_numbers(blurred), table, grid, shown_by_standing(blurred))
+    policy = blurred_planner()
     d = Decider(blurred, policy)
     unsure = np.diag([0.15**2, 0.25**2, math.radians(20) ** 2, 0.3**2])
     assert name_of(d, belief(x=4.3, deg=30), unsure) == "stand"
     d.begin()
     assert name_of(d, belief(x=4.3, deg=0), SURE) == "walk"
-    blind = Policy("p", 2, blurred.names, planner_numbers(blurred), table, grid, np.eye(3) * 1e4)
+    blind = replace(policy, shown=np.eye(3) * 1e4)
     assert name_of(Decider(blurred, blind), belief(x=4.3, deg=30), unsure) != "stand"
 
 
 def test_what_a_look_gains_is_never_negative(blurred):
     """The gain is a mean of maxima less a maximum of means, so a stand costs its seconds at most."""
-    policy, rng = planner(blurred), np.random.default_rng(2)
+    policy, rng = blurred_planner(), np.random.default_rng(2)
     for _ in range(100):
         a = rng.normal(size=(4, 4)) * [0.1, 0.1, 0.2, 0.4]
         mean = belief(*rng.uniform([-0.5, -0.8], [4.8, 0.8]), rng.uniform(-180, 180), rng.normal())
@@ -109,7 +121,7 @@ def test_what_a_look_gains_is_never_negative(blurred):
 def test_switching_costs_make_a_look_dearer(blurred):
     costly = arrays(load("paper-blur", ["switching.walk.stand=0.9", "switching.stand.walk=1.0"]))
     mean, cov = belief(x=4.3, deg=30), np.diag([0.15**2, 0.25**2, math.radians(20) ** 2, 0.3**2])
-    cheap, dear = Decider(blurred, planner(blurred)), Decider(costly, planner(costly))
+    cheap, dear = Decider(blurred, blurred_planner()), Decider(costly, planner(costly))
     for d in (cheap, dear):
         d.did(0)
     value = [d.decide(mean, cov, GOAL, blocked=False).values for d in (cheap, dear)]
@@ -118,13 +130,13 @@ def test_switching_costs_make_a_look_dearer(blurred):
 
 def test_every_policy_gives_reasons_in_words(world):
     for name in ("hand", "tuned", "steer", "planner"):
-        verdict = Decider(world, find(name, load("paper"))).decide(belief(deg=50), SURE, GOAL, blocked=False)
+        verdict = Decider(world, policy_of(name)).decide(belief(deg=50), SURE, GOAL, blocked=False)
         assert world.names[verdict.index] in verdict.reason
         assert len(verdict.values) == len(world.names)
 
 
 def test_a_goal_far_beyond_the_table_keeps_its_estimated_time(world):
-    d = Decider(world, find("planner", load("paper")))
+    d = Decider(world, policy_of("planner"))
     far = d.decide(belief(x=-15), SURE, GOAL, blocked=False).values
     near = d.decide(belief(x=-5), SURE, GOAL, blocked=False).values
     assert max(near) - max(far) == pytest.approx(175.0, rel=1e-6)
