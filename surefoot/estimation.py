@@ -55,11 +55,11 @@ class StrictEstimator(Estimator):
     """An `Estimator` that raises on each refused sample, and goes on afterwards as if it had not come."""
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
-        """Take an inertial sample as `Estimator.imu` (raises FieldError: it is refused)."""
+        """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; raise FieldError if refused."""
         return _accepted("imu", super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, clipped), (w, q))
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take joint angles as `Estimator.joints` (raises FieldError: they are refused)."""
+        """Take joint angles (nj,) rad and contacts (L,) or (L, S), None = unknown; raise FieldError if refused."""
         if self._mount.model is None:
             raise FieldError("unsupported", "joints", "got joint angles, expected feet: no robot was named")
         try:

@@ -43,10 +43,10 @@ def _chain(joints: Array, scale: float) -> tuple[Array, Array, Array]:
 
 
 def go1_feet(joints: Array, scale: float = 1.0) -> tuple[Array, Array]:
-    """Return centres of the foot balls (n, 4, 3) m and rot_trunk_from_calf (n, 4, 3, 3).
+    """Return centres of the foot balls (n, 4, 3) m, trunk axes, and rot_trunk_from_calf (n, 4, 3, 3) of a Go1.
 
     Args:
-        joints: (n, 12) rad.
+        joints: (n, 12) rad, hip, thigh and calf of the legs FL FR RL RR.
         scale: factor on the lengths of the legs.
     """
     hip, foot, _ = _chain(joints, scale)

@@ -20,7 +20,7 @@ MAX_COLLECTED = 256
 
 
 class CalibrationJob:
-    """Calibration job of the service; every change belongs to a tick."""
+    """Calibration of joint torques: collects poses and fits gains; starts and ends at given ticks, so runs repeat."""
 
     def __init__(self, robot: Robot, torque_variance: float) -> None:
         self.robot, self.variance = robot, torque_variance

@@ -87,9 +87,9 @@ class MemoryFile(RunMemory):
         super().forget()
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
-        """Return the state that was kept in this epoch, not after this tick, or None.
+        """Return the state that was kept in `epoch` at or before `tick`, None if there is none.
 
-        A walker may be killed between keeping a tick and sending it: its successor does that tick again.
+        A walker may be killed after it kept a tick and before it published it: its successor repeats that tick.
         """
         content = self.read()
         if content is None:

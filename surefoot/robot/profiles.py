@@ -33,7 +33,7 @@ PeriodMs = Annotated[Whole, Field(ge=10, le=10_000)]
 
 
 class Profile(FileModel):
-    """Head of every profile."""
+    """Fields that every profile of a sensor or camera has: its name and the source of its numbers."""
 
     folder: ClassVar[str]
     name: Name

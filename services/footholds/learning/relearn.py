@@ -27,13 +27,13 @@ Form = Literal["counted", "paper"]
 def relearned(
     model: LearnedModel, samples: Sequence[StanceSample], form: Form = "counted", weight: float = 1.0
 ) -> LearnedModel:
-    """Return the model after these outcomes; k, landing error, lattice and size of fit stay.
+    """Return the slip model with its bins updated by new outcomes; the lattice and the number of terms stay.
 
     Args:
         model: the old model.
         samples: of the same cell, filter, foot and robot; those that cannot be learned from are left out.
-        form: `counted` or `paper`, as in the module's equations.
-        weight: c, 0 to 1.
+        form: `counted` weighs each sample alike whenever it came; `paper` averages a bin's old and new values.
+        weight: of the new samples, 0 to 1; 1 = as much as the old.
 
     Raises:
         LearnError: no sample is left, or samples and model do not go together.

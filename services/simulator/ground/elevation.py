@@ -20,7 +20,7 @@ ELEVATION_FILE = "mpl-data/sample_data/jacksboro_fault_dem.npz"
 
 
 def elevation_file() -> Path | None:
-    """Return the file of matplotlib, None where it is absent; matplotlib itself is not imported."""
+    """Return the path of the elevation model among matplotlib's sample data, None if absent; imports no matplotlib."""
     found = importlib.util.find_spec("matplotlib")
     path = None if found is None or found.origin is None else Path(found.origin).parent / ELEVATION_FILE
     return path if path is not None and path.is_file() else None

@@ -32,7 +32,7 @@ class ImuSample(NamedTuple):
 
 
 class JointSample(NamedTuple):
-    """Encoders and currents in the robot's order."""
+    """Sample of the encoders and motor currents, joints in the order of the robot description."""
 
     stamp_ns: int
     seq: int

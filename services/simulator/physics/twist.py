@@ -49,6 +49,6 @@ class TwistTracker:
         return {name: getattr(self, name).tolist() for name in ("start", "twist", "last", "standing")}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set all arrays to values that `state()` returned earlier."""
         for name, values in state.items():
             getattr(self, name)[:] = values
