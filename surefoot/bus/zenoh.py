@@ -240,7 +240,7 @@ class ZenohBus:
 
     @property
     def refused(self) -> Counter[tuple[str, str]]:
-        """Number of answers refused because they came from a process that does not own the query, by key and process."""
+        """Number of answers refused because their process does not own the query, by key and process."""
         return self._asking.refused
 
     def new_instance(self) -> str:
