@@ -31,8 +31,8 @@ from surefoot.services.supervisor.processes.ports import refuse_taken
 DEFAULT_SYSTEM = "ragno"
 BROUGHT = PACKAGE / "kernels" / "brought.txt"
 """Names of the jobs whose kernels came with a compiled wheel."""
-ORDER = ("stability", "walker", "estimator", "footholds", "simulator")
-"""The longest first. What the first two have in common the walker compiles at its begin, stability at its end."""
+ORDER = ("estimator", "stability", "walker", "footholds", "simulator")
+"""The longest first. What stability and the walker have in common is compiled once: one process takes both."""
 
 
 @dataclass(frozen=True, slots=True)
