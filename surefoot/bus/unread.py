@@ -55,7 +55,7 @@ class Unread:
         self._before: dict[str, Connection] = {}
 
     def look(self) -> list[LinkTrouble]:
-        """Return the peers for which something waits that have taken nothing since the last look."""
+        """Return the peers with unread bytes that have read none since the last call."""
         names = {str(link.dst).partition("/")[2]: str(link.zid) for link in self._session.info.links()}
         now = {address: found for address, found in connections() if address in names}
         stuck = [

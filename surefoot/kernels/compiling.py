@@ -31,7 +31,7 @@ class Compiling:
         return self._by_thread[get_ident()]
 
     def began(self, name: str) -> None:
-        """A kernel is not in the cache; those that it calls are compiled on the way."""
+        """Note that the compilation of a kernel began; listeners are called for the outermost one only."""
         self._depth += 1
         if self._depth == 1:
             for listener in tuple(self._listeners):

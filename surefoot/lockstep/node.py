@@ -37,7 +37,6 @@ Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
 JOIN_RETRY_S = 0.3
-HEALTH_PERIOD_S = 1.0
 LOOK_S = 0.1  # a node looks into its inbox at least so often: a frame that it waits for may never come
 
 _STOP, _TICK = object(), HW_TICK.key
@@ -186,7 +185,7 @@ class Node:
 
     def _beat(self) -> None:
         if (now := self.clock()) >= self._next_health:
-            self._next_health = now + HEALTH_PERIOD_S
+            self._next_health = now + HEALTH.wall_period_s
             for trouble in self.bus.look_at_links():
                 self.refuse(*trouble)
             self._publishers[f"health/{self.name}"].put(self.health())

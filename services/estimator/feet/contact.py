@@ -47,7 +47,7 @@ class SeenPoints(NamedTuple):
 
 
 class BestGeometry(NamedTuple):
-    """Places of IMU and contact points."""
+    """Contact points on the feet of a robot, in foot axes, and the place of the IMU in base_link."""
 
     foot: NDArray[np.int64]  # (K,) foot of each contact point
     place: Array  # (K, 3) m, in the foot

@@ -101,7 +101,7 @@ def motion_of(
 
 @row_kernel
 def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: float, v: float, gate: float) -> None:
-    """Mark the matches that agree with a pose (3,), for `wide` times their variances and v rad^2 more of bearing."""
+    """Mark the matches that agree with a pose (3,): their variances times `wide`, v rad^2 added to that of bearing."""
     c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
     for m in range(inlier.size):
         r, b = variances(found.rays[m, DISTANCE], noise)

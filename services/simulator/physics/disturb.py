@@ -218,7 +218,7 @@ class Disturbances:
         }  # fmt: skip
 
     def restore(self, tick: int, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.pushes = [Push(start, end, body, (f[0], f[1], f[2])) for start, end, body, f in state["pushes"]]
         self.settings = dict(state["settings"])
         self._limit = None if state["torque_limit"] is None else np.array(state["torque_limit"])

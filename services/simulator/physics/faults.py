@@ -296,7 +296,7 @@ class FaultBank:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.faults = [Fault(**f) for f in state["faults"]]
         self._random = [np.random.default_rng() for _ in self.faults]
         for rng, saved in zip(self._random, state["random"], strict=True):

@@ -61,5 +61,5 @@ class ServoLine:
         return [[at - step, pack(command)] for at, command in self._coming]
 
     def restore(self, step: int, state: list[Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self._coming = [Arrival(step + ahead, unpack(ServoCommand, command)) for ahead, command in state]

@@ -189,7 +189,7 @@ class TruthTracker:
         return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.fallen = bool(state["fallen"])
         for key, array in self.feet._asdict().items():
             array[:] = state[key]

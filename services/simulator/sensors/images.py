@@ -253,7 +253,7 @@ class ImageSensor:
         return {"rng": self.rng.bit_generator.state, "path": [[part.tolist() for part in pose] for pose in self.path]}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.rng.bit_generator.state = state["rng"]
         self.path.clear()
         self.path.extend(CameraPose(*(np.array(part) for part in pose)) for pose in state["path"])

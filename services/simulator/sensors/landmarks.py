@@ -292,5 +292,5 @@ class LandmarkSensor:
         return {"rng": self.rng.bit_generator.state}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.rng.bit_generator.state = state["rng"]

@@ -44,7 +44,7 @@ class NormalStream:
         return {"start": self.start, "row": self.row}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.rng.bit_generator.state = state["start"]
         self._fill()
         self.row = int(state["row"])
@@ -106,7 +106,7 @@ class ImuSensor:
         return {"turn_on": self.turn_on.tolist(), "b": self.gauss_markov.tolist(), "normal": self.normal.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         if self.profile is not None:
             self.turn_on, self.gauss_markov = np.array(state["turn_on"]), np.array(state["b"])
             self.normal.restore(state["normal"])
@@ -173,7 +173,7 @@ class JointSensor:
         return {"zero": self.zero.tolist(), "normal": self.normal.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.zero = np.array(state["zero"])
         self.normal.restore(state["normal"])
 
@@ -232,7 +232,7 @@ class FootSensor:
         return {"closed": self.closed.tolist()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self.closed = np.array(state["closed"], dtype=np.bool_)
 
 

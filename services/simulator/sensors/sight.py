@@ -224,7 +224,7 @@ class Senses:
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken; what was released in that tick is not released again."""
+        """Set what changes in a run to what `state` returned; what was released in that tick is not released again."""
         self.rng.bit_generator.state = state["rng"]
         self.bump[:] = state["bump"]
         self.before = None if state["before"] is None else CameraPose(*(np.array(part) for part in state["before"]))

@@ -86,7 +86,7 @@ class SensorSuite:
         return {"imu": self._imu.state(), "joints": self._joints.state(), "feet": self._feet.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `state` was taken."""
+        """Set everything that changes in a run to what `state` returned earlier."""
         self._imu.restore(state["imu"])
         self._joints.restore(state["joints"])
         self._feet.restore(state["feet"])

@@ -216,7 +216,7 @@ def _factor4(g: Array, lanes: int) -> None:
 
 @row_kernel
 def solve(g: Array, unknowns: int, v: int, lanes: int) -> None:
-    """Solve with the factor of MATRIX, in place at row offset `v` of g."""
+    """Solve the Newton system of all lanes by its Cholesky factor in g, in place: right side at row offset `v` of g."""
     if unknowns == 4:
         _solve4(g, v, lanes)
         return

@@ -1,6 +1,7 @@
 """A service that is never idle sends its heartbeats by the clock all the same."""
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ PERIOD_S = 0.05  # s wall, of its heartbeat in these tests
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runtime, "HEALTH_PERIOD_S", PERIOD_S)
+    monkeypatch.setattr(runtime, "HEALTH", replace(HEALTH, rate_hz=1.0 / PERIOD_S))
     monkeypatch.setattr(runtime, "LOOK_S", PERIOD_S / 2)
 
 
