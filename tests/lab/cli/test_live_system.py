@@ -23,8 +23,6 @@ pytestmark = pytest.mark.e2e
 
 ROOT = Path(__file__).parents[3]
 WAIT_S = 80.0  # s wall; takes 1 to 3
-PACE = 0.5
-"""Simulated over wall time: leaves half of a core to the commands."""
 PLAIN = """
 import json, sys, zenoh
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
@@ -47,7 +45,7 @@ def processes(place):
 
 @pytest.fixture(scope="module")
 def system(surefoot):
-    done = surefoot("up", "ragno", "-d", "--rtf", PACE)
+    done = surefoot("up", "ragno", "-d")
     assert done.returncode == 0, done.stderr
     yield
     assert surefoot("down").returncode == 0
@@ -163,7 +161,7 @@ def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(sy
     assert "held (emergency stop: a hand in the way)" in surefoot("sim", "status").stdout
     assert surefoot("sim", "reset").returncode == 0
     found = status(surefoot)
-    assert (found["stopped"], found["mode"], found["pace"]) == ("", "paced", PACE)  # as it was
+    assert (found["stopped"], found["mode"], found["pace"]) == ("", "paced", 1.0)  # as it was
 
 
 def status(surefoot):
@@ -196,7 +194,7 @@ def test_paused_time_is_reported_by_status_echo_hz_and_the_client(system, surefo
     for words in (("push", "1.0"), ("set", "friction", "0.7"), ("fault", "imu_drop", "--duration", "0.1")):
         assert surefoot("sim", *words).returncode == 0
     assert surefoot("sim", "fault", "nosuch").returncode != 0
-    assert surefoot("sim", "speed", PACE).returncode == 0
+    assert surefoot("sim", "speed", "1").returncode == 0
 
 
 def test_a_latched_topic_reaches_a_late_reader_and_its_numbers_are_kept(system, surefoot, tmp_path):
