@@ -84,9 +84,8 @@ class CalibrationJob:
 
     def _words(self, found: Calibration) -> str:
         constant = self.robot.current.torque_per_ampere * found.common
-        return (
-            f"torques as told x {found.common:.4f} +- {found.common_sd:.4f}, {constant:.4f} Nm/A, {found.poses} poses"
-        )
+        factor = f"torques of the servos x {found.common:.4f} +- {found.common_sd:.4f}"
+        return f"{factor}, {constant:.4f} Nm/A, {found.poses} poses"
 
     def _poses(self, request: CalibrateRequest) -> list[SweptPose]:
         legs, nj, out = len(self.robot.legs), self.robot.nj, list[SweptPose]()

@@ -20,11 +20,11 @@ from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.answers import Answers, LateAnswer
 from surefoot.lockstep.binding import Bindings, is_prime
-from surefoot.lockstep.configuring import config_queries
 from surefoot.lockstep.health import health_of, join_request
 from surefoot.lockstep.join import DRIVER, NAMED, Delayed, Join, TickInputs
 from surefoot.lockstep.leader import KEEP_TICKS
 from surefoot.lockstep.links import Links
+from surefoot.lockstep.live_parameters import config_queries
 from surefoot.lockstep.patience import Patience
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line, sendable

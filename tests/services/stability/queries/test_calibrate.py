@@ -96,7 +96,7 @@ def test_a_job_collects_resting_poses_and_applies_the_gain(rig: Rig) -> None:
     before = rig.sent[-1].weight_n
     assert rig.ask("calibrate", action="finish", at_tick=rig.tick_number + 1)["accepted"]
     rig.tick(given[-1].joints, given[-1].torque)
-    assert any("calibration: torques as told x 0.75" in line for line in rig.said)
+    assert any("calibration: torques of the servos x 0.75" in line for line in rig.said)
     rig.tick(given[-1].joints, given[-1].torque)
     got = rig.ask("calibrate", action="status")
     assert (got["state"], got["gain"]) == ("done", pytest.approx(GAIN, rel=5e-3))
