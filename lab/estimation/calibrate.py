@@ -11,7 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.linear_kernels import times_transposed
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
+from surefoot.kernels.jit import kernel
 
 from .legs import RESIZING, SHOWN, LegModel, Unknown, unknowns_of
 from .log import Log
@@ -154,17 +156,33 @@ class StanceProblem:
 
     def _rolled(self, turned: Array, rot: Array) -> Array:
         """Return the way of a rolling foot of unit radius since an arbitrary time, (k, F, 3), frame."""
-        world = turned[:, None] @ rot
-        step = np.zeros((*world.shape[:2], 3))
+        world = np.ascontiguousarray(turned[:, None] @ rot)
         up = turned @ self.log.q[np.clip(np.searchsorted(self.log.stamp_ns, self.log.foot_ns[self._rows]), 0,
                                          len(self.log.q) - 1)][:, :, None]  # fmt: skip
         up = np.array([up[max(0, k - 10) : k + 10, :, 0].mean(axis=0) for k in range(len(up))])
         up /= np.linalg.norm(up, axis=1)[:, None]
         same = (self._numbers[1:] == self._numbers[:-1]) & (self._numbers[1:] >= 0)
-        for k, f in np.argwhere(same):
-            turn = rotvec_from_matrix(np.ascontiguousarray(world[k + 1, f] @ world[k, f].T))
-            step[k + 1, f] = np.cross(turn, up[k])
-        return np.cumsum(step, axis=0)
+        return np.cumsum(_rolling(world, up, same), axis=0)
+
+
+@kernel
+def _rolling(world: Array, up: Array, same: NDArray[np.bool_]) -> Array:
+    """Return the way by which feet of unit radius roll from one row to the next, (k, F, 3), frame.
+
+    Args:
+        world: rot_frame_from_foot, (k, F, 3, 3).
+        up: (k, 3), unit vectors, frame.
+        same: which feet stand from each row to the next, (k - 1, F).
+    """
+    step = np.zeros(world.shape[:3])
+    for k in range(same.shape[0]):
+        for f in range(same.shape[1]):
+            if same[k, f]:
+                turn = rotvec_from_matrix(times_transposed(world[k + 1, f], world[k, f]))
+                for i in range(3):
+                    j, m = (i + 1) % 3, (i + 2) % 3
+                    step[k + 1, f, i] = turn[j] * up[k, m] - turn[m] * up[k, j]
+    return step
 
 
 def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int = WINDOWS) -> LegCalibration:
