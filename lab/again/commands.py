@@ -138,7 +138,7 @@ def whatif(
         refuse_existing(out, force=False)
     run = RecordedRun.of(file)
     notify(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
-    with kept(out) as target, Progress(near(file), reads=[file]) as progress:
+    with kept(out) as target, Progress(near(file)) as progress:
         found = changed(run, at, changes, target, progress.at)
         rows = compare(file, target, at)
     if json:

@@ -45,6 +45,6 @@ def test_a_quaternion_of_zero_is_refused(complaint, turned, words):
 def test_a_report_states_how_many_there_are(turned):
     path, key = turned
     count = recording_info(path)["topics"][key] - GOOD
-    (told,) = [mark.text for mark in traces_of(path).events if key in mark.text]
-    assert told.startswith(f"{count} of {key} could not be read: ")
-    assert told.endswith(REFUSED)
+    (shown,) = [mark.text for mark in traces_of(path).events if key in mark.text]
+    assert shown.startswith(f"{count} of {key} could not be read: ")
+    assert shown.endswith(REFUSED)

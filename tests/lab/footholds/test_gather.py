@@ -8,8 +8,8 @@ pytestmark = pytest.mark.usefixtures("apart")
 def test_another_robots_recording_is_refused(complaint, recorded, tmp_path):
     out = tmp_path / "samples.jsonl"
     for other in ("messor", "nao"):
-        told = complaint("footholds", "gather", recorded, "--robot", other, "--out", out).splitlines()[-1]
-        assert told == f"surefoot: got {other!r}, allowed is that of {recorded}: 'ragno'"
+        shown = complaint("footholds", "gather", recorded, "--robot", other, "--out", out).splitlines()[-1]
+        assert shown == f"surefoot: got {other!r}, allowed is that of {recorded}: 'ragno'"
     assert not out.exists()
 
 

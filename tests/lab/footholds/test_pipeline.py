@@ -22,9 +22,9 @@ def test_messor_learns_by_its_name_alone(tmp_path: Path, answer: Any) -> None:
     assert {(each.robot, each.robot_hash, each.foot_radius) for each in stances} == {
         ("messor", robot.hash, robot.foot_radius)
     }
-    told = json.loads(answer("footholds", "learn", samples, "--out", file, "--folds", "2", "--json"))
+    shown = json.loads(answer("footholds", "learn", samples, "--out", file, "--folds", "2", "--json"))
     model = load(file)
-    assert told["model"] == model.name
+    assert shown["model"] == model.name
     assert model.conditions.robot == "messor"
 
     asked: list[str] = []
