@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Generic, TypeVar
+from functools import cached_property
+from importlib import import_module
+from typing import Generic, NamedTuple, TypeVar
 
 from .base import Message, Request, Wire
 
 M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
+Wired = TypeVar("Wired", bound=Wire)
 
 TICK_NS = 10_000_000
 """Length of a control tick, ns."""
@@ -16,6 +19,29 @@ TICK_S = TICK_NS / 1e9
 """Length of a control tick, s."""
 TICK_HZ = 1e9 / TICK_NS
 """Rate of control ticks, Hz."""
+
+
+class ModelPlace(NamedTuple):
+    """Place of a model: its file is imported when a row's model is first needed."""
+
+    file: str
+    name: str
+
+
+class ModelPlaces:
+    """Models of a file in `schemas/` by their names, as places: a program imports the files of its own topics only."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+
+    def __getattr__(self, name: str) -> ModelPlace:
+        """Return the place of a model."""
+        return ModelPlace(self._file, name)
+
+
+def _imported(model: type[Wired]) -> type[Wired]:
+    place: object = model
+    return getattr(import_module(f"{__package__}.{place.file}"), place.name) if isinstance(place, ModelPlace) else model
 
 
 class Kind(Enum):
@@ -35,7 +61,8 @@ class Topic(Generic[M]):
     """One row: key, model, kind, owner, rate."""
 
     key: str
-    model: type[M]
+    carries: type[M]
+    """Its model, or the place of it; read it as `model`."""
     kind: Kind
     owner: str
     """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` is every service."""
@@ -54,6 +81,11 @@ class Topic(Generic[M]):
     """Control ticks between two messages; 0 = samples, which the driver releases, and topics without a period."""
     wall_period_s: float = field(init=False, default=0.0)
     """Wall time between two messages of a STATUS topic, s; 0 = event."""
+
+    @cached_property
+    def model(self) -> type[M]:
+        """Model of its messages."""
+        return _imported(self.carries)
 
     def __post_init__(self) -> None:
         if self.rate_hz == 0.0:
@@ -98,14 +130,26 @@ class Query(Generic[Req, Rep]):
     """One row: key, request and reply models, owner."""
 
     key: str
-    request: type[Req]
-    reply: type[Rep]
+    takes: type[Req]
+    """Model of its requests, or the place of it; read it as `request`."""
+    returns: type[Rep]
+    """Model of its replies, or the place of it; read it as `reply`."""
     owner: str
     timeout_s: float = 5.0
     """Default time limit of the caller, s of wall time."""
     acts: bool = False
     """True if the query changes state. Such a query refuses an empty request, because a wildcard `get` sends one to
     every key."""
+
+    @cached_property
+    def request(self) -> type[Req]:
+        """Model of its requests."""
+        return _imported(self.takes)
+
+    @cached_property
+    def reply(self) -> type[Rep]:
+        """Model of its replies."""
+        return _imported(self.returns)
 
     def of(self, service: str) -> "Query[Req, Rep]":
         """Return the member of a ``/*`` family that belongs to ``service``."""

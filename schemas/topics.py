@@ -5,24 +5,20 @@ per service; ``of(service)`` names the member. Each topic states its rate once, 
 simulator's sensors and docs/topics.md follow from it.
 """
 
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from . import (
-    calibration,
-    cmd,
-    footholds,
-    hw,
-    navigation,
-    sim,
-    stability,
-    state,
-    system,
-    terrain,
-    whatif,
-)
-from .rows import TICK_HZ, TICK_KEY, Kind, Query, Topic
+from .rows import TICK_HZ, TICK_KEY, Kind, ModelPlaces, Query, Topic
 from .rows import TICK_NS as TICK_NS
 from .rows import TICK_S as TICK_S
+
+if TYPE_CHECKING:
+    from . import calibration, cmd, footholds, hw, navigation, sim, stability, state, system, terrain, whatif
+else:  # the same names at run time: a row names its model, and the first use of the row imports it
+    for _file in (
+        "calibration", "cmd", "footholds", "hw", "navigation", "sim", "stability", "state", "system", "terrain",
+        "whatif",
+    ):  # fmt: skip
+        globals()[_file] = ModelPlaces(_file)
 
 EVENT = 0.0
 """Rate of a topic that is published when something happens."""

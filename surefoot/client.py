@@ -21,7 +21,6 @@ from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, Refusal, SurefootError
 from surefoot.nearest import did_you_mean
 from surefoot.schemas.base import Message, Wire
-from surefoot.schemas.sim import StatusRequest
 from surefoot.schemas.topics import QUERIES, SIM_STATUS_GET, TOPICS, Query, Topic
 from surefoot.simtime import standing_still
 
@@ -126,7 +125,7 @@ class Client:
     def standing_still(self) -> str:
         """Return why simulated time does not run, in words; empty while it runs, or when no simulator answers."""
         try:
-            return standing_still(self.bus.call(SIM_STATUS_GET, StatusRequest(), 1.0))
+            return standing_still(self.bus.call(SIM_STATUS_GET, SIM_STATUS_GET.request(), 1.0))
         except CallError:
             return ""
 

@@ -1,9 +1,12 @@
 """State of simulated time, in words for people."""
 
-from surefoot.schemas.sim import SimStatus
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from surefoot.schemas.sim import SimStatus
 
 
-def standing_still(status: SimStatus) -> str:
+def standing_still(status: "SimStatus") -> str:
     """Return why no tick comes, in words; empty while time runs."""
     at = f"at tick {status.tick}" if status.tick >= 0 else "before tick 0"
     match status.state:
@@ -19,7 +22,7 @@ def standing_still(status: SimStatus) -> str:
             return f"the run has ended {at}{f' ({why})' if why else ''}; `surefoot sim reset` begins a new one"
 
 
-def pace(status: SimStatus) -> str:
+def pace(status: "SimStatus") -> str:
     """Return how simulated time runs, in words: its real-time factor, late, joints held, or why it stands still."""
     still = standing_still(status)
     rate = f"at {status.rtf:.2f} times real time, " if status.rtf > 0.0 else ""  # 0: nothing was measured yet
