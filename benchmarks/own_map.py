@@ -5,6 +5,8 @@ ground, exact or with the noise of scenarios (3 mm a cell, 1 % of the cells and 
 """
 
 import math
+from base64 import b64decode, b64encode
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,14 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.bench import Bench, table, words_of
-from surefoot.geometry.rotations import matrix_from_quat, rpy_from_matrix
+from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy, quat_from_matrix, rpy_from_matrix
 from surefoot.lab.runs.local import run_local
 from surefoot.lab.statistics import ratio, resampled_mean
 from surefoot.lab.studies import Line, seeds_of, study
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
+from surefoot.schemas.hw import DepthImage
 from surefoot.schemas.state import Odometry
-from surefoot.schemas.topics import STATE_ELEVATION, STATE_ODOMETRY
+from surefoot.schemas.topics import HW_DEPTH, STATE_ELEVATION, STATE_ODOMETRY
 from surefoot.services.mapper.mapper import Mapper
 from surefoot.services.mapper.service import MapperService
 from surefoot.services.simulator.service import Simulator
@@ -33,6 +36,8 @@ NEAR = 0.3
 """Way from the robot within which cells are compared, m: where feet land."""
 MOST = 1.3
 """Goal of the ratio of slides."""
+FAULTY_FROM_NS = 8_000_000_000
+"""Time from which the camera of an arm ``own:FAULT`` has its fault, ns: half a metre before the end of the walk."""
 
 
 class CellErrors(NamedTuple):
@@ -48,12 +53,44 @@ class CellErrors(NamedTuple):
     """Root mean of the stated variances, m."""
     known: float
     """Share of cells that are known."""
+    seen: float
+    """Share of cells that the camera has measured; the others known are the plane under the feet at the start, which
+    is exact in these scenarios. Errors are those of measured cells."""
+
+
+class _BadCamera:
+    """What a depth camera with a fault publishes in place of its images."""
+
+    def __init__(self, fault: str) -> None:
+        self.fault, self.frozen = fault, ""
+
+    def __call__(self, image: DepthImage) -> DepthImage:
+        """Return the image as the fault leaves it."""
+        depths = np.frombuffer(b64decode(image.depths), "<f4").reshape(image.height, image.width).copy()
+        self.frozen = self.frozen or image.depths
+        if self.fault == "frozen":
+            return image.model_copy(update={"depths": self.frozen})
+        if self.fault == "turned":
+            down = matrix_from_rpy(0.0, math.radians(4.0), 0.0)
+            turned = tuple(quat_from_matrix(down @ matrix_from_quat(np.array(image.quat_wxyz))).tolist())
+            return image.model_copy(update={"quat_wxyz": turned})
+        if self.fault == "dark":
+            depths[:] = np.nan
+        elif self.fault == "zero":
+            depths[:] = 0.0
+        elif self.fault == "gappy":
+            depths[:, ::2] = np.nan
+        elif self.fault == "long":
+            depths *= 1.15
+        else:
+            raise ValueError(f"faults are frozen, turned, dark, zero, gappy, long; got {self.fault!r}")
+        return image.model_copy(update={"depths": b64encode(depths.tobytes()).decode()})
 
 
 def scenario_of(arm: str) -> Scenario:
     """Return the scenario of an arm."""
     own = load_scenario("ragno-own-map")
-    if arm == "own":
+    if arm.startswith("own"):
         return own
     world = own.world.model_copy(update={"map_profile": arm, "depth_camera": None})
     return replace(own, world=world, compose="ragno")
@@ -79,25 +116,32 @@ def errors_of(mapper: Mapper, odometry: Odometry, world: PhysicsWorld) -> CellEr
     error = (heights - z) - (ground - truth.position[2])
     near = (np.hypot(ahead, left) <= NEAR) & np.isfinite(ground)
     known = near & np.isfinite(error)
-    e2, v = error[known] ** 2, variances[known]
+    assert mapper.layers is not None
+    seen = known & (mapper.layers.variance < (0.5 * mapper.params.start_deviation) ** 2)
+    e2, v = error[seen] ** 2, variances[seen]
     return CellErrors(
         float(np.mean(e2 / v)), float(np.mean(e2 <= 4.0 * v)), math.sqrt(e2.mean()), math.sqrt(v.mean()),
-        float(known.sum() / near.sum()),
+        float(known.sum() / near.sum()), float(seen.sum() / near.sum()),
     )  # fmt: skip
 
 
 def walked(arm: str, seed: int) -> Line:
     """Walk under an arm; return sliding, fall, way, and the errors of cells in the mean over the published maps."""
     found: list[CellErrors] = []
+    mappers: list[MapperService] = []
 
     def watch(system: LocalSystem) -> None:
         services = {node.name: node.service for node in system.nodes}
         mapper, simulator = services.get("mapper"), services["simulator"]
         if not isinstance(mapper, MapperService) or not isinstance(simulator, Simulator):
             return
-        on_tick = mapper.on_tick
+        mappers.append(mapper)
+        on_tick, spoil = mapper.on_tick, _BadCamera(arm.partition(":")[2]) if ":" in arm else None
 
         def looked(inputs: TickInputs) -> None:
+            image = inputs.get(HW_DEPTH)
+            if spoil is not None and image is not None and inputs.tick.stamp_ns >= FAULTY_FROM_NS:
+                inputs = replace(inputs, messages={**inputs.messages, HW_DEPTH.key: spoil(image)})
             on_tick(inputs)
             odometry = inputs.get(STATE_ODOMETRY)
             if STATE_ELEVATION.due(inputs.number) and mapper.mapper.images and odometry is not None:
@@ -111,6 +155,7 @@ def walked(arm: str, seed: int) -> Line:
     return {
         "slide_mm": value["mean_slip_mm"], "fell": bool(value["fell"]), "way_m": value["distance_m"],
         "hash": run.run_hash, "problems": list(run.verdict.problems), **cells,
+        "refused": dict(mappers[0].mapper.refused) if mappers else {},
     }  # fmt: skip
 
 
@@ -121,7 +166,8 @@ def walks(
     """Walks of 0.9 m over rough ground of 4 cm at friction 0.5, paired over seeds.
 
     Args:
-        arms: by commas: own, and given maps: noise, exact.
+        arms: by commas: own, and given maps: noise, exact; own:FAULT with a camera that fails after 8 s: frozen, dark
+            (no depth), zero, gappy (every other column), turned (4 deg), long (15 % too far).
     """
     names = words_of(arms)
     jobs = [{"arm": arm, "seed": seed} for seed in seeds_of(seeds) for arm in names]
@@ -132,8 +178,10 @@ def walks(
     for arm in names:
         fell, least = sum(line["fell"] for line in by[arm]), min(line["way_m"] for line in by[arm])
         over = (None, None, None) if "own" not in slides or arm == "own" else ratio(slides["own"], slides[arm])
-        rows.append((arm, float(slides[arm].mean()), fell, least, *over))
-    header = ("map", "sliding mm", "fell", "least way m", "own / it", "from", "to")
+        refused: Counter[str] = sum((Counter(line["refused"]) for line in by[arm]), Counter())
+        why = ", ".join(f"{count} {reason}" for reason, count in refused.items())
+        rows.append((arm, float(slides[arm].mean()), fell, least, *over, why))
+    header = ("map", "sliding mm", "fell", "least way m", "own / it", "from", "to", "images refused")
     table(f"contact sliding per stance, {len(seeds_of(seeds))} seeds; goal of own / given: {MOST:g}", header, rows)
     own = [line for line in by.get("own", ()) if "nees" in line]
     if len(own) > 1:

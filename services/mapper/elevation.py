@@ -4,20 +4,20 @@ The grid lies in the frame of the odometry and moves on with the robot by whole 
 
     h    height, m
     v    variance of the independent errors of its measurements, m^2
-    b    deviation of the errors that all pixels of an image share (tilt of the trunk), m
     D    drift of the odometry when the cell was seen last: growth of the variance of z, of x and y, and of yaw.
 
 An image gives a cell the mean m of its points with the variance r. The drift since adds to the prior,
 
     p = v + (D_z' - D_z) + s^2 (D_xy' - D_xy),   k = p / (p + r),   h += k (m - h),   v = (1 - k) p,
-    b = (1 - k) b + k b_m,
 
 where s is the usual slope. A mean further than `GATE` deviations from the height begins the cell anew: the ground has
 moved, or the cell lies on an edge. What is published is the variance relative to the robot now,
 
-    v + b^2 + (D_z' - D_z) + g^2 ((D_xy' - D_xy) + d^2 (D_yaw' - D_yaw)),
+    v + t d^2 + (D_z' - D_z) + g^2 ((D_xy' - D_xy) + d^2 (D_yaw' - D_yaw)),
 
-with the slope g of the map in the cell and the distance d of the cell from the robot.
+with the slope g of the map in the cell, the distance d of the cell from the robot, and the variance t of the tilt. A
+tilt that is wrong by a constant turns map and way of the robot alike, so neither how far away a cell was when it was
+seen nor the height that the odometry loses by that tilt counts (`MapPose.free`).
 """
 
 import math
@@ -54,8 +54,6 @@ class Elevation(NamedTuple):
     """m, NaN = not seen."""
     variance: Array
     """m^2, of independent errors."""
-    common: Array
-    """m, deviation of errors that a whole image shares."""
     drift_z: Array
     """m^2, drift when the cell was seen last; the same of the two others."""
     drift_xy: Array
@@ -82,6 +80,17 @@ class GroundPoints(NamedTuple):
     """(n,) m^2, of the height, independent between points."""
     common: Array
     """(n,) m, deviation of the height's error that all points of the image share."""
+
+
+class GroundMeans(NamedTuple):
+    """Means of the points of one image in each cell, (n, n), NaN = none."""
+
+    height: Array
+    """m."""
+    variance: Array
+    """m^2: of the points, and how far they lie apart."""
+    common: Array
+    """m, deviation that all points of the image share."""
 
 
 def empty(n: int) -> Elevation:
@@ -125,22 +134,20 @@ def lay(
     x, y = c * (grid.col + np.arange(n))[None, :], c * (grid.row + np.arange(n))[:, None]
     middle = c * (grid.col + n // 2), c * (grid.row + n // 2)
     near = (np.abs(x - middle[0]) <= half[0]) & (np.abs(y - middle[1]) <= half[1]) & np.isnan(layers.height)
-    values = (plane[0] + plane[1] * x + plane[2] * y, variance, 0.0, *drift)
+    values = (plane[0] + plane[1] * x + plane[2] * y, variance, *drift)
     for layer, value in zip(layers, values, strict=True):
         layer[near] = np.broadcast_to(value, layer.shape)[near]
 
 
 @kernel
-def fuse(layers: Elevation, grid: Grid, points: GroundPoints, drift: OdometryDrift) -> int:
-    """Take the points of one image into the map; return how many cells they lie in."""
-    height, variance, common, drift_z, drift_xy, drift_yaw = layers
+def means(n: int, grid: Grid, points: GroundPoints) -> GroundMeans:
+    """Return the means of the points of one image in the n x n cells of a grid."""
     cell, row0, col0 = grid
     place, spread, shared = points
-    ny, nx = height.shape
-    weight, mean, square, bias = np.zeros((ny, nx)), np.zeros((ny, nx)), np.zeros((ny, nx)), np.zeros((ny, nx))
+    weight, mean, square, bias = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     for k in range(place.shape[0]):
         i, j = math.floor(place[k, 1] / cell + 0.5) - row0, math.floor(place[k, 0] / cell + 0.5) - col0
-        if i < 0 or j < 0 or i >= ny or j >= nx:
+        if i < 0 or j < 0 or i >= n or j >= n:
             continue
         w, z = 1.0 / spread[k], place[k, 2]
         weight[i, j] += w
@@ -148,30 +155,75 @@ def fuse(layers: Elevation, grid: Grid, points: GroundPoints, drift: OdometryDri
         mean[i, j] += off * w / weight[i, j]
         square[i, j] += w * off * (z - mean[i, j])
         bias[i, j] += w * shared[k]
+    for i in range(n):
+        for j in range(n):
+            w = weight[i, j] if weight[i, j] > 0.0 else math.nan
+            mean[i, j] += 0.0 * w
+            square[i, j] = (1.0 + square[i, j]) / w
+            bias[i, j] /= w
+    return GroundMeans(mean, square, bias)
+
+
+@kernel
+def _prior(layers: Elevation, i: int, j: int, drift: OdometryDrift) -> float:
+    """Return the variance of the height of a cell in the frame of the odometry now, m^2."""
+    spread = layers.variance[i, j] + drift.z - layers.drift_z[i, j]
+    return spread + SLOPE * SLOPE * (drift.xy - layers.drift_xy[i, j])
+
+
+@kernel
+def _agrees(layers: Elevation, i: int, j: int, found: GroundMeans, drift: OdometryDrift) -> bool:
+    """Return whether a mean lies within `GATE` deviations of the height of its cell; False where either is NaN."""
+    off, shared = found.height[i, j] - layers.height[i, j], found.common[i, j]
+    within = _prior(layers, i, j, drift) + found.variance[i, j] + 2.0 * shared * shared  # of tilts that differ
+    return off * off <= GATE * GATE * within
+
+
+@kernel
+def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tuple[int, int]:
+    """Return how many cells both map and image show, and in how many of them they agree."""
+    both, alike = 0, 0
+    for i in range(layers.height.shape[0]):
+        for j in range(layers.height.shape[1]):
+            if not math.isnan(found.height[i, j] + layers.height[i, j]):
+                both += 1
+                alike += 1 if _agrees(layers, i, j, found, drift) else 0
+    return both, alike
+
+
+@kernel
+def fuse(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> int:
+    """Take the means of one image into the map; return how many cells they lie in."""
     seen = 0
-    for i in range(ny):
-        for j in range(nx):
-            w = weight[i, j]
-            if w == 0.0:
+    for i in range(layers.height.shape[0]):
+        for j in range(layers.height.shape[1]):
+            height, r = found.height[i, j], found.variance[i, j]
+            if math.isnan(height):
                 continue
             seen += 1
-            r, b = (1.0 + square[i, j]) / w, bias[i, j] / w  # of the points, and how far they lie apart
-            prior = variance[i, j] + SLOPE * SLOPE * (drift.xy - drift_xy[i, j]) + drift.z - drift_z[i, j]
-            off = mean[i, j] - height[i, j]
-            if off * off <= GATE * GATE * (prior + r + common[i, j] ** 2 + b * b):
+            if _agrees(layers, i, j, found, drift):
+                prior = _prior(layers, i, j, drift)
                 gain = prior / (prior + r)
-                height[i, j] += gain * off
-                variance[i, j], common[i, j] = (1.0 - gain) * prior, (1.0 - gain) * common[i, j] + gain * b
-            else:  # not seen before (NaN), or no longer what it was
-                height[i, j], variance[i, j], common[i, j] = mean[i, j], r, b
-            drift_z[i, j], drift_xy[i, j], drift_yaw[i, j] = drift.z, drift.xy, drift.yaw
+                layers.height[i, j] += gain * (height - layers.height[i, j])
+                layers.variance[i, j] = (1.0 - gain) * prior
+            else:  # not seen before, or no longer what it was
+                layers.height[i, j], layers.variance[i, j] = height, r
+            layers.drift_z[i, j], layers.drift_xy[i, j], layers.drift_yaw[i, j] = drift.z, drift.xy, drift.yaw
     return seen
 
 
 @kernel
-def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, x: float, y: float) -> Array:
-    """Return the variance of each height relative to a robot at (x, y) m now, m^2, NaN = not seen."""
-    height, variance, common, drift_z, drift_xy, drift_yaw = layers
+def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, robot: tuple[float, float, float]) -> Array:
+    """Return the variance of each height relative to the robot now, m^2, NaN = not seen.
+
+    Args:
+        layers: of the map.
+        grid: their place.
+        drift: of the odometry now.
+        robot: x, y, m, and variance of its tilt about a level axis, rad^2.
+    """
+    height, variance, drift_z, drift_xy, drift_yaw = layers
+    x, y, tilt = robot
     cell, row0, col0 = grid
     ny, nx = height.shape
     out = np.empty((ny, nx))
@@ -183,6 +235,7 @@ def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, x: float, y: 
                 g = (above - below) / (2.0 * cell)
                 slope2 += 0.5 * SLOPE * SLOPE if math.isnan(g) else g * g
             dx, dy = (col0 + j) * cell - x, (row0 + i) * cell - y
-            along = drift.xy - drift_xy[i, j] + (dx * dx + dy * dy) * (drift.yaw - drift_yaw[i, j])
-            out[i, j] = variance[i, j] + common[i, j] ** 2 + drift.z - drift_z[i, j] + slope2 * along
+            away2 = dx * dx + dy * dy
+            along = drift.xy - drift_xy[i, j] + away2 * (drift.yaw - drift_yaw[i, j])
+            out[i, j] = variance[i, j] + tilt * away2 + drift.z - drift_z[i, j] + slope2 * along
     return out

@@ -12,10 +12,31 @@ from surefoot.errors import Refusal
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
 
-from .elevation import SLOPE, Elevation, Grid, GroundPoints, OdometryDrift, around, empty, fuse, lay, moved, variances
+from .elevation import (
+    GATE,
+    SLOPE,
+    Elevation,
+    Grid,
+    GroundPoints,
+    OdometryDrift,
+    around,
+    compared,
+    empty,
+    fuse,
+    lay,
+    means,
+    moved,
+    variances,
+)
 
 Array = NDArray[np.float64]
 
+NOWHERE = np.empty((0, 3))
+"""No points."""
+LEAST_FEET = 3
+"""Points under standing feet that a plane, or a comparison with the map, needs."""
+FOOT = 0.003
+"""Deviation of the ground in a cell from the point under a foot that stands in it, m."""
 KEPT = 50
 """Poses that are kept, one each 10 ms: an image may be older."""
 NEAR_NS = 20_000_000
@@ -24,6 +45,17 @@ JUMP = 0.1
 """Way between two poses, m, beyond which the odometry has begun anew."""
 MOST_BAD = 0.5
 """Share of impossible depths beyond which a whole image is refused."""
+FIX = 0.1
+"""Share of its top by which a variance has to fall to count as a fix of the pose; less is the play of a filter from
+tick to tick."""
+TINY = 1e-18
+"""rad^2 or rad^4 below which a rotation counts as known."""
+LEAST_BOTH = 50
+"""Cells that both map and image have to show before the image may be refused for what it shows."""
+LEAST_ALIKE = 0.75
+"""Share of these that has to agree; on known ground an image of a camera that was not moved has more."""
+MOST_DOUBTFUL = 10
+"""Images in a row that may be refused for what they show; a map that all of them contradict is out of date."""
 UNKNOWN_TILT = 0.01**2
 """rad^2, variance of roll and pitch of an odometry that states none."""
 
@@ -56,6 +88,24 @@ class MapPose(NamedTuple):
     """(3, 3) rot_odom_from_base."""
     covariance: Array
     """(6, 6) since the start: x, y, z, m, and rotation about them, rad."""
+
+    @property
+    def tilt(self) -> float:
+        """Variance of the tilt about a level axis, rad^2."""
+        return max(0.5 * float(self.covariance[3, 3] + self.covariance[4, 4]), 0.0)
+
+    def free(self) -> Array:
+        """Return the variances of z, of x and y, m^2, and of yaw, rad^2, (3,), if the rotation were known.
+
+        With c = P_zr (2,) the covariances of z with roll and pitch and P_rr theirs it is P_zz - c P_rr^-1 c; so for x
+        and y with yaw. Errors of rotation move the frame as a whole about the robot, and are counted as such.
+        """
+        p = self.covariance
+        a, b, c, u, w = p[3, 3], p[3, 4], p[4, 4], p[2, 3], p[2, 4]
+        area = a * c - b * b
+        by_tilt = (u * u * c - 2.0 * u * w * b + w * w * a) / area if area > TINY else 0.0
+        by_yaw = (p[0, 5] ** 2 + p[1, 5] ** 2) / p[5, 5] if p[5, 5] > TINY else 0.0
+        return np.maximum((p[2, 2] - by_tilt, 0.5 * (p[0, 0] + p[1, 1] - by_yaw), p[5, 5]), 0.0)
 
 
 class DepthView(NamedTuple):
@@ -95,26 +145,31 @@ class Mapper:
 
     def __post_init__(self) -> None:
         self._poses: deque[MapPose] = deque(maxlen=KEPT)
-        self._drift, self._last_ns = OdometryDrift(), -(1 << 62)
+        self._drift, self._top, self._last_ns = OdometryDrift(), np.zeros(3), -(1 << 62)
         self.forget()
 
     def forget(self) -> None:
         """Drop what was seen."""
+        self._data, self._doubtful = b"", 0
         self.layers: Elevation | None = None
         self.grid = Grid(self.params.cell, 0, 0)
 
     def moved(self, pose: MapPose) -> bool:
-        """Take the pose of a tick, whose variances add to the drift; return False for a jump, which empties the map."""
+        """Take the pose of a tick; return False for a jump, which empties the map.
+
+        What a variance grows beyond its top so far adds to the drift. After a fix the way up counts again.
+        """
         last = self._poses[-1] if self._poses else None
         jumped = last is not None and not np.abs(pose.position - last.position).max() <= JUMP
         if jumped:
             self._poses.clear()
             self.forget()
             self._drift, last = OdometryDrift(), None
+        found = pose.free()
         if last is not None:
-            growth = np.maximum(np.diagonal(pose.covariance) - np.diagonal(last.covariance), 0.0)
-            z, xy, yaw = self._drift
-            self._drift = OdometryDrift(z + growth[2], xy + 0.5 * (growth[0] + growth[1]), yaw + growth[5])
+            self._drift = OdometryDrift(*(np.array(self._drift) + np.maximum(found - self._top, 0.0)).tolist())
+        anew = (found > self._top) | (found < (1.0 - FIX) * self._top)
+        self._top = found if last is None else np.where(anew, found, self._top)
         self._poses.append(pose)
         return not jumped
 
@@ -130,23 +185,64 @@ class Mapper:
         half = np.abs(feet[:, :2] - pose.position[:2]).max(axis=0) + p.start_margin
         lay(layers, self.grid, (mz - gx * mx - gy * my, gx, gy), half, p.start_deviation**2, self._drift)
 
-    def look(self, view: DepthView, now_ns: int) -> int:
+    def look(self, view: DepthView, now_ns: int, feet: Array = NOWHERE) -> int:
         """Take an image into the map; return the number of cells it shows.
+
+        An image that contradicts the map is refused. Where the feet contradict the map, too, or all images have done
+        so for long, the map begins anew.
+
+        Args:
+            view: the image.
+            now_ns: time of the tick, ns.
+            feet: points of the ground under standing feet, frame of the odometry, (n, 3) m.
 
         Raises:
             Refusal: why the whole image was left out.
         """
-        points = self._points(view, self._pose_of(view, now_ns))
-        self._last_ns = view.stamp_ns
+        pose = self._pose_of(view, now_ns)
+        data = view.depths.tobytes()
+        if data == self._data:
+            raise Refusal(
+                "frozen", f"depths of {1e-9 * view.stamp_ns:.3f} s equal those of the image before to the bit"
+            )
+        points = self._points(view, pose)
+        layers = self._here(self._poses[-1])
+        found = means(self.params.cells, self.grid, points)
+        self._last_ns, self._data = view.stamp_ns, data
+        both, alike = compared(layers, found, self._drift)
+        doubtful = both >= LEAST_BOTH and alike < LEAST_ALIKE * both
+        self._doubtful = self._doubtful + 1 if doubtful else 0
+        if doubtful:
+            if self._doubtful <= MOST_DOUBTFUL and self._carries(feet):
+                raise Refusal(
+                    "shifted", f"{both - alike} of {both} cells that were seen before lie elsewhere; a quarter may"
+                )
+            self.forget()
+            if len(feet) >= LEAST_FEET:
+                self.begin(feet)
+            layers = self._here(self._poses[-1])
         self.images += 1
-        return fuse(self._here(self._poses[-1]), self.grid, points, self._drift)
+        return fuse(layers, found, self._drift)
 
     def heights(self) -> tuple[Array, Array] | None:
         """Return the heights, m, and their variances relative to the robot now, m^2; None = nothing was seen."""
         if self.layers is None or not self._poses:
             return None
-        x, y, _ = self._poses[-1].position
-        return self.layers.height, variances(self.layers, self.grid, self._drift, float(x), float(y))
+        pose = self._poses[-1]
+        robot = float(pose.position[0]), float(pose.position[1]), pose.tilt
+        return self.layers.height, variances(self.layers, self.grid, self._drift, robot)
+
+    def _carries(self, feet: Array) -> bool:
+        """Return whether the map agrees with the points under the feet; True where it does not know enough of them."""
+        seen = self.heights()
+        if seen is None or not len(feet):
+            return True
+        at = np.floor(feet[:, :2] / self.grid.cell + 0.5).astype(np.int64) - (self.grid.col, self.grid.row)
+        known = ((at >= 0) & (at < self.params.cells)).all(axis=1)
+        rows, cols = at[known, 1], at[known, 0]
+        off, variance = np.abs(seen[0][rows, cols] - feet[known, 2]), seen[1][rows, cols] + FOOT**2
+        apart = (off > GATE * np.sqrt(variance))[np.isfinite(off)]
+        return len(apart) < LEAST_FEET or apart.mean() <= 0.5
 
     @property
     def origin(self) -> tuple[float, float]:
@@ -206,6 +302,5 @@ class Mapper:
         level2 = along[:, 0] ** 2 + along[:, 1] ** 2
         cell2 = (SLOPE * self.params.cell) ** 2 / 12.0
         variance = sigma * sigma * (along[:, 2] ** 2 + SLOPE * SLOPE * level2) + cell2
-        tilt = max(0.5 * float(pose.covariance[3, 3] + pose.covariance[4, 4]), 0.0)
-        common = math.sqrt(tilt) * np.sqrt(arm[:, 0] ** 2 + arm[:, 1] ** 2)
+        common = math.sqrt(pose.tilt) * np.sqrt(arm[:, 0] ** 2 + arm[:, 1] ** 2)
         return GroundPoints(arm + pose.position, variance, common)

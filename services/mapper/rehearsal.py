@@ -18,5 +18,5 @@ def rehearse(params: MapParams) -> None:
     view = DepthView(0, depths, 4.0, (2.0, 2.0), 0.001, 0.0, "base_link", np.array([0.0, 0.0, 0.3]), np.array(DOWN))
     mapper.look(view, 0)
     mapper.moved(pose._replace(stamp_ns=10_000_000, position=np.array([0.01, 0.0, 0.1])))
-    mapper.look(view._replace(stamp_ns=10_000_000), 10_000_000)
+    mapper.look(view._replace(stamp_ns=10_000_000, depths=depths + 0.001), 10_000_000)
     mapper.heights()

@@ -9,12 +9,9 @@ from surefoot.schemas.state import Odometry
 from surefoot.schemas.topics import HW_CONTACTS, HW_DEPTH, HW_JOINTS, STATE_ELEVATION, STATE_ODOMETRY
 
 from .config import MapperConfig
-from .mapper import Mapper
+from .mapper import LEAST_FEET, NOWHERE, Mapper, MapPose
 from .messages import depth_view, elevation_message, map_pose, standing_points
 from .rehearsal import rehearse
-
-LEAST_FEET = 3
-"""Standing feet that a plane of the ground at the start needs."""
 
 
 class MapperService(Service[MapperConfig]):
@@ -39,6 +36,7 @@ class MapperService(Service[MapperConfig]):
         self.mapper = Mapper(self.config.params())
         self._logged: set[str] = set()
         self._began = self._lost = False
+        self._standing: tuple[MapPose, JointState, FootContacts] | None = None
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Follow the odometry, take the image of the tick, publish the map when it is due."""
@@ -59,15 +57,16 @@ class MapperService(Service[MapperConfig]):
             self._lost = True
             self.mapper.forget()
             self.log("warning", "the odometry began anew: nothing is mapped until the next reset")
-        elif not self._began and joints is not None and contacts is not None:
-            feet = standing_points(self.robot, pose, joints, contacts)
-            if len(feet) >= LEAST_FEET:
+        elif joints is not None and contacts is not None:
+            self._standing = pose, joints, contacts
+            if not self._began and len(feet := standing_points(self.robot, *self._standing)) >= LEAST_FEET:
                 self.mapper.begin(feet)
             self._began = True
 
     def _take(self, image: DepthImage, now_ns: int) -> None:
+        feet = NOWHERE if self._standing is None else standing_points(self.robot, *self._standing)
         try:
-            self.mapper.look(depth_view(image), now_ns)
+            self.mapper.look(depth_view(image), now_ns, feet)
         except Refusal as refusal:
             self.mapper.refused[refusal.code] += 1
             if refusal.code not in self._logged:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from surefoot.services.mapper.mapper import MapParams, Mapper
-from tests.services.mapper.scenes import Slope, Stair, centres, picture, pose
+from surefoot.geometry.rotations import matrix_from_rpy
+from surefoot.services.mapper.mapper import MapParams, Mapper, MapPose
+from tests.services.mapper.scenes import TICK_NS, Slope, Stair, centres, picture, pose
 
 PARAMS = MapParams(cell=0.01, cells=121)
 
@@ -117,12 +118,76 @@ def test_a_map_moves_along_and_forgets_what_lies_behind():
 
 
 def test_ground_that_has_moved_begins_anew():
-    mapper = looked(Slope())
-    mapper.moved(pose(0.022, tick=12))
-    seen = mapper.look(picture(Slope(0.03), 0.022, tick=12, sigma=0.004), 12 * 10_000_000)
+    mapper = looked(Slope(), images=30)
+    before, _ = (layer.copy() for layer in mapper.heights())
+    mapper.moved(pose(0.06, tick=30))
+    mapper.look(picture(Stair(0.52, 0.04), 0.06, tick=30, sigma=0.004), 30 * 10_000_000)
     heights, _ = mapper.heights()
-    assert seen > 500
-    assert np.sum(np.abs(heights - 0.03) < 1e-6) == seen
+    x, _ = centres(mapper)
+    rows = np.s_[:, : -round(0.06 / 0.01)], np.s_[:, round(0.06 / 0.01) :]
+    then, now, x = before[rows[1]], heights[rows[0]], x[rows[0]]  # the grid has moved along by 0.06 m
+    new = (x > 0.54) & (np.abs(now - then) > 0.02)
+    assert new.sum() > 20
+    assert np.abs(now[new] - 0.04).max() < 0.01
+    assert np.nanmax(np.abs((now - then)[x < 0.5])) < 0.02
+
+
+def tilted(seed, bias, images=40, step=0.004):
+    """A map under odometry that is tilted by a constant pitch, and the robot's true height above level ground.
+
+    The odometry loses height by the tilt on its way; its covariance says so.
+    """
+    rng, mapper = np.random.default_rng(seed), Mapper(PARAMS)
+    pitch = bias * rng.standard_normal()
+    turn = matrix_from_rpy(0.0, pitch, 0.0)
+    for k in range(images):
+        way = step * k
+        covariance = np.zeros((6, 6))
+        covariance[3, 3] = covariance[4, 4] = bias**2
+        covariance[2, 2], covariance[2, 4] = (bias * way) ** 2, -(bias**2) * way
+        covariance[4, 2] = covariance[2, 4]
+        place = turn @ np.array([way, 0.0, 0.1])
+        mapper.moved(MapPose(k * TICK_NS, place, turn, covariance))
+        mapper.look(picture(Slope(), way, 0.1, k, 0.002, rng), k * TICK_NS)
+    return mapper, pitch, place
+
+
+def test_a_constant_tilt_counts_by_the_way_to_the_cell_now_not_by_the_way_walked():
+    nees, stated = [], []
+    for seed in range(40):
+        mapper, _, place = tilted(seed, 0.02)
+        heights, v = mapper.heights()
+        x, y = centres(mapper)
+        known = np.isfinite(heights) & (np.hypot(x - place[0], y - place[1]) < 0.35)
+        off = (heights - place[2] + 0.1)[known]  # relative to the robot, which stands 0.1 m above the ground
+        nees.append(np.mean(off**2 / v[known]))
+        stated.append(np.sqrt(np.mean(v[known])))
+    assert 0.5 < np.mean(nees) < 1.5
+    assert np.mean(stated) < 0.02 * 0.35
+
+
+def test_variances_that_a_rotation_explains_are_no_drift():
+    mapper = looked(Slope())
+    _, before = mapper.heights()
+    covariance = np.zeros((6, 6))
+    covariance[3, 3] = covariance[4, 4] = covariance[2, 2] = 1e-6
+    covariance[2, 4] = -1e-6  # z is wrong by the pitch alone
+    covariance[4, 2] = covariance[2, 4]
+    mapper.moved(pose(0.022, tick=12)._replace(covariance=covariance))
+    _, after = mapper.heights()
+    x, y = centres(mapper)
+    assert np.nanmax(np.abs(after - before - 1e-6 * ((x - 0.022) ** 2 + y**2))) < 1e-6 * 0.01
+
+
+def test_play_of_the_variances_is_no_drift_and_the_way_up_after_a_fix_is():
+    def drifted(variances):
+        mapper = Mapper(PARAMS)
+        for k, variance in enumerate(variances):
+            mapper.moved(pose(tick=k, variance=(0, 0, variance, 0, 0, 0)))
+        return mapper._drift.z
+
+    assert drifted([1.0, 2.0, 1.95, 2.0, 1.95, 2.0]) == pytest.approx(1.0)
+    assert drifted([1.0, 2.0, 0.5, 2.0]) == pytest.approx(2.5)
 
 
 def test_the_ground_at_the_start_is_the_plane_under_the_feet():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from surefoot.errors import Refusal
+from surefoot.geometry.rotations import matrix_from_rpy, quat_from_matrix
 from surefoot.lockstep.join import TickInputs
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
@@ -15,7 +16,7 @@ from surefoot.schemas.state import Odometry
 from surefoot.schemas.terrain import ElevationMap
 from surefoot.schemas.topics import HW_CONTACTS, HW_DEPTH, HW_JOINTS, STATE_ELEVATION, STATE_ODOMETRY
 from surefoot.services.mapper.config import MapperConfig
-from surefoot.services.mapper.mapper import Mapper
+from surefoot.services.mapper.mapper import MOST_DOUBTFUL, Mapper
 from surefoot.services.mapper.service import MapperService
 from tests.services.mapper.scenes import FOCAL, HEIGHT, LOOK, PLACE, TICK_NS, WIDTH, Slope, picture, pose
 
@@ -70,6 +71,90 @@ def test_a_few_impossible_depths_are_left_out_and_counted():
     assert mapper.refused["depth"] == 3
     heights, _ = mapper.heights()
     assert np.nanmax(np.abs(heights - (0.1 - BASE))) < 0.01  # the robot of `pose` is not at BASE
+
+
+FEET = np.array([[0.25, 0.1, 0.0], [0.3, -0.1, 0.0], [0.35, 0.0, 0.0], [0.4, 0.1, 0.0]])
+"""Points under standing feet where the camera has seen the ground."""
+
+
+def walked(images=10):
+    """A map of level ground, seen on a way of 20 mm an image."""
+    rng, mapper = np.random.default_rng(0), Mapper()
+    for k in range(images):
+        mapper.moved(pose(0.02 * k, tick=k))
+        mapper.look(picture(Slope(), 0.02 * k, tick=k, sigma=0.002, rng=rng), k * TICK_NS)
+    mapper.moved(pose(0.02 * images, tick=images))
+    return mapper, picture(Slope(), 0.02 * images, tick=images, sigma=0.002, rng=rng)
+
+
+def pitched(view, degrees):
+    """The image, said to be of a camera that looks further down: the mount has bent the other way."""
+    turn = matrix_from_rpy(0.0, math.radians(degrees), 0.0)
+    return view._replace(quat_wxyz=quat_from_matrix(turn @ LOOK))
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (lambda view, before: view._replace(depths=before.depths), "frozen"),
+        (lambda view, before: view._replace(depths=np.full_like(view.depths, np.nan)), "blind"),
+        (lambda view, before: view._replace(depths=np.zeros_like(view.depths)), "depths"),
+        (lambda view, before: view._replace(depths=view.depths * 1.1), "shifted"),
+        (lambda view, before: view._replace(depths=view.depths + 0.03), "shifted"),
+        (lambda view, before: pitched(view, 5.0), "shifted"),
+        (lambda view, before: pitched(view, -5.0), "shifted"),
+        (lambda view, before: view._replace(depths=view.depths[:, ::-1] + 0.05), "shifted"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("feet", [FEET, FEET[:0]])
+def test_a_camera_that_fails_on_the_way_is_refused_and_the_map_stays(fault, code, feet):
+    mapper, view = walked()
+    assert mapper.look(view, view.stamp_ns, feet) > 500
+    kept, rng = mapper.heights()[0].copy(), np.random.default_rng(5)
+    for k in range(11, 16):
+        mapper.moved(pose(0.2, tick=k))
+        with pytest.raises(Refusal) as refused:
+            mapper.look(fault(picture(Slope(), 0.2, tick=k, sigma=0.002, rng=rng), view), k * TICK_NS, feet)
+        assert refused.value.code == code
+        assert "\n" not in refused.value.message
+    assert np.array_equal(mapper.heights()[0], kept, equal_nan=True)
+    good = picture(Slope(), 0.2, tick=16, sigma=0.002, rng=np.random.default_rng(1))
+    mapper.moved(pose(0.2, tick=16))
+    assert mapper.look(good, 16 * TICK_NS, feet) > 500  # back in order
+
+
+def test_where_the_feet_contradict_the_map_as_the_image_does_the_map_begins_anew():
+    mapper, _ = walked()
+    raised = FEET + np.array([0.0, 0.0, 0.03])  # the odometry has lost 3 cm of height
+    view = picture(Slope(0.03), 0.2, tick=10, sigma=0.002, rng=np.random.default_rng(2))
+    assert mapper.look(view, 10 * TICK_NS, raised) > 500
+    heights, _ = mapper.heights()
+    assert np.nanmax(np.abs(heights - 0.03)) < 0.02
+    assert np.nanmedian(np.abs(heights - 0.03)) < 0.003
+
+
+def test_a_map_that_all_images_contradict_for_long_begins_anew():
+    mapper, _ = walked()
+    rng = np.random.default_rng(4)
+    for k in range(10, 40):
+        mapper.moved(pose(0.2, tick=k))
+        view = picture(Slope(0.03), 0.2, tick=k, sigma=0.002, rng=rng)
+        if k < 10 + MOST_DOUBTFUL:
+            with pytest.raises(Refusal, match="lie elsewhere"):
+                mapper.look(view, k * TICK_NS)
+        else:
+            mapper.look(view, k * TICK_NS)
+    heights, _ = mapper.heights()
+    assert np.nanmedian(np.abs(heights - 0.03)) < 0.002
+
+
+@pytest.mark.parametrize("share", [0.3, 0.8])
+def test_pixels_without_a_depth_are_left_out(share):
+    mapper, view = walked()
+    depths = view.depths.copy()
+    depths[np.random.default_rng(3).random(depths.shape) < share] = np.nan
+    assert mapper.look(view._replace(depths=depths), view.stamp_ns, FEET) > 100
+    assert mapper.refused["depth"] == 0
 
 
 class Bus:
