@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
 from surefoot.geometry.linear import product
-from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy, rpy_from_matrix
 
 from .elevation import (
     GATE,
@@ -28,6 +28,7 @@ from .elevation import (
     moved,
     variances,
 )
+from .legs import TrunkOverFeet
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,8 @@ NEAR_NS = 20_000_000
 """Largest time between an image and the pose it is read with, ns."""
 JUMP = 0.1
 """Way between two poses, m, beyond which the odometry has begun anew."""
+LAID = OdometryDrift(0.003, 0.003, 0.01)
+"""Deviation of the place at which an odometry that has begun anew is laid by the legs: m, m, rad."""
 MOST_BAD = 0.5
 """Share of impossible depths beyond which a whole image is refused."""
 FIX = 0.1
@@ -146,6 +149,7 @@ class Mapper:
     def __post_init__(self) -> None:
         self._poses: deque[MapPose] = deque(maxlen=KEPT)
         self._drift, self._top, self._last_ns = OdometryDrift(), np.zeros(3), -(1 << 62)
+        self._offset: tuple[Array, Array] | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -154,12 +158,31 @@ class Mapper:
         self.layers: Elevation | None = None
         self.grid = Grid(self.params.cell, 0, 0)
 
+    @property
+    def pose(self) -> MapPose | None:
+        """Newest pose in the map; None before the first, and after a jump."""
+        return self._poses[-1] if self._poses else None
+
+    def placed(self, pose: MapPose) -> MapPose:
+        """Return a pose of the odometry in the map: they differ once the odometry has begun anew."""
+        if self._offset is None:
+            return pose
+        turn, shift = self._offset
+        return pose._replace(position=product(turn, pose.position) + shift, rot=product(turn, pose.rot))
+
+    def lay(self, pose: MapPose, trunk: TrunkOverFeet) -> None:
+        """Lay an odometry that has begun anew, now at `pose`, where the legs have the trunk; the map is less sure."""
+        turn = matrix_from_rpy(0.0, 0.0, trunk.yaw - float(rpy_from_matrix(pose.rot)[2]))
+        self._offset = turn, trunk.position - product(turn, pose.position)
+        self._drift = OdometryDrift(*(a + b * b for a, b in zip(self._drift, LAID, strict=True)))
+        self._top = pose.free()
+
     def moved(self, pose: MapPose) -> bool:
         """Take the pose of a tick; return False for a jump, which empties the map.
 
         What a variance grows beyond its top so far adds to the drift. After a fix the way up counts again.
         """
-        last = self._poses[-1] if self._poses else None
+        pose, last = self.placed(pose), self.pose
         jumped = last is not None and not np.abs(pose.position - last.position).max() <= JUMP
         if jumped:
             self._poses.clear()

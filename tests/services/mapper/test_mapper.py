@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from surefoot.errors import Refusal
-from surefoot.geometry.rotations import matrix_from_rpy, quat_from_matrix
+from surefoot.geometry.rotations import matrix_from_rpy, quat_from_matrix, rpy_from_matrix
 from surefoot.lockstep.join import TickInputs
-from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.kinematics import foot_positions, legs_ik
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import DepthImage, FootContacts, JointState, Tick
 from surefoot.schemas.state import Odometry
 from surefoot.schemas.terrain import ElevationMap
 from surefoot.schemas.topics import HW_CONTACTS, HW_DEPTH, HW_JOINTS, STATE_ELEVATION, STATE_ODOMETRY
 from surefoot.services.mapper.config import MapperConfig
-from surefoot.services.mapper.mapper import MOST_DOUBTFUL, Mapper
+from surefoot.services.mapper.mapper import LAID, MOST_DOUBTFUL, Mapper
 from surefoot.services.mapper.service import MapperService
 from tests.services.mapper.scenes import FOCAL, HEIGHT, LOOK, PLACE, TICK_NS, WIDTH, Slope, picture, pose
 
@@ -190,14 +190,14 @@ def image(view=GOOD, **changes):
     return DepthImage(**(fields | changes))
 
 
-def tick(service, number, depth=None, x=0.0, initialised=True):
+def tick(service, number, depth=None, x=0.0, initialised=True, joints=ROBOT.neutral):
     odometry = Odometry(
         position=(x, 0.0, BASE), quat_wxyz=(1, 0, 0, 0), yaw=0.0, velocity=(0, 0, 0), covariance=(0.0,) * 16,
         initialised=initialised, stamp_ns=number * TICK_NS,
     )  # fmt: skip
     messages = {
         STATE_ODOMETRY.key: odometry,
-        HW_JOINTS.key: JointState(position=tuple(ROBOT.neutral)),
+        HW_JOINTS.key: JointState(position=tuple(joints)),
         HW_CONTACTS.key: FootContacts(touch=((True,),) * 6, normal_force_n=(None,) * 6),
     }
     if depth is not None:
@@ -256,20 +256,56 @@ def test_bad_images_are_counted_and_logged_once(service, wrong, code):
     assert f"hw/depth refused ({code})" in service.runtime.logged[0][1]
 
 
-def test_an_odometry_that_begins_anew_ends_the_map_until_the_next_reset(service):
+def test_a_jump_of_the_odometry_begins_the_map_anew(service):
     tick(service, 1)
     tick(service, 2, image(stamp_ns=2 * TICK_NS))
+    assert service.mapper.heights() is not None
     tick(service, 3, x=0.5)
+    assert service.mapper.heights() is None
     for number in range(4, 41):
-        tick(service, number, image(stamp_ns=number * TICK_NS), x=0.5)
-    assert np.isnan(layers(last(service))[0]).all()
-    assert len(service.runtime.logged) == 1
-    assert "began anew" in service.runtime.logged[0][1]
-    service.on_reset()
-    tick(service, 41)
-    tick(service, 42, image(stamp_ns=42 * TICK_NS))
-    tick(service, 80)
-    assert last(service).version == 1
+        tick(service, number, x=0.5)
+    heights, _ = layers(last(service))
+    assert np.isfinite(heights).sum() > 100  # the plane under the feet at the new place
+    assert [text for _, text in service.runtime.logged] == ["the odometry jumped: the map begins anew"]
+
+
+def stride(x, turn=0.0):
+    """Joint angles at which the feet stand as if the trunk had moved by x m and turned, rad, over them."""
+    feet = foot_positions(ROBOT.model, ROBOT.neutral)
+    places = (feet - np.array([x, 0.0, 0.0])) @ matrix_from_rpy(0.0, 0.0, turn)
+    angles, reached = legs_ik(ROBOT.model, places)
+    assert reached.all()
+    return angles.ravel()
+
+
+@pytest.mark.parametrize(("way", "turn"), [(0.0, 0.0), (0.02, 0.0), (0.015, 0.1)])
+def test_a_map_survives_an_estimator_that_begins_anew(service, way, turn):
+    """The robot has walked 0.3 m when its estimator is started anew, ends its step, and stands meanwhile."""
+    rng = np.random.default_rng(8)
+    for number in range(1, 16):
+        x = 0.02 * number
+        view = picture(Slope(), x, BASE, number, sigma=0.002, rng=rng)
+        tick(service, number, image(view, stamp_ns=number * TICK_NS), x=x)
+    before, variance = (layer.copy() for layer in service.mapper.heights())
+    origin = service.mapper.origin
+    for number, step in enumerate(np.linspace(0.0, 1.0, 11), 16):
+        tick(service, number, initialised=False, joints=stride(step * way, step * turn))
+    for number in range(27, 30):
+        tick(service, number, joints=stride(way, turn))  # at (0, 0, BASE) and heading 0 by an odometry that is new
+    pose = service.mapper.pose
+    assert np.abs(pose.position - (0.3 + way, 0.0, BASE)).max() < 1e-3
+    assert rpy_from_matrix(pose.rot)[2] == pytest.approx(turn, abs=2e-3)
+    after, less_sure = service.mapper.heights()
+    assert service.mapper.origin == origin
+    assert np.array_equal(before, after, equal_nan=True)
+    assert np.nanmin(less_sure - variance) > 0.8 * LAID.z**2
+    assert [text for level, text in service.runtime.logged if "began anew" in text] != []
+    view = picture(Slope(), 0.3 + way, BASE, 30, sigma=0.002, rng=rng)
+    taken = service.mapper.images
+    if turn == 0.0:
+        tick(service, 30, image(view, stamp_ns=30 * TICK_NS), joints=stride(way, turn))
+        assert service.mapper.images == taken + 1
+        assert np.nanmedian(np.abs(service.mapper.heights()[0])) < 0.003
 
 
 def test_the_look_of_the_scene_is_a_rotation():

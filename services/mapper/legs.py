@@ -1,0 +1,56 @@
+"""Place of the trunk by its legs alone, while the estimator begins anew: feet that stand have not moved.
+
+With the places a_i of the feet in base_link before and b_i after, and their means A and B, the trunk has turned by
+
+    psi = atan2(sum (b_i - B) x (a_i - A), sum (b_i - B) . (a_i - A))   and moved by   A - Rz(psi) B
+
+in the axes of base_link before; its tilt is taken to stay as it was.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import matrix_from_rpy
+
+Array = NDArray[np.float64]
+
+LEAST_FEET = 2
+"""Feet that have to stand before and after; with fewer the trunk is taken to rest."""
+
+
+class TrunkOverFeet:
+    """Pose of base_link that follows standing feet.
+
+    Attributes:
+        position: (3,) m, frame of the odometry that was.
+        yaw: rad.
+    """
+
+    def __init__(self, position: Array, yaw: float) -> None:
+        self.position, self.yaw = position, yaw
+        self._feet: Array | None = None
+        self._down: NDArray[np.bool_] | None = None
+
+    def step(self, feet: Array, down: NDArray[np.bool_]) -> None:
+        """Take the feet of a tick in base_link, (n, 3) m, and which of them stand, (n,)."""
+        if self._feet is not None and self._down is not None:
+            both = self._down & down
+            if both.sum() >= LEAST_FEET:
+                move, turn = trunk_moved(self._feet[both], feet[both])
+                self.position = self.position + product(matrix_from_rpy(0.0, 0.0, self.yaw), move)
+                self.yaw += turn
+        self._feet, self._down = feet, down
+
+
+def trunk_moved(before: Array, after: Array) -> tuple[Array, float]:
+    """Return the movement, (3,) m in axes before, and turn, rad, of the trunk over feet, (n, 3) m in base_link each."""
+    a, b = before.mean(axis=0), after.mean(axis=0)
+    p, q = before - a, after - b
+    turn = math.atan2(
+        float(np.add.reduce(p[:, 1] * q[:, 0] - p[:, 0] * q[:, 1])),
+        float(np.add.reduce(p[:, 0] * q[:, 0] + p[:, 1] * q[:, 1])),
+    )
+    return a - product(matrix_from_rpy(0.0, 0.0, turn), b), turn
