@@ -13,13 +13,13 @@ import numpy as np
 
 from surefoot.errors import SurefootError
 from surefoot.record.recording import open_readable, read_recording
+from surefoot.record.robots import robot_of
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
 from surefoot.schemas.stability import Contact, RegionRequest, StabilityStatus
 from surefoot.schemas.topics import HW_JOINTS, STATE_GAIT, STATE_STABILITY, STATE_VELOCITY
 from surefoot.services.stability.answers import region_reply
 
-from ..scene.film import robot_of
 from .proof import Array, bounds, holds, inside
 
 ALLOWED_M = 2e-3

@@ -23,9 +23,9 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.nearest import did_you_mean
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.record.recording import open_readable, read_recording
+from surefoot.record.robots import robot_for
 from surefoot.robot.description import Robot
 
-from ..scene.film import robot_for
 from .foxglove import write_foxglove
 
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns, recorded_columns
+from surefoot.record.recording import open_readable
+from surefoot.record.robots import robot_for
 from surefoot.robot.description import Robot
-from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
 from .external import released_externals
@@ -29,16 +30,14 @@ def log_of_recording(path: Path, robot: str | None = None) -> Log:
 
     Args:
         path: MCAP file.
-        robot: name of the description; None = the one that the recording names.
+        robot: name of the description; None = the one that is attached, else the one that the recording names.
 
     Raises:
-        SurefootError: it cannot be read, names no robot, or has no joints or contacts.
+        SurefootError: it cannot be read, names no robot or another one, or has no joints or contacts.
     """
-    columns, named = recorded_columns(path)
-    if not (robot or named):
-        raise SurefootError("invalid", f"{path} names no robot", "robot")
-    chosen = robot or named
-    return replace(log_of_columns(path.stem, columns, load_robot(chosen)), robot=chosen)  # a folder loads by its path
+    described = robot_for(open_readable(path), robot)
+    log = log_of_columns(path.stem, recorded_columns(path)[0], described)
+    return replace(log, robot=robot or described.name)  # a folder loads by its path
 
 
 def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Log:

@@ -103,8 +103,8 @@ def gather(
     use_json(json)
     with _Count(out, len(recordings), recordings) as count:
         from surefoot.record.recording import open_readable
+        from surefoot.record.robots import robot_for
 
-        from ..scene.film import robot_for
         from .campaign import append, read
         from .recorded import samples_of
 

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording, open_readable
+from surefoot.record.robots import robot_of
 from surefoot.robot.description import RobotError
 from surefoot.services.supervisor.scenarios.recorded import SCENARIO, recorded_scenario
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 
-from ..scene.film import Film, film_of_recording, robot_of
+from ..scene.film import Film, film_of_recording
 from .judge import RunVerdict, judge
 from .page import About, write_report
 from .traces import KEYS, read_traces

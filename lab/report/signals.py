@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording, open_readable
+from surefoot.record.robots import robot_of
 from surefoot.schemas.topics import TICK_S
-
-from ..scene.film import robot_of
 
 Array = NDArray[np.float64]
 READ = (

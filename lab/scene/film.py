@@ -4,18 +4,13 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import numpy as np
 
-from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording
-from surefoot.robot.description import Robot, RobotError
-from surefoot.robot.reader import ROBOT_FILE, load_robot
+from surefoot.robot.description import Robot
 
 from .scene import KEYS, Item, Lasting, RobotScene, Snapshot
 from .shapes import DrawnGround
@@ -48,43 +43,6 @@ class Film:
 
     scene: RobotScene
     snapshots: list[Snapshot]
-
-
-def robot_of(recording: ReadableRecording) -> Robot:
-    """Return the robot of a recording: as attached, else that of its metadata, else by the prefix of its keys.
-
-    Raises:
-        SurefootError: the recording does not name it.
-        RobotError: it is not known here.
-    """
-    attached = recording.found.attachments.get(ROBOT_FILE)
-    if attached is not None:
-        with TemporaryDirectory() as folder, suppress(RobotError):  # of another version: the one known here will do
-            path = Path(folder) / ROBOT_FILE
-            path.write_bytes(attached)
-            return load_robot(path)
-    run = recording.metadata.get("run", {})
-    name = run.get("robot") or run.get("namespace", "").rpartition("/")[2]
-    if not name:
-        raise SurefootError("malformed", f"{recording.path} names no robot")
-    return load_robot(name)
-
-
-def robot_for(recording: ReadableRecording, given: str | None) -> Robot:
-    """Return the robot that a command was given for a recording, else that of the recording.
-
-    Raises:
-        SurefootError: the recording is of another robot than the one given, or names none and none was given.
-        RobotError: it is not known here.
-    """
-    if not given:
-        return robot_of(recording)
-    robot, own = load_robot(given), ""
-    with suppress(SurefootError, RobotError):
-        own = robot_of(recording).name
-    if own not in ("", robot.name):
-        raise SurefootError("invalid", f"got {robot.name!r}, allowed is that of {recording.path}: {own!r}", "robot")
-    return robot
 
 
 def film_of_recording(recording: ReadableRecording, robot: Robot) -> Film:

@@ -12,8 +12,9 @@ from PIL import Image
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.record.recording import open_readable
+from surefoot.record.robots import robot_of
 
-from .film import Film, film_of_recording, robot_of
+from .film import Film, film_of_recording
 from .painter import Painter
 
 ANIMATED = (".webp", ".gif", ".mp4")

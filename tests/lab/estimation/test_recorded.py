@@ -1,5 +1,6 @@
 """Recordings of this project: the log is what the service saw, and its estimates are those that were published."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
 from surefoot.lab.runs.local import run_local
 from surefoot.record.columns import recorded_columns
+from surefoot.robot.profiles import ROBOTS
 from surefoot.robot.reader import load_robot
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 from tests.surefoot.expect import expect_error
@@ -101,6 +103,13 @@ def test_joints_in_another_order_of_legs_are_refused(recording, tmp_path):
 def test_a_robot_with_the_same_joints_and_other_legs_is_noted(recording, tmp_path):
     np.savez(tmp_path / "ragno.npz", **of_others(recording))
     assert any("of another robot" in note for note in open_log(tmp_path / "ragno.npz", robot="messor").notes)
+
+
+def test_a_recording_is_of_its_own_robot(recording, tmp_path):
+    with expect_error(SurefootError, "invalid", field="robot", text="ragno"):
+        open_log(recording, robot="messor")  # as many joints, of the same names
+    own = shutil.copytree(ROBOTS / "ragno", tmp_path / "calibrated")
+    assert open_log(recording, robot=str(own)).log.robot == str(own)
 
 
 def test_a_recording_is_compared_with_its_replay(recording, tmp_path):
