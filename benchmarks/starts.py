@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from pathlib import Path
 
 from benchmarks.bench import Bench, of_children, table, words_of
@@ -21,6 +22,11 @@ BENCH = Bench("starts")
 HERE = Path(__file__).resolve().parents[1]
 TICKS = 15
 SCENARIO = "rough-terrain"
+REGION = "from surefoot import stability as s; s.region(s.contacts([[.1, .1, 0], [.1, -.1, 0], [-.1, 0, 0]]))"
+FIRST_CALLS = {
+    "import numba": ("-c", "import numba"), "region": ("-c", REGION),
+    "surefoot estimate": ("-m", "surefoot.lab.cli.entry", "estimate", "stand.mcap"),
+}  # fmt: skip
 
 
 def shuffled(number: int) -> list[str]:
@@ -133,3 +139,37 @@ def warm(*, against: str = "", rounds: int = 1) -> None:
     rows = [(f"{path} {' '.join(words)}", *(statistics.median(pair[i] for pair in pairs) for i in (0, 1)))
             for (path, words), pairs in took.items()]  # fmt: skip
     table("cold kernels", ("checkout", "processor s", "wall s"), rows)
+
+
+def installed(folder: Path) -> Path:
+    """Build a wheel with the kernels of Ragno, unpack it and compile its bytecode as pip does; return the place."""
+    build = [sys.executable, str(HERE / "scripts" / "build_wheel.py"), str(folder), "--systems", "ragno"]
+    subprocess.run(build, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        packed.extractall(folder / "site")
+    subprocess.run([sys.executable, "-m", "compileall", "-q", str(folder / "site")], check=True)
+    return folder / "site"
+
+
+@BENCH.part()
+def first_calls(runs: int = 5, /) -> None:
+    """Processor time of first calls from an installed wheel that carries its kernels, each with empty caches.
+
+    Args:
+        runs: of each call.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder, took = Path(name), dict[str, list[float]]()
+        site = installed(folder)
+        run_local(load_scenario(find_scenario("stand")), recording=folder / "stand.mcap")
+        for number in range(runs):
+            environment = os.environ | {"PYTHONPATH": str(site), "XDG_CACHE_HOME": str(folder / f"cache{number}")}
+            for what, words in FIRST_CALLS.items():
+                took.setdefault(what, []).append(
+                    of_children(lambda w=words, e=environment: subprocess.run(
+                        [sys.executable, *w], cwd=folder, env=e, check=False, capture_output=True
+                    ))[0]
+                )  # fmt: skip
+    table("first calls", ("call", "processor s, median", "least"),
+          [(what, statistics.median(seconds), min(seconds)) for what, seconds in took.items()])  # fmt: skip
