@@ -18,7 +18,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks.bench import Bench, goal, table, words_of
-from benchmarks.foreign_changes import AFTER_S, MIDDLE, alarms, changes, fast_moment, planted, turned_starts
+from benchmarks.foreign_changes import (
+    AFTER_S,
+    MIDDLE,
+    alarms,
+    changes,
+    fast_moment,
+    planted,
+    tilted_start,
+    turned_starts,
+)
 from benchmarks.foreign_scores import ForeignScore, LegOut, scored
 from benchmarks.foreign_smooth import BOTH_WAYS, both_ways
 from benchmarks.foreign_tables import CONTRADICTED, TUNED, agreement, errors, plain, shown, summaries
@@ -205,6 +214,36 @@ def faults(
         goal(f"  {one}, share of faults that are named", good / max(runs, 1), ">=", 0.95)
         for name, _, log in chosen:
             goal(f"  {one}, false alarms per hour, {name}", alarms(log, clean[name]), "<=", 1.0)
+
+
+@BENCH.part(f"{ONE} --sets twist --seeds 1")
+def tilted(
+    *, logs: str = "", sets: str = "", seeds: str = "3", degrees: float = 8.0, estimators: str = default(),
+    data: Path = DATA
+) -> None:  # fmt: skip
+    """Starts at rest whose tilt is wrong: time with more than 5 cm/s of error, of that in silence, worst of all axes.
+
+    Args:
+        logs: names, by commas; default: all that begin with a rest.
+        sets: of synthetic and recorded walks, by commas; default: all.
+        seeds: of the axes, and of the walks, count or first:end.
+        degrees: by which the accelerometer is turned until the robot walks.
+        estimators: names, by commas.
+        data: folder of the files.
+    """
+    numbers, whole = seeds_of(seeds), tuple(name for name in FOREIGN if name not in CONTRADICTED)
+    own = [one for one in (*synthetic_sets(), *walk_sets()) if not words_of(sets) or one.name in words_of(sets)]
+    read = ((name, log) for name, _, log in readable(words_of(logs) or whole, data))
+    cases = {name: [(log, seed) for seed in numbers] for name, log in read if log.rest[1]}
+    cases |= {one.name: [(log, seed) for log, seed in zip(one.logs(numbers), numbers, strict=True)] for one in own}
+    for name in words_of(estimators):
+        found = {key: [tilted_start(name, log, degrees, seed) for log, seed in case] for key, case in cases.items()}
+        rows = [
+            (key, *(f"{max(getattr(one, field) for one in some):.2f}" for field in ("wrong_s", "silent_s", "last_s")))
+            for key, some in found.items()
+        ]
+        table(f"{name}: {degrees:g} deg wrong", ("log", "wrong, s", "silent, s", "last, s"), rows)
+        goal(f"  {name}, most in silence, s", max(one.silent_s for some in found.values() for one in some), "<=", 0.5)
 
 
 @BENCH.part(f"{ONE} --sets twist --seeds 1")

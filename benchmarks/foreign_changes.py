@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.lab.estimation.contacts import schmitt
-from surefoot.lab.estimation.faults import from_the_middle, turned
+from surefoot.lab.estimation.faults import from_the_middle, turned, with_wrong_start
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import ForeignLog
 from surefoot.lab.estimation.peers.inekf import InekfNoise
@@ -37,6 +37,10 @@ RECOVERY_S = 3.0
 DIVERGED = 2.0
 """Error, in medians over all starts, from which a start counts as diverged."""
 ALARMS = ("filter_ok", "sensors_ok", "inputs_ok")
+WRONG = 0.05
+"""Error of the velocity from which a start with a wrong tilt counts as wrong, m/s."""
+WATCHED_S = 5.0
+"""Time after the rest in which it does, s: later two tracks differ by how they take a foot that slips."""
 AFTER_S = 0.5
 """Time within which a fault should be flagged."""
 
@@ -119,6 +123,24 @@ def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
         median, 100.0 * float(np.std(error[good])) / median, _most(errors) / median, _most(ways), int((~good).sum()),
         _most(late), _most(sds),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Tilted:
+    """A start with a wrong tilt beside the right one, in the `WATCHED_S` after the rest."""
+
+    wrong_s: float  # velocity more than `WRONG` off
+    silent_s: float  # of that, `initialised` and `filter_ok` true
+    last_s: float  # after the rest, until it is so for the last time
+
+
+def tilted_start(name: str, log: Log, degrees: float, seed: int) -> Tilted:
+    """Run an estimator over a log whose accelerometer is turned until the robot walks, and over the log as it is."""
+    good, found = run(name, log), run(name, with_wrong_start(log, float(np.radians(degrees)), seed))
+    since, step = log.seconds - log.seconds[log.rest[1]], float(np.median(np.diff(log.seconds)))
+    wrong = (np.linalg.norm(found.v - good.v, axis=1) > WRONG) & (since > 0.0) & (since < WATCHED_S)
+    silent = wrong & found.flags["initialised"] & found.flags["filter_ok"]
+    return Tilted(step * wrong.sum(), step * silent.sum(), float(since[wrong][-1]) if wrong.any() else 0.0)
 
 
 def fast_moment(log: Log, share: float = MIDDLE) -> float:

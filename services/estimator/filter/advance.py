@@ -22,7 +22,7 @@ from .point import lift, retract
 from .pose import grow_pose
 from .rest import learn_end_of_rest, learn_gyro_bias
 from .samples import ROW_Q, ROW_W, SampleStore, after
-from .start import check_tilt, rests, start_at_rest, start_moving
+from .start import check_start, check_tilt, rests, start_at_rest, start_moving
 from .state import BestState, Felt, felt_variance, forget_levels, forget_velocity, predict, rotation
 from .update import follow, persistence, remember_slides, take_points
 
@@ -193,7 +193,11 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
     if setting.limits.levels and settled(state):
         stand_on_levels(state, geometry, dt)
     if state.memory[M.losses] > losses or state.memory[M.lost_for] > FIXED.lost_memory:
-        check_tilt(state, setting.limits, state.memory[M.losses] > losses)
+        check_tilt(state, setting, state.memory[M.losses] > losses)
+    elif state.memory[M.woke] >= 0.0 and state.memory[M.age] - state.memory[M.woke] < FIXED.woken_s:
+        at = likeliest(state)
+        if (state.memory if at < 0 else state.mode_memory[at])[M.excess] > FIXED.woken_excess:
+            check_start(state, contact, setting)
 
 
 @inner_kernel
@@ -293,6 +297,9 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
     resting = rests(samples, at, limits)
     if not resting and memory[M.phase] == STARTED:
         learn_end_of_rest(state, samples.imu, at, setting.noise, limits)
+    if memory[M.phase] == STARTED and memory[M.rest] > 0.0 and memory[M.excess] <= 1.0:
+        memory[M.woke] = memory[M.age]
+        memory[M.push : M.push + 3] = 0.0
     memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
     if resting:
         collapse(state, setting.geometry.foot)

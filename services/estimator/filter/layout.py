@@ -87,7 +87,7 @@ class SensorLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (92,)."""
+    """First index of each part of `BestState.memory`, (93,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -112,7 +112,7 @@ class MemoryLayout(NamedTuple):
     lost_for: int = 16
     """Time since the velocity was lost, s; `LONG_AGO` when there is nothing to compare."""
     push: int = 17
-    """Change of the velocity by the inertial unit since then, odom axes, (3,) m/s; see `start.check_tilt`."""
+    """Change of the velocity by the inertial unit since then, or since `woke`, odom axes, (3,) m/s; see `start`."""
     unfit: int = 20
     """Samples of the feet in a row of which no point fitted."""
     slide_product: int = 21
@@ -157,7 +157,9 @@ class MemoryLayout(NamedTuple):
     """Mean of the gyro over `usual_s`, IMU axes, (3,) rad/s."""
     ran: int = 57
     """Difference of `push` from the velocity at `tilted_for`, odom axes, (3,) m/s; see `start.check_tilt`."""
-    levels: int = 60
+    woke: int = 60
+    """`age` when the last quiet sample of a rest was; `LONG_AGO` when there is nothing to compare any more."""
+    levels: int = 61
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 

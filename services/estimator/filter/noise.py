@@ -276,6 +276,12 @@ class FixedNumbers(NamedTuple):
     """Distance of a foot of an assembled robot from its model, m."""
     tilted: float = 0.7
     """Mean horizontal acceleration during losses of the velocity that shows a wrong tilt, m/s^2: 4 deg."""
+    woken_excess: float = 2.2
+    """Excess of the inertial noise just after a rest from which the tilt of the rest is looked at. Clean logs: 2."""
+    woken_s: float = 1.0
+    """Time after a rest within which it is."""
+    woken_tilted: float = 0.3
+    """Mean horizontal acceleration that the feet take out in that time which shows a wrong tilt, m/s^2: 1.7 deg."""
     tilted_for: float = 0.1
     """Least time over which that mean is taken, s."""
     tilted_sd: float = 0.3

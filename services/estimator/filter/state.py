@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (92,), see `MemoryLayout`."""
+    """Numbers beside the state, (93,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -64,7 +64,7 @@ class BestState(NamedTuple):
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 92)."""
+    """`memory` of each hypothesis, (H, 93)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array
@@ -86,7 +86,7 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
     x, cov = np.zeros(X.points + 3 * points + frame), np.eye(E.points + 3 * points + frame) * FIXED.free
     x[X.rot] = x[X.rot + 4] = x[X.rot + 8] = 1.0
     memory = np.zeros(MEMORY)
-    memory[M.excess], memory[M.since], memory[M.lost_for] = 1.0, NO_FEET, LONG_AGO
+    memory[M.excess], memory[M.since], memory[M.lost_for], memory[M.woke] = 1.0, NO_FEET, LONG_AGO, LONG_AGO
     one = (x, cov, np.zeros((points, POINT_COLUMNS)), np.zeros((points, 3, 3)), memory)
     some = [np.repeat(part[None], modes, axis=0) for part in one]
     sensors = np.zeros((points, SENSOR_COLUMNS))
@@ -345,10 +345,10 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         memory[M.since] += d
     if memory[M.lost_for] >= 0.0:
         memory[M.lost_for] += d
-        for i in range(3):
-            memory[M.push + i] += d * push[i]
-            if memory[M.lost_for] < FIXED.tilted_for:
-                memory[M.ran + i] = memory[M.push + i] - x[X.vel + i]
+    for i in range(3):
+        memory[M.push + i] += d * push[i]
+        if 0.0 <= memory[M.lost_for] < FIXED.tilted_for:
+            memory[M.ran + i] = memory[M.push + i] - x[X.vel + i]
 
 
 @kernel
