@@ -137,7 +137,8 @@ def whatif(
     if out is not None:
         refuse_existing(out, force=False)
     run = RecordedRun.of(file)
-    notify(f"surefoot: repeating the run of {near(file)} with {len(changes)} changes from {at:g} s on")
+    what = f"{', '.join(change)} from {at:g} s on" if change else "nothing changed"
+    notify(f"surefoot: repeating the run of {near(file)}, {what}")
     with kept(out) as target, Progress(near(file)) as progress:
         found = changed(run, at, changes, target, progress.at)
         rows = compare(file, target, at)
