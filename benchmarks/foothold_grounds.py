@@ -5,8 +5,9 @@ turn. The shapes share no code with `surefoot.services.simulator.ground.shapes`.
 walk is a line of that file, and walks that it holds are not repeated.
 """
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,9 +18,14 @@ from numpy.typing import NDArray
 from benchmarks.bench import Bench, table, words_of
 from benchmarks.foothold_walks import Lines, paired, rule_of, sliding
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.lab.footholds.walks import Setting, walk
+from surefoot.lab.footholds.campaign import append, read, sample_of
+from surefoot.lab.footholds.rules import random_rule
+from surefoot.lab.footholds.walks import JoinedWalk, Setting, walk
 from surefoot.lab.statistics import mean_ratio, ratio
 from surefoot.lab.studies import Line, finished, seeds_of, study
+from surefoot.services.footholds.learning.fit import CANDIDATES, LearnOptions, learn
+from surefoot.services.footholds.learning.quality import prediction_quality
+from surefoot.services.footholds.learning.samples import StanceSample, gather
 from surefoot.services.simulator.ground.grid import BLEND, PAD_END, box_heights, slab, smooth
 from surefoot.services.simulator.ground.terrain import Terrain, TerrainBox, observed_map
 
@@ -261,3 +267,52 @@ def families(
     header = ("family", "other", f"{names[0]}, mm", "other, mm", "ratio", "from", "to", "won", "falls")
     rows = [row for other in names[1:] for row in compared(lines, list(places), names[0], other)]
     table(f"{robot}, model {model}: contact sliding per stance", header, rows)
+
+
+def random_stances(families: Sequence[str], seeds: Sequence[int], file: Path) -> list[StanceSample]:
+    """Return stances with random footholds on families, one walk a family and seed; a file keeps them."""
+    done = read(file)[1] if file.exists() else {}
+    for seed, family in itertools.product(seeds, families):
+        if f"{family}-{seed}" in done:
+            continue
+        c = course(family, seed)
+        joined = JoinedWalk(seed, c.setting, random_rule(seed), (c.terrain, c.heights)).run()
+        robot, ground = joined.robot, joined.selector.ground
+        made = [sample_of(stance, ground, f"{family}-{seed}") for stance in joined.stances.found]
+        append(file, f"{family}-{seed}", [
+            replace(each, friction=c.setting.friction, robot=robot.name, robot_hash=robot.hash,
+                    source=f"random {family} {c.setting.profile}") for each in made])  # fmt: skip
+    return read(file)[0]
+
+
+@BENCH.part()
+def curve(
+    *, samples: Path = Path("samples.jsonl"), held: Path = Path("held.jsonl"), sizes: str = "2,4,8,16,24",
+    draws: int = 5, seeds: str = "60:66",
+) -> None:  # fmt: skip
+    """Learning curve: models of some of the walks of a file, on stances of families that none of them has seen.
+
+    Args:
+        samples: of `surefoot footholds collect`.
+        held: stances with random footholds on the families of `CHOSEN_BY`; made where absent.
+        sizes: numbers of walks, by commas.
+        draws: sets of walks drawn for each size.
+        seeds: of the families.
+    """
+    learned, _, _ = read(samples)
+    test = random_stances(CHOSEN_BY, seeds_of(seeds), held)
+    trials = sorted({each.trial for each in learned})
+    rows: list[tuple[object, ...]] = []
+    for size in (min(int(text), len(trials)) for text in words_of(sizes)):
+        found: list[tuple[float, ...]] = []
+        for draw in range(1 if size == len(trials) else draws):
+            chosen = set(np.random.default_rng([draw, size]).choice(trials, size, replace=False).tolist())
+            own = gather([each for each in learned if each.trial in chosen])
+            folds = min(5, len(chosen))
+            model = learn(own, LearnOptions(folds=folds, candidates=CANDIDATES[:1]))
+            quality = prediction_quality(model, test)
+            found.append((len(own), quality.spearman, quality.warned, quality.held))
+        spread = np.std(found, axis=0)
+        rows.append((size, *np.mean(found, axis=0), float(spread[1]), float(spread[3])))
+    table(f"simple rule learned from walks, {len(test)} stances on {', '.join(CHOSEN_BY)}",
+          ("walks", "stances", "rank", "AUC", "80 % hold", "sd of rank", "sd of hold"), rows)  # fmt: skip

@@ -51,7 +51,7 @@ def undisturbed(seed: int, minutes: float, world: World) -> Line:
     """Return the alarms of a robot that walks to and fro and stands, and its NEES per degree of freedom."""
     robot, alarms, was = Robot(seed, world), 0, False
     nees: list[float] = []
-    robot.step(0.3)
+    robot.step(0.31)  # then every 0.1 s ends with a tick in which the belief is published
     for leg in range(1000):
         if robot.tick_number * TICK > 60.0 * minutes:
             break

@@ -24,7 +24,7 @@ from surefoot.kernels.jit import row_kernel
 
 from .features import Features, Layer, push_direction
 
-SCALES = (2, 3, 4)
+SCALES = (1, 2, 3, 4)
 """Cells on each side of a plane. The first whose slope the noise of the map moves by less than `SURE` is taken."""
 SURE = 0.03
 """Deviation of a slope by the noise of the map, rise per way."""
