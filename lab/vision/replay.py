@@ -204,7 +204,7 @@ class WalkReplay:
             vision.on_tick(TickInputs(head, inputs))
             self._believe(messages, outlet.last, localiser, now)
             if STATE_POSE.due(tick):
-                belief = localiser.message(ready=True)
+                belief = localiser.message(1e-9 * now, ready=True)
             if STATE_LANDMARKS.due(tick):
                 found.append(self._measured(motion, tick, outlet.last, localiser))
         vision.on_stop()

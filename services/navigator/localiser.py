@@ -251,8 +251,9 @@ class Localiser:
         self._trust()
         self.relocated += 1
 
-    def message(self, *, ready: bool) -> PoseBelief:
-        """Return the belief as a message; `ready` = the estimator is calibrated, goals are accepted."""
+    def message(self, now: float, *, ready: bool) -> PoseBelief:
+        """Return the belief at `now`, s, as a message; `ready` = the estimator is calibrated, goals are accepted."""
+        self._take_odometry(now)
         return pose_message(self.tracker, self.odom, self.control, self.matched, self.nis, self.lost, ready)
 
 

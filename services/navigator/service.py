@@ -104,7 +104,7 @@ class Navigator(Service[NavigatorConfig]):
             pilot.tick(now, requests.gait, localiser.tracker, blocked=self._blocked, lost=localiser.lost.lost)
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):
-            self.publish(STATE_POSE, localiser.message(ready=requests.gait.state != "waiting"))
+            self.publish(STATE_POSE, localiser.message(now, ready=requests.gait.state != "waiting"))
             self.publish(NAVIGATOR_FEEDBACK, feedback_message(pilot, localiser.tracker.pose, now, self.results.last))
         self._keep()
 

@@ -41,6 +41,23 @@ def test_reaches_a_goal_and_reports_what_users_of_nav2_expect(control: str) -> N
     assert math.hypot(pose.pose[0] - journey.walker.x, pose.pose[1] - journey.walker.y) < 0.05
 
 
+def test_the_published_pose_is_that_of_its_tick_whenever_odometry_began() -> None:
+    journey = Journey()
+    journey.seen = journey.odom = False
+    journey.step(24)
+    journey.odom = True  # from tick 24 on: used in ticks 34, 44, ... but for the publications in between
+    journey.goto(0.0, 0.6)
+    turned = 0.0
+    for _ in range(60):
+        journey.step(10 - journey.tick % 10)
+        journey.step()
+        belief, w = journey.belief(), journey.walker
+        turned = max(turned, abs(w.yaw))
+        assert belief.pose == pytest.approx((w.x, w.y, w.yaw), abs=2e-3)
+        assert belief.map_from_odom == pytest.approx((0.0, 0.0, 0.0), abs=2e-3)
+    assert turned > 1.0
+
+
 def test_first_order_comes_in_the_tick_after_the_goal(journey: Journey) -> None:
     assert journey.stage.said[NAVIGATOR_ORDER.key].number == 0
     journey.goto(1.0, 0.0)
