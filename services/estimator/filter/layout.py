@@ -87,7 +87,7 @@ class SensorLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (93,)."""
+    """First index of each part of `BestState.memory`, (95,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -159,7 +159,9 @@ class MemoryLayout(NamedTuple):
     """Difference of `push` from the velocity at `tilted_for`, odom axes, (3,) m/s; see `start.check_tilt`."""
     woke: int = 60
     """`age` when the last quiet sample of a rest was; `LONG_AGO` when there is nothing to compare any more."""
-    levels: int = 61
+    shown: int = 61
+    """Factors of the stated noise of gyro and accelerometer by the last rest, (2,); see `start`."""
+    levels: int = 63
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 

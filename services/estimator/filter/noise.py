@@ -276,6 +276,12 @@ class FixedNumbers(NamedTuple):
     """Distance of a foot of an assembled robot from its model, m."""
     tilted: float = 0.7
     """Mean horizontal acceleration during losses of the velocity that shows a wrong tilt, m/s^2: 4 deg."""
+    most_noise: float = 1.6
+    """Largest stated noise of an inertial sensor that counts, noises of a rest's noisiest axis. Clean logs: 1.56."""
+    more_noise: float = 1.3
+    """Noise of a rest's quietest axis over the stated one from which that counts. Own walks: 1.06."""
+    least_noise: float = 0.1
+    """Share of the stated noise below which a rest shows the steps of a sensor and not its noise."""
     woken_excess: float = 2.2
     """Excess of the inertial noise just after a rest from which the tilt of the rest is looked at. Clean logs: 2."""
     woken_s: float = 1.0

@@ -121,7 +121,7 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
     for i in (E.pos, E.pos + 1, E.pos + 2, E.rot + 2):
         state.cov[i, i] = limits.start_sd**2
     state.memory[M.excess], state.memory[M.since], state.memory[M.age] = 1.0, NO_FEET, 0.0
-    state.memory[M.framed] = 0.0
+    state.memory[M.framed], state.memory[M.woke] = 0.0, LONG_AGO
     forget_levels(state.memory)
     for i in range(M.pose_extra, M.pose_extra + 7):
         state.memory[i] = 0.0
@@ -208,6 +208,31 @@ def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting)
 
 
 @kernel
+def _shown(rows: Array, mean: Array, stated: float) -> float:
+    """Return the factor of a stated noise by what a rest shows of it.
+
+    The noise is not more than `most_noise` times that of the axis which shows most of it, and not less than that of the
+    axis which shows least. Less than a tenth of it shows steps of the sensor, not its noise.
+
+    Args:
+        rows: samples of one sensor, (n, 3).
+        mean: of them, (3,).
+        stated: standard deviation of a sample.
+    """
+    least, most = math.inf, 0.0
+    for i in range(3):
+        square = 0.0
+        for r in range(rows.shape[0]):
+            square += (rows[r, i] - mean[i]) ** 2 / rows.shape[0]
+        least, most = min(least, square), max(most, square)
+    if math.sqrt(most) < FIXED.least_noise * stated or stated == 0.0:
+        return 1.0
+    if math.sqrt(least) > FIXED.more_noise * stated:
+        return math.sqrt(least) / stated
+    return min(FIXED.most_noise * math.sqrt(most) / stated, 1.0)
+
+
+@kernel
 def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: BestSetting) -> None:
     """Start with the means of the rest that ends at inertial row `at` (equation (1) of Wawrzynski et al.), in place."""
     limits, noise = setting.limits, setting.noise
@@ -241,6 +266,9 @@ def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: Best
                 rot[2, i] * rot[2, j] * limits.acc_bias_sd**2 + across * (GRAVITY * tilt_sd) ** 2
             )
         cov[E.acc_bias + i, E.acc_bias + i] += noise.acc**2 / (0.01 * n)
+    rows = samples.imu[at + 1 - n : at + 1]
+    state.memory[M.shown] = _shown(rows[:, ROW_W : ROW_W + 3], w, noise.sample_gyro)
+    state.memory[M.shown + 1] = _shown(rows[:, ROW_Q : ROW_Q + 3], q, noise.sample_acc)
     state.memory[M.phase] = STARTED
     state.memory[M.rest] = 1.0  # its samples are taken: the next rest begins here
 

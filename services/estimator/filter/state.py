@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (93,), see `MemoryLayout`."""
+    """Numbers beside the state, (95,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -64,7 +64,7 @@ class BestState(NamedTuple):
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 93)."""
+    """`memory` of each hypothesis, (H, 95)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array
@@ -87,6 +87,7 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
     x[X.rot] = x[X.rot + 4] = x[X.rot + 8] = 1.0
     memory = np.zeros(MEMORY)
     memory[M.excess], memory[M.since], memory[M.lost_for], memory[M.woke] = 1.0, NO_FEET, LONG_AGO, LONG_AGO
+    memory[M.shown : M.shown + 2] = 1.0
     one = (x, cov, np.zeros((points, POINT_COLUMNS)), np.zeros((points, 3, 3)), memory)
     some = [np.repeat(part[None], modes, axis=0) for part in one]
     sensors = np.zeros((points, SENSOR_COLUMNS))
@@ -325,8 +326,8 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     _transpose(cov)
     _carry_rows(cov, points, d, v, arms, middle)  # F (F P)^T, which is symmetric
     excess, up = memory[M.excess] * memory[M.excess], middle[2]
-    gyro_sq = noise.gyro * noise.gyro + felt.gyro * d
-    acc_sq = excess * noise.acc**2 + (excess - 1.0) * felt.acc * d
+    gyro_sq = (memory[M.shown] * noise.gyro) ** 2 + felt.gyro * d
+    acc_sq = excess * (memory[M.shown + 1] * noise.acc) ** 2 + (excess - 1.0) * felt.acc * d
     _inertial_noise(cov, points, d, v, arms, excess * gyro_sq, gyro_sq, acc_sq)
     for i in range(3):
         cov[E.gyro_bias + i, E.gyro_bias + i] += noise.gyro_bias**2 * d
@@ -364,6 +365,6 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
         push += (q[i] - memory[M.last_acc + i]) ** 2
         memory[M.last_gyro + i], memory[M.last_acc + i] = w[i], q[i]
     return Felt(
-        noise.gyro_jerk**2 * max(0.0, turn - 6.0 * noise.sample_gyro**2),
-        noise.acc_jerk**2 * max(0.0, push - 6.0 * noise.sample_acc**2),
+        noise.gyro_jerk**2 * max(0.0, turn - 6.0 * (memory[M.shown] * noise.sample_gyro) ** 2),
+        noise.acc_jerk**2 * max(0.0, push - 6.0 * (memory[M.shown + 1] * noise.sample_acc) ** 2),
     )
