@@ -87,7 +87,7 @@ class SensorLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (95,)."""
+    """First index of each part of `BestState.memory`, (97,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -161,7 +161,11 @@ class MemoryLayout(NamedTuple):
     """`age` when the last quiet sample of a rest was; `LONG_AGO` when there is nothing to compare any more."""
     shown: int = 61
     """Factors of the stated noise of gyro and accelerometer by the last rest, (2,); see `start`."""
-    levels: int = 63
+    weight: int = 63
+    """Length of the accelerometer's samples, mean over `weight_s`, m/s^2."""
+    aloft: int = 64
+    """Time for which all switches have been open while the accelerometer shows the weight, s."""
+    levels: int = 65
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 

@@ -188,6 +188,21 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
 
 
 @kernel
+def _weigh(memory: Array, contact: Array, dt: float) -> None:
+    """Learn for how long no contact point (K,) has touched the ground though the robot shows its weight, in place.
+
+    A robot that flies shows no weight. One that stands or is carried does.
+    """
+    force, stands = 0.0, False
+    for i in range(3):
+        force += memory[M.last_acc + i] ** 2
+    memory[M.weight] += min(dt / FIXED.weight_s, 1.0) * (math.sqrt(force) - memory[M.weight])
+    for k in range(contact.size):
+        stands = stands or not contact[k] < 0.5
+    memory[M.aloft] = 0.0 if stands or memory[M.weight] < 0.5 * GRAVITY else memory[M.aloft] + dt
+
+
+@kernel
 def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, settled: bool) -> None:
     """Learn from a row of the feet which sensors of the legs are wrong, in place.
 
@@ -207,6 +222,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         return
     contact, turn, beside = np.zeros(count), 0.0, 0.0
     dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1])
+    _weigh(memory, samples.contact[row], dt)
     fade = math.exp(-FIXED.forget_fault * dt)
     for f in range(count):
         for i in (S.switch, S.still, S.jump):
@@ -236,11 +252,14 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
 def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Array:
     """Return the contacts (K,) of a row of the feet, NaN for feet whose switch is wrong, 0 for those that are left out.
 
-    Left out are feet whose encoders stand still, and feet whose samples hardly fit, until the mistrust in them has
-    faded, in place. A wrong switch explains why a foot did not fit.
+    All are unknown while the robot shows its weight and no switch is closed: their thresholds are too high. Left out
+    are feet whose encoders stand still, and feet whose samples hardly fit, until the mistrust in them has faded, in
+    place. A wrong switch explains why a foot did not fit.
     """
     contact, at = samples.contact[row].copy(), likeliest(state)
     points = state.points if at < 0 else state.mode_points[at]
+    if state.memory[M.aloft] > FIXED.longest_aloft:
+        contact[:] = math.nan
     worst = np.zeros(samples.feet.shape[1])
     for k in range(foot.size):
         worst[foot[k]] = max(worst[foot[k]], points[k, P.mistrust])

@@ -211,6 +211,10 @@ class FixedNumbers(NamedTuple):
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong. Clean logs of others: 0.27 at most."""
+    weight_s: float = 0.05
+    """Time over which the accelerometer's length is averaged, s: in flight it falls to nothing as soon."""
+    longest_aloft: float = 0.2
+    """Time without a closed switch after which the switches of a robot that shows its weight are not believed, s."""
     # heading
     parting: float = 0.02
     """Rate at which standing feet part, 1/s, from which the gyro is believed about the heading more than they are."""
