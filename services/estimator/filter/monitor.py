@@ -188,17 +188,17 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
 
 
 @kernel
-def _weigh(memory: Array, contact: Array, dt: float) -> None:
+def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float) -> None:
     """Learn for how long no contact point (K,) has touched the ground though the robot shows its weight, in place.
 
-    A robot that flies shows no weight. One that stands or is carried does.
+    A robot that flies shows no weight. One that stands or is carried does. A switch that is known to hang explains it.
     """
     force, stands = 0.0, False
     for i in range(3):
         force += memory[M.last_acc + i] ** 2
     memory[M.weight] += min(dt / FIXED.weight_s, 1.0) * (math.sqrt(force) - memory[M.weight])
     for k in range(contact.size):
-        stands = stands or not contact[k] < 0.5
+        stands = stands or not contact[k] < 0.5 or sensors[foot[k], S.switch] > FIXED.most_mistrust
     memory[M.aloft] = 0.0 if stands or memory[M.weight] < 0.5 * GRAVITY else memory[M.aloft] + dt
 
 
@@ -222,7 +222,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         return
     contact, turn, beside = np.zeros(count), 0.0, 0.0
     dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1])
-    _weigh(memory, samples.contact[row], dt)
+    _weigh(memory, sensors, samples.contact[row], foot, dt)
     fade = math.exp(-FIXED.forget_fault * dt)
     for f in range(count):
         for i in (S.switch, S.still, S.jump):

@@ -292,6 +292,10 @@ class FixedNumbers(NamedTuple):
     """Time after a rest within which it is."""
     woken_tilted: float = 0.3
     """Mean horizontal acceleration that the feet take out in that time which shows a wrong tilt, m/s^2: 1.7 deg."""
+    suspicious: float = 0.15
+    """Mean logarithm of motion against a switch from which the feet show no tilt: half of `most_against`."""
+    suspected: float = 0.05
+    """Mistrust in a sensor of a leg below which it is forgotten: 20 s after a fault."""
     tilted_for: float = 0.1
     """Least time over which that mean is taken, s."""
     tilted_sd: float = 0.3

@@ -376,7 +376,8 @@ def check_start(state: BestState, contact: Array, setting: BestSetting) -> None:
     The feet take out of the velocity what a wrong tilt adds to it, always the same way, so that the excess of the
     inertial noise rises before the velocity is lost: in the second after a rest to 2 at most where the tilt is right,
     above 3 within 0.3 s where it is 5 deg wrong. The velocity that the inertial unit has gained since the rest, less
-    that which the foot shows that agrees best, is by the tilt.
+    that which the foot shows that agrees best, is by the tilt. Nothing is corrected while a sensor of a leg is
+    suspected: a foot that swings behind a switch that hangs looks the same.
 
     Args:
         state: after a sample of the feet.
@@ -387,7 +388,10 @@ def check_start(state: BestState, contact: Array, setting: BestSetting) -> None:
     push = (state.memory if at < 0 else state.mode_memory[at])[M.push : M.push + 3]
     time, least, beside = state.memory[M.age] - state.memory[M.woke], math.inf, np.zeros(3)
     for k in range(foot.size):
-        trunk = state.sensors[foot[k], S.trunk : S.trunk + 3]
+        sensors = state.sensors[foot[k]]
+        if sensors[S.against] > FIXED.suspicious or np.max(sensors[S.switch : S.still + 1]) > FIXED.suspected:
+            return
+        trunk = sensors[S.trunk : S.trunk + 3]
         level = (push[0] - trunk[0]) ** 2 + (push[1] - trunk[1]) ** 2
         if contact[k] >= 0.5 and level < least:  # not of a foot that has not been seen yet: NaN
             least = level

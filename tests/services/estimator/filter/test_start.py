@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from surefoot.lab.estimation.faults import STARTS, turned
+from surefoot.lab.estimation.planted import PLANTED
 from surefoot.lab.estimation.scores import tilt
 from surefoot.lab.estimation.track import track
 from surefoot.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
@@ -76,3 +77,13 @@ def test_a_sensor_that_shows_nothing_at_rest_keeps_its_stated_noise():
     right, found = track(BEST, log), track(BEST, replace(log, w=w))
     assert found.flags["initialised"][-1]
     assert np.abs(found.v - right.v).max() < 0.01
+
+
+def test_a_foot_behind_a_switch_that_hangs_turns_no_tilt():
+    """A rest, a switch that hangs from its end on, and a walk: the excess rises as it does by a wrong tilt."""
+    log = synthesize(KINDS["twist"], 60)
+    bad = PLANTED["switch stuck on"](log, float(log.seconds[log.rest[1]]), 0)
+    found = track(BEST, bad)
+    walking = log.seconds > log.seconds[log.rest[1]]
+    assert found.flags["initialised"][walking].all()
+    assert np.degrees(tilt(bad, found))[walking].max() < 1.5
