@@ -290,8 +290,9 @@ class FixedNumbers(NamedTuple):
     """Excess of the inertial noise just after a rest from which the tilt of the rest is looked at. Clean logs: 2."""
     woken_s: float = 1.0
     """Time after a rest within which it is."""
-    woken_tilted: float = 0.3
-    """Mean horizontal acceleration that the feet take out in that time which shows a wrong tilt, m/s^2: 1.7 deg."""
+    woken_speed: float = 0.25
+    """Level velocity that the feet have taken out since then which shows a wrong tilt, m/s: encoders 50 ms late show
+    0.1 at 2 m/s^2."""
     suspicious: float = 0.15
     """Mean logarithm of motion against a switch from which the feet show no tilt: half of `most_against`."""
     suspected: float = 0.05

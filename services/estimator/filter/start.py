@@ -396,7 +396,7 @@ def check_start(state: BestState, contact: Array, setting: BestSetting) -> None:
         if contact[k] >= 0.5 and level < least:  # not of a foot that has not been seen yet: NaN
             least = level
             beside[:] = push - trunk
-    if time > FIXED.tilted_for and (FIXED.woken_tilted * time) ** 2 < least < math.inf:
+    if time > FIXED.tilted_for and FIXED.woken_speed**2 < least < math.inf:
         collapse(state, foot)
         forget_velocity(state, FIXED.unknown_speed)
         _turn_up(state, setting, beside[0], beside[1], beside[2], time)
