@@ -45,8 +45,10 @@ def test_outcomes_of_an_exploring_walk_are_those_of_its_own_choices() -> None:
     assert len(own) == len(true) >= 6
     for a, b in zip(own, true, strict=True):
         assert (a.trial, a.leg, a.step, a.k1, a.k2, a.k4) == (b.trial, b.leg, b.step, b.k1, b.k2, b.k4)
-        assert a.problem == "" == b.problem
-        assert 0.0 < a.length < 0.06
+        assert a.problem == b.problem
         assert math.isnan(a.friction)
+    sound = [one for one in own if not one.problem]
+    assert len(sound) >= 6
+    assert all(0.0 < one.length < 0.06 for one in sound)
     assert relearned(model, own).name.endswith("+1")
     assert sum(map(rough, own)) < len(own)
