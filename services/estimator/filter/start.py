@@ -212,12 +212,8 @@ def _shown(rows: Array, mean: Array, stated: float) -> float:
     """Return the factor of a stated noise by what a rest shows of it.
 
     The noise is not more than `most_noise` times that of the axis which shows most of it, and not less than that of the
-    axis which shows least. Less than a tenth of it shows steps of the sensor, not its noise.
-
-    Args:
-        rows: samples of one sensor, (n, 3).
-        mean: of them, (3,).
-        stated: standard deviation of a sample.
+    axis which shows least. Less than a tenth of it shows steps of the sensor, not its noise. `rows` are samples of one
+    sensor, (n, 3), with their mean (3,); `stated` is the standard deviation of one.
     """
     least, most = math.inf, 0.0
     for i in range(3):
