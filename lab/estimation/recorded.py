@@ -36,8 +36,9 @@ def log_of_recording(path: Path, robot: str | None = None) -> Log:
         SurefootError: it cannot be read, names no robot or another one, or has no joints or contacts.
     """
     described = robot_for(open_readable(path), robot)
-    log = log_of_columns(path.stem, recorded_columns(path)[0], described)
-    return replace(log, robot=robot or described.name)  # a folder loads by its path
+    columns, named = recorded_columns(path)
+    log = log_of_columns(path.stem, columns, described)
+    return replace(log, robot=robot or named or described.name)  # a folder loads by its path
 
 
 def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Log:
