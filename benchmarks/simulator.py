@@ -27,7 +27,7 @@ from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import JointCommand
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health
 from surefoot.schemas.topics import CMD_JOINTS, HEALTH, SIM_STATUS
 from surefoot.services.simulator import world as w

@@ -12,11 +12,11 @@ from .rows import TICK_NS as TICK_NS
 from .rows import TICK_S as TICK_S
 
 if TYPE_CHECKING:
-    from . import calibration, cmd, footholds, hw, navigation, sim, stability, state, system, terrain, whatif
+    from . import calibration, cmd, footholds, hw, navigation, sim, stability, state, status, system, terrain, whatif
 else:  # the same names at run time: a row names its model, and the first use of the row imports it
     for _file in (
-        "calibration", "cmd", "footholds", "hw", "navigation", "sim", "stability", "state", "system", "terrain",
-        "whatif",
+        "calibration", "cmd", "footholds", "hw", "navigation", "sim", "stability", "state", "status", "system",
+        "terrain", "whatif",
     ):  # fmt: skip
         globals()[_file] = ModelPlaces(_file)
 
@@ -87,7 +87,7 @@ NAVIGATOR_FEEDBACK = Topic("navigator/feedback", navigation.NavigationFeedback, 
 
 # simulation only
 SIM_TRUTH = Topic("sim/truth", sim.Truth, Kind.SAMPLE, "driver", TICK_HZ, observers_only=True)
-SIM_STATUS = Topic("sim/status", sim.SimStatus, Kind.STATUS, "driver", EVENT, deterministic=False)
+SIM_STATUS = Topic("sim/status", status.SimStatus, Kind.STATUS, "driver", EVENT, deterministic=False)
 
 # runtime
 TICK_DONE = Topic("tick/*", system.Done, Kind.LOCKSTEP, "*", EVENT, deterministic=False)
@@ -140,7 +140,7 @@ SIM_PLACE = Query("sim/place", sim.PlaceRequest, sim.SimReply, "driver", acts=Tr
 SIM_FAULT = Query("sim/fault", sim.FaultRequest, sim.SimReply, "driver", acts=True)
 SIM_CHECKPOINT = Query("sim/checkpoint", sim.CheckpointRequest, sim.CheckpointReply, "driver", acts=True)
 SIM_RESTORE = Query("sim/restore", sim.RestoreRequest, sim.CheckpointReply, "driver", acts=True)
-SIM_STATUS_GET = Query("sim/status", sim.StatusRequest, sim.SimStatus, "driver")
+SIM_STATUS_GET = Query("sim/status", status.StatusRequest, status.SimStatus, "driver")
 SIM_EXPERIMENT = Query(
     "sim/experiment", sim.ExperimentRequest, sim.ExperimentReply, "driver", timeout_s=120.0, acts=True
 )

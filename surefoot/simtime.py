@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from surefoot.schemas.sim import SimStatus
+    from surefoot.schemas.status import SimStatus
 
 
 def standing_still(status: "SimStatus") -> str:

@@ -9,7 +9,7 @@ from surefoot.lockstep.launch import main
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import EmergencyStop, FootContacts, Imu, JointCommand, JointState
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_NS
 
 # It has no hardware: its joints follow as servos do, its trunk stays level. Put yours where it says HARDWARE.

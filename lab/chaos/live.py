@@ -18,7 +18,8 @@ from surefoot.errors import CallError, SurefootError
 from surefoot.record.recording import verify_recording
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import JointCommand
-from surefoot.schemas.sim import SimStatus, Truth
+from surefoot.schemas.sim import Truth
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health, HealthRequest, LogRecord
 from surefoot.schemas.topics import CMD_JOINTS, HEALTH_GET, LOG, SIM_TRUTH, TICK_NS, TOPICS
 from surefoot.services.supervisor.processes.identity import Identity, identify

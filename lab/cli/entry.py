@@ -1,5 +1,6 @@
 """The program `surefoot`: the emergency stop at once, every other command by `surefoot.lab.cli.main`."""
 
+import io
 import sys
 from collections.abc import Sequence
 
@@ -9,6 +10,9 @@ VALUES = ("--reason", "--timeout", "--connect", "--namespace")
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
     words = sys.argv[1:] if arguments is None else arguments
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # of a terminal that lacks a character
     options = stop_options(words)
     if options is not None:
         from surefoot.errors import SurefootError

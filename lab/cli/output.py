@@ -2,6 +2,8 @@
 
 import errno
 import json
+import os
+import shutil
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from .completion import robots
+from .table import table_lines
 
 EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 1, 2, 130
 USAGE = (
@@ -121,21 +124,14 @@ def _plain(value: Any) -> Any:
 def write_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], title: str = "", right: Sequence[int] = ()
 ) -> None:
-    """Write a table; coloured words where the terminal wants colours. A cell may be (text, style)."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="right" if number in right else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(*cell) if isinstance(cell, tuple) else Text(str(cell)) for cell in row))
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)
-    console.print(table)
+    """Write a table as wide as the terminal, in a pipe as wide as it is (`table_lines`), and an empty line."""
+    terminal = sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+    width = shutil.get_terminal_size((0, 0)).columns or None
+    if title:
+        write(title)
+    for line in table_lines(columns, rows, right, width, coloured=terminal and not os.environ.get("NO_COLOR")):
+        write(line)
+    write("")
 
 
 def write_fields(fields: Mapping[str, Sequence[Mapping[str, str]]], title: str = "") -> None:

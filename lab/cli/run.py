@@ -1,7 +1,9 @@
 """`surefoot run` and `surefoot list`."""
 
 import os
+import shutil
 import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -149,35 +151,34 @@ class _ProgressLine:
     """One line that is rewritten on a terminal, and a few lines otherwise."""
 
     def __init__(self, name: str, *, quiet: bool) -> None:
-        from rich.console import Console
-
         self._name, self._quiet, self._progress = name, quiet, None
-        self._console = Console(stderr=True, quiet=quiet)
-        self._status = self._console.status(f"{name}: starting") if self._console.is_terminal and not quiet else None
+        self._rewrites = sys.stderr.isatty() and not quiet
 
     def __enter__(self) -> "_ProgressLine":
-        if self._status is not None:
-            self._status.start()
+        self._rewrite("starting")
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
+        self._rewrite()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
             notify(f"{self._name}: interrupted before the run began; nothing was recorded")
 
     def notify(self, text: str) -> None:
         """Show a message of the system."""
-        if self._status is not None:
-            self._status.update(f"{self._name}: {text}")
-        else:
-            self._console.print(text, style="dim", highlight=False)
+        self._rewrite(text)
+        if not self._rewrites and not self._quiet:
+            notify(text)
 
     def show(self, progress: "RunProgress") -> None:
         """Show the progress of the run."""
-        if self._status is not None:
-            done = f"{progress.time:6.2f} s simulated of at most {progress.most:g} s"
-            self._status.update(f"{self._name}: {done}, {progress.rtf:.1f}x real time")
-        elif not self._quiet:
+        self._rewrite(f"{progress.time:.2f} s simulated of at most {progress.most:g} s, {progress.rtf:.1f}x real time")
+        if not self._rewrites and not self._quiet:
             self._progress = self._progress or Progress(self._name)  # begun now: the start is no share of the run
             self._progress.at(progress.time / progress.most, f"of at most {progress.most:g} s simulated")
+
+    def _rewrite(self, text: str = "") -> None:
+        """Put a text in the place of the last one, as much of it as one line holds; without a text, clear the line."""
+        if self._rewrites:
+            line = f"{self._name}: {text}"[: shutil.get_terminal_size().columns - 1] if text else ""
+            sys.stderr.write("\r\x1b[2K" + line)
+            sys.stderr.flush()

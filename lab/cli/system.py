@@ -274,7 +274,7 @@ def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
 def _status(folder: "RunFolder") -> dict[str, Any]:
     """Return the content of a run folder, with live numbers where the services answer."""
     from surefoot.errors import CallError, SurefootError
-    from surefoot.schemas.sim import StatusRequest
+    from surefoot.schemas.status import StatusRequest
     from surefoot.schemas.system import HealthRequest
     from surefoot.schemas.topics import HEALTH_GET, SIM_STATUS_GET
     from surefoot.services.supervisor.processes.status import health_row, time_row

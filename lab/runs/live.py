@@ -13,7 +13,8 @@ from typing import Any, NamedTuple, Protocol
 
 from surefoot.errors import CallError, SurefootError
 from surefoot.record.recording import open_readable
-from surefoot.schemas.sim import ResetRequest, SimStatus
+from surefoot.schemas.sim import ResetRequest
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import RecorderReply, RecorderRequest
 from surefoot.schemas.topics import RECORDER_STATUS, TICK_S
 from surefoot.services.supervisor.processes.compose import Compose

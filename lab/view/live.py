@@ -15,7 +15,8 @@ from surefoot.client import Client
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
-from surefoot.schemas.sim import SIZED_FAULTS, SimStatus
+from surefoot.schemas.sim import SIZED_FAULTS
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health
 from surefoot.schemas.topics import HEALTH, LOG, SIM_STATUS
 from surefoot.services.supervisor.processes.status import health_row, time_row

@@ -9,6 +9,7 @@ import mujoco
 from surefoot.errors import Refusal
 from surefoot.schemas import sim
 from surefoot.schemas.hw import DescriptionReply, DescriptionRequest
+from surefoot.schemas.status import SimStatus, StatusRequest
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap, MapRequest
 from surefoot.schemas.topics import (
     HW_DESCRIPTION,
@@ -185,7 +186,7 @@ class SimulatorQueries:
             raise Refusal("refused", "the terrain has no landmarks, or the robot no camera")
         return self.run.built.landmarks
 
-    def status(self, request: sim.StatusRequest) -> sim.SimStatus:
+    def status(self, request: StatusRequest) -> SimStatus:
         """Return the present state of time and of the run."""
         return self.run.status()
 

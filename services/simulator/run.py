@@ -11,6 +11,7 @@ from surefoot.lockstep.driver import Driver
 from surefoot.robot.description import Robot
 from surefoot.schemas import sim
 from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.topics import SIM_STATUS, TICK_S
 
 from .building import build_world
@@ -106,7 +107,7 @@ class SimulatedRun:
         self.planned.append((tick, action))
         return tick
 
-    def status(self) -> sim.SimStatus:
+    def status(self) -> SimStatus:
         """Return the state of time and of the run, with the real-time factor over at least `RATE_S`."""
         node, leader, pace = self.driver.node, self.driver.node.leader, self.driver.node.pace
         now, tick = time.perf_counter(), leader.tick
@@ -117,7 +118,7 @@ class SimulatedRun:
         held = f"emergency stop: {self.stopped}" if self.stopped else ""
         if node.held and not held:
             held = "no command was accepted for 100 ms"
-        return sim.SimStatus(
+        return SimStatus(
             state=leader.state, rtf=self._rtf, ticks=tick + 1, comparable=leader.comparable, missing=leader.missing(),
             detail=leader.reason, stopped=self.stopped, failed=self.failed or node.gave_up,
             tick=max(-1, tick), epoch=leader.epoch, mode=leader.mode, pace=pace.factor, late=self._late,

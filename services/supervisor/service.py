@@ -10,7 +10,7 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.schemas.base import Message
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health, SupervisorStatus
 from surefoot.schemas.topics import (
     HEALTH,

@@ -14,7 +14,7 @@ from surefoot.lockstep.pace import Pace
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import EmergencyStop, JointCommand
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_S, Topic
 
 PATIENCE_S = 0.05

@@ -21,7 +21,8 @@ from surefoot.lockstep.node import Node
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import EmergencyStop
-from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus, StatusRequest
+from surefoot.schemas.sim import ResetReply, ResetRequest
+from surefoot.schemas.status import SimStatus, StatusRequest
 from surefoot.schemas.system import Health, HealthRequest, ServiceStatus
 from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, SIM_RESET, SIM_STATUS_GET, Query
 

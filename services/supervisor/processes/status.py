@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health
 from surefoot.simtime import pace
 

@@ -67,6 +67,7 @@ def test_a_shell_that_completes_gets_the_whole(monkeypatch):
     [
         ("surefoot.client", ("asyncio", "numpy", "numba", "scipy", "jsonschema", "mcap")),
         ("surefoot.schemas.topics", ("importlib.metadata", "numpy")),
+        ("surefoot.services.supervisor.processes.status", ("numpy", "surefoot.schemas.sim")),
         (
             "surefoot.lab.cli.main",
             ("asyncio", "importlib.metadata", "pydantic", "rich", "surefoot.schemas"),

@@ -5,7 +5,7 @@ import pytest
 from surefoot.lab.cli.main import main
 from surefoot.lab.cli.topic import readable
 from surefoot.schemas.hw import FootContacts
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.status import SimStatus
 from surefoot.simtime import pace
 
 

@@ -19,6 +19,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.schemas import sim, topics
 from surefoot.schemas.base import Request
 from surefoot.schemas.hw import DescriptionRequest, EmergencyStop, JointCommand
+from surefoot.schemas.status import StatusRequest
 from surefoot.schemas.terrain import MapRequest
 from surefoot.services.simulator import run
 from surefoot.services.simulator.ground.terrain import KINDS as TERRAINS
@@ -261,7 +262,7 @@ def test_bad_commands_are_refused_counted_and_the_robot_stands(bench: Bench, cha
     bench.walker.position = Holder.position[:3] if change is None else (change, *Holder.position[1:])
     before = bench.simulator.node.refused[reason]
     seen = bench.run()
-    assert bench.ask(topics.SIM_STATUS_GET, sim.StatusRequest()).held == "no command was accepted for 100 ms"
+    assert bench.ask(topics.SIM_STATUS_GET, StatusRequest()).held == "no command was accepted for 100 ms"
     assert bench.simulator.node.refused[reason] > before
     assert not truths(seen)[-1].fallen
 
@@ -288,7 +289,7 @@ def test_emergency_stop_holds_until_the_next_reset(bench: Bench) -> None:
     last = truths(bench.finish())[-1]
     assert last.joints == pytest.approx(Holder.position, abs=0.05)
     assert bench.simulator.node.refused["stopped"] > 0
-    assert bench.ask(topics.SIM_STATUS_GET, sim.StatusRequest()).held == "emergency stop: a hand in the way"
+    assert bench.ask(topics.SIM_STATUS_GET, StatusRequest()).held == "emergency stop: a hand in the way"
     refused = bench.simulator.node.refused["stopped"]
     last = truths(bench.run())[-1]
     assert bench.simulator.node.refused["stopped"] == refused

@@ -10,8 +10,8 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.leader import PACED_COMMAND_LAG_TICKS, PACED_WINDOW_TICKS
 from surefoot.schemas.hw import JointCommand
-from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.state import GaitState
+from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import JoinRequest
 from surefoot.schemas.topics import CMD_JOINTS, SIM_JOIN, STATE_GAIT, STATE_VELOCITY
 from tests.surefoot.expect import expect_error

@@ -14,7 +14,8 @@ import pytest
 from surefoot.bus.interface import Life
 from surefoot.errors import BusError
 from surefoot.robot.reader import ROBOTS
-from surefoot.schemas.sim import SimStatus, World
+from surefoot.schemas.sim import World
+from surefoot.schemas.status import SimStatus
 from surefoot.services.supervisor.processes.compose import parse_compose
 from surefoot.services.supervisor.processes.keep import StartOrder, keep
 from surefoot.services.supervisor.processes.rundir import RunFolder, RunFolderError
