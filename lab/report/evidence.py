@@ -26,6 +26,8 @@ OFF_RAD, OFF_S = 0.25, 0.25
 """Distance of a joint from its command, rad, and the time it lasts, s."""
 SLIDES_M, SLIDES_S = 0.003, 0.3
 """Way of two feet at once, m, and the time in which they slide it, s."""
+IN_TURN, IN_TURN_S = 3, 2.0
+"""Number of feet that slide one after another, and the time in which they do, s."""
 PUSH, PUSH_S = 3.5, 0.08
 """Acceleration of the trunk that no step causes, m/s^2, and the time over which it is a mean, s."""
 UNLOADED_N, LOADED = 0.02, 0.12
@@ -201,7 +203,7 @@ def pushes(s: Signals) -> list[Clue]:
 
 
 def sliding(s: Signals) -> list[Clue]:
-    """Find feet that slide on the ground, two at once: friction; one: a consequence."""
+    """Find feet that slide on the ground, two at once or by the truth three in turn: friction; one: a consequence."""
     if s.rows["sim/truth"]:
         times, way = s.times("sim/truth"), s.column("sim/truth", "contact_sliding")
         n = round(SLIDES_S / 0.01)
@@ -213,8 +215,8 @@ def sliding(s: Signals) -> list[Clue]:
         times, slid = s.times("state/velocity"), s.column("state/velocity", "slipping") > 0.5
     else:
         return []
-    found: list[Clue] = []
     slid &= (times > 1.0)[:, None]
+    found = _in_turn(times, slid) if s.rows["sim/truth"] else []
     for least, code in ((2, "friction"), (1, "slip")):
         many = spans(times, slid.sum(axis=1) >= least, 0.05)
         if many:
@@ -222,6 +224,17 @@ def sliding(s: Signals) -> list[Clue]:
             feet = int(slid[(times >= a) & (times <= b)].any(axis=0).sum())
             found.append(Clue(code, a, many[-1][1], f"{feet} feet slide at once" if least > 1 else "a foot slides"))
     return found
+
+
+def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
+    """Find `IN_TURN` feet that slide within `IN_TURN_S`, one after another, as on ground that is smooth everywhere."""
+    last = np.maximum.accumulate(np.where(slid, times[:, None], -np.inf), axis=0)
+    lately = last > times[:, None] - IN_TURN_S
+    for a, b in spans(times, lately.sum(axis=1) >= IN_TURN, 0.0)[:1]:
+        begin = times[(times > a - IN_TURN_S) & slid.any(axis=1)][0]
+        feet = int(lately[times == a].sum())
+        return [Clue("friction", float(begin), b, f"{feet} feet slide within {a - begin:.2f} s")]
+    return []
 
 
 def consequences(s: Signals) -> list[Clue]:

@@ -97,6 +97,13 @@ def slides(rows: Any) -> None:
     after(rows, "sim/truth", lambda row, n: row.update(contact_sliding=[2e-4 * n] * 2 + [0.0] * 2))
 
 
+def slides_in_turn(rows: Any, feet: int = 3) -> None:
+    def change(row: Any, n: int) -> None:
+        row.update(contact_sliding=[3e-4 * min(max(n - 50 * foot, 0), 30) * (foot < feet) for foot in range(LEGS)])
+
+    after(rows, "sim/truth", change)
+
+
 def pushed(rows: Any) -> None:
     after(rows, "sim/truth", lambda row, n: row.update(velocity=[0.05, min(0.1 * n, 2.0), 0.0]))
     slides(rows)
@@ -132,9 +139,9 @@ def stopped(rows: Any) -> None:
 
 
 CASES: list[tuple[str, Edit]] = [
-    ("friction", slides), ("push", pushed), ("service", leaves), ("servo", dead), ("encoder", sticks),
-    ("imu", freezes), ("imu", drops("hw/imu")), ("joints", drops("hw/joints")), ("contacts", drops("hw/contacts")),
-    ("switch", closes), ("command", still), ("stop", stopped),
+    ("friction", slides), ("friction", slides_in_turn), ("push", pushed), ("service", leaves), ("servo", dead),
+    ("encoder", sticks), ("imu", freezes), ("imu", drops("hw/imu")), ("joints", drops("hw/joints")),
+    ("contacts", drops("hw/contacts")), ("switch", closes), ("command", still), ("stop", stopped),
 ]  # fmt: skip
 
 
@@ -164,6 +171,12 @@ def test_nothing_is_blamed_in_a_walk_without_an_accident(monkeypatch: pytest.Mon
     falling = explained(edited(falls), monkeypatch)
     assert falling.cause is None
     assert "no cause was found" in falling.sentence
+
+
+def test_two_feet_that_slide_in_turn_are_no_ice(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = explained(edited(lambda rows: slides_in_turn(rows, 2)), monkeypatch)
+    assert found.outcome is not None
+    assert [each.code for each in (found.outcome, found.cause) if each is not None] == ["slip", "slip"]
 
 
 def test_a_fault_that_was_over_long_before_is_not_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
