@@ -231,9 +231,9 @@ def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
     last = np.maximum.accumulate(np.where(slid, times[:, None], -np.inf), axis=0)
     lately = last > times[:, None] - IN_TURN_S
     for a, b in spans(times, lately.sum(axis=1) >= IN_TURN, 0.0)[:1]:
-        begin = times[(times > a - IN_TURN_S) & slid.any(axis=1)][0]
+        since = a - float(times[(times > a - IN_TURN_S) & slid.any(axis=1)][0])
         feet = int(lately[times == a].sum())
-        return [Clue("friction", float(begin), b, f"{feet} feet slide within {a - begin:.2f} s")]
+        return [Clue("friction", a, b, f"{feet} feet have slid within {since + SLIDES_S:.2f} s")]
     return []
 
 

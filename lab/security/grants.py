@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import Any, NamedTuple
 
-from surefoot.bus.asking import LIVE
+from surefoot.bus.asking import LIVE, STARTS
 from surefoot.bus.codec import MAX_BULK_BYTES, MAX_JSON_BYTES
 from surefoot.bus.frame import MAX_FRAME_BYTES
 from surefoot.bus.publish import BATCH, FRAME, apart, participants_key
@@ -35,7 +35,7 @@ from surefoot.schemas.topics import (
 
 ROUTER = "supervisor"
 """Identity of the router. Peers get what clients send from it, so they trust it with every key."""
-TOKENS = f"{LIVE}/*/*"
+TOKENS = f"{LIVE}/*/*", f"{STARTS}/*/*"
 
 
 class Verb(Enum):
@@ -77,7 +77,8 @@ def _of(service: type[Service[Any]]) -> Iterator[tuple[Verb, str]]:
         yield Verb.PUBLISH, FRAME.format(owner)
         yield Verb.PUBLISH, BATCH.format(owner)
         yield Verb.SHOW, f"{LIVE}/{owner}/*"
-    yield Verb.WATCH, TOKENS
+    yield Verb.SHOW, f"{STARTS}/{service.name}/*"
+    yield from ((Verb.WATCH, tokens) for tokens in TOKENS)
     own = (*service.outputs, *(family.of(service.name) for family in (TICK_DONE, HEALTH, LOG)))
     for topic in (*own, HW_TICK) if drives else own:
         yield Verb.PUBLISH, topic.key
@@ -98,7 +99,7 @@ def _of(service: type[Service[Any]]) -> Iterator[tuple[Verb, str]]:
 
 
 def _of_role(role: Role) -> Iterator[tuple[Verb, str]]:
-    yield Verb.WATCH, TOKENS
+    yield from ((Verb.WATCH, tokens) for tokens in TOKENS)
     for topic in TOPICS:
         yield Verb.READ, topic.key
     for query in QUERIES:

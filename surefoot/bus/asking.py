@@ -17,12 +17,14 @@ from zenoh.handlers import Callback
 
 from surefoot.bus.codec import encoding_of
 from surefoot.bus.interface import two_owners
+from surefoot.bus.mesh import visible_to
 from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.publish import participants_key
 from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, Query
 
-LIVE = "alive"
+LIVE, STARTS = "alive", "starts"
+"""First words of the tokens of a process: of one that is ready, and of one from its start on."""
 TOKENS_S = 0.5
 """Most time for the tokens of a service, s; they come in a millisecond."""
 MEANWHILE_S = 0.5
@@ -97,10 +99,9 @@ class Asking:
 
     def _may_own(self, query: Query[Any, Any], process: str) -> bool:
         """Return whether a process shows the token of a query's owner; one that is alone in it is the owner."""
-        found = self._session.liveliness().get(f"{LIVE}/{query.owner}/*", timeout=TOKENS_S)
-        tokens = {str(one.ok.key_expr).rpartition("/")[2] for one in found if one.ok is not None}
-        if not tokens and query.key.startswith(HEALTH_GET.key[:-1]):
-            return True  # of a service that starts: it shows its token when it is ready
+        tokens = visible_to(self._session, f"{LIVE}/{query.owner}/*", TOKENS_S)
+        if not tokens and query.key.startswith(HEALTH_GET.key[:-1]):  # all that a service answers while it starts
+            tokens = visible_to(self._session, f"{STARTS}/{query.owner}/*", TOKENS_S)
         if process not in tokens or self._owners.get(query.owner) in tokens:
             return False
         if len(tokens) == 1:

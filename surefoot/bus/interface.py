@@ -265,8 +265,14 @@ class Bus(Protocol):
         """Return the name of a process on this bus, by which its answers and its token are known."""
         ...
 
-    def announce(self, service: str, instance: str) -> None:
-        """Makes the process visible to ``watch``; call it after everything is declared."""
+    def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
+        """Makes the process visible to ``watch``; call it after everything is declared.
+
+        Args:
+            service: name of the service.
+            instance: name of the process.
+            ready: false: it starts, is not visible to ``watch``, and owns nothing but its health.
+        """
         ...
 
     def watch(self, sink: Callable[[Life], Any]) -> None:

@@ -167,8 +167,8 @@ class MemoryBus:
             raise two_owners(query, shown)
         if shown:
             self._owners[query.owner] = shown[0]
-        elif query.key.startswith(HEALTH_GET.key[:-1]):  # of a service that starts
-            return next(iter(servers), "")
+        elif query.key.startswith(HEALTH_GET.key[:-1]):  # all that a service answers while it starts
+            shown = [by for service, by in self._starting if service == query.owner and by in servers]
         return next(iter(shown), "")
 
     def new_instance(self) -> str:
@@ -177,7 +177,10 @@ class MemoryBus:
     def look_at_links(self) -> list[Any]:
         return []
 
-    def announce(self, service: str, instance: str) -> None:
+    def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
+        if not ready:
+            self._starting.append((service, instance))
+            return
         life = Life(service, instance, True)
         self._alive.append(life)
         for watcher in self._watchers:

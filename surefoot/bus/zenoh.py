@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import zenoh
 from zenoh.handlers import Callback, RingChannel
 
-from surefoot.bus.asking import LIVE, TOKENS_S, Asking
+from surefoot.bus.asking import LIVE, STARTS, TOKENS_S, Asking
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
@@ -259,8 +259,8 @@ class ZenohBus:
             over.wait(INTRODUCE_S)
             return self._visible(session)
 
-    def announce(self, service: str, instance: str) -> None:
-        self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
+    def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
+        self._keep.append(self.session.liveliness().declare_token(f"{LIVE if ready else STARTS}/{service}/{instance}"))
 
     def watch(self, sink: Callable[[Life], Any]) -> None:
         def on_life(sample: zenoh.Sample) -> None:

@@ -79,6 +79,7 @@ class Node:
                 raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
             self._publishers[topic.key] = self.bus.publisher(topic, self.instance)
+        self.bus.announce(self.name, self.instance, ready=False)
         self.bus.serve(HEALTH_GET.of(self.name), self._early, instance=self.instance)  # all a cold service answers
         began, before = self.clock(), COMPILING.done
         with COMPILING.reporting(self._on_compile):

@@ -99,7 +99,7 @@ def slides(rows: Any) -> None:
 
 def slides_in_turn(rows: Any, feet: int = 3) -> None:
     def change(row: Any, n: int) -> None:
-        row.update(contact_sliding=[3e-4 * min(max(n - 50 * foot, 0), 30) * (foot < feet) for foot in range(LEGS)])
+        row.update(contact_sliding=[3e-4 * min(max(n - 20 * foot, 0), 30) * (foot < feet) for foot in range(LEGS)])
 
     after(rows, "sim/truth", change)
 
