@@ -85,6 +85,7 @@ class MemoryBus:
         self._routes: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._watchers: list[Callable[[Life], Any]] = []
         self._alive: list[Life] = []
+        self._starting: list[tuple[str, str]] = []
 
     def publisher(self, topic: Topic[M], instance: str = "") -> MemoryPublisher[M]:
         return MemoryPublisher(topic, self._route, instance)

@@ -97,9 +97,9 @@ def slides(rows: Any) -> None:
     after(rows, "sim/truth", lambda row, n: row.update(contact_sliding=[2e-4 * n] * 2 + [0.0] * 2))
 
 
-def slides_in_turn(rows: Any, feet: int = 3) -> None:
+def slides_in_turn(rows: Any, feet: int = 3, apart: int = 20) -> None:
     def change(row: Any, n: int) -> None:
-        row.update(contact_sliding=[3e-4 * min(max(n - 20 * foot, 0), 30) * (foot < feet) for foot in range(LEGS)])
+        row.update(contact_sliding=[3e-4 * min(max(n - apart * foot, 0), 30) * (foot < feet) for foot in range(LEGS)])
 
     after(rows, "sim/truth", change)
 
@@ -174,7 +174,7 @@ def test_nothing_is_blamed_in_a_walk_without_an_accident(monkeypatch: pytest.Mon
 
 
 def test_two_feet_that_slide_in_turn_are_no_ice(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = explained(edited(lambda rows: slides_in_turn(rows, 2)), monkeypatch)
+    found = explained(edited(lambda rows: slides_in_turn(rows, 2, 50)), monkeypatch)
     assert found.outcome is not None
     assert [each.code for each in (found.outcome, found.cause) if each is not None] == ["slip", "slip"]
 

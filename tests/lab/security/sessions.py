@@ -4,6 +4,7 @@ import json
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from tests.surefoot.net import WAIT_S, wait_until
 WORD = "w"
 """Word that stands for ``*`` where a key is used."""
 ASK_S = 2.0  # s, a query that is not answered ends then
+TOKENS = ("alive/", "starts/")
 MARK = "alive/of/all"
 
 Tried = set[tuple[Verb, str]]
@@ -58,8 +60,8 @@ class Trial:
     def __init__(self, one: zenoh.Session, other: zenoh.Session, namespace: str, keys: Iterable[str]) -> None:
         self._one, self._other, self._prefix = one, other, f"{namespace}/"
         places = {f"{namespace}/{_used(key)}": key for key in keys}
-        self._data = {place: key for place, key in places.items() if not key.startswith("alive/")}
-        self._tokens = {place: key for place, key in places.items() if key.startswith("alive/")}
+        self._data = {place: key for place, key in places.items() if not key.startswith(TOKENS)}
+        self._tokens = {place: key for place, key in places.items() if key.startswith(TOKENS)}
         self.found: Tried = set()
 
     def run(self, may: Tried) -> Tried:
@@ -98,7 +100,8 @@ class Trial:
             item.undeclare()
 
     def _seen(self, may: Tried) -> bool:
-        for reply in self._other.liveliness().get(f"{self._prefix}alive/*/*", timeout=ASK_S):
+        shown = [self._other.liveliness().get(f"{self._prefix}{word}*/*", timeout=ASK_S) for word in TOKENS]
+        for reply in chain(*shown):
             if reply.ok is not None and str(reply.ok.key_expr) in self._tokens:
                 self.found.add((Verb.SHOW, self._tokens[str(reply.ok.key_expr)]))
         seen = [str(reply.ok.key_expr) for reply in self._one.liveliness().get(f"{self._prefix}alive/*/*") if reply.ok]

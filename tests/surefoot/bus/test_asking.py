@@ -203,14 +203,45 @@ def test_a_participant_is_answered_by_the_process_it_names_only(net: Net) -> Non
         del kept
 
 
-def test_health_of_a_service_that_shows_no_token_yet_is_answered(net: Net) -> None:
-    server = net.open()
-    health = Health(service="walker", instance="x", state="compiling", pid=1)
-    server.serve(HEALTH_GET.of("walker"), lambda incoming: incoming.reply(HealthReply(health=health)))
-    client = reached(net.open("client"), HEALTH_GET.of("walker"))
-    assert client.call(HEALTH_GET.of("walker"), HealthRequest()).health == health
-    own(server, HEALTH_GET.of("walker"))
-    assert client.call(HEALTH_GET.of("walker"), HealthRequest()).health == health
+def health_server(bus: Any, state: Any) -> HealthReply:
+    reply = HealthReply(health=Health(service="walker", instance="x", state=state, pid=1))
+    bus.serve(HEALTH_GET.of("walker"), lambda incoming: incoming.reply(reply), instance=bus.new_instance())
+    return reply
+
+
+def test_health_of_a_service_that_starts_is_answered_by_who_shows_that_it_starts(net: Net) -> None:
+    query, server = HEALTH_GET.of("walker"), net.open()
+    reply = health_server(server, "compiling")
+    server.announce("walker", server.new_instance(), ready=False)
+    health_server(stranger := net.open(), "running")
+    client = reached(net.open("client"), query)
+    client.refused.clear()
+    for _ in range(20):
+        assert client.call(query, HealthRequest()) == reply
+    assert set(client.refused) <= {(query.key, stranger.new_instance())}
+    own(server, query)
+    assert client.call(query, HealthRequest()) == reply
+
+
+def test_health_of_a_service_that_is_gone_is_answered_by_nobody(net: Net) -> None:
+    query, stranger = HEALTH_GET.of("walker"), net.open()
+    health_server(stranger, "running")
+    client = net.open("client")
+    wait_until(lambda: bool(client.refused) or client.probe(query))
+    with expect_error(CallError, "timeout", text=f"'{stranger.new_instance()}' was refused, which is not walker"):
+        client.call(query, HealthRequest(), 0.5)
+
+
+def test_in_memory_health_is_answered_by_who_shows_that_it_starts() -> None:
+    query, bus = HEALTH_GET.of("walker"), MemoryBus()
+    for instance, state in (("stranger", "running"), ("real", "compiling")):
+        found: Any = {"service": "walker", "instance": instance, "state": state, "pid": 1}
+        reply = HealthReply(health=Health(**found))
+        bus.serve(query, lambda incoming, reply=reply: incoming.reply(reply), instance=instance)
+    with expect_error(CallError, "absent"):
+        bus.call(query, HealthRequest())
+    bus.announce("walker", "real", ready=False)
+    assert bus.call(query, HealthRequest()).health.instance == "real"
 
 
 def test_a_query_that_its_owner_leaves_is_a_time_out(net: Net) -> None:
