@@ -28,7 +28,7 @@ SLIDES_M, SLIDES_S = 0.003, 0.3
 """Way of two feet at once, m, and the time in which they slide it, s."""
 IN_TURN, IN_TURN_S = 3, 2.0
 """Number of feet that slide one after another, and the time in which they do, s."""
-PUSH, PUSH_S = 3.5, 0.08
+PUSH, PUSH_S = 5.0, 0.08
 """Acceleration of the trunk that no step causes, m/s^2, and the time over which it is a mean, s."""
 UNLOADED_N, LOADED = 0.02, 0.12
 """Force of a foot in the air, N, and share of the weight on one that stands."""
