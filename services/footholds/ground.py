@@ -139,7 +139,7 @@ def ground_features(
     """
     surface = ground.surface
     if relief:
-        return relief_features(ground.relief, *window, stroke, surface.cell)
+        return relief_features(ground.relief, window, stroke, surface.cell, ground.scale)
     if window == (0, 0, *surface.shape):
         return map_features(surface.z, stroke, surface.cell)
     return window_features(surface.z, *window, stroke, surface.cell)

@@ -8,7 +8,11 @@ as the variance of its slope g, r the deviation of the heights from it. Coeffici
 
     K2 = 8 cell sqrt(|g|^2 + u^2),   K1 = K2 r / (r + cell |g|),   cos K3 = n . f,
 
-with the unit normal n and the push f. A cell of noise moves K2 of 3 x 3 cells by its own height; here it is one of 25.
+with the unit normal n and the push f. On a map with noise g and u are made smaller first, by
+
+    sqrt(1 - FAINT^2 / (|g|^2 + u^2)),   0 where that is less,
+
+so that what noise alone explains is no steepness, and no foot goes aside for it.
 """
 
 import math
@@ -26,8 +30,10 @@ from .features import Features, Layer, push_direction
 
 SCALES = (1, 2, 3, 4)
 """Cells on each side of a plane. The first whose slope the noise of the map moves by less than `SURE` is taken."""
-SURE = 0.03
+SURE = 0.06
 """Deviation of a slope by the noise of the map, rise per way."""
+FAINT = 0.15
+"""Steepness that noise explains where one cell on each side was not enough, two and a half deviations, rise per way."""
 LEAST_KNOWN = 0.4
 """Share of known cells of a plane below which it counts as unknown."""
 
@@ -102,24 +108,24 @@ def _extreme(best: np.ufunc, layer: Layer, by: int) -> Layer:
 
 
 def relief_features(
-    relief: Relief, row: int, col: int, rows: int, cols: int, stroke: NDArray[np.float64], cell: float
+    relief: Relief, window: tuple[int, int, int, int], stroke: NDArray[np.float64], cell: float, scale: int
 ) -> Features:
-    """Return the coefficients of the window of rows x cols cells that starts at (row, col); it may leave the map.
+    """Return the coefficients of a window of cells.
 
     Args:
         relief: planes of the map.
-        row: first row.
-        col: first column.
-        rows: number of rows.
-        cols: number of columns.
+        window: first row, first column, rows and columns; may leave the map, its coefficients are NaN there.
         stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
         cell: edge of a cell, m.
+        scale: cells on each side of a plane.
     """
-    window = tuple(np.empty((rows, cols), dtype=np.float32) for _ in relief)
-    for layer, part in zip(relief, window, strict=True):
+    row, col, *shape = window
+    parts = tuple(np.empty(shape, dtype=np.float32) for _ in relief)
+    for layer, part in zip(relief, parts, strict=True):
         patch(layer, row, col, part)
-    out = Features(*(np.empty((rows, cols), dtype=np.float32) for _ in Features._fields))
-    _coefficients(window, push_direction(stroke), cell, out.k1, out.k2, out.cos_k3)  # type: ignore[arg-type]
+    out = Features(*(np.empty(shape, dtype=np.float32) for _ in Features._fields))
+    faint = FAINT if scale > SCALES[0] else 0.0
+    _coefficients(parts, push_direction(stroke), cell, faint, out.k1, out.k2, out.cos_k3)  # type: ignore[arg-type]
     return out
 
 
@@ -136,22 +142,26 @@ def patch_features(z: Layer, scale: int, stroke: Sequence[float], cell: float, b
     first, edge = z.shape[0] // 2 - border, 2 * border + 1
     relief = Relief(*(np.full(z.shape, np.nan, dtype=np.float32) for _ in Relief._fields))
     update_relief(z, cell, scale, relief, (first, first + edge, first, first + edge))
-    return relief_features(relief, first, first, edge, edge, np.array(stroke, dtype=np.float64), cell)
+    return relief_features(relief, (first, first, edge, edge), np.array(stroke, dtype=np.float64), cell, scale)
 
 
 @row_kernel
 def _coefficients(
-    window: tuple[Layer, Layer, Layer, Layer], push: tuple[float, float, float], cell: float, k1: Layer, k2: Layer,
-    cos_k3: Layer,
+    window: tuple[Layer, Layer, Layer, Layer], push: tuple[float, float, float], cell: float, faint: float, k1: Layer,
+    k2: Layer, cos_k3: Layer,
 ) -> None:  # fmt: skip
-    """Write K1, K2, cos K3 of planes, (rows, cols)."""
+    """Write K1, K2, cos K3 of planes, (rows, cols); `faint` is the steepness that noise explains."""
     slope_x, slope_y, rough, unsure = window
     fx, fy, fz = push
     for i in range(k1.shape[0]):
         for j in range(k1.shape[1]):
             gx, gy, r, u = float(slope_x[i, j]), float(slope_y[i, j]), float(rough[i, j]), float(unsure[i, j])
             slope2 = gx * gx + gy * gy
-            steep, lost = 8.0 * cell * math.sqrt(slope2 + u * u), r + cell * math.sqrt(slope2)
+            steep2, lost = slope2 + u * u, r + cell * math.sqrt(slope2)
+            if faint > 0.0:
+                real = math.sqrt(1.0 - faint * faint / steep2) if steep2 > faint * faint else 0.0 * steep2  # NaN stays
+                gx, gy, slope2, steep2 = real * gx, real * gy, real * real * slope2, real * real * steep2
+            steep = 8.0 * cell * math.sqrt(steep2)
             k1[i, j] = steep * r / lost if lost > 1e-9 else steep
             k2[i, j] = steep
             cos_k3[i, j] = (fz - gx * fx - gy * fy) / math.sqrt(slope2 + 1.0)

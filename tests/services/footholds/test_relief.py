@@ -5,9 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surefoot.services.footholds.ground import updated_ground
-from surefoot.services.footholds.relief import LEAST_KNOWN, patch_features, relief_features, relief_of, scale_of
-from tests.services.footholds.grounds import CELL, ground_of, heights_of
+from surefoot.services.footholds.ground import ground_features, updated_ground
+from surefoot.services.footholds.models.files import load
+from surefoot.services.footholds.models.shipped import shipped
+from surefoot.services.footholds.relief import FAINT, LEAST_KNOWN, patch_features, relief_features, relief_of, scale_of
+from surefoot.services.footholds.select import SelectParams, best_cell, window_costs
+from tests.services.footholds.grounds import CELL, STROKE, ground_of, heights_of
 
 
 def by_lstsq(z: np.ndarray, i: int, j: int, s: int) -> tuple[float, ...] | None:
@@ -44,11 +47,11 @@ def test_coefficients_of_a_plane() -> None:
     slope = np.array([0.3, -0.2])
     z = CELL * (slope[0] * np.arange(20.0)[None, :] + slope[1] * np.arange(20.0)[:, None]).astype(np.float32)
     push = np.array([-0.05, 0.0, 0.0])
-    found = relief_features(relief_of(z.astype(np.float32), CELL, 2), 8, 8, 3, 3, push, CELL)
+    found = relief_features(relief_of(z.astype(np.float32), CELL, 1), (8, 8, 3, 3), push, CELL, 1)
     assert found.k2 == pytest.approx(8 * CELL * np.hypot(*slope), rel=1e-3)
     assert found.cos_k3 == pytest.approx(slope[0] / np.sqrt(1.0 + slope @ slope), rel=1e-3)
     assert np.abs(found.k1) == pytest.approx(0.0, abs=1e-4)
-    patch = patch_features(z[3:16, 3:16].astype(np.float32), 2, push, CELL, 1)
+    patch = patch_features(z[3:16, 3:16].astype(np.float32), 1, push, CELL, 1)
     for one, other in zip(found, patch, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
 
@@ -57,10 +60,26 @@ def test_noise_makes_the_planes_wider() -> None:
     rng = np.random.default_rng(0)
     z = 0.02 * np.sin(np.arange(120.0) / 9.0)[None, :] * np.ones((100, 1))
     scales = []
-    for noise in (0.0, 0.0015, 0.003, 0.008):
+    for noise in (0.0, 0.003, 0.005, 0.008):
         raw = heights_of(z + rng.normal(0.0, 1.0, z.shape) * noise)
         scales.append(scale_of(raw, raw.smoothed()))
     assert scales == [1, 2, 3, 4]
+
+
+def test_no_foot_goes_aside_for_noise() -> None:
+    rng, way = np.random.default_rng(2), []
+    ground = ground_of(rng.normal(0.0, 0.003, (160, 200)), smooth=True)
+    path = shipped("ragno")
+    assert ground.scale > 1 and path is not None
+    model = load(path)
+    for x, y in rng.uniform((-0.3, -0.25), (0.3, 0.25), (200, 2)):
+        row, col = ground.surface.index(x, y)
+        costs = window_costs(ground, model, (row - 7, col - 7, 15, 15), np.array(STROKE), (x, y), SelectParams())
+        way.append(costs.away.ravel()[best_cell(np.zeros((15, 15), dtype=np.uint8), costs)])
+    assert np.mean(np.array(way) > 0.01) < 0.03  # one in ten before; the walker steps once more for such a foot
+    steep = ground_of(rng.normal(0.0, 0.003, (60, 60)) + 0.4 * CELL * np.arange(60.0), smooth=True)
+    found = ground_features(steep, True, (10, 10, 40, 40), np.array(STROKE))
+    assert found.k2.mean() / (8.0 * CELL) == pytest.approx(np.sqrt(0.4**2 - FAINT**2), rel=0.05)
 
 
 def test_a_changed_map_has_the_relief_of_a_new_one() -> None:
