@@ -70,7 +70,8 @@ def test_no_foot_goes_aside_for_noise() -> None:
     rng, way = np.random.default_rng(2), []
     ground = ground_of(rng.normal(0.0, 0.003, (160, 200)), smooth=True)
     path = shipped("ragno")
-    assert ground.scale > 1 and path is not None
+    assert ground.scale > 1
+    assert path is not None
     model = load(path)
     for x, y in rng.uniform((-0.3, -0.25), (0.3, 0.25), (200, 2)):
         row, col = ground.surface.index(x, y)
