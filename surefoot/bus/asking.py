@@ -80,10 +80,10 @@ class Asking:
         owner, claims, strangers = instance or self._owners.get(query.owner, ""), dict[str, zenoh.Reply](), set[str]()
         while reply := _next(replies, deadline, meanwhile):
             by = _replier(reply)
-            if by == owner:
-                return reply
             if not by or by in claims or by in strangers:  # without a name: the router's note of a time-out
                 continue
+            if by == owner:
+                return reply
             if not instance and self._may_own(query, by):
                 claims[by] = reply
                 if self._owners.get(query.owner) == by:
@@ -101,7 +101,7 @@ class Asking:
         """Return whether a process shows the token of a query's owner; one that is alone in it is the owner."""
         tokens = visible_to(self._session, f"{LIVE}/{query.owner}/*", TOKENS_S)
         if not tokens and query.key.startswith(HEALTH_GET.key[:-1]):  # all that a service answers while it starts
-            tokens = visible_to(self._session, f"{STARTS}/{query.owner}/*", TOKENS_S)
+            return process in visible_to(self._session, f"{STARTS}/{query.owner}/*", TOKENS_S)
         if process not in tokens or self._owners.get(query.owner) in tokens:
             return False
         if len(tokens) == 1:
