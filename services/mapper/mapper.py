@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
 from surefoot.geometry.linear import product
-from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy, rpy_from_matrix
+from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy, rotvec_from_matrix, rpy_from_matrix
 
 from .elevation import (
     GATE,
     SLOPE,
     Elevation,
     Grid,
+    GroundMeans,
     GroundPoints,
     OdometryDrift,
     around,
@@ -29,6 +30,7 @@ from .elevation import (
     variances,
 )
 from .legs import TrunkOverFeet
+from .turned import turn_onto
 
 Array = NDArray[np.float64]
 
@@ -59,6 +61,10 @@ LEAST_ALIKE = 0.75
 """Share of these that has to agree; on known ground an image of a camera that was not moved has more."""
 MOST_DOUBTFUL = 10
 """Images in a row that may be refused for what they show; a map that all of them contradict is out of date."""
+SURE_ALIKE = 0.9
+"""Share of the cells that has to agree for a turn of the camera to be believed."""
+SAME_TURN = 0.01
+"""Angle within which the turns that two images in a row show are one, rad."""
 UNKNOWN_TILT = 0.01**2
 """rad^2, variance of roll and pitch of an odometry that states none."""
 
@@ -140,6 +146,7 @@ class Mapper:
         params: its size and limits.
         refused: images refused, by reason, and single depths, as `depth`.
         images: number of images in the map.
+        turn: rotation of the camera from where it is stated to be, (3, 3) base_link.
     """
 
     params: MapParams = field(default_factory=MapParams)
@@ -150,6 +157,7 @@ class Mapper:
         self._poses: deque[MapPose] = deque(maxlen=KEPT)
         self._drift, self._top, self._last_ns = OdometryDrift(), np.zeros(3), -(1 << 62)
         self._offset: tuple[Array, Array] | None = None
+        self.turn, self._shown_turn = np.eye(3), np.eye(3)
         self.forget()
 
     def forget(self) -> None:
@@ -211,8 +219,9 @@ class Mapper:
     def look(self, view: DepthView, now_ns: int, feet: Array = NOWHERE) -> int:
         """Take an image into the map; return the number of cells it shows.
 
-        An image that contradicts the map is refused. Where the feet contradict the map, too, or all images have done
-        so for long, the map begins anew.
+        An image that contradicts the map is refused, unless it is the second in a row that one turn of the camera
+        explains: the camera was knocked aside then, and its images are turned back. Where the feet contradict the map,
+        too, or all images have done so for long, the map begins anew.
 
         Args:
             view: the image.
@@ -234,6 +243,9 @@ class Mapper:
         self._last_ns, self._data = view.stamp_ns, data
         both, alike = compared(layers, found, self._drift)
         doubtful = both >= LEAST_BOTH and alike < LEAST_ALIKE * both
+        back = self._turned_back(view, pose, points, layers) if doubtful else None
+        if back is not None:
+            found, doubtful = back, False
         self._doubtful = self._doubtful + 1 if doubtful else 0
         if doubtful:
             if self._doubtful <= MOST_DOUBTFUL and self._carries(feet):
@@ -246,6 +258,30 @@ class Mapper:
             layers = self._here(self._poses[-1])
         self.images += 1
         return fuse(layers, found, self._drift)
+
+    def _turned_back(
+        self, view: DepthView, pose: MapPose, points: GroundPoints, layers: Elevation
+    ) -> GroundMeans | None:
+        """Return an image with the turn of the camera that it shows; None where none explains it, or not yet."""
+        camera = pose.position + product(view.position[None], pose.rot.T)[0]
+        turn = turn_onto(layers.height, self.grid, points.place, camera)
+        turn = product(product(product(np.ascontiguousarray(pose.rot.T), turn), pose.rot), self.turn)
+        apart = _angle(product(np.ascontiguousarray(self._shown_turn.T), turn))
+        self._shown_turn = turn
+        if not self._doubtful or apart > SAME_TURN:
+            return None
+        before, self.turn = self.turn, turn
+        found = means(self.params.cells, self.grid, self._points(view, pose))
+        both, alike = compared(layers, found, self._drift)
+        if both >= LEAST_BOTH and alike >= SURE_ALIKE * both:
+            return found
+        self.turn = before
+        return None
+
+    @property
+    def turned(self) -> float:
+        """Angle by which the camera is turned from where it is stated to be, rad."""
+        return _angle(self.turn)
 
     def heights(self) -> tuple[Array, Array] | None:
         """Return the heights, m, and their variances relative to the robot now, m^2; None = nothing was seen."""
@@ -314,7 +350,7 @@ class Mapper:
             raise Refusal("blind", f"no depth up to {self.params.farthest:g} m in the image")
         z = z[good]
         rows, cols = np.divmod(np.flatnonzero(good), view.depths.shape[1])
-        ahead, look = np.ones_like(z), matrix_from_quat(view.quat_wxyz).T
+        ahead, look = np.ones_like(z), product(self.turn, matrix_from_quat(view.quat_wxyz)).T
         ray = np.stack(
             ((cols + 0.5 - view.center[0]) / view.focal, (rows + 0.5 - view.center[1]) / view.focal, ahead), 1
         )
@@ -327,3 +363,8 @@ class Mapper:
         variance = sigma * sigma * (along[:, 2] ** 2 + SLOPE * SLOPE * level2) + cell2
         common = math.sqrt(pose.tilt) * np.sqrt(arm[:, 0] ** 2 + arm[:, 1] ** 2)
         return GroundPoints(arm + pose.position, variance, common)
+
+
+def _angle(rot: Array) -> float:
+    """Return the angle of a rotation (3, 3), rad."""
+    return math.sqrt(float((rotvec_from_matrix(rot) ** 2).sum()))

@@ -1,5 +1,7 @@
 """The mapper service: images of a depth camera and odometry in, a height map about the robot with variances out."""
 
+import math
+
 import numpy as np
 
 from surefoot.errors import Refusal
@@ -88,6 +90,7 @@ class MapperService(Service[MapperConfig]):
 
     def _take(self, image: DepthImage, now_ns: int) -> None:
         feet = NOWHERE if self._standing is None else standing_points(self.robot, *self._standing)
+        turn = self.mapper.turn
         try:
             self.mapper.look(depth_view(image), now_ns, feet)
         except Refusal as refusal:
@@ -95,6 +98,9 @@ class MapperService(Service[MapperConfig]):
             if refusal.code not in self._logged:
                 self._logged.add(refusal.code)
                 self.log("warning", f"hw/depth refused ({refusal.code}): {refusal.message}")
+        if self.mapper.turn is not turn:
+            angle = math.degrees(self.mapper.turned)
+            self.log("warning", f"the depth camera is turned by {angle:.1f} deg; its images are turned back")
 
 
 SERVICE = MapperService

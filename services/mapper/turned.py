@@ -1,0 +1,63 @@
+"""Turn of a depth camera that was knocked aside: the rotation about the camera that lays its points onto the map.
+
+A point p at a = p - c from the camera c lies e above the map, whose slope there is g. A small turn w about the level
+axes through the camera changes that by w . J, so that each step of Gauss and Newton is
+
+    w = -(sum k J J^T)^-1 sum k J e,   J = (a_y + g_y a_z, -a_x - g_x a_z),   k = 1 / (1 + (e / s)^2),
+
+with s of the size of the errors, so that what is new on the ground counts little. The slopes mean nothing while the
+points lie far from their places: the first steps take them for 0. A turn about the vertical is not looked for: level
+ground does not show it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import matrix_from_rotvec
+
+from .elevation import Grid
+
+Array = NDArray[np.float64]
+
+STEPS = 12
+"""Steps of the search, half of them on level ground."""
+MOST_POINTS = 1000
+"""Points that are looked at, evenly over the image: a look costs 4 ms."""
+SPAN = 4
+"""Cells on each side of a slope: over less of them it is the noise of the map."""
+LEAST_SIZE = 0.002
+"""Least size s of the errors, m."""
+
+
+def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
+    """Return the rotation (3, 3) about a camera, (3,) m, that lays its points, (n, 3) m, onto a map, (ny, nx) m."""
+    ny, nx = height.shape
+    arm, rot = place[:: 1 + len(place) // MOST_POINTS] - camera, np.eye(3)
+    for step in range(STEPS):
+        a = product(arm, rot.T)
+        x, y = ((a + camera)[:, :2] / grid.cell - (grid.col, grid.row)).T
+        rows, cols = np.floor(y + 0.5).astype(np.int64), np.floor(x + 0.5).astype(np.int64)
+        inside = (np.minimum(rows, cols) >= SPAN) & (rows < ny - SPAN) & (cols < nx - SPAN)
+        a, rows, cols = a[inside], rows[inside], cols[inside]
+        gx = np.nan_to_num(height[rows, cols + SPAN] - height[rows, cols - SPAN]) / (2 * SPAN * grid.cell)
+        gy = np.nan_to_num(height[rows + SPAN, cols] - height[rows - SPAN, cols]) / (2 * SPAN * grid.cell)
+        off = a[:, 2] + camera[2] - height[rows, cols]
+        if 2 * step < STEPS:
+            gx, gy = np.zeros_like(gx), np.zeros_like(gy)
+        else:
+            off = off - grid.cell * (gx * (x[inside] - cols) + gy * (y[inside] - rows))
+        known = np.isfinite(off)
+        if not known.any():
+            return rot
+        a, gx, gy, off = a[known], gx[known], gy[known], off[known]
+        size = max(1.5 * float(np.sort(np.abs(off))[off.size // 2]), LEAST_SIZE)
+        share = 1.0 / (1.0 + (off / size) ** 2)
+        jx, jy = a[:, 1] + gy * a[:, 2], -a[:, 0] - gx * a[:, 2]
+        xx, xy, yy = (share * jx * jx).sum(), (share * jx * jy).sum(), (share * jy * jy).sum()
+        xe, ye, area = (share * jx * off).sum(), (share * jy * off).sum(), xx * yy - xy * xy
+        if not area > 0.0:
+            return rot
+        turn = np.array([xy * ye - yy * xe, xy * xe - xx * ye, 0.0]) / area
+        rot = product(matrix_from_rotvec(turn), rot)
+    return rot
