@@ -14,7 +14,7 @@ def report(log: Log) -> dict[str, Any]:
     """Return what a log shows about its robot, as plain numbers; `corrections` are what `--calibrated` applies."""
     found = calibrate(log)
     return {
-        "log": log.name, "robot": log.robot, "windows": found.windows,
+        "log": log.name, "robot": log.robot_name, "windows": found.windows,
         "parameters": [asdict(one) for one in (*found.found(), *calibrate_forces(log))],
         "corrections": [asdict(one) for one in proven(found).found()],
     }  # fmt: skip

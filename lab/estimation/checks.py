@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
-from surefoot.robot.reader import load_robot
 
 from .feet import up_at
 from .log import Flags, Ints, Log
@@ -94,9 +93,9 @@ def _forces(log: Log) -> tuple[str, ...]:
     mass = usual / GRAVITY
     seen = f"forces add up to {usual:.3g} N (median), the weight of {mass:.3g} kg"
     if log.robot is not None:
-        known = load_robot(log.robot).mass
+        known = log.robot.mass
         if not known / MASS_FACTOR < mass < known * MASS_FACTOR:
-            return (f"{seen}; {log.robot} has {known:.3g} kg: another unit, or another robot?",)
+            return (f"{seen}; {log.robot.name} has {known:.3g} kg: another unit, or another robot?",)
     elif not MASSES_KG[0] < mass < MASSES_KG[1]:
         return (f"{seen}: counts, or another unit than N?",)
     return ()

@@ -12,7 +12,8 @@ from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
 from surefoot.npz import BROKEN_NPZ, damage_of
 from surefoot.record.columns import recorded_columns
-from surefoot.robot.reader import load_robot
+from surefoot.record.recording import open_readable
+from surefoot.record.robots import robot_of
 
 from .log import Flags, Ints
 from .recorded import log_of_columns, published
@@ -82,10 +83,8 @@ def load_estimated(path: Path) -> Estimated:
 
 
 def _of_recording(path: Path) -> Estimated:
-    columns, named = recorded_columns(path)
-    if not named:
-        raise SurefootError("invalid", f"{path} names no robot", "robot")
-    robot = load_robot(named)
+    columns, _ = recorded_columns(path)
+    robot = robot_of(open_readable(path))
     track, log = published(columns, robot), log_of_columns(path.stem, columns, robot)
     errors = {} if log.truth is None else plain(asdict(score(log, track)))
     started = track.flags["initialised"]

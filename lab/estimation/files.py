@@ -67,7 +67,6 @@ def open_log(
     else:
         description = None if robot is None else load_robot(robot)
         log, notes = log_of_table(path.stem, read_table(path, sort), description, feet)
-        log = log if robot is None else replace(log, robot=robot)  # a folder loads by its path
     check_units(log)
     if path.suffix.lower() != ".mcap":
         notes += check_kinematics(log)

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
-from surefoot.robot.reader import load_robot
 
 from .calibrate import NARROW, NORMAL_95, CalibratedValue
 from .log import Log
@@ -64,7 +63,7 @@ def _scales(log: Log, force: Array) -> list[CalibratedValue]:
     a = np.array([force[good & (block == b)].mean(axis=0) for b in names]).reshape(len(names), count)
     pull = np.array([np.linalg.norm(log.q[rows][good & (block == b)].mean(axis=0)) for b in names])
     known = log.robot is not None
-    mass = load_robot(log.robot).mass if log.robot is not None else float(np.median(a.sum(axis=1))) / GRAVITY
+    mass = log.robot.mass if log.robot is not None else float(np.median(a.sum(axis=1))) / GRAVITY
     label = "force scale of foot" if known else "force scale, against the mean, of foot"
     if len(names) < FEWEST_BLOCKS or not mass > 0.0:
         return [CalibratedValue(f"{label} {f}", "%", 0.0, 100.0 * SCALE_RANGE, False) for f in range(count)]

@@ -10,7 +10,6 @@ from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import foot_jacobians, forward
-from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.mount import FootMount, foot_mount
 
 from .log import Log
@@ -57,7 +56,7 @@ class LegModel:
 
     def __init__(self, log: Log, unknowns: Sequence[Unknown]) -> None:
         self.log, self._unknowns = log, unknowns
-        self._mount = None if log.joints is None or log.robot is None else foot_mount(load_robot(log.robot))
+        self._mount = None if log.joints is None or log.robot is None else foot_mount(log.robot)
 
     def values(self, theta: Array, kind: str, count: int) -> Array:
         """Return the values of one kind by their index, (count,); zero where there are none."""
@@ -136,7 +135,7 @@ def unknowns_of(log: Log) -> list[Unknown]:
     """Return what can be asked of a log: each link and joint of its legs, or one scale per leg."""
     out: list[Unknown] = []
     if log.joints is not None and log.robot is not None:
-        out += _of_robot(load_robot(log.robot))
+        out += _of_robot(log.robot)
     else:
         out += [Unknown(f"length of leg {f}", "length", f) for f in range(log.feet_count)]
     oriented = np.nanmax(np.abs(log.foot_rot - log.foot_rot[:1]), initial=0.0) > ORIENTED

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.robot.description import Robot
 from surefoot.services.estimator.feet.mount import FootSample
 
 from .external import Externals
@@ -61,7 +62,7 @@ class Log:
     radius: Array | None = None  # (F,) m, of round feet; None = soles
     rot_base_from_imu: Array = field(default_factory=lambda: np.eye(3))
     imu_position: Array = field(default_factory=lambda: np.zeros(3))  # in base_link, m
-    robot: str | None = None  # name of the robot description, if there is one
+    robot: Robot | None = None  # description, if there is one
     sensors: Mapping[str, float | int] = field(default_factory=dict)  # what is known of the sensors, as parameters
     rest: tuple[int, int] = (0, 0)  # rows of a standstill at the beginning, first and after the last
     begin_s: float = 0.5  # scores begin so long after the start
@@ -70,6 +71,11 @@ class Log:
     order: Ints | None = None  # order of arrival: index of the inertial row, or n + index of the foot sample
     external: Externals | None = None  # poses, headings, velocities from elsewhere
     chance: Array | None = None  # (m, F) probability of contact, NaN = unknown; None = `contact` is certain
+
+    @property
+    def robot_name(self) -> str | None:
+        """Name of the robot, None = there is no description."""
+        return None if self.robot is None else self.robot.name
 
     @property
     def feet_count(self) -> int:

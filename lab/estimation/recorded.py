@@ -1,6 +1,5 @@
 """Recordings of this project as logs: feet by the robot description, truth of the IMU from that of base_link."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +35,8 @@ def log_of_recording(path: Path, robot: str | None = None) -> Log:
         SurefootError: it cannot be read, names no robot or another one, or has no joints or contacts.
     """
     described = robot_for(open_readable(path), robot)
-    columns, named = recorded_columns(path)
-    log = log_of_columns(path.stem, columns, described)
-    return replace(log, robot=robot or named or described.name)  # a folder loads by its path
+    columns, _ = recorded_columns(path)
+    return log_of_columns(path.stem, columns, described)
 
 
 def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Log:
@@ -79,7 +77,7 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
         columns["joints_stamp_ns"][keep], position[keep], rot[keep], contact, _truth(columns, robot),
         touch=touch, force=None if np.isnan(force).all() else force, joints=joints[keep], points=_points(robot),
         radius=mount.radius, rot_base_from_imu=np.ascontiguousarray(mount.rot_imu_from_base.T),
-        imu_position=mount.imu_position, robot=robot.name, begin_s=SCORED_FROM_S, order=arrival,
+        imu_position=mount.imu_position, robot=robot, begin_s=SCORED_FROM_S, order=arrival,
         saturated=columns["saturated"][:, 0] > 0.5, external=external, **more,
     )  # fmt: skip
 

@@ -123,7 +123,7 @@ def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
     duration = float(log.seconds[-1])
     first = int(np.argmax(started)) if started.any() else None
     out: dict[str, Any] = {
-        "log": log.name, "estimator": track.name, "robot": log.robot, "rows": n, "foot_samples": len(log.foot_ns),
+        "log": log.name, "estimator": track.name, "robot": log.robot_name, "rows": n, "foot_samples": len(log.foot_ns),
         "feet": log.feet_count, "duration_s": duration, "imu_hz": _rate(log.stamp_ns), "feet_hz": _rate(log.foot_ns),
         "started_after_s": None if first is None else float(log.seconds[first]), "refused": dict(track.refused),
     }  # fmt: skip

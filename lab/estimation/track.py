@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import (
     LEVER,
     SOLE_POINTS,
@@ -109,9 +108,8 @@ class LogRunner:
         changes = {**log.sensors, **options}
         hypotheses, self.joint = bool(changes.pop("hypotheses", True)), bool(changes.pop("joint", False))
         if log.robot is not None:
-            robot = load_robot(log.robot)
-            params = EstimatorParams.from_robot(robot, start_slope_sd=LEVEL_SD)
-            points = contact_points(robot)
+            params = EstimatorParams.from_robot(log.robot, start_slope_sd=LEVEL_SD)
+            points = contact_points(log.robot)
         else:
             params, points = EstimatorParams(), None
             if log.points is not None and log.points.shape[1] == LINE_POINTS:

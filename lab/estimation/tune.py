@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.params import EstimatorParams
 
 from .log import Log
@@ -46,7 +45,7 @@ def start(name: str, log: Log) -> dict[str, Any]:
     out: dict[str, Any] = {key: first for key, (first, _, _) in SEARCHED[name].items()}
     known: Mapping[str, Any] = log.sensors
     if log.robot is not None:
-        p = EstimatorParams.from_robot(load_robot(log.robot))
+        p = EstimatorParams.from_robot(log.robot)
         known = {"sigma_w": p.sigma_w, "sigma_q": p.sigma_q}
         if name == "inekf":
             out["bias_a"] = p.acc_bias_sd

@@ -22,8 +22,9 @@ from .point import lift, retract
 from .pose import grow_pose
 from .rest import learn_end_of_rest, learn_gyro_bias
 from .samples import ROW_Q, ROW_W, SampleStore, after
-from .start import check_start, check_tilt, rests, start_at_rest, start_moving
+from .start import rests, start_at_rest, start_moving
 from .state import BestState, Felt, felt_variance, forget_levels, forget_velocity, predict, rotation
+from .tilt import check_start, check_tilt
 from .update import follow, persistence, remember_slides, take_points
 
 Array = NDArray[np.float64]
@@ -195,9 +196,7 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
     if state.memory[M.losses] > losses or state.memory[M.lost_for] > FIXED.lost_memory:
         check_tilt(state, setting, state.memory[M.losses] > losses)
     elif state.memory[M.woke] >= 0.0 and state.memory[M.age] - state.memory[M.woke] < FIXED.woken_s:
-        at = likeliest(state)
-        if (state.memory if at < 0 else state.mode_memory[at])[M.excess] > FIXED.woken_excess:
-            check_start(state, contact, setting)
+        check_start(state, contact, dt, setting)
 
 
 @inner_kernel
@@ -299,7 +298,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
         learn_end_of_rest(state, samples.imu, at, setting.noise, limits)
     if memory[M.phase] == STARTED and memory[M.rest] > 0.0 and memory[M.excess] <= 1.0:
         memory[M.woke] = memory[M.age]
-        memory[M.push : M.push + 3] = 0.0
+        memory[M.push : M.push + 3] = memory[M.wrong : M.wrong + 4] = 0.0
     memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
     if resting:
         collapse(state, setting.geometry.foot)

@@ -87,7 +87,7 @@ class SensorLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (97,)."""
+    """First index of each part of `BestState.memory`, (101,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -160,12 +160,15 @@ class MemoryLayout(NamedTuple):
     woke: int = 60
     """`age` when the last quiet sample of a rest was; `LONG_AGO` when there is nothing to compare any more."""
     shown: int = 61
-    """Factors of the stated noise of gyro and accelerometer by the last rest, (2,); see `start`."""
+    """Factors of the stated noise of gyro and accelerometer by the rest of the start, (2,); see `start`."""
     weight: int = 63
     """Length of the accelerometer's samples, mean over `weight_s`, m/s^2."""
     aloft: int = 64
     """Time for which all switches have been open while the accelerometer shows the weight, s."""
-    levels: int = 65
+    wrong: int = 65
+    """Fit of a line through 0 to the level part d of `push` less the velocity that a standing foot shows, over the time
+    t since `woke`: integrals of t d (2), t^2 and d^2, (4,)."""
+    levels: int = 69
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 

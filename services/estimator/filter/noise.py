@@ -290,9 +290,12 @@ class FixedNumbers(NamedTuple):
     """Excess of the inertial noise just after a rest from which the tilt of the rest is looked at. Clean logs: 2."""
     woken_s: float = 1.0
     """Time after a rest within which it is."""
-    woken_speed: float = 0.25
-    """Level velocity that the feet have taken out since then which shows a wrong tilt, m/s: encoders 50 ms late show
-    0.1 at 2 m/s^2."""
+    woken_least_s: float = 0.2
+    """Time after a rest from which it is, s."""
+    woken_speed: float = 0.15
+    """Level velocity that the feet have taken out since then which shows a wrong tilt, m/s."""
+    woken_straight: float = 0.9
+    """Share of its square that grows with the time, from which it is by a tilt. Feet 50 ms late: 0.5."""
     suspicious: float = 0.15
     """Mean logarithm of motion against a switch from which the feet show no tilt: half of `most_against`."""
     suspected: float = 0.05

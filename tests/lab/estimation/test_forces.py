@@ -10,17 +10,19 @@ from surefoot.lab.estimation.log import Log
 from surefoot.robot.reader import load_robot
 from tests.lab.estimation.walks import noisy
 
+BIOLOID = load_robot("bioloid")
 
-def pressed(scale: tuple[float, float], zero: tuple[float, float], robot: str | None = "bioloid", seed: int = 0) -> Log:
+
+def pressed(scale: tuple[float, float], zero: tuple[float, float], known: bool = True, seed: int = 0) -> Log:
     """A walk whose feet share the weight, in cells that read (N - zero) / scale."""
     log, rng = noisy("twist", seed), np.random.default_rng(seed)
     assert log.truth is not None
-    weight = load_robot("bioloid").mass * 9.81
+    weight = BIOLOID.mass * 9.81
     shift = 0.5 + 0.3 * np.sin(np.arange(len(log.foot_ns)) / 11.0)
     share = log.contact * np.stack([shift, 1.0 - shift], axis=1)
     share /= np.maximum(share.sum(axis=1), 1e-9)[:, None]
     force = weight * share + 0.2 * rng.normal(size=share.shape)
-    return replace(log, robot=robot, force=force / np.array(scale) - np.array(zero))
+    return replace(log, robot=BIOLOID if known else None, force=force / np.array(scale) - np.array(zero))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -36,7 +38,7 @@ def test_zero_and_scale_are_found(seed):
 
 
 def test_without_a_weight_feet_are_compared():
-    found = [one for one in calibrate_forces(pressed((1.1, 0.9), (0.0, 0.0), robot=None)) if one.unit == "%"]
+    found = [one for one in calibrate_forces(pressed((1.1, 0.9), (0.0, 0.0), known=False)) if one.unit == "%"]
     assert sum(one.value for one in found) == pytest.approx(0.0, abs=1e-9)
     assert found[0].value - found[1].value == pytest.approx(20.0, abs=2.0)
 

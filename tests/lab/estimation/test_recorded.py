@@ -109,7 +109,9 @@ def test_a_recording_is_of_its_own_robot(recording, tmp_path):
     with expect_error(SurefootError, "invalid", field="robot", text="ragno"):
         open_log(recording, robot="messor")  # as many joints, of the same names
     own = shutil.copytree(ROBOTS / "ragno", tmp_path / "calibrated")
-    assert open_log(recording, robot=str(own)).log.robot == str(own)
+    log = open_log(recording, robot=str(own)).log
+    shutil.rmtree(own)  # the log carries its description
+    assert len(track("best", log).v) == len(log.stamp_ns)
 
 
 def test_a_recording_is_compared_with_its_replay(recording, tmp_path):

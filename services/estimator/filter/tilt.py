@@ -1,0 +1,136 @@
+"""Correction of a tilt that the walk contradicts: in the first steps after a rest, or when the velocity is lost."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear_kernels import times
+from surefoot.kernels.jit import kernel
+
+from .hypotheses import collapse, likeliest
+from .layout import DOUBTED, LONG_AGO, E, M, P, S, X
+from .noise import FIXED, BestSetting
+from .point import lift
+from .state import BestState, forget_velocity, isolate, rotation, set_rotation, turn_matrix
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, up: float, time: float) -> bool:
+    """Turn the attitude so that a change of the velocity by the inertial unit alone points up, in place.
+
+    False: nothing was turned.
+
+    Tilt and accelerometer bias are unknown again, up to what a walk accelerates, and the feet are believed. Heading,
+    position and gyro bias stay. A robot that falls loses its velocity, too: its specific force is not that of one that
+    stands, and its tilt by the gyro is right.
+
+    Args:
+        state: the state.
+        setting: of the filter.
+        ahead: along x of odom, m/s.
+        side: along y.
+        up: along z.
+        time: in which it changed, s.
+    """
+    memory, up = state.memory, up + GRAVITY * time
+    level = math.sqrt(ahead * ahead + side * side)
+    force, upright = math.sqrt(level * level + up * up) / time, 0.0
+    for i in range(3):
+        upright += state.x[X.rot + 6 + i] * setting.geometry.rot_base_from_imu[2, i]
+    if abs(force - GRAVITY) > FIXED.falling * GRAVITY or upright < FIXED.upright:
+        return False
+    angle = math.atan2(level, up)
+    turn = turn_matrix(np.array([side / level * angle, -ahead / level * angle, 0.0]))
+    rot = times(turn, rotation(state.x))
+    for k in range(state.points.shape[0]):
+        lift(state, k)
+        state.points[k, P.mistrust] = 0.0  # no foot could fit
+    set_rotation(state.x, rot)
+    for i in range(3):
+        state.x[X.acc_bias + i] = 0.0
+    isolate(state.cov, E.acc_bias, 3, setting.limits.acc_bias_sd**2)
+    isolate(state.cov, E.rot, 2, FIXED.tilted_sd**2)
+    memory[M.phase], memory[M.age], memory[M.excess] = DOUBTED, 0.0, 1.0
+    memory[M.lost_for] = memory[M.woke] = LONG_AGO
+    return True
+
+
+@kernel
+def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
+    """Correct the tilt when the velocity is lost again and again, or once and feet are left out since, in place.
+
+    With a tilt that is wrong by a, the velocity by the inertial unit runs away from the feet with 9.81 sin a m/s^2
+    until it is lost, and again. If a is small, it is lost once, and feet are blamed for what the inertial unit does.
+    The mean specific force in odom since the first loss, in the second case less what the velocity shows of it, points
+    up, up to what a walk accelerates.
+
+    Args:
+        state: after a sample of the feet.
+        setting: of the filter.
+        lost: the velocity is lost by this sample; else `lost_memory` has passed since the first loss.
+    """
+    memory, time = state.memory, state.memory[M.lost_for]
+    if time < 0.0:
+        memory[M.lost_for], memory[M.woke] = 0.0, LONG_AGO
+        for i in range(3):
+            memory[M.push + i] = 0.0
+        return
+    ahead, side, up = memory[M.push], memory[M.push + 1], memory[M.push + 2]
+    if time > FIXED.lost_memory:
+        memory[M.lost_for] = LONG_AGO
+        blamed = np.max(state.points[:, P.mistrust]) > FIXED.most_mistrust
+        if lost or not blamed or time > FIXED.lost_memory + FIXED.longest_gap:
+            return
+        ahead, side = ahead - state.x[X.vel] - memory[M.ran], side - state.x[X.vel + 1] - memory[M.ran + 1]
+        up, time = up - state.x[X.vel + 2] - memory[M.ran + 2], time - FIXED.tilted_for
+    if time >= FIXED.tilted_for and ahead * ahead + side * side >= (FIXED.tilted * time) ** 2:
+        _turn_up(state, setting, ahead, side, up, time)
+
+
+@kernel
+def check_start(state: BestState, contact: Array, dt: float, setting: BestSetting) -> None:
+    """Correct the tilt of a rest that the first steps after it contradict, in place.
+
+    The feet take out of the velocity what a wrong tilt adds to it, always the same way, so that the excess of the
+    inertial noise rises before the velocity is lost: in the second after a rest to 2 at most where the tilt is right,
+    above 3 within 0.3 s where it is 5 deg wrong. The velocity d that the inertial unit has gained in the time t since
+    the rest, less that which the foot shows that agrees best, then grows as d = a t with a = 9.81 sin of the tilt,
+    while feet that land, or are late, make it swing. By least squares, a = S(t d)/S(t^2), and a^2 S(t^2)/S(d^2) is the
+    share of it that grows so. Nothing is corrected while a sensor of a leg is suspected: a foot that swings behind a
+    switch that hangs looks like a wrong tilt.
+
+    Args:
+        state: after a sample of the feet.
+        contact: probability that each contact point stands, (K,).
+        dt: time since the last sample of the feet, s.
+        setting: of the filter.
+    """
+    foot, at, memory = setting.geometry.foot, likeliest(state), state.memory
+    likely = memory if at < 0 else state.mode_memory[at]
+    push, wrong, time = likely[M.push : M.push + 3], memory[M.wrong : M.wrong + 4], memory[M.age] - memory[M.woke]
+    nearest, least, suspected = 0, math.inf, False
+    for k in range(foot.size):
+        sensors = state.sensors[foot[k]]
+        suspected |= sensors[S.against] > FIXED.suspicious or np.max(sensors[S.switch : S.still + 1]) > FIXED.suspected
+        square = (push[0] - sensors[S.trunk]) ** 2 + (push[1] - sensors[S.trunk + 1]) ** 2
+        if contact[k] >= 0.5 and square < least:  # not of a foot that has not been seen yet: NaN
+            nearest, least = foot[k], square
+    if least == math.inf or time <= 0.0 or dt <= 0.0:
+        return
+    for i in range(2):
+        wrong[i] += dt * time * (push[i] - state.sensors[nearest, S.trunk + i])
+    wrong[2] += dt * time * time
+    wrong[3] += dt * least
+    state.mode_memory[:, M.wrong : M.wrong + 4] = wrong  # the state takes its memory from one of them
+    ahead, side, grown = wrong[0] / wrong[2], wrong[1] / wrong[2], wrong[0] ** 2 + wrong[1] ** 2
+    if suspected or time < FIXED.woken_least_s or likely[M.excess] < FIXED.woken_excess:
+        return
+    if grown > max((FIXED.woken_speed * wrong[2] / time) ** 2, FIXED.woken_straight * wrong[2] * wrong[3]):
+        collapse(state, foot)
+        memory[M.woke] = LONG_AGO
+        if _turn_up(state, setting, ahead, side, 0.0, 1.0):
+            forget_velocity(state, FIXED.unknown_speed)
