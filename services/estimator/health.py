@@ -35,7 +35,7 @@ class LegSensors(NamedTuple):
     jumping: int  # its encoders have jumped
     still: int  # its encoders stand still
     swapped: int  # its encoders are those of another foot
-    late_ns: int  # time by which the stamps of all feet are late, ns
+    late_ns: int  # time by which the stamps of all feet are late, ns; below 0: early
 
 
 NO_LEGS = LegSensors(0, 0, 0, 0, 0, 0)
@@ -135,7 +135,8 @@ def reasons(
         if bits:
             out.append(words.format(", ".join(str(f) for f in range(len(slipping)) if (bits >> f) & 1)))
     if c.legs.late_ns:
-        out.append(f"the stamps of the feet are {1e-6 * c.legs.late_ns:.0f} ms late, which is taken off")
+        side = "late" if c.legs.late_ns > 0 else "early"
+        out.append(f"the stamps of the feet are {abs(1e-6 * c.legs.late_ns):.0f} ms {side}, which is taken off")
     if c.external_out:
         out.append(f"left out: {c.external_out} samples from elsewhere, which contradict the estimate")
     if c.slipping:

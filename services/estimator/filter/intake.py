@@ -19,6 +19,7 @@ from ..inputs.check import (
     LATE_FEET_NS,
     LIGHT_NS,
     NEWEST,
+    SHOWN_LATE_NS,
     TURN_NS,
     CheckLimits,
     CheckState,
@@ -30,7 +31,8 @@ from ..inputs.check import (
 from ..inputs.clock import WINDOW_NS
 from ..inputs.results import AHEAD, BACKWARD, DUPLICATE, LATE, OK, RESTART, SATURATED, STEPPED
 from ..inputs.stamps import MOST_BACK, has_room, late_by
-from .noise import BestSetting
+from .lag import forget_lag, lag_of
+from .noise import FIXED, BestSetting
 from .replay import EXTERNAL_END, FEET_END, IMU_END, Replay, note_sample, restart_clock, step_clock
 from .samples import ROW_Q, ROW_W, after, insert_external, insert_feet, insert_imu
 from .state import BestState
@@ -131,17 +133,37 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
 
 
 @kernel
+def _shown_late(parts: FilterParts) -> int:
+    """Return the time by which the motion of the feet has shown their stamps late for long enough, ns; see `lag`."""
+    marks, newest = parts.check.marks, parts.replay.samples.feet_stamps[parts.replay.marks[FEET_END] - 1]
+    late = int(1e9 * lag_of(parts.state.sensors))
+    if late == 0:
+        marks[SHOWN_LATE_NS] = 0
+    elif marks[SHOWN_LATE_NS] == 0:
+        marks[SHOWN_LATE_NS] = newest
+    return late if newest - marks[SHOWN_LATE_NS] > 1e9 * FIXED.lag_lasts_s and late != 0 else 0
+
+
+@kernel
 def _late(parts: FilterParts) -> int:
-    """Take the time by which the stamps of the feet are late off them, in place, and return it, ns; see `stamps`."""
+    """Take the time by which the stamps of the feet are late off them, in place, and return it, ns.
+
+    A step of the stamps shows it (see `stamps`), or the motion of the feet: then it has been there for a while.
+    """
     replay, end = parts.replay, parts.replay.marks[FEET_END]
     row, late = late_by(replay.samples.feet_stamps[:end], replay.samples.feet[:end])
-    if late > 0:
+    if late == 0:
+        row, late = 0, _shown_late(parts)
+    if late != 0:
         replay.samples.feet_stamps[row:end] -= late
         note_sample(replay, FEET_END, end, replay.samples.feet_stamps[row])
         parts.check.marks[LATE_FEET_NS] += late
+        parts.check.marks[SHOWN_LATE_NS] = 0
         parts.check.clocks[KINEMATICS, NEWEST] -= late
         parts.clock.stamps[FEET_NS] -= late
         parts.clock.stamps[CONTACT_NS] -= late
+        forget_lag(parts.state.sensors)
+        forget_lag(replay.snapshots.sensors)
     return late
 
 
@@ -209,7 +231,7 @@ def restart(box: KernelBox[FilterParts], stamp_ns: int) -> None:
     marks, clocks, stamps = parts.check.marks, parts.check.clocks, parts.clock.stamps
     if marks[BACK] < MOST_BACK:
         restart_clock(parts.replay, parts.state)
-        stamps[:], marks[LATE_FEET_NS] = 0, 0
+        stamps[:], marks[LATE_FEET_NS], marks[SHOWN_LATE_NS] = 0, 0, 0
         return
     last = stamp_ns - MOST_BACK * int(parts.check_limits.period_ns)
     step_clock(parts.replay, parts.state, last)

@@ -84,6 +84,8 @@ class SensorLayout(NamedTuple):
     """Time for which its samples have repeated one, s."""
     repeated: int = 12
     """Path of the IMU's turning meanwhile, rad."""
+    ahead: int = 13
+    """First of the numbers of `lag.LagLayout`, whether its samples are late."""
 
 
 class MemoryLayout(NamedTuple):
@@ -175,7 +177,9 @@ class MemoryLayout(NamedTuple):
 LEVEL, LEVELS = 4, 8
 """Numbers of a level, and most levels that are remembered."""
 X, E, P, S, M = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), MemoryLayout()
-POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.repeated + 1, M.levels + LEVEL * LEVELS
+LAG = 20
+"""Numbers of `lag.LagLayout`."""
+POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.ahead + LAG, M.levels + LEVEL * LEVELS
 """Number of columns of a point and of the sensors of a foot, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""

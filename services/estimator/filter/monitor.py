@@ -32,6 +32,7 @@ from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
 
 from .hypotheses import likeliest, mode
+from .lag import learn_lag
 from .layout import M, P, S, X
 from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
@@ -173,6 +174,11 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
         fault = max(sensors[f, S.jump], sensors[f, S.still])
         if _unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            seen[i] = (w[k] * samples.feet[row, source, j] - w[j] * samples.feet[row, source, k]) / dt
+        stands = contact[f] >= 0.5 and not math.isnan(sensors[f, S.trunk]) and dt < FIXED.lag_period * (end - first)
+        learn_lag(sensors[f], stands, trunk, push * dt, turned(rot, seen), dt)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
         else:

@@ -211,6 +211,28 @@ class FixedNumbers(NamedTuple):
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong. Clean logs of others: 0.27 at most."""
+    lag_forget_s: float = 0.25
+    """Time in which what a foot shows beside the inertial unit is forgotten where late stamps are looked for, s."""
+    lag_s: float = 1.0
+    """Time over which they are, s."""
+    lag_least_s: float = 0.5
+    """Least time on the ground of all feet together in it, s."""
+    lag_period: float = 0.012
+    """Longest step between two inertial samples from which it is known, s: at 55 Hz those of a Go1 show its legs 23 ms
+    late, and its legs fit each other better where they are left as they are."""
+    lag_vertical: float = 0.15
+    """Weight of vertical beside level motion there: feet land along it."""
+    lag_share: float = 0.3
+    """Share of what feet show beside the inertial unit that late stamps explain, from which they are late."""
+    lag_lasts_s: float = 0.15
+    """Time for which it must, s: one event is no sign."""
+    lag_speed: float = 0.012
+    """Rms of it from which they are, m/s: robots that sway show 0.006 at most."""
+    least_lag: float = 0.015
+    """Least time that counts, s: walks of clean logs show 0.010 at most."""
+    most_lag_s: float = 0.07
+    """Largest time that counts, s: the motion of a foot is not that of a line for longer. A simulated trot whose feet
+    roll shows 0.08, early, all the time."""
     weight_s: float = 0.05
     """Time over which the accelerometer's length is averaged, s: in flight it falls to nothing as soon."""
     longest_aloft: float = 0.2

@@ -68,7 +68,7 @@ class BestState(NamedTuple):
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array
-    """Numbers of the sensors of each foot, (K, 13), see `SensorLayout`; there are at most K feet."""
+    """Numbers of the sensors of each foot, (K, 33), see `SensorLayout`; there are at most K feet."""
 
 
 FRAME = 4

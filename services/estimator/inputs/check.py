@@ -28,12 +28,12 @@ IMU, KINEMATICS = 0, 1
 SOURCES = ("imu", "kinematics")
 """Names of the sources."""
 ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
-BAD_CODE, REFUSED, LIGHT_NS, BACK, LATE_FEET_NS = range(9, 14)
+BAD_CODE, REFUSED, LIGHT_NS, BACK, LATE_FEET_NS, SHOWN_LATE_NS = range(9, 15)
 """Parts of `CheckState.marks`: samples in the mean of the accelerometer; samples of the feet with it on the wrong side;
 equal rows, and equal feet, in a row; code of a wrong unit; stamp of the last refusal or gap, of the last saturation, of
 the last gyro sample in the turn; source and code of the last refusal or gap; number of refusals; stamp since which the
 accelerometer shows no weight; inertial samples in a row that show a clock that stepped back; time that is taken off the
-stamps of the feet, ns."""
+stamps of the feet, ns; stamp since which their motion shows that they are late, 0: it does not."""
 LAST_W, LAST_Q, MEAN_Q, TURN, SHARED, PREDICTED, SEEN, PATH = 0, 3, 6, 9, 12, 13, 14, 15
 """Parts of `CheckState.numbers`: last gyro (3) rad/s and accelerometer (3) m/s^2; mean of the accelerometer (3) m/s^2;
 turn by the gyro since the last sample of the feet (3) rad; of the comparison with them p.s, p.p and s.s, rad^2, and
@@ -98,7 +98,7 @@ class Faults(NamedTuple):
 
 def new_check(feet: int, points: int) -> CheckState:
     """Return the state of a check before the first sample."""
-    marks, numbers = np.zeros(LATE_FEET_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
+    marks, numbers = np.zeros(SHOWN_LATE_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
     marks[LIGHT_NS] = FOR_EVER
     numbers[LAST_W : LAST_Q + 3] = np.nan
