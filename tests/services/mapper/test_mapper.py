@@ -152,6 +152,18 @@ def test_where_the_feet_contradict_the_map_as_the_image_does_the_map_begins_anew
     assert np.nanmedian(np.abs(heights - 0.03)) < 0.003
 
 
+def test_a_tilt_that_the_odometry_has_lost_is_no_turn_of_the_camera():
+    """Feet and images lie on one plane that the map does not know: the robot is tilted otherwise than it believes."""
+    mapper, _ = walked()
+    rng, slope = np.random.default_rng(3), math.tan(math.radians(5.0))
+    tilted = FEET + np.stack((0.0 * FEET[:, 0], 0.0 * FEET[:, 0], slope * FEET[:, 0]), 1)
+    for k in range(10, 13):
+        mapper.moved(pose(0.2, tick=k))
+        mapper.look(picture(Slope(along=slope), 0.2, tick=k, sigma=0.002, rng=rng), k * TICK_NS, tilted)
+    assert mapper.turned == 0.0
+    assert not mapper.refused["shifted"]
+
+
 def test_a_map_that_all_images_contradict_for_long_begins_anew():
     mapper, _ = walked()
     rng = np.random.default_rng(4)
