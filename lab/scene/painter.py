@@ -84,7 +84,7 @@ class Painter:
             if STYLES[item.style].kind not in FLAT:
                 self._item(draw, camera, item)
         self._words(draw, shown)
-        return image.resize((self.size[0] // FINER, self.size[1] // FINER), Image.Resampling.LANCZOS)
+        return image.reduce(FINER)
 
     def _drop(self, points: Array) -> Array:
         """Return the points of the ground below points (n, 3) m."""

@@ -67,7 +67,7 @@ def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], N
             next(pictures).save(part, "PNG", optimize=True)
         else:
             first, pause = next(pictures), round(1000.0 / shot.fps)
-            more = {"quality": shot.quality, "method": 4} if kind == ".webp" else {}
+            more = {"quality": shot.quality, "method": 2} if kind == ".webp" else {}
             first.save(part, kind[1:].upper(), save_all=True, append_images=pictures, duration=pause, loop=0, **more)
     return len(times)
 
