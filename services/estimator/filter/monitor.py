@@ -60,12 +60,14 @@ def _unknown(feet: Array, row: int, f: int) -> bool:
 @kernel
 def _exchanged(feet: Array, row: int, f: int) -> int:
     """Return the foot with which foot f changed places between rows `row` - 1 and `row` of feet (N, L, 3), or -1."""
-    if row < 1:
+    if row < 1 or _unknown(feet, row, f) or _unknown(feet, row - 1, f):
         return -1
     way = _apart(feet, row, f, row - 1, f)
     if way < 4.0 * FIXED.jump**2:
         return -1
     for g in range(feet.shape[1]):
+        if _unknown(feet, row, g) or _unknown(feet, row - 1, g):
+            continue
         crossed = _apart(feet, row, f, row - 1, g) + _apart(feet, row, g, row - 1, f)
         if g != f and crossed < FIXED.crossed * (way + _apart(feet, row, g, row - 1, g)):
             return g
@@ -140,7 +142,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     first, end = after(stamps, samples.feet_stamps[before]), after(stamps, samples.feet_stamps[row] - 1) + 1
     end = min(end, stamps.size)
     dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before])
-    if first >= end or dt > FIXED.longest_gap:
+    if first >= end or dt > FIXED.longest_compared:
         sensors[:, S.trunk : S.trunk + 3] = math.nan
         return
     w, q, half = np.zeros(3), np.zeros(3), np.zeros(3)
@@ -153,6 +155,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     rot, back = rotation(x), turn_matrix(w)
     push, count = turned(rot, turned(turn_matrix(half), q)), samples.feet.shape[1]
     push[2] -= GRAVITY
+    steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.lag_period
     size, sound, total, seen, fade = np.zeros(count), 0, 0.0, np.empty(3), math.exp(-dt / FIXED.strange_s)
     for f in range(count):
         source = int(sensors[f, S.source])
@@ -177,7 +180,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             seen[i] = (w[k] * samples.feet[row, source, j] - w[j] * samples.feet[row, source, k]) / dt
-        stands = contact[f] >= 0.5 and not math.isnan(sensors[f, S.trunk]) and dt < FIXED.lag_period * (end - first)
+        stands = contact[f] >= 0.5 and not math.isnan(sensors[f, S.trunk]) and steady
         learn_lag(sensors[f], stands, trunk, push * dt, turned(rot, seen), dt)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan

@@ -199,6 +199,8 @@ class FixedNumbers(NamedTuple):
     """Time for which slow encoders may repeat all feet, s."""
     strange_s: float = 0.25
     """Time in which what a foot shows beside the inertial unit is forgotten, s: before its bias adds up."""
+    longest_compared: float = 0.05
+    """Longest step between two samples of the feet over which they are compared, s: in a longer one feet land."""
     most_strange: float = 2.0
     """Change of a foot's velocity between two samples that is a jump and not a motion, m/s."""
     unsure_speed: float = 0.05
