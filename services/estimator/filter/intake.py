@@ -141,7 +141,9 @@ def _shown_late(parts: FilterParts) -> int:
         marks[SHOWN_LATE_NS] = 0
     elif marks[SHOWN_LATE_NS] == 0:
         marks[SHOWN_LATE_NS] = newest
-    return late if newest - marks[SHOWN_LATE_NS] > 1e9 * FIXED.lag_lasts_s and late != 0 else 0
+    if newest - marks[SHOWN_LATE_NS] <= 1e9 * FIXED.lag_lasts_s or late == 0:
+        return 0
+    return late if abs(marks[LATE_FEET_NS] + late) < 1e9 * FIXED.most_late_s else 0
 
 
 @kernel

@@ -85,7 +85,7 @@ class SensorLayout(NamedTuple):
     repeated: int = 12
     """Path of the IMU's turning meanwhile, rad."""
     ahead: int = 13
-    """First of the numbers of `lag.LagLayout`, whether its samples are late."""
+    """Numbers that show whether its samples are late: `lag.LagLayout` from here on."""
 
 
 class MemoryLayout(NamedTuple):

@@ -32,7 +32,7 @@ from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
 
 from .hypotheses import likeliest, mode
-from .lag import learn_lag
+from .lag import L, learn_lag
 from .layout import M, P, S, X
 from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
@@ -144,6 +144,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before])
     if first >= end or dt > FIXED.longest_compared:
         sensors[:, S.trunk : S.trunk + 3] = math.nan
+        sensors[:, S.ahead + L.stood] = 0.0
         return
     w, q, half = np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):

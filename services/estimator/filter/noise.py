@@ -235,6 +235,8 @@ class FixedNumbers(NamedTuple):
     most_lag_s: float = 0.07
     """Largest time that counts, s: the motion of a foot is not that of a line for longer. A simulated trot whose feet
     roll shows 0.08, early, all the time."""
+    most_late_s: float = 0.15
+    """Largest time that is taken off the stamps for the motion of the feet, s: what grows on is something else."""
     weight_s: float = 0.05
     """Time over which the accelerometer's length is averaged, s: in flight it falls to nothing as soon."""
     longest_aloft: float = 0.2
