@@ -84,7 +84,7 @@ def _jumps(samples: SampleStore, row: int, f: int, point: int) -> bool:
     Args:
         samples: filled rows.
         row: of the feet.
-        f: the foot.
+        f: the foot whose encoders are those of it.
         point: one of its contact points.
     """
     stamps, feet, contact, off = samples.feet_stamps, samples.feet, samples.contact, 0.0
@@ -239,7 +239,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
             sensors[f, i] *= fade
     for k in range(foot.size):
         contact[foot[k]] = samples.contact[row, k]
-        if (k == 0 or foot[k] != foot[k - 1]) and _jumps(samples, row, foot[k], k):
+        if (k == 0 or foot[k] != foot[k - 1]) and _jumps(samples, row, int(sensors[foot[k], S.source]), k):
             sensors[foot[k], S.jump] = 1.0
             sensors[foot[k], S.strange : S.against + 1] = 0.0
     for i in range(3):

@@ -49,6 +49,16 @@ def test_nothing_is_named_on_a_clean_walk() -> None:
     assert not any(rows.any() for name, rows in found.items() if name != "refused")
 
 
+def test_swapped_legs_that_are_thrown_where_they_land_do_not_jump() -> None:
+    log = noisy()
+    thrown = log.foot_position + np.where(log.contact, 0.0, 0.05)[..., None] * np.array([1.0, 0.0, 0.0])
+    log = replace(log, foot_position=thrown)
+    for one in (log, PLANTED["legs swapped"](log, AT + 0.2, 0)):
+        found = track("best", one).named
+        assert found is not None
+        assert not found["jumping"].any()
+
+
 def test_feet_that_are_unknown_by_turns_are_not_taken_for_swapped() -> None:
     log = noisy()
     position = log.foot_position.copy()
