@@ -47,19 +47,27 @@ L = LagLayout()
 
 
 @kernel
-def learn_lag(row: Array, stands: bool, trunk: Array, gained: Array, swung: Array, dt: float) -> None:
-    """Learn from two samples of one foot, in place; from a third on at which it stands they are compared.
+def lift_lag(row: Array, share: float) -> None:
+    """Fade by `share` what one foot has shown that does not stand any more, in place; see `learn_lag`."""
+    row[S.ahead + L.stood] = 0.0
+    for i in range(4):
+        row[S.ahead + L.sums + i] *= share
+
+
+@kernel
+def learn_lag(row: Array, trunk: Array, gained: Array, swung: Array, dt: float, share: float) -> None:
+    """Learn from two samples of one foot that stands, in place; from the third in a row on they are compared.
 
     Args:
         row: of the foot in `BestState.sensors`.
-        stands: it stands at the second.
-        trunk: velocity of the trunk if it stands, u, (3,) m/s; NaN: unknown.
-        gained: change of the velocity between them by the inertial unit, (3,) m/s.
+        trunk: velocity of the trunk, u, (3,) m/s.
+        gained: its change between them by the inertial unit, (3,) m/s.
         swung: R (w x y), (3,) m/s.
         dt: time between them, s.
+        share: exp(-dt / `lag_s`).
     """
-    lag, fade, share = row[S.ahead :], math.exp(-dt / FIXED.lag_forget_s), math.exp(-dt / FIXED.lag_s)
-    sums, lag[L.stood] = lag[L.sums : L.sums + 4], lag[L.stood] + 1.0 if stands else 0.0
+    lag, fade = row[S.ahead :], math.exp(-dt / FIXED.lag_forget_s)
+    sums, lag[L.stood] = lag[L.sums : L.sums + 4], lag[L.stood] + 1.0
     for i in range(4):
         sums[i] *= share
     for i in range(3):

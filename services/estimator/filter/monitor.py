@@ -32,7 +32,7 @@ from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
 
 from .hypotheses import likeliest, mode
-from .lag import L, learn_lag
+from .lag import L, learn_lag, lift_lag
 from .layout import M, P, S, X
 from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
@@ -136,6 +136,16 @@ def _repeat(sensors: Array, samples: SampleStore, row: int, contact: Array, turn
 
 
 @kernel
+def _swung(rot: Array, turn: Array, y: Array, dt: float) -> Array:
+    """Return R (w x y), (3,) m/s, with the rate w = -turn / dt, for R (3, 3), turn (3,) rad and y (3,) m."""
+    out = np.empty(3)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = (turn[k] * y[j] - turn[j] * y[k]) / dt
+    return turned(rot, out)
+
+
+@kernel
 def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
     """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place."""
     x, sensors, stamps = likely.x, state.sensors, samples.imu_stamps
@@ -156,6 +166,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     rot, back = rotation(x), turn_matrix(w)
     push, count = turned(rot, turned(turn_matrix(half), q)), samples.feet.shape[1]
     push[2] -= GRAVITY
+    gained, share = push * dt, math.exp(-dt / FIXED.lag_s)
     steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.lag_period
     size, sound, total, seen, fade = np.zeros(count), 0, 0.0, np.empty(3), math.exp(-dt / FIXED.strange_s)
     for f in range(count):
@@ -178,11 +189,10 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
         fault = max(sensors[f, S.jump], sensors[f, S.still])
         if _unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            seen[i] = (w[k] * samples.feet[row, source, j] - w[j] * samples.feet[row, source, k]) / dt
-        stands = contact[f] >= 0.5 and not math.isnan(sensors[f, S.trunk]) and steady
-        learn_lag(sensors[f], stands, trunk, push * dt, turned(rot, seen), dt)
+        if steady and contact[f] >= 0.5 and not math.isnan(sensors[f, S.trunk]):
+            learn_lag(sensors[f], trunk, gained, _swung(rot, w, samples.feet[row, source], dt), dt, share)
+        else:
+            lift_lag(sensors[f], share)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
         else:
