@@ -75,6 +75,18 @@ def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log
             yield name, FOREIGN[name].way if log.truth is not None else float("nan"), log
 
 
+def own_sets(sets: str) -> list[LogSet]:
+    """Return sets of synthetic and recorded walks by commas, by default all.
+
+    Raises:
+        SurefootError: there is no such set.
+    """
+    known = {one.name: one for one in (*synthetic_sets(), *walk_sets())}
+    if unknown := [name for name in words_of(sets) if name not in known]:
+        raise SurefootError("invalid", f"got {', '.join(unknown)}; known are {', '.join(known)}", "sets")
+    return [known[name] for name in words_of(sets) or known]
+
+
 def chosen_of(estimators: str) -> tuple[str, ...]:
     """Return estimators by commas that are installed, by default all; print the others.
 
@@ -232,7 +244,7 @@ def tilted(
         data: folder of the files.
     """
     numbers, whole = seeds_of(seeds), tuple(name for name in FOREIGN if name not in CONTRADICTED)
-    own = [one for one in (*synthetic_sets(), *walk_sets()) if not words_of(sets) or one.name in words_of(sets)]
+    own = own_sets(sets)
     read = ((name, log) for name, _, log in readable(words_of(logs) or whole, data))
     cases = {name: [(log, seed) for seed in numbers] for name, log in read if log.rest[1]}
     cases |= {one.name: [(log, seed) for log, seed in zip(one.logs(numbers), numbers, strict=True)] for one in own}
@@ -257,7 +269,7 @@ def smoothed(*, logs: str = "", sets: str = "", seeds: str = "5", data: Path = D
         data: folder of the files.
     """
     names = words_of(logs) or tuple(name for name in FOREIGN if name not in CONTRADICTED)
-    own = [one for one in (*synthetic_sets(), *walk_sets()) if not words_of(sets) or one.name in words_of(sets)]
+    own = own_sets(sets)
     rows = [(name, *both_ways([log], way)) for name, way, log in each(",".join(names), data)]
     rows += [(one.name, *both_ways(one.logs(seeds_of(seeds)), 0.1)) for one in own]
     table("forward / smoothed", ("log", *BOTH_WAYS), rows)
