@@ -31,7 +31,7 @@ from ..inputs.check import (
 from ..inputs.clock import WINDOW_NS
 from ..inputs.results import AHEAD, BACKWARD, DUPLICATE, LATE, OK, RESTART, SATURATED, STEPPED
 from ..inputs.stamps import MOST_BACK, has_room, late_by
-from .lag import forget_lag, lag_of
+from .delay import delay_of, forget_delay
 from .noise import FIXED, BestSetting
 from .replay import EXTERNAL_END, FEET_END, IMU_END, Replay, note_sample, restart_clock, step_clock
 from .samples import ROW_Q, ROW_W, after, insert_external, insert_feet, insert_imu
@@ -134,14 +134,14 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
 
 @kernel
 def _shown_late(parts: FilterParts) -> int:
-    """Return the time by which the motion of the feet has shown their stamps late for long enough, ns; see `lag`."""
+    """Return the time by which the motion of the feet has shown their stamps late for long enough, ns; see `delay`."""
     marks, newest = parts.check.marks, parts.replay.samples.feet_stamps[parts.replay.marks[FEET_END] - 1]
-    late = int(1e9 * lag_of(parts.state.sensors))
+    late = int(1e9 * delay_of(parts.state.sensors))
     if late == 0:
         marks[SHOWN_LATE_NS] = 0
     elif marks[SHOWN_LATE_NS] == 0:
         marks[SHOWN_LATE_NS] = newest
-    if newest - marks[SHOWN_LATE_NS] <= 1e9 * FIXED.lag_lasts_s or late == 0:
+    if newest - marks[SHOWN_LATE_NS] <= 1e9 * FIXED.delay_lasts_s or late == 0:
         return 0
     return late if abs(marks[LATE_FEET_NS] + late) < 1e9 * FIXED.most_late_s else 0
 
@@ -164,8 +164,8 @@ def _late(parts: FilterParts) -> int:
         parts.check.clocks[KINEMATICS, NEWEST] -= late
         parts.clock.stamps[FEET_NS] -= late
         parts.clock.stamps[CONTACT_NS] -= late
-        forget_lag(parts.state.sensors)
-        forget_lag(replay.snapshots.sensors)
+        forget_delay(parts.state.sensors)
+        forget_delay(replay.snapshots.sensors)
     return late
 
 

@@ -84,8 +84,29 @@ class SensorLayout(NamedTuple):
     """Time for which its samples have repeated one, s."""
     repeated: int = 12
     """Path of the IMU's turning meanwhile, rad."""
-    ahead: int = 13
-    """Numbers that show whether its samples are late: `lag.LagLayout` from here on."""
+    delay: int = 13
+    """Numbers that show whether its samples are late: `DelayLayout` from here on."""
+
+
+class DelayLayout(NamedTuple):
+    """Columns of a foot's row of `BestState.sensors` from `SensorLayout.delay` on; odom axes."""
+
+    shown: int = 0
+    """Velocity of the trunk by this foot at the middle of the last step, and what the inertial unit gained since,
+    (3,) m/s."""
+    moved: int = 3
+    """Velocity R (w x y) of the trunk's turning at the foot then, less what the inertial unit gained since, (3,)
+    m/s."""
+    rate: int = 6
+    """Change of the velocity v + R (w x y) that the joints show, by the inertial unit, (3,) m/s^2."""
+    strange: int = 9
+    """Velocity of the trunk by the foot beside that by the inertial unit, since it landed, (3,) m/s."""
+    due: int = 12
+    """The same for each second by which stamps are early, (3,) m/s^2."""
+    sums: int = 15
+    """Integrals of `strange` `due`, `due`^2, `strange`^2 and 1 over the time that the foot stood, faded, (4,)."""
+    stood: int = 19
+    """Samples in a row at which it stood."""
 
 
 class MemoryLayout(NamedTuple):
@@ -176,10 +197,8 @@ class MemoryLayout(NamedTuple):
 
 LEVEL, LEVELS = 4, 8
 """Numbers of a level, and most levels that are remembered."""
-X, E, P, S, M = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), MemoryLayout()
-LAG = 20
-"""Numbers of `lag.LagLayout`."""
-POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.ahead + LAG, M.levels + LEVEL * LEVELS
+X, E, P, S, L, M = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout(), MemoryLayout()
+POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.levels + LEVEL * LEVELS
 """Number of columns of a point and of the sensors of a foot, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""

@@ -31,9 +31,9 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
 
+from .delay import learn_delay, lift_delay
 from .hypotheses import likeliest, mode
-from .lag import L, learn_lag, lift_lag
-from .layout import M, P, S, X
+from .layout import L, M, P, S, X
 from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, rotation, turn_matrix
@@ -154,7 +154,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before])
     if first >= end or dt > FIXED.longest_compared:
         sensors[:, S.trunk : S.trunk + 3] = math.nan
-        sensors[:, S.ahead + L.stood] = 0.0
+        sensors[:, S.delay + L.stood] = 0.0
         return
     w, q, half = np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):
@@ -166,8 +166,8 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     rot, back = rotation(x), turn_matrix(w)
     push, count = turned(rot, turned(turn_matrix(half), q)), samples.feet.shape[1]
     push[2] -= GRAVITY
-    gained, share = push * dt, math.exp(-dt / FIXED.lag_s)
-    steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.lag_period
+    gained, share = push * dt, math.exp(-dt / FIXED.delay_s)
+    steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.delay_period
     size, sound, total, seen, fade = np.zeros(count), 0, 0.0, np.empty(3), math.exp(-dt / FIXED.strange_s)
     for f in range(count):
         source = int(sensors[f, S.source])
@@ -176,7 +176,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             seen[i] = (old[i] - samples.feet[row, source, i]) / dt
         trunk, length = turned(rot, seen), 0.0
         for i in range(3):
-            seen[i] = trunk[i] - sensors[f, S.trunk + i] - push[i] * dt
+            seen[i] = trunk[i] - sensors[f, S.trunk + i] - gained[i]
             length += seen[i] ** 2
             sensors[f, S.trunk + i] = trunk[i]
         size[f] = FIXED.unsure_speed**2
@@ -190,9 +190,9 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
         if _unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
         if steady and contact[f] >= 0.5 and not math.isnan(sensors[f, S.trunk]):
-            learn_lag(sensors[f], trunk, gained, _swung(rot, w, samples.feet[row, source], dt), dt, share)
+            learn_delay(sensors[f], trunk, gained, _swung(rot, w, samples.feet[row, source], dt), dt, share)
         else:
-            lift_lag(sensors[f], share)
+            lift_delay(sensors[f], share)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
         else:

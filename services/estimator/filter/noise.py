@@ -213,28 +213,28 @@ class FixedNumbers(NamedTuple):
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong. Clean logs of others: 0.27 at most."""
-    lag_forget_s: float = 0.25
+    delay_forget_s: float = 0.25
     """Time in which what a foot shows beside the inertial unit is forgotten where late stamps are looked for, s."""
-    lag_s: float = 1.0
-    """Time over which they are, s."""
-    lag_least_s: float = 0.5
-    """Least time on the ground of all feet together in it, s."""
-    lag_period: float = 0.012
-    """Longest step between two inertial samples from which it is known, s: at 55 Hz those of a Go1 show its legs 23 ms
-    late, and its legs fit each other better where they are left as they are."""
-    lag_vertical: float = 0.15
-    """Weight of vertical beside level motion there: feet land along it."""
-    lag_share: float = 0.3
+    delay_s: float = 1.0
+    """Time over which late stamps of the feet are looked for, s."""
+    delay_least_s: float = 0.5
+    """Least time on the ground, of all feet together, from which late stamps are looked for, s."""
+    delay_period: float = 0.012
+    """Longest step between two inertial samples that show late stamps of the feet, s: at 55 Hz those of a Go1 show its
+    legs 23 ms late, and its legs fit each other better where they are left as they are."""
+    delay_vertical: float = 0.15
+    """Weight of vertical beside level motion in the search for late stamps: feet land along it."""
+    delay_share: float = 0.3
     """Share of what feet show beside the inertial unit that late stamps explain, from which they are late."""
-    lag_lasts_s: float = 0.15
-    """Time for which it must, s: one event is no sign."""
-    lag_speed: float = 0.012
-    """Rms of it from which they are, m/s: robots that sway show 0.006 at most."""
-    least_lag: float = 0.015
-    """Least time that counts, s: walks of clean logs show 0.010 at most."""
-    most_lag_s: float = 0.07
-    """Largest time that counts, s: the motion of a foot is not that of a line for longer. A simulated trot whose feet
-    roll shows 0.08, early, all the time."""
+    delay_lasts_s: float = 0.15
+    """Time for which feet must show that they are late, s: one event is no sign."""
+    delay_speed: float = 0.012
+    """Rms speed that late stamps explain from which feet are late, m/s: robots that sway show 0.006 at most."""
+    least_delay_s: float = 0.015
+    """Least time by which feet are late, s: walks of clean logs show 0.010 at most."""
+    most_delay_s: float = 0.07
+    """Largest time by which feet are late, s: the motion of a foot is not that of a line for longer. A simulated trot
+    whose feet roll shows 0.08, early, all the time."""
     most_late_s: float = 0.15
     """Largest time that is taken off the stamps for the motion of the feet, s: what grows on is something else."""
     weight_s: float = 0.05
@@ -319,9 +319,9 @@ class FixedNumbers(NamedTuple):
     woken_least_s: float = 0.2
     """Time after a rest from which it is, s."""
     woken_speed: float = 0.15
-    """Level velocity that the feet have taken out since then which shows a wrong tilt, m/s."""
+    """Level velocity that the feet have taken out since a rest which shows a wrong tilt, m/s."""
     woken_straight: float = 0.9
-    """Share of its square that grows with the time, from which it is by a tilt. Feet 50 ms late: 0.5."""
+    """Share of the square of that velocity that grows with the time by which it is a tilt's. Feet 50 ms late: 0.5."""
     suspicious: float = 0.15
     """Mean logarithm of motion against a switch from which the feet show no tilt: half of `most_against`."""
     suspected: float = 0.05

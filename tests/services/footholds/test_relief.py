@@ -51,7 +51,7 @@ def test_coefficients_of_a_plane() -> None:
     assert found.k2 == pytest.approx(8 * CELL * np.hypot(*slope), rel=1e-3)
     assert found.cos_k3 == pytest.approx(slope[0] / np.sqrt(1.0 + slope @ slope), rel=1e-3)
     assert np.abs(found.k1) == pytest.approx(0.0, abs=1e-4)
-    patch = patch_features(z[3:16, 3:16].astype(np.float32), 1, push, CELL, 1)
+    patch = patch_features(z[3:16, 3:16].astype(np.float32), 1, push.tolist(), CELL, 1)
     for one, other in zip(found, patch, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
 

@@ -1,0 +1,90 @@
+"""Samples of the feet that come with late stamps, by their motion beside that of the inertial unit.
+
+The joints show the velocity p = v + R (w x y) of the trunk beside its own turning, odom axes, y the foot seen from the
+IMU. Stamped late by t, they show it as it was, so that the velocity u of the trunk by a standing foot is off by
+-t dp/dt, where the inertial unit shows v and w in time. With both forgotten in T since the foot landed,
+
+    e = exp(-d/T) e + (u - v)_k - (u - v)_(k-1),   h = exp(-d/T) h + (dp/dt)_k - (dp/dt)_(k-1)
+    t = -S(e h) / S(h h),   share of e that it explains = S(e h)^2 / (S(e e) S(h h))
+
+with sums S over all feet and the last second or so. Level axes count more than the vertical, along which feet land.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+from .layout import L, S
+from .noise import FIXED
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def lift_delay(row: Array, share: float) -> None:
+    """Fade the sums of a foot that does not stand, a row of `BestState.sensors`, by `share`, in place."""
+    row[S.delay + L.stood] = 0.0
+    for i in range(4):
+        row[S.delay + L.sums + i] *= share
+
+
+@kernel
+def learn_delay(row: Array, trunk: Array, gained: Array, swung: Array, dt: float, share: float) -> None:
+    """Learn from two samples of one foot that stands, in place; from the third in a row on they are compared.
+
+    Args:
+        row: of the foot in `BestState.sensors`.
+        trunk: velocity of the trunk, u, (3,) m/s.
+        gained: its change between them by the inertial unit, (3,) m/s.
+        swung: R (w x y), (3,) m/s.
+        dt: time between them, s.
+        share: exp(-dt / `delay_s`).
+    """
+    own, fade = row[S.delay :], math.exp(-dt / FIXED.delay_forget_s)
+    sums, own[L.stood] = own[L.sums : L.sums + 4], own[L.stood] + 1.0
+    for i in range(4):
+        sums[i] *= share
+    for i in range(3):
+        off, way = trunk[i] - 0.5 * gained[i], swung[i] + 0.5 * gained[i]
+        change, rate = off - own[L.shown + i], (way - own[L.moved + i]) / dt
+        own[L.shown + i], own[L.moved + i] = off + gained[i], way - gained[i]
+        own[L.strange + i] = fade * own[L.strange + i] + change
+        own[L.due + i] = fade * own[L.due + i] + rate - own[L.rate + i]
+        own[L.rate + i] = rate
+        if own[L.stood] < 3.0 or not abs(change) < FIXED.most_strange:
+            own[L.strange + i] = own[L.due + i] = 0.0
+    if own[L.stood] >= 3.0:
+        for i in range(3):
+            weight, e, h = FIXED.delay_vertical if i == 2 else 1.0, own[L.strange + i], own[L.due + i]
+            sums[0] += weight * dt * e * h
+            sums[1] += weight * dt * h * h
+            sums[2] += weight * dt * e * e
+        sums[3] += dt
+
+
+@kernel
+def delay_of(sensors: Array) -> float:
+    """Return the time by which the stamps of all feet are late, s, 0 where it is not sure; below 0: they are early.
+
+    Args:
+        sensors: of each foot, see `SensorLayout`.
+    """
+    along = square = strange = stood = 0.0
+    for f in range(sensors.shape[0]):
+        sums = sensors[f, S.delay + L.sums : S.delay + L.sums + 4]
+        along, square, strange, stood = along + sums[0], square + sums[1], strange + sums[2], stood + sums[3]
+    if stood < FIXED.delay_least_s or along * along <= FIXED.delay_share * square * strange:
+        return 0.0
+    late = -along / square
+    if late * late * square < FIXED.delay_speed**2 * stood or not FIXED.least_delay_s < abs(late) < FIXED.most_delay_s:
+        return 0.0
+    return late
+
+
+@kernel
+def forget_delay(sensors: Array) -> None:
+    """Forget what the feet have shown of late stamps, in place; `sensors` as in `BestState`, (..., K, columns)."""
+    sensors[..., S.delay + L.sums : S.delay + L.sums + 4] = 0.0
