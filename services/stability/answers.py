@@ -16,19 +16,22 @@ from surefoot.schemas.stability import (
     ComRequest,
     EquilibriumReply,
     EquilibriumRequest,
+    MarginGradient,
     RegionReply,
     RegionRequest,
     StabilityStatus,
+    SupportPoint,
 )
 from surefoot.schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
 
-from .messages import gradient_message, pairs, region_fields, triples
-from .programs.contacts import StabilityError, contacts_of, within
+from .programs.contacts import Array, StabilityError, contacts_of, within
 from .regions.equilibrium import equilibrium, least_forces, least_friction
 from .regions.many import STATUSES, Variants, batch, what_if
 from .regions.margin import Extent
-from .regions.modes import region_in
+from .regions.model import Region, Support
+from .regions.modes import in_common, regions_in
 from .regions.movement import check_movement
+from .regions.robust import MarginSlope
 from .requests import (
     check_question,
     equilibrium_question,
@@ -45,8 +48,8 @@ from .sensing.state import Status, WatchParams
 def region_reply(request: RegionRequest, own: Robot) -> RegionReply:
     """Answer `stability/region`; `own` is the robot when the request names none."""
     asked = region_question(request, own)
-    found = region_in(asked.mode, asked.contacts, asked.wanted)
-    return RegionReply(**region_fields(found, request.certificates, polygons=True))
+    found = in_common(regions_in(asked.mode, asked.contacts, asked.wanted))
+    return RegionReply(**_region_fields(found, request.certificates, polygons=True))
 
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
@@ -55,12 +58,12 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
     found = check_movement(asked.movement)
     check, (x, y), after, shift = found.check, asked.movement.com.tolist(), found.check.com_after, asked.movement.shift
     return CheckReply(
-        **region_fields(found.region, request.certificates, request.polygons),
+        **_region_fields(found.region, request.certificates, request.polygons),
         stable=check.stable,
         margin=check.margin.value,
         margin_now=check.margin_now.value,
         margin_robust=found.robust,
-        gradient=None if found.gradient is None else gradient_message(found.gradient),
+        gradient=None if found.gradient is None else _gradient(found.gradient),
         extent=_length(check.extent),
         gsm=_length(check.gsm),
         extent_status=None if check.extent is None else check.extent.status,
@@ -99,20 +102,19 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
     force = found.force if least is None else least
     return EquilibriumReply(
         held=True,
-        forces_n=None if force is None else triples(product(asked.weight * force, back.T)),
+        forces_n=None if force is None else _triples(product(asked.weight * force, back.T)),
         friction_share=None if even is None else even.share,
-        minmax_forces_n=None if even is None else triples(product(asked.weight * even.force, back.T)),
+        minmax_forces_n=None if even is None else _triples(product(asked.weight * even.force, back.T)),
     )
 
 
 def com_reply(request: ComRequest, own: Robot) -> ComReply:
     """Answer to `stability/com`; `own` is the robot when the request names none."""
     robot = named_robot(request.robot) if request.robot is not None else own
-    base = within(request.base.position, "base.position")
-    stands = posed(robot, request.joints, request.base.quat_wxyz, base)
-    joints, rot = stands.joints, stands.rot
-    c = base + product(rot, stands.com_in_base())
-    planned = (float(c[0]), float(c[1]), float(c[2]))
+    stands = posed(robot, request.joints, request.base)
+    joints, base, rot = stands.joints, stands.base, stands.rot
+    x, y, z = stands.com().tolist()
+    planned = (x, y, z)
     if request.torque is None:
         return ComReply(com=planned, mass_kg=robot.mass, com_measured=None)
     torque = np.array(request.torque)
@@ -145,7 +147,7 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
         com=planned,
         mass_kg=robot.mass,
         com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
-        forces_n=triples(force),
+        forces_n=_triples(force),
         observed=tuple(found.observed.tolist()),
         gain=gain,
         **fields,
@@ -169,7 +171,7 @@ def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
     return StabilityStatus(
         status=now.region.status,
         stance=tuple(now.stance.tolist()),
-        region=pairs(now.region.inner),
+        region=_pairs(now.region.inner),
         com_planned=(float(now.com_planned[0]), float(now.com_planned[1])),
         com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
         margin_planned=now.margin_planned.value,
@@ -193,6 +195,66 @@ def no_status(legs: int, mu: float) -> StabilityStatus:
         mu=mu,
         fresh=False,
     )
+
+
+def _region_fields(found: Region, proofs: bool, polygons: bool) -> dict[str, Any]:
+    """Fields of a RegionReply."""
+    sinking = None if found.sinking is None else tuple(found.sinking.tolist())
+    level = sinking is not None and len(sinking) == 4
+    return {
+        "status": found.status,
+        "inner": _pairs(found.inner) if polygons else (),
+        "outer": _pairs(found.outer) if polygons else (),
+        "support": _support(found.support, proofs) if polygons else (),
+        "gap": found.gap if math.isfinite(found.gap) else None,
+        "area": found.area,
+        "area_outer": found.area_outer,
+        "certificate": sinking if level else None,
+        "twist": None if level else sinking,
+    }
+
+
+def _support(support: Support, proofs: bool) -> tuple[SupportPoint, ...]:
+    """Support values with their proofs: certificate at rest, twist with an acceleration, torques with limits."""
+    direction, value, point = _pairs(support.direction), support.value.tolist(), _pairs(support.point)
+    gap, name = support.gap.tolist(), {4: "certificate", 6: "twist", 0: ""}[support.twist.shape[1]]
+    out: list[SupportPoint] = []
+    for i, status in enumerate(support.status):
+        ok = status == "ok"
+        proof: dict[str, Any] = {}
+        if proofs and ok and name:
+            proof[name] = tuple(support.twist[i].tolist())
+        if proofs and status != "infeasible":
+            proof["forces"] = _triples(support.force[i])
+            if support.torque is not None:
+                proof["torques"] = _triples(support.torque[i])
+        out.append(
+            SupportPoint(
+                direction=direction[i],
+                value=value[i] if ok else None,
+                point=point[i] if ok else None,
+                status=status,
+                gap=max(0.0, gap[i]) if ok else None,
+                **proof,
+            )
+        )
+    return tuple(out)
+
+
+def _gradient(slope: MarginSlope) -> MarginGradient:
+    """Message of the gradient of a margin."""
+    x, y = slope.com.tolist()
+    return MarginGradient(com=(x, y), mu=tuple(slope.mu.tolist()), position=_triples(slope.position))
+
+
+def _pairs(points: Array) -> tuple[tuple[float, float], ...]:
+    """Rows of two numbers as tuples."""
+    return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
+
+
+def _triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
+    """Rows of three numbers as tuples."""
+    return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three
 
 
 def _length(extent: Extent | None) -> float | None:

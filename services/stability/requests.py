@@ -9,16 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from surefoot.geometry.constants import GRAVITY
-from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot, robot_names
 from surefoot.schemas.stability import (
-    Actuation,
     BasePose,
     CheckRequest,
-    Contact,
+    Doubt,
     EquilibriumRequest,
-    RegionFields,
     RegionRequest,
 )
 from surefoot.schemas.whatif import BatchRequest
@@ -29,10 +26,9 @@ from .regions.many import PackedSets, pack
 from .regions.modes import Actuated, AtRest, Mode, Moving, Refinement, Tilted, leanings
 from .regions.movement import Movement
 from .regions.robust import Uncertainty
-from .sensing.posture import PosedRobot, posed, torque_limits
+from .sensing import posture
 
 MOST_ACCELERATION = 1e4  # m/s^2; with more of it the effective gravity is level to the last digits
-REST = AtRest()
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -45,6 +41,8 @@ class RegionQuestion(NamedTuple):
     """Contacts, frame world."""
     wanted: Refinement
     """Directions to solve for."""
+    held: posture.HeldRobot | None
+    """Robot that the mode holds in a posture; None = another mode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,24 +57,28 @@ class CheckQuestion:
     """Every stance leg reaches its foot after the movement."""
 
 
-def region_question(request: RegionRequest, own: Robot) -> RegionQuestion:
-    """Read a request for a region; `own` is the robot when the request names none.
+def region_question(request: RegionRequest | CheckRequest, own: Robot) -> RegionQuestion:
+    """Read what a request asks of a region; `own` is the robot when the request names none.
 
     Raises:
         StabilityError: a field that cannot be used.
     """
-    if (actuation := request.actuation) is None:
-        mode, contacts = _mode(request), contacts_of(request.contacts)
-    else:
-        refuse(any(request.acceleration), "acceleration", "actuation")
-        refuse(request.tilt_rad > 0.0, "tilt_rad", "actuation")
-        refuse(request.adaptive is True, "adaptive", "actuation")
-        contacts = contacts_of(request.contacts)
-        stands, legs, limit = _servos(actuation, request.contacts, contacts, own)
-        mode = Actuated(stands.servo_legs(legs, limit))
+    tilted, pushed = request.tilt_rad > 0.0, any(request.acceleration)
+    contacts, held = contacts_of(request.contacts), None
+    mode: Mode = AtRest()
+    if (actuation := request.actuation) is not None:
+        refuse("actuation", acceleration=pushed, tilt_rad=tilted, adaptive=request.adaptive is True)
+        robot = own if actuation.robot is None else named_robot(actuation.robot, "actuation.robot")
+        held = posture.held(robot, actuation, contacts, tuple(c.leg for c in request.contacts))
+        mode = Actuated(held.servos())
+    elif tilted or pushed:
+        if tilted:
+            refuse("tilt_rad", directions=request.directions is not None, certificates=request.certificates)
+        push, height = within(request.acceleration, "acceleration", MOST_ACCELERATION, "m/s^2"), request.com_height_m
+        mode = Tilted(request.tilt_rad, push, height) if tilted else Moving(push, height)
     given = directions_of(request.directions)
     wanted = Refinement(given, request.adaptive, request.tolerance_m, request.max_directions, request.certificates)
-    return RegionQuestion(mode, contacts, wanted)
+    return RegionQuestion(mode, contacts, wanted, held)
 
 
 def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
@@ -86,74 +88,45 @@ def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
         StabilityError: a field that cannot be used.
     """
     robot = named_robot(request.robot) if request.robot is not None else own  # refused if wrong, even without joints
+    joints, doubt = request.joints, request.doubt
     if request.actuation is not None:
-        return _limited_check(request, request.actuation, own)
-    if any(request.acceleration) or request.tilt_rad > 0.0:
-        refuse(request.gradient, "gradient", "acceleration or tilt_rad")
-        refuse(request.doubt is not None, "doubt", "acceleration or tilt_rad")
-    contacts, way = contacts_of(request.contacts), within(request.movement, "movement")
-    shift, reachable, legs, now = np.zeros(3), True, tuple[str, ...](), request.com
-    if request.joints is not None:
-        base = within(request.base.position, "base.position")
-        stands = posed(robot, request.joints, request.base.quat_wxyz, base)
-        stance = stands.standing_legs(contacts, tuple(c.leg for c in request.contacts))
+        refuse("actuation", joints=joints is not None, doubt=doubt is not None, gradient=request.gradient)
+        refuse("actuation", robot=request.robot is not None, base=request.base != BasePose())
+    elif request.tilt_rad > 0.0 or any(request.acceleration):
+        refuse("acceleration or tilt_rad", gradient=request.gradient, doubt=doubt is not None)
+    asked = region_question(request, own)
+    contacts, way, held = asked.contacts, within(request.movement, "movement"), asked.held
+    shift, reachable, legs, now, after = np.zeros(3), True, tuple[str, ...](), request.com, asked.mode
+    stands = posture.posed(robot, joints, request.base) if joints is not None else None if held is None else held.stands
+    if stands is not None:
+        if held is None:
+            stance = stands.standing_legs(contacts, tuple(c.leg for c in request.contacts))
+        else:
+            stance = np.isin(np.arange(stands.robot.nlegs), held.legs)
         moved = stands.moved(way, stance)
         shift, reachable = moved.vector, moved.reachable
-        legs = tuple(leg.name for leg, held in zip(robot.legs, stance, strict=True) if held)
+        legs = tuple(leg.name for leg, stays in zip(stands.robot.legs, stance, strict=True) if stays)
+        if held is not None and way.any():
+            after = Actuated(held._replace(stands=moved.after).servos())
         if now is None:
             x, y, _ = stands.com().tolist()
             now = (x, y)
     if now is None:
         raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")
-    com, mode = within(now, "com"), _mode(request)
-    given, doubt = directions_of(request.directions), request.doubt
-    wanted = Refinement(given, request.adaptive, request.tolerance_m, request.max_directions, request.certificates)
-    unknown: Uncertainty | None = None
-    if doubt is not None:
-        unknown = Uncertainty(
-            com=doubt.com_sd_m**2 * np.eye(2),
-            foot=np.tile(doubt.foot_sd_m**2 * np.eye(3), (len(contacts), 1, 1)),
-            friction=doubt.friction,
-            normal=doubt.normal_rad,
-            kappa=doubt.kappa,
-        )
-    movement = Movement(contacts, mode, mode, wanted, com, way, shift, unknown, request.gradient)
+    com, unknown = within(now, "com"), None if doubt is None else _uncertainty(doubt, len(contacts))
+    movement = Movement(contacts, asked.mode, after, asked.wanted, com, way, shift, unknown, request.gradient)
     return CheckQuestion(movement, legs, reachable)
 
 
-def _limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> CheckQuestion:
-    """Read a check with torque limits, before and after the movement."""
-    refuse(any(request.acceleration), "acceleration", "actuation")
-    refuse(request.joints is not None, "joints", "actuation")
-    refuse(request.doubt is not None, "doubt", "actuation")
-    for field in ("tilt_rad", "adaptive", "gradient", "robot"):
-        refuse(bool(getattr(request, field)), field, "actuation")
-    refuse(request.base != BasePose(), "base", "actuation")
-    contacts, way = contacts_of(request.contacts), within(request.movement, "movement")
-    stands, legs, limit = _servos(actuation, request.contacts, contacts, own)
-    wanted = Refinement(directions_of(request.directions))
-    stance = np.zeros(stands.robot.nlegs, dtype=np.bool_)
-    stance[legs] = True
-    moved = stands.moved(way, stance)
-    mode = after = Actuated(stands.servo_legs(legs, limit))
-    if way.any():
-        later = PosedRobot(stands.robot, moved.joints, stands.base + way, stands.rot)
-        after = Actuated(later.servo_legs(legs, limit))
-    now = within(request.com or (stands.base + product(stands.rot, stands.com_in_base()))[:2], "com")
-    names = tuple(stands.robot.legs[i].name for i in sorted(legs))
-    return CheckQuestion(Movement(contacts, mode, after, wanted, now, way, moved.vector), names, moved.reachable)
-
-
-def _mode(request: RegionFields) -> Mode:
-    """Read the mode of a request without torque limits."""
-    tilted = request.tilt_rad > 0.0
-    if not tilted and not any(request.acceleration):
-        return REST
-    if tilted:
-        refuse(request.directions is not None, "directions", "tilt_rad")
-        refuse(request.certificates, "certificates", "tilt_rad")
-    push = within(request.acceleration, "acceleration", MOST_ACCELERATION, "m/s^2")
-    return Tilted(request.tilt_rad, push, request.com_height_m) if tilted else Moving(push, request.com_height_m)
+def _uncertainty(doubt: Doubt, n: int) -> Uncertainty:
+    """Read the uncertainty of the inputs, that of n contacts."""
+    return Uncertainty(
+        com=doubt.com_sd_m**2 * np.eye(2),
+        foot=np.tile(doubt.foot_sd_m**2 * np.eye(3), (n, 1, 1)),
+        friction=doubt.friction,
+        normal=doubt.normal_rad,
+        kappa=doubt.kappa,
+    )
 
 
 @lru_cache(maxsize=16)
@@ -169,17 +142,6 @@ def named_robot(name: str, field: str = "robot") -> Robot:
         return load_robot(name)
     except TableError as error:
         raise StabilityError("unknown_robot", field, error.message) from None
-
-
-def _servos(
-    asked: Actuation, given: tuple[Contact, ...], contacts: ContactSet, own: Robot
-) -> tuple[PosedRobot, list[int], Array]:
-    """Read a posture with the leg on each contact and the torque limits (nj,) Nm."""
-    robot = own if asked.robot is None else named_robot(asked.robot, "actuation.robot")
-    base = within(asked.base.position, "actuation.base.position")
-    stands = posed(robot, asked.joints, asked.base.quat_wxyz, base, "actuation.")
-    limit = torque_limits(robot, asked.max_torque_nm)
-    return stands, stands.loaded_legs(contacts, tuple(c.leg for c in given)), limit
 
 
 def packed_sets(request: BatchRequest) -> PackedSets:

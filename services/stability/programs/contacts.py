@@ -29,10 +29,11 @@ class StabilityError(FieldError):
     """
 
 
-def refuse(given: bool, field: str, other: str) -> None:
-    """Refuse a field that cannot be combined with another."""
-    if given:
-        raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
+def refuse(other: str, **given: bool) -> None:
+    """Refuse the first field that is given, by name, and cannot be combined with another."""
+    for field, wanted in given.items():
+        if wanted:
+            raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
 
 
 def within(given: ArrayLike, field: str, limit: float = MAX_COORDINATE, unit: str = "m") -> Array:

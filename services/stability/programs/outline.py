@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.polygon import gap
+from surefoot.geometry.polygon import gap, hull
 from surefoot.kernels.jit import row_kernel
 
 from .contacts import AXES
-from .fan import ENCLOSE, Fan, FanGoal, enclose, new_fan
+from .fan import ENCLOSE, FEW, FEW_AT_ONCE, Fan, FanGoal, enclose, new_fan
+from .lanes import LANES
 from .reduced import Reduced
 
 Array = NDArray[np.float64]
@@ -46,12 +47,17 @@ class Outline(NamedTuple):
 
 
 @row_kernel
-def outline(r: Reduced, first: Array, goal: FanGoal, limit: int, batch: int, skip: int) -> Outline:
+def outline(r: Reduced, position: Array, first: Array, goal: FanGoal, limit: int, skip: int) -> Outline:
     """Solve for the directions `first` (k, 2) and those of a goal, and return everything in metres.
 
-    Without the goal ENCLOSE the answers to the first `skip` directions are left out of the result.
+    The goal ENCLOSE begins at the corners of the hull of the contacts at `position` (n, 3), and is met with `limit`
+    directions at most. Without it the answers to the first `skip` directions are left out of the result.
     """
+    if goal.kind == ENCLOSE:
+        first = np.concatenate((corner_normals(hull(position[:, :2].copy())), first))
     count = first.shape[0]
+    limit = max(limit, count)
+    batch = FEW_AT_ONCE if limit <= FEW else LANES
     fan = new_fan(limit if goal.kind == ENCLOSE else count, r.a.shape[0])
     fan.direction[:count] = first
     count, fine, height, inner, outer = enclose(r, fan, 0, count, goal, limit, batch)

@@ -12,12 +12,13 @@ from surefoot.geometry.linear import combined, dot, product
 
 from .clarabel_tools import clarabel_and_sparse
 from .contacts import Array, StabilityError
-from .fan import Fan, FanGoal, Outlook, insert, near_arcs, settled, with_room
+from .fan import APPROACH, Fan, FanGoal, explore, insert, near_arcs, settled, with_room
 from .interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
 from .lanes import LANES
 from .reduced import Reduced
 
 LOOSE = 1e-6  # residual, relative to max(1, value), above which an "almost solved" answer is refused
+MARGIN_TOLERANCE = 2e-9  # in units of the stance; the solver's own accuracy is 1e-9
 MARGIN_DIRECTIONS = 160  # more change nothing: each round narrows the arc by a factor of nine
 
 
@@ -65,6 +66,14 @@ class Reference:
             return ReferenceAnswer(NO_DUAL, np.inf, z, x / gain, 0.0)
         return ReferenceAnswer(FAILED, np.nan, z, x, np.inf)
 
+    def answer(self, r: Reduced, fan: Fan, k: int) -> int:
+        """Solve for the k-th direction of a fan, write the answer down there, and return its status."""
+        found = self.solve(product(r.h, fan.direction[k]))
+        fan.status[k], fan.value[k], fan.error[k] = found.status, found.value, found.error
+        fan.unknown[k], fan.force[k] = found.unknown, found.force
+        fan.point[k] = combined(r.h, found.force).sum(axis=0)
+        return found.status
+
     def _error(self, z: Array, x: Array, rhs: Array) -> float:
         s = product(self._a, z) - rhs  # (n, 3)
         outside = max(np.max(np.hypot(v[:, 1], v[:, 2]) - v[:, 0], initial=0.0) for v in (s, x))
@@ -87,22 +96,34 @@ def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array,
     return int(status[0]), dot(c, lam[:, 0]), lam[:, 0].copy(), x[:, :, 0].copy(), float(error[0])
 
 
-def approach(r: Reduced, fan: Fan, count: int, goal: FanGoal) -> tuple[Outlook, Fan]:
-    """Approach with clarabel, one direction at a time."""
-    reference, pick = Reference(r.a, r.c), np.empty((LANES, 2))
-    fan = with_room(fan, count, count + MARGIN_DIRECTIONS)
-    while True:
-        wanted, outlook = near_arcs(fan, count, goal, pick, 1)
-        if not wanted or count == len(fan.value):
-            break
-        answer = reference.solve(product(r.h, pick[0]))
-        if answer.status != SOLVED:
-            break
-        fan.direction[count], fan.status[count] = pick[0], SOLVED
-        fan.value[count], fan.unknown[count], fan.force[count] = answer.value, answer.unknown, answer.force
-        fan.point[count], fan.error[count] = combined(r.h, answer.force).sum(axis=0), answer.error
-        insert(fan, count, count + 1)
-        count += 1
-    if not settled(fan, count, outlook):
-        raise StabilityError("no_convergence", "contacts", "neither solver found the nearest edge of this region")
-    return outlook, fan
+def nearest_border(r: Reduced, fan: Fan, count: int, x: float, y: float) -> tuple[float, Array]:
+    """Smallest h(a) - a'p over all unit directions a, and that direction (2,); scaled frame.
+
+    Args:
+        r: programs of the contact set.
+        fan: with an answer in its first `count` directions; it is not changed.
+        count: number of answers.
+        x: of the point p.
+        y: of the point p.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
+    """
+    limit, goal = count + MARGIN_DIRECTIONS, FanGoal(APPROACH, MARGIN_TOLERANCE, x, y)
+    fan = with_room(fan, count, limit)
+    count, _, outlook = explore(r, fan, count, count, goal, limit, LANES)
+    if not settled(fan, count, outlook):  # one direction at a time by clarabel
+        reference, pick = Reference(r.a, r.c), np.empty((LANES, 2))
+        fan = with_room(fan, count, count + MARGIN_DIRECTIONS)
+        while True:
+            wanted, outlook = near_arcs(fan, count, goal, pick, 1)
+            if not wanted or count == len(fan.value):
+                break
+            fan.direction[count] = pick[0]
+            if reference.answer(r, fan, count) != SOLVED:
+                break
+            insert(fan, count, count + 1)
+            count += 1
+        if not settled(fan, count, outlook):
+            raise StabilityError("no_convergence", "contacts", "neither solver found the nearest edge of this region")
+    return outlook.best, fan.direction[outlook.arg].copy()

@@ -59,10 +59,7 @@ class Oracle:
         """Twist (v, w_z), v_z = -1, scaled frame, that proves that the set cannot carry the weight; None if it can."""
         if self.subspace is not None and self.subspace.sinking is not None:
             return self.subspace.sinking
-        n = len(self.contacts)
-        fan = new_fan(1, n)
-        fan.direction[0] = 0.0
-        self._answer(fan, 1)
+        fan = self.fan(np.zeros((1, 2)), 1)
         return self.twist(fan.unknown[0], np.zeros(2)) if fan.status[0] == NO_PRIMAL else None
 
     def drift(self, direction: Array) -> Array:
@@ -85,14 +82,10 @@ class Oracle:
             return
         insert(fan, 0, count)
         for k in np.flatnonzero(fan.status[:count] == FAILED):
-            answer = self._reference.solve(product(r.h, fan.direction[k]))
-            if answer.status == FAILED:
+            if self._reference.answer(r, fan, int(k)) == FAILED:
                 raise StabilityError(
                     "no_convergence", "contacts", "neither solver found an answer for this contact set"
                 )
-            fan.status[k], fan.value[k], fan.error[k] = answer.status, answer.value, answer.error
-            fan.unknown[k], fan.force[k] = answer.unknown, answer.force
-            fan.point[k] = combined(r.h, answer.force).sum(axis=0)
 
     # -- back to the frame of the request -----------------------------------------------------------------------------
 
@@ -158,37 +151,40 @@ class Oracle:
         return force
 
 
-def careful(oracle: Oracle, first: Array, goal: FanGoal, limit: int, skip: int) -> Region:
+def careful(
+    contacts: ContactSet, programs: tuple[Reduced, Subspace | None], first: Array, goal: FanGoal, limit: int, skip: int
+) -> Region:
     """Region of a set of two contacts or more.
 
     Args:
-        oracle: of the contacts.
+        contacts: of the region.
+        programs: of the contacts, by `reduce`.
         first: (k, 2) unit directions to begin with.
         goal: ENCLOSE to refine, else ANSWER.
         limit: at most so many directions.
         skip: without refinement, number of directions whose support values are left out.
     """
-    contacts, refine, r = oracle.contacts, goal.kind == ENCLOSE, oracle.reduced
+    oracle, refine, r = Oracle(contacts, *programs), goal.kind == ENCLOSE, programs[0]
     if oracle.subspace is not None and oracle.subspace.sinking is not None:
         return infeasible(contacts, first[skip:], oracle.moved(oracle.subspace.sinking, np.zeros(2)))
     fan, count = oracle.fan(first, limit if refine else len(first)), len(first)
     status = fan.status[:count]
-    solved = bool(np.all(status == SOLVED))
-    has_area = solved and wide(fan, count)[0]
+    complete = bool(np.all(status == SOLVED))
+    has_area = complete and wide(fan, count)[0]
     drifting = np.abs(oracle.drift(first)).max(initial=0.0) > FLAT
     if np.any(status == NO_PRIMAL):
         k = int(np.flatnonzero(status == NO_PRIMAL)[0])
         twist = oracle.twist(fan.unknown[k], np.zeros(2))
         return infeasible(contacts, first[skip:], oracle.moved(twist, np.zeros(2)))
-    if drifting or not solved:
+    if drifting or not complete:
         if oracle.sinking is not None:
             return infeasible(contacts, first[skip:], oracle.moved(oracle.sinking, np.zeros(2)))
         support = oracle.support(fan, np.arange(skip, count))
         everything = oracle.support(fan, np.arange(count))
         found = everything.point[np.array([s == "ok" for s in everything.status])]
-        programs = Solved(r, fan, count, oracle.anchor, None if oracle.subspace is None else oracle.subspace.drift)
+        solved = Solved(r, fan, count, oracle.anchor, None if oracle.subspace is None else oracle.subspace.drift)
         return Region(
-            contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None, programs
+            contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None, solved
         )
     if not has_area:
         ends = _ends(oracle, fan, count)

@@ -34,9 +34,9 @@ from ..programs.interior import NO_PRIMAL
 from ..programs.lanes import LANES
 from ..programs.outline import edge_normals
 from ..programs.reduced import RANK, SMALL_MU, Reduced, matrices
-from ..programs.reference import MARGIN_DIRECTIONS
+from ..programs.reference import MARGIN_DIRECTIONS, MARGIN_TOLERANCE
 from .careful import POINT, WIDE, along, flat_ends, holds, line_of
-from .margin import MARGIN_TOLERANCE, ON_EDGE, margin
+from .margin import ON_EDGE, margin
 from .model import RegionStatus
 from .region import plane, region
 

@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from surefoot.geometry.linear import product, solve
 from surefoot.geometry.polygon import area
 
 from ..programs.contacts import Array, ContactSet
-from ..programs.fan import Fan
+from ..programs.fan import Fan, insert, with_room
 from ..programs.reduced import Reduced
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
@@ -37,6 +40,20 @@ class Support:
 
 
 @dataclass(frozen=True, slots=True)
+class Plane:
+    """Place of a leaning frame in a horizontal plane of the world: c = matrix p + zero for points p of the frame."""
+
+    matrix: Array
+    """(2, 2), determinant > 0."""
+    zero: Array
+    """(2,) m."""
+
+    def back(self, c: Array) -> Array:
+        """The point (2,) of the leaning frame that lies at c (2,) in the plane."""
+        return solve(self.matrix, (c - self.zero)[:, None])[:, 0]
+
+
+@dataclass(frozen=True, slots=True)
 class Solved:
     """Programs and fan behind a region with an inside."""
 
@@ -50,6 +67,21 @@ class Solved:
     """(2,) m: position = anchor + length * scaled."""
     drift: Array | None = None
     """(k, 2) gain of free tangential forces per direction, of an unbounded region; None if there are none."""
+    plane: Plane | None = None
+    """Plane of the region, where the programs are those of a leaning frame."""
+
+    def level(self) -> "Solved":
+        """The answers of a bounded region in its plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
+        if self.plane is None:
+            return self
+        fan, count, matrix = with_room(self.fan, self.count, self.count), self.count, self.plane.matrix
+        direction = solve(matrix.T, fan.direction.T).T
+        size = np.hypot(direction[:, 0], direction[:, 1])
+        fan.direction[:], fan.value[:] = direction / size[:, None], fan.value / size
+        fan.point[:], fan.unknown[:] = product(fan.point, matrix.T), fan.unknown / size[:, None]
+        insert(fan, 0, count)
+        reduced = self.reduced._replace(h=product(self.reduced.h, matrix.T))
+        return Solved(reduced, fan, count, product(matrix, self.anchor) + self.plane.zero)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,20 +6,19 @@ g_eff, so where it cuts a horizontal plane depends on the height of the CoM.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from surefoot.geometry.constants import GRAVITY
-from surefoot.geometry.linear import dot, norm, product, solve
+from surefoot.geometry.linear import norm, product, solve
 from surefoot.geometry.polygon import gap, half_planes, hull
 
 from ..programs.contacts import Array, ContactSet, StabilityError
 from ..programs.reduced import THIN
 from .actuated import ServoLegs, actuated_region
-from .margin import Plane
-from .model import Region, RegionStatus, Support
+from .model import Plane, Region, RegionStatus, Support
 from .region import region
 
 MET = 1e-9  # m, how far points and segments may lie apart and be met
@@ -81,25 +80,47 @@ class Refinement(NamedTuple):
     """With an acceleration: turn forces and certificates into the frame world."""
 
 
-def region_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> Region:
-    """Region of a contact set in a mode, frame world.
+def regions_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> list[Region]:
+    """Regions of a contact set under each gravity of a mode, in the plane of the CoM, frame world.
 
     Raises:
         StabilityError: the robot would fly, or no solver finds an answer.
     """
     if isinstance(mode, Actuated):
-        return actuated_region(contacts, mode.legs, wanted.directions)
-    seen = leanings(mode, contacts)
+        return [actuated_region(contacts, mode.legs, wanted.directions)]
+    seen, adaptive = leanings(mode, contacts), wanted.adaptive
     # a plane cuts lengths of the frame up to 1 / cosine of the lean
-    cosine = math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2]
-    finer, found = wanted._replace(tolerance=wanted.tolerance * cosine), list[Region]()
+    tolerance = wanted.tolerance * (math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2])
     if isinstance(mode, Tilted):  # no directions to choose
-        finer = finer._replace(adaptive=None)
+        adaptive = None
+    out: list[Region] = []
     for each in seen:
-        found.append(seen_region(each, finer))
-    if isinstance(mode, Tilted):
-        return _in_common(seen, found, mode.height)
-    return found[0] if isinstance(mode, AtRest) else seen[0].level(found[0], mode.height, wanted.proofs)
+        given = each.directions(wanted.directions)
+        found = region(each.contacts, given, adaptive=adaptive, tolerance=tolerance, limit=wanted.limit)
+        out.append(found if isinstance(mode, AtRest) else each.level(found, mode.height, wanted.proofs))
+    return out
+
+
+def in_common(found: list[Region]) -> Region:
+    """Intersection of the regions of several gravities, in the plane of the CoM; of one region, that region.
+
+    Inner polygons are cut, so every point holds for each of these gravities (Audren and Kheddar do so in 3-D). The
+    status is unbounded if one region is and none is infeasible; infeasible if one is, or nothing is left.
+    """
+    if len(found) == 1:
+        return found[0]
+    statuses, nothing = {each.status for each in found}, np.empty((0, 2))
+    inner, outer = nothing, nothing
+    if not statuses & {"infeasible", "unbounded"}:
+        inner = _common([each.inner for each in found])
+        if len(inner):
+            outer = _common([each.outer for each in found])
+    status: RegionStatus = "unbounded" if "unbounded" in statuses else BY_CORNERS[min(len(inner), 3)]
+    if "infeasible" in statuses:
+        status = "infeasible"
+    empty = Support(nothing, np.empty(0), nothing, (), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 3)))
+    widest = gap(inner, outer) if len(inner) else math.nan
+    return Region(found[-1].contacts, status, inner, outer, empty, widest, True, sum(r.calls for r in found))
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +153,6 @@ class Leaning:
         back = self.rot.T
         return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
 
-    def plane(self, height: float) -> Plane:
-        """Horizontal plane of the world at a height, m."""
-        return Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
-
     def seen(self, com: Array) -> Array:
         """The CoM (3,) m, world, as (2,) in the leaning frame."""
         return product(self.rot[:2], com)
@@ -147,11 +164,11 @@ class Leaning:
         cut in direction d is |M'd| h(a) + d'c0.
         """
         s, k = found.support, len(found.support.direction)
-        direction = solve(self.to_world().T, s.direction.T).T  # rows d' = a'M^-1
+        plane = Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
+        direction = solve(plane.matrix.T, s.direction.T).T  # rows d' = a'M^-1
         size = np.hypot(direction[:, 0], direction[:, 1])
         direction = direction / size[:, None]
-        zero = self.at_height(np.zeros((1, 2)), height)[0]
-        value = np.array([s.value[i] / size[i] + dot(direction[i], zero) for i in range(k)])
+        value = s.value / size + product(direction, plane.zero)
         twist, force = np.full((k, 6), np.nan), s.force
         if proofs:
             twist = np.array([self._twist(s.twist[i], s.direction[i]) for i in range(k)]).reshape(k, 6)
@@ -167,18 +184,13 @@ class Leaning:
             found.exact,
             found.calls,
             None if found.sinking is None else self._twist(found.sinking, np.zeros(2)),
+            None if found.solved is None else replace(found.solved, plane=plane),
         )
 
     def _twist(self, twist: Array, a: Array) -> Array:
         """(v, Om) (6,) in the world from (v, w_z) (4,) of the leaning frame and a direction (2,)."""
         spin = np.array([-a[1], a[0], twist[3]])
         return np.concatenate((product(self.rot.T, twist[:3]), product(self.rot.T, spin)))
-
-
-def seen_region(seen: Leaning, wanted: Refinement) -> Region:
-    """Region in a leaning frame, in directions of a horizontal plane of the world."""
-    contacts, given = seen.contacts, seen.directions(wanted.directions)
-    return region(contacts, given, adaptive=wanted.adaptive, tolerance=wanted.tolerance, limit=wanted.limit)
 
 
 def upward(acceleration: Array, g: float = GRAVITY) -> Array:
@@ -236,26 +248,6 @@ def stays_down(up: Array, acceleration: Array) -> Array:
     if up[2] < 0.01 * GRAVITY:
         raise StabilityError("too_large", "acceleration", f"got {acceleration.tolist()}, the robot would fly")
     return up
-
-
-def _in_common(seen: list[Leaning], found: list[Region], height: float) -> Region:
-    """Intersection of the regions of several gravities in the plane of the CoM, (z m).
-
-    Inner polygons are cut, so every point holds for each of these gravities (Audren and Kheddar do so in 3-D). The
-    status is unbounded if one region is and none is infeasible; infeasible if one is, or nothing is left.
-    """
-    statuses, nothing = {each.status for each in found}, np.empty((0, 2))
-    inner, outer = nothing, nothing
-    if not statuses & {"infeasible", "unbounded"}:
-        inner = _common([each.at_height(r.inner, height) for each, r in zip(seen, found, strict=True)])
-        if len(inner):
-            outer = _common([each.at_height(r.outer, height) for each, r in zip(seen, found, strict=True)])
-    status: RegionStatus = "unbounded" if "unbounded" in statuses else BY_CORNERS[min(len(inner), 3)]
-    if "infeasible" in statuses:
-        status = "infeasible"
-    empty = Support(nothing, np.empty(0), nothing, (), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 3)))
-    widest = gap(inner, outer) if len(inner) else math.nan
-    return Region(found[-1].contacts, status, inner, outer, empty, widest, True, sum(r.calls for r in found))
 
 
 def _common(polygons: list[Array]) -> Array:

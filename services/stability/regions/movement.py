@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..programs.contacts import Array, ContactSet
-from .margin import Extent, Margin, Plane, extent, margin
+from .margin import Extent, Margin, extent, margin
 from .model import Region
-from .modes import Actuated, Mode, Moving, Refinement, Tilted, leanings, region_in, seen_region
-from .robust import RobustGradient, Uncertainty, margin_gradient, robust_margin
+from .modes import Mode, Refinement, in_common, regions_in
+from .robust import MarginSlope, Uncertainty, margin_gradient, robust_margin
 
 STILL = 1e-12  # m; a shorter horizontal movement has no direction
 
@@ -61,7 +61,7 @@ def _nearest(found: Sequence[Extent | None]) -> Extent | None:
     return min(ways, key=lambda e: math.inf if e.value is None else e.value, default=None)
 
 
-def check(region: Region, com: Array, movement: Array, shift: Array, plane: Plane | None = None) -> Check:
+def check(region: Region, com: Array, movement: Array, shift: Array) -> Check:
     """Three-phase check.
 
     (28) is printed as a norm, which hides a fall: here GSM = extent_along(c1, a), the signed way from c1 = com + r_M +
@@ -72,16 +72,15 @@ def check(region: Region, com: Array, movement: Array, shift: Array, plane: Plan
         com: (2,) m, now: measured or from kinematics.
         movement: r_M, (3,) m.
         shift: r_KIN, (3,) m.
-        plane: of the CoM, where the region is that of a leaning frame.
     """
     after = com + movement[:2] + shift[:2]
-    now, then = margin(region, com, plane), margin(region, after, plane)
+    now, then = margin(region, com), margin(region, after)
     along = math.hypot(movement[0], movement[1])
     reach: Extent | None = None
     gsm: Extent | None = None
     if along > STILL:
         direction = movement[:2] / along
-        reach, gsm = extent(region, com, direction, plane), extent(region, after, direction, plane)
+        reach, gsm = extent(region, com, direction), extent(region, after, direction)
     stable = region.status == "ok" and then.value is not None and then.value >= 0.0
     return Check(np.asarray(after), now, then, reach, gsm, stable)
 
@@ -120,7 +119,7 @@ class CheckedMovement:
     """Margins and ways; with an acceleration or a tilt the worst of every possible gravity."""
     robust: float | None = None
     """m, margin with the uncertainty; None: not asked for, or nothing is left."""
-    gradient: RobustGradient | None = None
+    gradient: MarginSlope | None = None
     """Gradient of the margin; None: not asked for, or no area, or no edge."""
 
 
@@ -130,23 +129,14 @@ def check_movement(asked: Movement) -> CheckedMovement:
     Raises:
         StabilityError: the robot would fly, or no solver finds an answer.
     """
-    mode, way, shift = asked.mode, asked.way, asked.shift
-    found = here = region_in(mode, asked.contacts, asked.wanted)
-    if asked.after is not mode:
-        found = region_in(asked.after, asked.contacts, asked.wanted)
-    if isinstance(mode, Moving | Tilted):
-        checks: list[Check] = []
-        for seen in leanings(mode, asked.contacts):
-            each = seen_region(seen, asked.wanted._replace(directions=None, adaptive=None))
-            plane = seen.plane(mode.height)
-            checks.append(check(each, asked.com, way, shift, plane))
-            if each.status == "infeasible":
-                return CheckedMovement(found, checks[-1])
-        return CheckedMovement(found, worst(checks))
-    then = check(found, asked.com, way, shift)
-    if isinstance(mode, Actuated):
-        now = then if found is here else check(here, asked.com, way, shift)
-        return CheckedMovement(found, replace(then, margin_now=now.margin_now, extent=now.extent))
+    before = regions_in(asked.mode, asked.contacts, asked.wanted)
+    later = before if asked.after is asked.mode else regions_in(asked.after, asked.contacts, asked.wanted)
+    checks = [check(region, asked.com, asked.way, asked.shift) for region in later]
+    fallen = [each for each, region in zip(checks, later, strict=True) if region.status == "infeasible"]
+    found, then = in_common(later), fallen[0] if fallen else worst(checks)
+    if later is not before:
+        now = check(before[0], asked.com, asked.way, asked.shift)
+        then = replace(then, margin_now=now.margin_now, extent=now.extent)
     robust = None if asked.uncertainty is None else robust_margin(asked.contacts, then.com_after, asked.uncertainty)
-    slope = margin_gradient(asked.contacts, then.com_after) if asked.gradient else None
+    slope = margin_gradient(found, then.com_after, then.margin) if asked.gradient else None
     return CheckedMovement(found, then, robust, slope)

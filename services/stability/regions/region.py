@@ -17,11 +17,10 @@ from surefoot.geometry.polygon import hull
 from surefoot.kernels.jit import row_kernel
 
 from ..programs.contacts import AXES, Array, ContactSet
-from ..programs.fan import ANSWER, ENCLOSE, FEW, FEW_AT_ONCE, FanGoal
-from ..programs.lanes import LANES
-from ..programs.outline import corner_normals, outline
+from ..programs.fan import ANSWER, ENCLOSE, FanGoal
+from ..programs.outline import outline
 from ..programs.reduced import CONE, SMALL_MU, SPOT, reduce
-from .careful import Oracle, careful, few
+from .careful import careful, few
 from .model import Region, Solved, Support
 
 PLANE = 1e-12  # of the unit of length; a larger distance from the plane is uneven ground
@@ -51,16 +50,13 @@ def region(
     complete = not refine and has_axes(given)
     if exact:
         return _hull_region(contacts, given if len(given) and not refine else AXES, p, q)
-    corners = hull(np.ascontiguousarray(contacts.position[:, :2])) if refine else given
     first = given if complete else np.concatenate((AXES, given))
     skip = len(first) - len(given) if not refine else 0
     if n > 1:
         reduced, subspace = reduce(contacts)
         goal = FanGoal(ENCLOSE if refine else ANSWER, tolerance / reduced.length, 0.0, 0.0)
         if subspace is None and min(contacts.mu.tolist()) > SMALL_MU:
-            begin = np.concatenate((corner_normals(corners), given)) if refine else first
-            most = max(limit, len(begin))
-            drawn = outline(reduced, begin, goal, most, FEW_AT_ONCE if most <= FEW else LANES, skip)
+            drawn = outline(reduced, contacts.position, given if refine else first, goal, limit, skip)
             if drawn.fine:
                 support = Support(
                     drawn.direction, drawn.twist[:, 2], drawn.point, ("ok",) * len(drawn.direction), drawn.slack,
@@ -70,7 +66,7 @@ def region(
                 return Region(
                     contacts, "ok", drawn.inner, drawn.outer, support, drawn.gap, False, drawn.answers, None, solved
                 )
-        return careful(Oracle(contacts, reduced, subspace), first, goal, max(limit, len(first)), skip)
+        return careful(contacts, (reduced, subspace), first, goal, max(limit, len(first)), skip)
     return few(contacts, first[skip:])
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from ..programs.contacts import Array, ContactSet
 from .equilibrium import equilibrium
-from .margin import margin, nearest_edge
-from .model import Support
+from .margin import Margin
+from .model import Region
 from .region import region
 
 INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
@@ -33,35 +33,9 @@ class Uncertainty:
 
 
 @dataclass(frozen=True, slots=True)
-class Gradient:
-    """Gradient of the support value h(a) in one direction."""
-
-    mu: Array
-    """(n,) d h / d mu_i = - u_i'f_t,i / mu_i >= 0, m."""
-    position: Array
-    """(n, 3) d h / d r_i = Om x f_i, no unit."""
-
-
-def gradient(contacts: ContactSet, support: Support, k: int) -> Gradient:
-    """Gradient of the k-th support value, with the forces of its support point."""
-    return _slope(contacts, support.twist[k], support.force[k], support.direction[k])
-
-
-def _slope(contacts: ContactSet, twist: Array, force: Array, a: Array) -> Gradient:
-    spin = np.array([-a[1], a[0], twist[3]])
-    u = twist[:3] + np.cross(spin, contacts.position)
-    tangential = force - np.einsum("ij,ij->i", contacts.normal, force)[:, None] * contacts.normal
-    with np.errstate(divide="ignore", invalid="ignore"):
-        by_mu = -np.einsum("ij,ij->i", u, tangential) / contacts.mu
-    return Gradient(np.where(np.isfinite(by_mu), np.maximum(by_mu, 0.0), 0.0), np.cross(spin, force))
-
-
-@dataclass(frozen=True, slots=True)
-class RobustGradient:
+class MarginSlope:
     """Gradient of the signed margin of a CoM."""
 
-    value: float
-    """m, the margin."""
     com: Array
     """(2,) d margin / d com = - a, no unit."""
     mu: Array
@@ -70,18 +44,36 @@ class RobustGradient:
     """(n, 3) no unit."""
 
 
-def margin_gradient(contacts: ContactSet, com: Array) -> RobustGradient | None:
-    """Gradient of the margin of a CoM (2,) m: that of h(a) in the direction of the nearest edge.
+def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tuple[Array, Array]:
+    """Gradient of the support value h(a) in one direction a (2,), by its certificate and the forces at its point.
+
+    Args:
+        contacts: of the region.
+        twist: (4,) certificate (v m, w_z).
+        force: (n, 3) in units of the weight.
+        a: unit direction.
+
+    Returns:
+        d h / d mu_i = - u_i'f_t,i / mu_i >= 0, (n,) m; d h / d r_i = Om x f_i, (n, 3), no unit.
+    """
+    spin = np.array([-a[1], a[0], twist[3]])
+    u = twist[:3] + np.cross(spin, contacts.position)
+    tangential = force - np.einsum("ij,ij->i", contacts.normal, force)[:, None] * contacts.normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_mu = -np.einsum("ij,ij->i", u, tangential) / contacts.mu
+    return np.where(np.isfinite(by_mu), np.maximum(by_mu, 0.0), 0.0), np.cross(spin, force)
+
+
+def margin_gradient(found: Region, com: Array, here: Margin) -> MarginSlope | None:
+    """Gradient of the margin `here` of a CoM (2,) m in a region: that of h(a) in the direction of the nearest edge.
 
     The forces are those that hold the CoM at the nearest point of the edge: along a straight edge support points are
     not unique, and each foot counts by its lever. Where two edges are equally near there is only a one-sided slope.
     None when there is no region, or no edge.
     """
-    found = region(contacts)
-    here = margin(found, com)
     if here.value is None or found.status != "ok":
         return None
-    a = nearest_edge(found.inner, com) if here.direction is None else here.direction
+    contacts, a = found.contacts, _nearest_edge(found.inner, com) if here.direction is None else here.direction
     answer = region(contacts, a[None]).support
     if answer.status[-1] != "ok":
         return None
@@ -90,8 +82,21 @@ def margin_gradient(contacts: ContactSet, com: Array) -> RobustGradient | None:
     held = equilibrium(contacts, edge + INSIDE * inside)
     if held.force is None:
         return None
-    slope = _slope(contacts, answer.twist[-1], held.force, a)
-    return RobustGradient(here.value, -a, slope.mu, slope.position)
+    return MarginSlope(-a, *gradient(contacts, answer.twist[-1], held.force, a))
+
+
+def _nearest_edge(polygon: Array, point: Array) -> Array:
+    """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
+    slack = np.add.reduce(out * (polygon - point), axis=1)
+    if slack.min() >= 0.0:
+        return out[int(slack.argmin())]
+    share = np.clip(np.add.reduce((point - polygon) * along, axis=1) / np.add.reduce(along * along, axis=1), 0.0, 1.0)
+    away = point - (polygon + share[:, None] * along)
+    length = np.hypot(away[:, 0], away[:, 1])
+    k = int(length.argmin())
+    return away[k] / length[k]
 
 
 def shrunk(contacts: ContactSet, friction: float, normal: float) -> ContactSet:
@@ -141,6 +146,6 @@ def _left(contacts: ContactSet, directions: Array, com: Array, unknown: Uncertai
     support = region(contacts, directions).support
     variance = np.einsum("ki,ij,kj->k", directions, unknown.com, directions)
     for k in range(len(directions)):
-        slope = gradient(contacts, support, k).position
+        _, slope = gradient(contacts, support.twist[k], support.force[k], directions[k])
         variance[k] += np.einsum("ni,nij,nj->", slope, unknown.foot, slope)
     return support.value - directions @ com - unknown.kappa * np.sqrt(variance)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +21,9 @@ from surefoot.robot.kinematics import (
     forward,
     gravity_torques,
 )
+from surefoot.schemas.stability import Actuation, BasePose
 
-from ..programs.contacts import Array, ContactSet, StabilityError
+from ..programs.contacts import Array, ContactSet, StabilityError, within
 from ..regions.actuated import ServoLegs
 
 Flags = NDArray[np.bool_]
@@ -39,8 +41,8 @@ class Shift:
 
     vector: Array
     """(3,) m, CoM after minus CoM now, seen from the trunk, axes of the world."""
-    joints: Array
-    """(nj,) rad, after the movement."""
+    after: "PosedRobot"
+    """Robot after the movement."""
     reachable: bool
     """Every stance leg keeps its foot in place with all joints inside their limits."""
 
@@ -109,16 +111,13 @@ class PosedRobot:
         """Centre of mass by kinematics, (3,) m."""
         return com_in_world(self.robot.model, self.joints, self.rot, self.base)
 
-    def com_in_base(self) -> Array:
-        """Centre of mass by kinematics, (3,) m, base_link."""
-        return com(self.robot.model, self.joints)
-
     def moved(self, movement: Array, stance: Flags) -> Shift:
         """Move the trunk by `movement` (3,) m with the feet of the stance legs (L,) held in place."""
         if not movement.any():
-            return Shift(np.zeros(3), self.joints.copy(), True)
+            return Shift(np.zeros(3), self, True)
         vector, joints, reachable = _moved(self.robot.model, self.joints, self.rot, movement, stance)
-        return Shift(vector, joints, bool(reachable))
+        after = PosedRobot(self.robot, joints, self.base + movement, self.rot)
+        return Shift(vector, after, bool(reachable))
 
     def standing_legs(self, contacts: ContactSet, names: tuple[str | None, ...]) -> Flags:
         """Legs (L,) that stand on the contacts: by name where given, else the leg whose foot is nearest (within 3 cm).
@@ -163,14 +162,6 @@ class PosedRobot:
             out.append(leg)
         return out
 
-    def servo_legs(self, legs: list[int], limit: Array) -> ServoLegs:
-        """Servos of some legs, in this order, with limits (nj,) Nm of all joints."""
-        model, up = self.robot.model, self.rot[2].copy()
-        jacobian = contact_jacobians(model, self.joints, up, self.robot.foot_radii)
-        index = model.leg_joints[legs]
-        own = gravity_torques(model, self.joints, GRAVITY * up)[index]
-        return ServoLegs(product(self.rot, jacobian[legs]), own, limit[index], self.robot.mass * GRAVITY)
-
     def _leg_named(self, name: str, contact: int) -> int:
         known = [leg.name for leg in self.robot.legs]
         if name not in known:
@@ -179,27 +170,57 @@ class PosedRobot:
         return known.index(name)
 
 
-def posed(robot: Robot, joints: ArrayLike, quat_wxyz: ArrayLike, base: Array, field: str = "") -> PosedRobot:
+class HeldRobot(NamedTuple):
+    """Robot whose servos hold it on the contacts."""
+
+    stands: PosedRobot
+    """Posture, frame world."""
+    legs: list[int]
+    """Leg on each contact."""
+    limit: Array
+    """(nj,) Nm, torque limits."""
+
+    def servos(self) -> ServoLegs:
+        """Servos of the legs, in the order of the contacts."""
+        robot, joints, rot = self.stands.robot, self.stands.joints, self.stands.rot
+        up, index = rot[2].copy(), robot.model.leg_joints[self.legs]
+        jacobian = contact_jacobians(robot.model, joints, up, robot.foot_radii)
+        own = gravity_torques(robot.model, joints, GRAVITY * up)[index]
+        return ServoLegs(product(rot, jacobian[self.legs]), own, self.limit[index], robot.mass * GRAVITY)
+
+
+def held(robot: Robot, asked: Actuation, contacts: ContactSet, names: tuple[str | None, ...]) -> HeldRobot:
+    """Read a posture with its torque limits, and the leg on each contact: its name, or None for the nearest.
+
+    Raises:
+        StabilityError: a field that cannot be used.
+    """
+    stands = posed(robot, asked.joints, asked.base, "actuation.")
+    limit = torque_limits(robot, asked.max_torque_nm)
+    return HeldRobot(stands, stands.loaded_legs(contacts, names), limit)
+
+
+def posed(robot: Robot, joints: ArrayLike, base: BasePose, field: str = "") -> PosedRobot:
     """Check a posture.
 
     Args:
         robot: the robot.
         joints: (nj,) rad.
-        quat_wxyz: of base_link, any length that is not nearly zero.
-        base: (3,) m, origin of base_link.
+        base: pose of base_link.
         field: prefix of the fields in refusals.
 
     Raises:
-        StabilityError: a number of joints, or a quaternion, that cannot be used.
+        StabilityError: a place, a number of joints, or a quaternion, that cannot be used.
     """
-    q, quat = np.array(joints), np.array(quat_wxyz)
+    place = within(base.position, f"{field}base.position")
+    q, quat = np.array(joints), np.array(base.quat_wxyz)
     if q.size != robot.nj:
         raise StabilityError("shape", f"{field}joints", f"got {q.size} angles, {robot.name} has {robot.nj} joints")
     length = norm(quat)
     if not 1e-6 < length < 1e6:
         got = f"got {tuple(quat.tolist())}, must be a unit quaternion"
         raise StabilityError("not_unit", f"{field}base.quat_wxyz", got)
-    return PosedRobot(robot, q, base, matrix_from_quat(quat / length))
+    return PosedRobot(robot, q, place, matrix_from_quat(quat / length))
 
 
 def torque_limits(robot: Robot, given: ArrayLike | None) -> Array:

@@ -68,7 +68,7 @@ def test_margin_after_the_movement_is_that_of_the_posture_after_it() -> None:
     movement = np.array([0.05, 0.0, 0.0])
     got = ask(contacts, movement=movement.tolist(), directions=64)
     standing = np.isin(np.arange(6), TRIPOD)
-    joints = PosedRobot(RAGNO, RAGNO.neutral, np.zeros(3), np.eye(3)).moved(movement, standing).joints
+    joints = PosedRobot(RAGNO, RAGNO.neutral, np.zeros(3), np.eye(3)).moved(movement, standing).after.joints
     jacobian = contact_jacobians(RAGNO.model, joints, UP, RADIUS)[TRIPOD]
     own = gravity_torques(RAGNO.model, joints, 9.81 * UP)[RAGNO.model.leg_joints[TRIPOD]]
     after = ServoLegs(jacobian, own, legs.limit, legs.weight)

@@ -13,7 +13,9 @@ from surefoot.robot.reader import load_robot, robot_file
 from surefoot.services.stability.programs.contacts import contact_set, equally_spaced
 from surefoot.services.stability.regions.actuated import actuated_region
 from surefoot.services.stability.regions.equilibrium import equilibrium
+from surefoot.services.stability.regions.margin import margin
 from surefoot.services.stability.regions.modes import lean
+from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.regions.robust import margin_gradient
 from surefoot.services.stability.service import Stability
 from tests.services.stability.conftest import ask
@@ -153,11 +155,13 @@ def test_limited_torques_turn_with_the_robot(service: Stability) -> None:
 def test_gradient_of_the_margin(service: Stability) -> None:
     contacts = feasible_sets(43, 1)[0]
     com = contacts.position[:, :2].mean(axis=0)
-    wanted = margin_gradient(contacts, com)
+    found = region(contacts)
+    here = margin(found, com)
+    wanted = margin_gradient(found, com, here)
     assert wanted is not None
     fields = {"contacts": as_asked(contacts), "com": com.tolist()}
     got = ask(service, "check", **fields, gradient=True)
-    assert got["margin"] == pytest.approx(wanted.value, abs=1e-9)
+    assert got["margin"] == pytest.approx(here.value, abs=1e-9)
     np.testing.assert_allclose(got["gradient"]["com"], wanted.com, atol=1e-9)
     np.testing.assert_allclose(got["gradient"]["mu"], wanted.mu, atol=1e-5)
     np.testing.assert_allclose(got["gradient"]["position"], wanted.position, atol=1e-5)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.polygon import gap, hull
+from surefoot.services.stability.programs import reference
 from surefoot.services.stability.programs.contacts import (
     MAX_MU,
     ContactSet,
@@ -20,7 +21,6 @@ from surefoot.services.stability.programs.interior import FAILED
 from surefoot.services.stability.programs.outline import corner_normals, edge_normals
 from surefoot.services.stability.programs.reduced import reduce
 from surefoot.services.stability.programs.reference import Reference, ReferenceAnswer
-from surefoot.services.stability.regions import margin as margins
 from surefoot.services.stability.regions.careful import Oracle
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
 from surefoot.services.stability.regions.many import STATUSES, assess
@@ -173,8 +173,8 @@ def test_a_margin_the_kernel_gives_up_on_is_found_all_the_same(monkeypatch: pyte
     com = contacts.position[:, :2].mean(axis=0)
     exact = margin(found, com).value
     assert exact is not None
-    explore = margins.explore
-    monkeypatch.setattr(margins, "explore", lambda *given: explore(*given[:5], given[2], 8))  # no room for more
+    explore = reference.explore
+    monkeypatch.setattr(reference, "explore", lambda *given: explore(*given[:5], given[2], 8))  # no room for more
     assert margin(found, com).value == pytest.approx(exact, abs=1e-8)
     failed = ReferenceAnswer(FAILED, math.nan, np.empty(4), np.empty((6, 3)), math.inf)
     monkeypatch.setattr(Reference, "solve", lambda *given: failed)

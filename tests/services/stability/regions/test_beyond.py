@@ -145,14 +145,14 @@ def test_gradients_against_finite_differences() -> None:
         support = region(contacts, a[None]).support
         if len(contacts) < 4 or support.status[0] != "ok":
             continue
-        got = gradient(contacts, support, 0)
+        by_mu, by_position = gradient(contacts, support.twist[0], support.force[0], support.direction[0])
         for i in range(len(contacts)):
             left = [finite_difference(contacts, a, i, None, s) for s in (1e-5, 2e-5)]
             if abs(left[0] - left[1]) > 1e-4:  # at a kink
                 continue
-            assert got.mu[i] == pytest.approx(left[0], abs=2e-4)
+            assert by_mu[i] == pytest.approx(left[0], abs=2e-4)
             for axis in range(3):
-                assert got.position[i, axis] == pytest.approx(finite_difference(contacts, a, i, axis), abs=2e-4)
+                assert by_position[i, axis] == pytest.approx(finite_difference(contacts, a, i, axis), abs=2e-4)
             checked += 1
     assert checked > 10
 
@@ -199,7 +199,8 @@ def test_robust_margin_leaves_out_no_direction() -> None:
         assert alike == pytest.approx(plain - 0.03, abs=1e-5)
         feet = np.tile(1e-4 * np.eye(3), (len(contacts), 1, 1))
         support = region(contacts, equally_spaced(720)).support
-        slopes = [gradient(contacts, support, i).position for i in range(720)]
+        rows = zip(support.twist, support.force, support.direction, strict=True)
+        slopes = [gradient(contacts, *row)[1] for row in rows]
         loss = [3.0 * 0.01 * float(np.linalg.norm(slope)) for slope in slopes]
         each = support.value - support.direction @ com - np.array(loss)
         got = robust_margin(contacts, com, Uncertainty(np.zeros((2, 2)), feet))

@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.polygon import area
-from surefoot.services.stability.programs.contacts import StabilityError, contact_set
+from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
 from surefoot.services.stability.regions.equilibrium import equilibrium
 from surefoot.services.stability.regions.margin import margin
-from surefoot.services.stability.regions.modes import Refinement, Tilted, lean, region_in, upward
+from surefoot.services.stability.regions.model import Region
+from surefoot.services.stability.regions.modes import Refinement, Tilted, in_common, lean, regions_in, upward
 from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import feasible_sets
 
 SQUARE = np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.1, -0.1, 0.0]])
 UP = [[0.0, 0.0, 1.0]] * 4
 STILL = np.zeros(3)
+
+
+def common(mode: Tilted, contacts: ContactSet) -> Region:
+    return in_common(regions_in(mode, contacts, Refinement()))
 
 
 def test_an_acceleration_shifts_the_square_by_its_share_of_the_height() -> None:
@@ -61,13 +66,13 @@ def test_upright_gravity_changes_nothing() -> None:
 
 def test_tilt_robust_region_lies_in_each_and_shrinks() -> None:
     contacts = contact_set(SQUARE, UP, 0.8)
-    sizes = [area(region_in(Tilted(angle, STILL, 0.2), contacts, Refinement()).inner) for angle in (0.0, 0.05, 0.1)]
+    sizes = [area(common(Tilted(angle, STILL, 0.2), contacts).inner) for angle in (0.0, 0.05, 0.1)]
     assert sizes[0] == pytest.approx(0.04, rel=1e-9)
     assert sizes[0] > sizes[1] > sizes[2]
     reach = 0.1 - 0.2 * np.tan(0.1)
-    polygon = region_in(Tilted(0.1, STILL, 0.2), contacts, Refinement()).inner
+    polygon = common(Tilted(0.1, STILL, 0.2), contacts).inner
     assert np.abs(polygon).max() == pytest.approx(reach, abs=1e-9)
-    assert len(region_in(Tilted(0.1, STILL, 0.2), contact_set(SQUARE, UP, 0.05), Refinement()).inner) == 0
+    assert len(common(Tilted(0.1, STILL, 0.2), contact_set(SQUARE, UP, 0.05)).inner) == 0
 
 
 @pytest.mark.parametrize(
@@ -83,7 +88,7 @@ def test_tilt_robust_region_lies_in_each_and_shrinks() -> None:
 )
 def test_what_all_gravities_have_in_common(feet: tuple, height: float, status: str) -> None:
     """One foot or two hold a CoM at their own height whatever way gravity leans, above it each way another one."""
-    found = region_in(Tilted(0.05, STILL, height), contact_set(feet, UP[: len(feet)], 0.5), Refinement())
+    found = common(Tilted(0.05, STILL, height), contact_set(feet, UP[: len(feet)], 0.5))
     assert found.status == status
     if status in ("point", "segment"):
         np.testing.assert_allclose(np.sort(found.inner, axis=0), np.sort(np.array(feet)[:, :2], axis=0), atol=1e-7)

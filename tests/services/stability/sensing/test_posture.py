@@ -20,10 +20,10 @@ def test_feet_stay_and_the_closed_form_agrees(robot, movement) -> None:  # type:
     move = np.array(movement)
     found = PosedRobot(robot, robot.neutral, np.zeros(3), np.eye(3)).moved(move, ALL)
     feet = foot_positions(robot.model, robot.neutral)
-    np.testing.assert_allclose(foot_positions(robot.model, found.joints) + move, feet, atol=1e-9)
+    np.testing.assert_allclose(foot_positions(robot.model, found.after.joints) + move, feet, atol=1e-9)
     q, reachable = legs_ik(robot.model, feet - move)
     assert found.reachable == bool(reachable.all())
-    np.testing.assert_allclose(found.joints, q, atol=1e-7)
+    np.testing.assert_allclose(found.after.joints, q, atol=1e-7)
     np.testing.assert_allclose(found.vector, com(robot.model, q) - com(robot.model, robot.neutral), atol=1e-9)
 
 
@@ -40,7 +40,7 @@ def test_only_standing_legs_move() -> None:
     stance = np.array([True, False, True, False, True, False])
     found = PosedRobot(RAGNO, RAGNO.neutral, np.zeros(3), np.eye(3)).moved(np.array([0.02, 0.0, 0.0]), stance)
     for leg, stands in zip(RAGNO.legs, stance, strict=True):
-        changed = np.any(found.joints[list(leg.joints)] != RAGNO.neutral[list(leg.joints)])
+        changed = np.any(found.after.joints[list(leg.joints)] != RAGNO.neutral[list(leg.joints)])
         assert changed == stands
 
 
