@@ -116,6 +116,48 @@ def put(*, robots: int = 12, world: World, processes: int = 1) -> None:
     table(f"{robots} robots a case, {world}", header, rows)
 
 
+def turned(seed: int, pitch: float, roll: float, aside: float, world: World) -> Line:
+    """Walk with a camera that is turned, deg; return when that was found and what is left of it after 30 s, deg."""
+    planted = (math.radians(pitch), math.radians(roll), math.radians(aside))
+    robot = Robot(seed, world, turn=planted)
+    localiser = robot.navigator.localiser
+    robot.step(0.3)
+    robot.goto(5.0, 0.0)
+    found = robot.until(lambda: localiser.camera_turn != (0.0, 0.0, 0.0), 30.0)
+    robot.step(30.0 - (found or 0.0))
+    left = [math.degrees(a - b) for a, b in zip(planted, localiser.camera_turn, strict=True)]
+    return {"noticed": found, "left": left, "lost": robot.lost, "far": robot.error()[0]}
+
+
+TURNS = ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (-4.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 6.0), (3.0, -3.0, -5.0))
+"""Pitch, roll and turn aside of a camera, deg."""
+
+
+@BENCH.part("--robots 1")
+def turns(*, robots: int = 12, world: World, processes: int = 1) -> None:
+    """Time until the navigator finds that its camera is turned, and what is left of the turn after 30 s.
+
+    Args:
+        robots: of each turn.
+        world: conditions.
+    """
+    names = ("pitch", "roll", "aside")
+    jobs = [
+        {"seed": world.first + seed, **dict(zip(names, each, strict=True))} for each in TURNS for seed in range(robots)
+    ]
+    lines = study(partial(turned, world=world), jobs, processes=processes)
+    rows: list[tuple[object, ...]] = []
+    for each in TURNS:
+        own = [line for line in lines if tuple(line[name] for name in names) == each]
+        left = np.sqrt(np.mean(np.square([line["left"] for line in own]), axis=0)).tolist()
+        far = float(np.sqrt(np.mean([line["far"] ** 2 for line in own])))
+        name = ", ".join(f"{angle:g}" for angle in each)
+        rows.append((name, *shares(own, 3.0), *left, far, sum(line["lost"] for line in own)))
+    header = ("pitch, roll, aside deg", "% within 3 s", "% never", "median s", "95 % s", "left of pitch", "roll",
+              "aside", "error m", "lost")  # fmt: skip
+    table(f"{robots} robots a turn, {world}", header, rows)
+
+
 @BENCH.part("--robots 1")
 def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
     """Time and way until the navigator counts as lost with a map that does not fit the floor.

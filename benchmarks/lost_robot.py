@@ -19,6 +19,8 @@ from surefoot.schemas.navigation import GotoRequest
 from surefoot.schemas.state import GaitState, Odometry
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
+from surefoot.services.navigator.belief.matching import Detections
+from surefoot.services.navigator.belief.strain import turned_back
 from surefoot.services.navigator.service import SERVICE, NavigatorConfig
 
 Array = NDArray[np.float64]
@@ -29,6 +31,8 @@ NEAR, FAR, HALF = 0.35, 1.18, math.radians(33)
 LOW, HIGH = (-1.0, -1.0), (6.5, 1.0)
 """Corners of the corridor, m."""
 CELL = 0.05
+HEIGHT = 0.45
+"""Height of the camera over the floor, m."""
 SEEN = {"walking": 0.10, "turning": 0.03, "standing": 0.45}
 """Recognised share of the landmarks in view of a frame, measured on the simulated Nao."""
 HARD_SEEN = {"walking": 0.108, "turning": 0.043, "standing": 0.32}
@@ -163,9 +167,14 @@ class Robot:
         world: conditions.
         wrong: kind of the map, see `wrong_map`; empty = right.
         walls: the ranger sees the corridor's walls.
+        turn: pitch, roll and turn aside of the camera from where the navigator takes it to be, rad.
     """
 
-    def __init__(self, seed: int, world: World, wrong: str = "", *, walls: bool = True) -> None:
+    def __init__(
+        self, seed: int, world: World, wrong: str = "", *, walls: bool = True,
+        turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:  # fmt: skip
+        self.turn = (-turn[0], -turn[1], -turn[2])
         self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
         self.places, self.looks = corridor(seed, world.density, world.copied)
         places, looks = wrong_map(wrong, self.places, self.looks, seed)
@@ -262,9 +271,10 @@ class Robot:
         shown = np.where(rng.uniform(size=view.size) < FALSE, rng.integers(len(self.places), size=view.size), view)
         looks = self.looks[shown] + 0.05 * rng.standard_normal((view.size, 8))
         self.frames += 1
+        sights = turned_back(Detections(ranges, bearings, looks), self.turn, HEIGHT)
         marks = tuple(
             Landmark(range=float(a), bearing=wrapped(float(c)), descriptor=tuple(look))
-            for a, c, look in zip(ranges, bearings, looks.tolist(), strict=True)
+            for a, c, look in zip(sights.ranges, sights.bearings, looks.tolist(), strict=True)
         )
         return LandmarkDetections(landmarks=marks, stamp_ns=self.tick_number * 10_000_000)
 

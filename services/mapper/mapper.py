@@ -30,7 +30,7 @@ from .elevation import (
     variances,
 )
 from .legs import TrunkOverFeet
-from .turned import turn_onto
+from .turned import CameraError, scale_onto, turn_onto
 
 Array = NDArray[np.float64]
 
@@ -63,8 +63,8 @@ MOST_DOUBTFUL = 10
 """Images in a row that may be refused for what they show; a map that all of them contradict is out of date."""
 SURE_ALIKE = 0.9
 """Share of the cells that has to agree for a turn of the camera to be believed."""
-SAME_TURN = 0.01
-"""Angle within which the turns that two images in a row show are one, rad."""
+SAME_TURN, SAME_SCALE = 0.01, 0.01
+"""Angle, rad, and share within which the turns and the scales that two images in a row show are one."""
 UNKNOWN_TILT = 0.01**2
 """rad^2, variance of roll and pitch of an odometry that states none."""
 
@@ -146,7 +146,7 @@ class Mapper:
         params: its size and limits.
         refused: images refused, by reason, and single depths, as `depth`.
         images: number of images in the map.
-        turn: rotation of the camera from where it is stated to be, (3, 3) base_link.
+        error: of the camera, as found; images are corrected by it.
     """
 
     params: MapParams = field(default_factory=MapParams)
@@ -157,7 +157,7 @@ class Mapper:
         self._poses: deque[MapPose] = deque(maxlen=KEPT)
         self._drift, self._top, self._last_ns = OdometryDrift(), np.zeros(3), -(1 << 62)
         self._offset: tuple[Array, Array] | None = None
-        self.turn, self._shown_turn = np.eye(3), np.eye(3)
+        self.error = self._shown = CameraError(np.eye(3), 1.0)
         self.forget()
 
     def forget(self) -> None:
@@ -220,8 +220,8 @@ class Mapper:
         """Take an image into the map; return the number of cells it shows.
 
         An image that contradicts the map is refused, unless it is the second in a row that one turn of the camera
-        explains: the camera was knocked aside then, and its images are turned back. Where the feet contradict the map,
-        too, or all images have done so for long, the map begins anew.
+        explains, or one scale of its depths while the feet carry the map: images are corrected by it from then on.
+        Where the feet contradict the map, too, or all images have done so for long, the map begins anew.
 
         Args:
             view: the image.
@@ -237,18 +237,19 @@ class Mapper:
             raise Refusal(
                 "frozen", f"depths of {1e-9 * view.stamp_ns:.3f} s equal those of the image before to the bit"
             )
-        points = self._points(view, pose)
+        points = self._points(view, pose, self.error)
         layers = self._here(self._poses[-1])
         found = means(self.params.cells, self.grid, points)
         self._last_ns, self._data = view.stamp_ns, data
         both, alike = compared(layers, found, self._drift)
         doubtful = both >= LEAST_BOTH and alike < LEAST_ALIKE * both
-        back = self._turned_back(view, pose, points, layers) if doubtful else None
+        carries = self._carries(feet) if doubtful else None
+        back = self._set_right(view, pose, points, layers, scaled=carries is True) if doubtful else None
         if back is not None:
             found, doubtful = back, False
         self._doubtful = self._doubtful + 1 if doubtful else 0
         if doubtful:
-            if self._doubtful <= MOST_DOUBTFUL and self._carries(feet):
+            if self._doubtful <= MOST_DOUBTFUL and carries is not False:
                 raise Refusal(
                     "shifted", f"{both - alike} of {both} cells that were seen before lie elsewhere; a quarter may"
                 )
@@ -259,29 +260,38 @@ class Mapper:
         self.images += 1
         return fuse(layers, found, self._drift)
 
-    def _turned_back(
-        self, view: DepthView, pose: MapPose, points: GroundPoints, layers: Elevation
+    def _set_right(
+        self, view: DepthView, pose: MapPose, points: GroundPoints, layers: Elevation, *, scaled: bool
     ) -> GroundMeans | None:
-        """Return an image with the turn of the camera that it shows; None where none explains it, or not yet."""
+        """Return an image less the error that it shows; None where no error explains it, or not yet.
+
+        A scale is looked for where `scaled`: where the feet carry the map. Else the ground may lie lower.
+        """
         camera = pose.position + product(view.position[None], pose.rot.T)[0]
         turn = turn_onto(layers.height, self.grid, points.place, camera)
-        turn = product(product(product(np.ascontiguousarray(pose.rot.T), turn), pose.rot), self.turn)
-        apart = _angle(product(np.ascontiguousarray(self._shown_turn.T), turn))
-        self._shown_turn = turn
-        if not self._doubtful or apart > SAME_TURN:
+        turn = product(product(product(np.ascontiguousarray(pose.rot.T), turn), pose.rot), self.error.turn)
+        scale = self.error.scale / scale_onto(layers.height, self.grid, points.place, camera)
+        before, self._shown = self._shown, CameraError(turn, scale)
+        if not self._doubtful:
             return None
-        before, self.turn = self.turn, turn
-        found = means(self.params.cells, self.grid, self._points(view, pose))
-        both, alike = compared(layers, found, self._drift)
-        if both >= LEAST_BOTH and alike >= SURE_ALIKE * both:
-            return found
-        self.turn = before
-        return None
+        best, most = None, SURE_ALIKE
+        for error, alike in (
+            (
+                CameraError(turn, self.error.scale),
+                _angle(product(np.ascontiguousarray(before.turn.T), turn)) <= SAME_TURN,
+            ),
+            (CameraError(self.error.turn, scale), scaled and abs(scale / before.scale - 1.0) <= SAME_SCALE),
+        ):
+            found = means(self.params.cells, self.grid, self._points(view, pose, error)) if alike else None
+            both, same = compared(layers, found, self._drift) if found is not None else (0, 0)
+            if both >= LEAST_BOTH and same >= most * both:
+                best, most, self.error = found, same / both, error
+        return best
 
     @property
     def turned(self) -> float:
         """Angle by which the camera is turned from where it is stated to be, rad."""
-        return _angle(self.turn)
+        return _angle(self.error.turn)
 
     def heights(self) -> tuple[Array, Array] | None:
         """Return the heights, m, and their variances relative to the robot now, m^2; None = nothing was seen."""
@@ -291,17 +301,17 @@ class Mapper:
         robot = float(pose.position[0]), float(pose.position[1]), pose.tilt
         return self.layers.height, variances(self.layers, self.grid, self._drift, robot)
 
-    def _carries(self, feet: Array) -> bool:
-        """Return whether the map agrees with the points under the feet; True where it does not know enough of them."""
+    def _carries(self, feet: Array) -> bool | None:
+        """Return whether the map agrees with the points under the feet; None where it does not know enough of them."""
         seen = self.heights()
         if seen is None or not len(feet):
-            return True
+            return None
         at = np.floor(feet[:, :2] / self.grid.cell + 0.5).astype(np.int64) - (self.grid.col, self.grid.row)
         known = ((at >= 0) & (at < self.params.cells)).all(axis=1)
         rows, cols = at[known, 1], at[known, 0]
         off, variance = np.abs(seen[0][rows, cols] - feet[known, 2]), seen[1][rows, cols] + FOOT**2
         apart = (off > GATE * np.sqrt(variance))[np.isfinite(off)]
-        return len(apart) < LEAST_FEET or apart.mean() <= 0.5
+        return None if len(apart) < LEAST_FEET else bool(apart.mean() <= 0.5)
 
     @property
     def origin(self) -> tuple[float, float]:
@@ -334,7 +344,7 @@ class Mapper:
             raise Refusal("camera", f"camera at {place[0]} m, rotation {place[1]}: need a unit quaternion, within 10 m")
         return found
 
-    def _points(self, view: DepthView, pose: MapPose) -> GroundPoints:
+    def _points(self, view: DepthView, pose: MapPose, error: CameraError) -> GroundPoints:
         z = view.depths.ravel()
         given = ~np.isnan(z)
         good = given & (z > 0.0) & (z < 1e3)
@@ -345,12 +355,13 @@ class Mapper:
             raise Refusal(
                 "depths", f"{bad} of {given.sum()} depths are impossible, such as {worst:g} m; need 0 to 1000"
             )
+        z = z / error.scale
         good &= z <= self.params.farthest
         if not good.any():
             raise Refusal("blind", f"no depth up to {self.params.farthest:g} m in the image")
         z = z[good]
         rows, cols = np.divmod(np.flatnonzero(good), view.depths.shape[1])
-        ahead, look = np.ones_like(z), product(self.turn, matrix_from_quat(view.quat_wxyz)).T
+        ahead, look = np.ones_like(z), product(error.turn, matrix_from_quat(view.quat_wxyz)).T
         ray = np.stack(
             ((cols + 0.5 - view.center[0]) / view.focal, (rows + 0.5 - view.center[1]) / view.focal, ahead), 1
         )

@@ -90,7 +90,7 @@ class MapperService(Service[MapperConfig]):
 
     def _take(self, image: DepthImage, now_ns: int) -> None:
         feet = NOWHERE if self._standing is None else standing_points(self.robot, *self._standing)
-        turn = self.mapper.turn
+        error = self.mapper.error
         try:
             self.mapper.look(depth_view(image), now_ns, feet)
         except Refusal as refusal:
@@ -98,9 +98,10 @@ class MapperService(Service[MapperConfig]):
             if refusal.code not in self._logged:
                 self._logged.add(refusal.code)
                 self.log("warning", f"hw/depth refused ({refusal.code}): {refusal.message}")
-        if self.mapper.turn is not turn:
-            angle = math.degrees(self.mapper.turned)
-            self.log("warning", f"the depth camera is turned by {angle:.1f} deg; its images are turned back")
+        if self.mapper.error is not error:
+            angle, scale = math.degrees(self.mapper.turned), 100.0 * (self.mapper.error.scale - 1.0)
+            self.log("warning", f"the depth camera is turned by {angle:.1f} deg, its depths are {scale:+.0f} % off; "
+                     "its images are corrected")  # fmt: skip
 
 
 SERVICE = MapperService

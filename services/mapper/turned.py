@@ -1,4 +1,4 @@
-"""Turn of a depth camera that was knocked aside: the rotation about the camera that lays its points onto the map.
+"""Turn of a depth camera that was knocked aside, and scale of its depths: what lays its points onto the map.
 
 A point p at a = p - c from the camera c lies e above the map, whose slope there is g. A small turn w about the level
 axes through the camera changes that by w . J, so that each step of Gauss and Newton is
@@ -7,8 +7,11 @@ axes through the camera changes that by w . J, so that each step of Gauss and Ne
 
 with s of the size of the errors, so that what is new on the ground counts little. The slopes mean nothing while the
 points lie far from their places: the first steps take them for 0. A turn about the vertical is not looked for: level
-ground does not show it.
+ground does not show it. A scale x of the depths is found likewise, x -= sum k J e / sum k J J with
+J = a_z - g . (a_x, a_y).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,32 +31,58 @@ SPAN = 4
 """Cells on each side of a slope: over less of them it is the noise of the map."""
 LEAST_SIZE = 0.002
 """Least size s of the errors, m."""
+LEAST_SCALE = 0.5
+"""Least scale that is looked for; the largest is its inverse."""
+
+
+class CameraError(NamedTuple):
+    """Difference of a depth camera from what it is stated to be."""
+
+    turn: Array
+    """Rotation that takes its rays to where they are, (3, 3) base_link."""
+    scale: float
+    """Its depths over true ones."""
+
+
+class _Residuals(NamedTuple):
+    """Points over a map."""
+
+    arm: Array
+    """From the camera, (n, 3) m."""
+    slope: Array
+    """Of the map along x and y, (n, 2)."""
+    off: Array
+    """Height over the map, (n,) m."""
+    weight: Array
+    """(n,)."""
+
+
+def _residuals(height: Array, grid: Grid, arm: Array, camera: Array, level: bool) -> _Residuals:
+    """Return the points of a camera, (3,) m, whose cells are known; `level` takes the slopes of the map for 0."""
+    ny, nx = height.shape
+    x, y = ((arm + camera)[:, :2] / grid.cell - (grid.col, grid.row)).T
+    rows, cols = np.floor(y + 0.5).astype(np.int64), np.floor(x + 0.5).astype(np.int64)
+    inside = (np.minimum(rows, cols) >= SPAN) & (rows < ny - SPAN) & (cols < nx - SPAN)
+    a, rows, cols = arm[inside], rows[inside], cols[inside]
+    gx = np.nan_to_num(height[rows, cols + SPAN] - height[rows, cols - SPAN]) / (2 * SPAN * grid.cell)
+    gy = np.nan_to_num(height[rows + SPAN, cols] - height[rows - SPAN, cols]) / (2 * SPAN * grid.cell)
+    off = a[:, 2] + camera[2] - height[rows, cols]
+    if level:
+        gx, gy = np.zeros_like(gx), np.zeros_like(gy)
+    else:
+        off = off - grid.cell * (gx * (x[inside] - cols) + gy * (y[inside] - rows))
+    known = np.isfinite(off)
+    a, off, slope = a[known], off[known], np.stack((gx[known], gy[known]), 1)
+    size = max(1.5 * float(np.sort(np.abs(off))[off.size // 2]), LEAST_SIZE) if off.size else LEAST_SIZE
+    return _Residuals(a, slope, off, 1.0 / (1.0 + (off / size) ** 2))
 
 
 def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
     """Return the rotation (3, 3) about a camera, (3,) m, that lays its points, (n, 3) m, onto a map, (ny, nx) m."""
-    ny, nx = height.shape
     arm, rot = place[:: 1 + len(place) // MOST_POINTS] - camera, np.eye(3)
     for step in range(STEPS):
-        a = product(arm, rot.T)
-        x, y = ((a + camera)[:, :2] / grid.cell - (grid.col, grid.row)).T
-        rows, cols = np.floor(y + 0.5).astype(np.int64), np.floor(x + 0.5).astype(np.int64)
-        inside = (np.minimum(rows, cols) >= SPAN) & (rows < ny - SPAN) & (cols < nx - SPAN)
-        a, rows, cols = a[inside], rows[inside], cols[inside]
-        gx = np.nan_to_num(height[rows, cols + SPAN] - height[rows, cols - SPAN]) / (2 * SPAN * grid.cell)
-        gy = np.nan_to_num(height[rows + SPAN, cols] - height[rows - SPAN, cols]) / (2 * SPAN * grid.cell)
-        off = a[:, 2] + camera[2] - height[rows, cols]
-        if 2 * step < STEPS:
-            gx, gy = np.zeros_like(gx), np.zeros_like(gy)
-        else:
-            off = off - grid.cell * (gx * (x[inside] - cols) + gy * (y[inside] - rows))
-        known = np.isfinite(off)
-        if not known.any():
-            return rot
-        a, gx, gy, off = a[known], gx[known], gy[known], off[known]
-        size = max(1.5 * float(np.sort(np.abs(off))[off.size // 2]), LEAST_SIZE)
-        share = 1.0 / (1.0 + (off / size) ** 2)
-        jx, jy = a[:, 1] + gy * a[:, 2], -a[:, 0] - gx * a[:, 2]
+        a, g, off, share = _residuals(height, grid, product(arm, rot.T), camera, 2 * step < STEPS)
+        jx, jy = a[:, 1] + g[:, 1] * a[:, 2], -a[:, 0] - g[:, 0] * a[:, 2]
         xx, xy, yy = (share * jx * jx).sum(), (share * jx * jy).sum(), (share * jy * jy).sum()
         xe, ye, area = (share * jx * off).sum(), (share * jy * off).sum(), xx * yy - xy * xy
         if not area > 0.0:
@@ -61,3 +90,16 @@ def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
         turn = np.array([xy * ye - yy * xe, xy * xe - xx * ye, 0.0]) / area
         rot = product(matrix_from_rotvec(turn), rot)
     return rot
+
+
+def scale_onto(height: Array, grid: Grid, place: Array, camera: Array) -> float:
+    """Return the factor of ways from a camera that lays its points onto a map; arguments as of `turn_onto`."""
+    arm, scale = place[:: 1 + len(place) // MOST_POINTS] - camera, 1.0
+    for step in range(STEPS):
+        a, g, off, share = _residuals(height, grid, scale * arm, camera, 2 * step < STEPS)
+        j = (a[:, 2] - g[:, 0] * a[:, 0] - g[:, 1] * a[:, 1]) / scale
+        steep = float((share * j * j).sum())
+        if not steep > 0.0:
+            return scale
+        scale = min(max(scale - float((share * j * off).sum()) / steep, LEAST_SCALE), 1.0 / LEAST_SCALE)
+    return scale

@@ -25,6 +25,7 @@ from .belief.lost import (
 )
 from .belief.matching import DetectionError, Detections, SightNoise
 from .belief.relocalise import Relocaliser
+from .belief.strain import STRAINED, MapStrain, turned_back
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
 from .belief.ukf import wrap
 from .catalogue import errors_of
@@ -76,6 +77,10 @@ class Localiser:
         shared = errors_of(model, sway=config.control == "commands")
         self.tracker = PoseTracker(start, noise, standing, shared)
         self.tracker.place((config.start_x, config.start_y, config.start_yaw))
+        self.strain = self.tracker.strain = MapStrain(shared)
+        self.camera_turn = (0.0, 0.0, 0.0)
+        """Pitch, roll and turn aside of the camera from where it is stated to be, rad, as found; frames are turned back
+        by it."""
         self.control: Control = config.control
         self._odometry = model.odometry
         self.odom: Pose | None = None
@@ -171,8 +176,11 @@ class Localiser:
         try:
             self._check_time(time, now)
             self._take_odometry(time)
-            seen = detections(frame)
-            cov = self.tracker.cov.copy()
+            seen = turned_back(detections(frame), self.camera_turn, self.tracker.shared.height)
+            cov, world = self.tracker.cov.copy(), self.tracker.world
+            if world is not None and self._lost_state.probability < self.lost_model.threshold:
+                noise = self.tracker.standing if standing else self.tracker.noise
+                self.strain.look(seen, world, self.tracker.pose, cov, noise, time)
             found = self.tracker.look(seen, time, standing=standing, trusted=not self.lost.lost)
         except DetectionError as error:
             self.refused[error.code] += 1
@@ -182,6 +190,16 @@ class Localiser:
             self.nis = found.nis if self.nis is None else self.nis + SMOOTH * (found.nis - self.nis)
         share = self._shares[standing] if standing or match is None else match
         self._check(seen, found, cov, time, share, standing=standing)
+        self._turn_camera()
+
+    def _turn_camera(self) -> None:
+        """Turn frames back from now on if the camera shows itself turned."""
+        found = self.strain.sure_turn
+        if found is not None:
+            before = self.camera_turn
+            self.camera_turn = (before[0] + found[0], before[1] + found[1], before[2] + found[2])
+            self.tracker.loosen(math.hypot(found[0], found[1]), found[2])
+            self.strain.begin()
 
     def _check_time(self, time: float, now: float) -> None:
         """Refuse a frame that is not of now, or that was used before."""
@@ -213,11 +231,12 @@ class Localiser:
             self._widened_at = time
             self.tracker.widen(WIDER)
             self._lost_state = normalised(replace(self._lost_state, misfit=0.0))
-        probability = self._lost_state.probability
+        strained = self.strain.probabilities[STRAINED]
+        probability = 1.0 - (1.0 - self._lost_state.probability) * (1.0 - strained)
         if probability >= self.lost_model.threshold or self.lost.lost:
-            reason = self._lost_state.reason(self.lost_model) or self.lost.reason
+            reason = self._lost_state.reason(self.lost_model) or self.strain.reason or self.lost.reason
             self.lost = LostView(lost=True, probability=max(probability, self.lost_model.threshold), reason=reason)
-            if standing and len(seen):
+            if standing and len(seen) and strained < 0.5:  # else no pose fits the map
                 self._remember(seen, world, time)
         else:
             self.lost = LostView(probability=probability, reason=self._lost_state.reason(self.lost_model))

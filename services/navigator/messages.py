@@ -125,3 +125,12 @@ def placed(frame: Pose, pose: Pose) -> Pose:
 def fresh_of(seen: SeenLandmarks | None) -> SeenLandmarks | None:
     """Return what vision published of a new image; None = there was none, or vision is no part of the system."""
     return seen if seen is not None and seen.fresh else None
+
+
+def camera_words(turn: Pose) -> str:
+    """Return what is logged of a camera that is pitched, rolled and turned aside by these angles, rad."""
+    pitch, roll, aside = (math.degrees(angle) for angle in turn)
+    return (
+        f"the landmark camera is pitched by {pitch:.1f} deg, rolled by {roll:.1f} deg and turned aside by {aside:.1f} "
+        "deg from where it is stated to be; its frames are turned back"
+    )

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import ukf
-from .common_errors import ERRORS, CommonErrors, fade, fill_gain
+from .common_errors import ERRORS, TYPICAL, CommonErrors, fade, fill_gain
 from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, match
+from .strain import MapStrain
 
 Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]
@@ -105,6 +106,8 @@ class PoseTracker:
         self._sds, self._keeps = self.shared.array(), np.zeros(3)
         self._faded_at = 0.0
         self.world: FloorLandmarks | None = None
+        self.strain: MapStrain | None = None
+        """Check of map and camera; None = there is none."""
         self.frames = 0
         self.place((0.0, 0.0, 0.0))
 
@@ -130,11 +133,19 @@ class PoseTracker:
             self.mean[STATES] = self.shared.pitch
         for i in range(STATES, self.n):
             self.cov[i, i] = float(self._sds[i - STATES]) ** 2
+        if self.strain is not None:
+            self.strain.place()
 
     def widen(self, factor: float) -> None:
         """Multiply the standard deviations of x, y and heading by a factor; correlations stay."""
         self.cov[:3, :] *= factor
         self.cov[:, :3] *= factor
+
+    def loosen(self, tilt: float, aside: float) -> None:
+        """Allow for a camera that was tilted and turned aside by these angles, rad, unnoticed."""
+        h = self.shared.height
+        self.cov[[0, 1], [0, 1]] += (tilt * (h * h + TYPICAL**2) / h) ** 2
+        self.cov[2, 2] += aside**2
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -158,7 +169,12 @@ class PoseTracker:
 
     def move(self, motion: Motion) -> None:
         """Predict the belief over a motion of the body."""
+        before = self.pose
         self._carry(self.mean, self.cov, motion)
+        if self.strain is not None:
+            way = float(self.mean[0]) - before[0], float(self.mean[1]) - before[1]
+            heading = motion.heading + float(self.cov[3, 3]) * motion.walked**2
+            self.strain.moved(way, max(motion.along, motion.across), heading)
 
     def after(self, motion: Motion) -> tuple[Array, Array]:
         """Return mean (4,) and covariance (4, 4) after a motion; the belief stays."""
@@ -190,7 +206,7 @@ class PoseTracker:
         found = match(self.mean, self.cov, seen, self.world, noise, self.limits, seed=self.frames)
         if not trusted:
             return FrameResult(len(seen), 0, 0.0, found)
-        total = 0.0
+        before, total = self.mean[:3].copy(), 0.0
         for detection, landmark in zip(found.detections, found.landmarks, strict=True):
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             x, y = self.world.positions[landmark]
@@ -199,6 +215,10 @@ class PoseTracker:
             var_r = noise.range_sd**2 + (noise.range_share * r) ** 2 + own
             sighting = ukf.LandmarkSighting(x, y, r, a, var_r, noise.bearing_sd**2 + own / (r * r))
             total += ukf.update(self.mean, self.cov, sighting, self._gain, self._work)
+        if self.strain is not None:
+            change = self.mean[:3] - before
+            change[2] = ukf.wrap(change[2])
+            self.strain.corrected(change)
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
 

@@ -73,6 +73,8 @@ def test_a_few_impossible_depths_are_left_out_and_counted():
     assert np.nanmax(np.abs(heights - (0.1 - BASE))) < 0.01  # the robot of `pose` is not at BASE
 
 
+WAVY = 1.0 + 0.15 * np.sin(np.arange(WIDTH))
+"""Scale of depths by column that neither a turn nor one scale explains."""
 FEET = np.array([[0.25, 0.1, 0.0], [0.3, -0.1, 0.0], [0.35, 0.0, 0.0], [0.4, 0.1, 0.0]])
 """Points under standing feet where the camera has seen the ground."""
 
@@ -99,8 +101,7 @@ def pitched(view, degrees):
         (lambda view, before: view._replace(depths=before.depths), "frozen"),
         (lambda view, before: view._replace(depths=np.full_like(view.depths, np.nan)), "blind"),
         (lambda view, before: view._replace(depths=np.zeros_like(view.depths)), "depths"),
-        (lambda view, before: view._replace(depths=view.depths * 1.1), "shifted"),
-        (lambda view, before: view._replace(depths=view.depths + 0.03), "shifted"),
+        (lambda view, before: view._replace(depths=view.depths * WAVY), "shifted"),
         (lambda view, before: view._replace(depths=view.depths[:, ::-1] + 0.05), "shifted"),
     ],
 )  # fmt: skip
@@ -140,6 +141,28 @@ def test_images_of_a_camera_that_was_knocked_aside_are_turned_back(degrees):
     heights, _ = mapper.heights()
     assert np.nanmedian(np.abs(heights)) < 0.002
     assert np.nanquantile(np.abs(heights), 0.99) < 0.01
+
+
+@pytest.mark.parametrize("scale", [1.15, 0.9, 1.3])
+def test_depths_of_a_wrong_scale_are_corrected_where_the_feet_carry_the_map(scale):
+    mapper, view = walked()
+    mapper.look(view, view.stamp_ns, FEET)
+    rng, refused = np.random.default_rng(6), []
+    for k in range(11, 31):
+        mapper.moved(pose(0.02 * k, tick=k))
+        image = picture(Slope(), 0.02 * k, tick=k, sigma=0.002, rng=rng)
+        image = image._replace(depths=image.depths * (scale if k <= 20 else 1.0))
+        try:
+            mapper.look(image, k * TICK_NS, FEET)
+        except Refusal as refusal:
+            refused.append((k, refusal.code))
+        if k == 20:
+            assert mapper.error.scale == pytest.approx(scale, rel=0.01)
+            assert mapper.turned == 0.0
+    assert refused == [(11, "shifted"), (21, "shifted")]
+    assert mapper.error.scale == pytest.approx(1.0, abs=0.01)
+    heights, _ = mapper.heights()
+    assert np.nanmedian(np.abs(heights)) < 0.002
 
 
 def test_where_the_feet_contradict_the_map_as_the_image_does_the_map_begins_anew():

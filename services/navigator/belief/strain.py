@@ -1,0 +1,332 @@
+"""Strain of the map and turn of the camera, by how the landmarks of a frame lie to each other.
+
+Four cases are told apart,
+
+    right     the map fits the floor, the camera looks where it is stated to look, both but for small errors
+    strained  the map is stretched or sheared: a landmark at d in it lies at (1 - E) d, E symmetric (2, 2)
+    tilted    the camera is pitched by p and rolled by q from where it is stated to be (see `common_errors`)
+    aside     it is turned to the side: bearings are s too large
+
+Each case has a Kalman filter of
+
+    u = (E_xx, E_yy, E_xy, p, q, s, p', q', w, x, y, theta)
+
+with p', q', w the tilt and sway that fade (see there) and x, y, theta how far the true pose is from the believed one.
+Cases differ in what they expect of E, of p, q and of s. With d the landmark from the believed pose and z the sighting,
+both in heading axes, and g the gains of `common_errors`,
+
+    d - z = R^T (E R d + (x, y)) + theta J d - (g_r, r g_a) (p + p', q + q', w) - (0, r s) + noise
+
+along the ray and across it. A way v that the robot believes to have gone adds theta J v to (x, y): that tells theta
+from s. The probability of a case grows by the likelihood of what is seen; a share of wrong matches is part of it. What
+was learned fades, so that an error heals.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import matrix_from_rotvec
+from surefoot.kernels.jit import row_kernel
+
+from .common_errors import NEAREST, CommonErrors, fill_gain
+from .landmarks import FloorLandmarks
+from .matching import Detections, MatchLimits, SightNoise, match
+
+Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
+Turn = tuple[float, float, float]
+
+STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12
+"""First states of the strain, the turn, the errors that fade, the pose; number of states."""
+RIGHT, STRAINED, TILTED, ASIDE = 0, 1, 2, 3
+LEAST, MOST = 2, 20
+"""Least matches of a frame that is looked at, and most that count."""
+
+
+@dataclass(frozen=True)
+class StrainModel:
+    """What the cases expect, and how soon they are believed."""
+
+    small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
+    """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are right."""
+    large: tuple[float, float, float] = (0.10, math.radians(4.0), math.radians(5.0))
+    """The same where they are wrong."""
+    prior: float = 0.02
+    """Probability of each wrong case before anything was seen."""
+    wrong: float = 0.05
+    """Share of wrong matches."""
+    width: float = 0.6
+    """Width of the strip in which wrong matches lie, m."""
+    wider: tuple[float, float] = (0.10, 0.05)
+    """Added to the noise of matching, so that landmarks of a strained map match: part of the range, rad."""
+    fade_s: float = 60.0
+    """Time constant with which what was learned fades, s."""
+    known_sd: float = math.radians(2.0)
+    """Largest standard deviation of a turn that is corrected, rad."""
+    sure: float = 0.9
+    """Probability from which a case is believed."""
+
+
+class Case(NamedTuple):
+    """Filter of one case."""
+
+    mean: Array
+    """(12,)."""
+    cov: Array
+    """(12, 12)."""
+
+
+class FrameLines(NamedTuple):
+    """Linear equations of one frame."""
+
+    rows: Array
+    """Effect of the states, (n, 12)."""
+    off: Array
+    """d - z along the ray or across it, (n,) m."""
+    variance: Array
+    """(n,) m^2."""
+
+
+@row_kernel
+def lines_of(places: Array, rays: Array, pose: Array, noise: Array, height: float, lines: FrameLines) -> None:
+    """Write the equations of the matches of a frame.
+
+    Args:
+        places: of the landmarks, (k, 2) m, frame map.
+        rays: range, m, and bearing, rad, (k, 2).
+        pose: believed x, y, m, and heading, rad, (3,).
+        noise: of the camera: standard deviation of the range, m, its share of the range, of the bearing, rad, (3,).
+        height: of the camera, m.
+        lines: result, 2 k of them.
+    """
+    c, s, gain = math.cos(pose[2]), math.sin(pose[2]), np.zeros((2, 3))
+    for k in range(places.shape[0]):
+        x, y = places[k, 0] - pose[0], places[k, 1] - pose[1]
+        far = math.sqrt(x * x + y * y)
+        ahead, left = c * x + s * y, c * y - s * x
+        bearing = math.atan2(left, ahead)
+        fill_gain(far, bearing, height, gain)
+        zx, zy = rays[k, 0] * math.cos(rays[k, 1]), rays[k, 0] * math.sin(rays[k, 1])
+        for across in range(2):
+            i = 2 * k + across
+            ux, uy = math.cos(bearing), math.sin(bearing)  # direction of the equation, heading axes
+            if across:
+                ux, uy = -uy, ux
+            mx, my = c * ux - s * uy, s * ux + c * uy  # the same in the map's
+            row = lines.rows[i]
+            row[0], row[1], row[2] = mx * x, my * y, mx * y + my * x
+            size = far if across else 1.0
+            for j in range(3):
+                row[COMMON + j] = -size * gain[across, j]
+            row[TURN], row[TURN + 1] = row[COMMON], row[COMMON + 1]
+            row[TURN + 2] = -far if across else 0.0
+            row[POSE], row[POSE + 1], row[POSE + 2] = mx, my, uy * ahead - ux * left
+            lines.off[i] = ux * (ahead - zx) + uy * (left - zy)
+            own = (
+                noise[2] * max(far, NEAREST)
+                if across
+                else math.sqrt(noise[0] ** 2 + (noise[1] * max(far, NEAREST)) ** 2)
+            )
+            lines.variance[i] = own * own
+
+
+@row_kernel
+def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> None:
+    """Let states fade to means `centre` and standard deviations `sds`, in place; shares `keeps` stay, (12,) each."""
+    n = mean.size
+    for i in range(n):
+        mean[i] = centre[i] + keeps[i] * (mean[i] - centre[i])
+        for j in range(n):
+            cov[i, j] *= keeps[i] * keeps[j]
+        cov[i, i] += (1.0 - keeps[i] * keeps[i]) * sds[i] * sds[i]
+
+
+@row_kernel
+def carried(mean: Array, cov: Array, x: float, y: float) -> None:
+    """Add the effect of a wrong heading over a way, m, frame map, to the place, in place."""
+    n, heading = mean.size, mean[POSE + 2]
+    mean[POSE] -= y * heading
+    mean[POSE + 1] += x * heading
+    for i in range(n):
+        cov[POSE, i] -= y * cov[POSE + 2, i]
+        cov[POSE + 1, i] += x * cov[POSE + 2, i]
+    for i in range(n):
+        cov[i, POSE] -= y * cov[i, POSE + 2]
+        cov[i, POSE + 1] += x * cov[i, POSE + 2]
+
+
+@row_kernel
+def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float) -> float:
+    """Correct a filter with the equations of a frame, in place; return their log likelihood, nats.
+
+    An equation counts with the probability that its match is not one of the share `wrong`, even over `width` m.
+    """
+    n, total = mean.size, 0.0
+    reach = np.empty(n)
+    for i in range(lines.off.size):
+        row, v, s = lines.rows[i], lines.off[i], lines.variance[i]
+        for a in range(n):
+            reach[a] = 0.0
+            for b in range(n):
+                reach[a] += cov[a, b] * row[b]
+        for a in range(n):
+            v -= row[a] * mean[a]
+            s += row[a] * reach[a]
+        right = (1.0 - wrong) * math.exp(-0.5 * v * v / s) / math.sqrt(2.0 * math.pi * s)
+        density = right + wrong / width
+        total += math.log(density)
+        share = right / density
+        for a in range(n):
+            gain = share * reach[a] / s
+            mean[a] += gain * v
+            for b in range(a + 1):
+                cov[a, b] -= gain * reach[b]
+                cov[b, a] = cov[a, b]
+    return total
+
+
+@dataclass
+class MapStrain:
+    """Probabilities of the cases, and what they show.
+
+    Attributes:
+        shared: errors that the landmarks of a frame share; their tilt fades.
+        model: what the cases expect.
+    """
+
+    shared: CommonErrors
+    model: StrainModel = field(default_factory=StrainModel)
+
+    def __post_init__(self) -> None:
+        m, common = self.model, self.shared.array().tolist()
+        self._centre = np.zeros(STATES)
+        self._centre[COMMON] = self.shared.pitch
+        self._sds: list[Array] = []
+        for wrong in (None, 0, 1, 2):
+            strain, tilt, aside = (m.large[i] if i == wrong else m.small[i] for i in range(3))
+            self._sds.append(np.array([strain] * 3 + [tilt] * 2 + [aside] + common + [0.0] * 3))
+        self._prior = np.array([math.log(1.0 - 3.0 * m.prior)] + [math.log(m.prior)] * 3)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget all frames."""
+        self._cases = [Case(self._centre.copy(), np.diag(sds * sds)) for sds in self._sds]
+        self._logs, self._at, self._placed = np.zeros(4), 0.0, False
+
+    def place(self) -> None:
+        """Take the believed pose anew: it was stated or found again."""
+        self._placed = False
+
+    def moved(self, way: tuple[float, float], along: float, heading: float) -> None:
+        """Follow a motion.
+
+        Args:
+            way: along x and y, m, frame map.
+            along: variance of it, of each axis, m^2.
+            heading: variance of the heading after it, rad^2.
+        """
+        for case in self._cases:
+            carried(case.mean, case.cov, way[0], way[1])
+            case.cov[POSE, POSE] += along
+            case.cov[POSE + 1, POSE + 1] += along
+            case.cov[POSE + 2, POSE + 2] += heading
+
+    def corrected(self, change: Array) -> None:
+        """Follow a change of the believed pose by a frame, (3,) m, m, rad."""
+        for case in self._cases:
+            case.mean[POSE:] -= change
+
+    def look(
+        self, seen: Detections, world: FloorLandmarks, pose: Pose, cov: Array, noise: SightNoise, time: float
+    ) -> None:
+        """Take a frame.
+
+        Args:
+            seen: its detections.
+            world: landmarks.
+            pose: believed x, y, m, and heading, rad.
+            cov: its covariance, (3, 3) or larger.
+            noise: of the camera, with the common errors.
+            time: of the frame, s.
+        """
+        far, aside = self.model.wider
+        wide = SightNoise(
+            noise.range_sd, math.hypot(noise.range_share, far), math.hypot(noise.bearing_sd, aside),
+            noise.common_range_sd, noise.common_bearing_sd, noise.look_sd,
+        )  # fmt: skip
+        found = match(np.array(pose), cov, seen, world, wide, MatchLimits(most=MOST), seed=0)
+        k = len(found.detections)
+        if k < LEAST:
+            return
+        rays = np.stack((seen.ranges[found.detections], seen.bearings[found.detections]), 1)
+        lines = FrameLines(np.zeros((2 * k, STATES)), np.zeros(2 * k), np.zeros(2 * k))
+        sds = np.array([noise.range_sd, noise.range_share, noise.bearing_sd])
+        lines_of(world.positions[found.landmarks], rays, np.array(pose), sds, self.shared.height, lines)
+        lines.variance[:] += np.repeat(world.sd[found.landmarks] ** 2, 2)
+        dt, self._at = max(0.0, time - self._at), time
+        long = math.exp(-dt / self.model.fade_s)
+        keeps = np.array([long] * 6 + list(self.shared.kept(dt)) + [1.0] * 3)
+        self._logs *= long
+        for number, (case, expected) in enumerate(zip(self._cases, self._sds, strict=True)):
+            if not self._placed:
+                case.mean[POSE:], case.cov[POSE:], case.cov[:, POSE:] = 0.0, 0.0, 0.0
+                case.cov[POSE:, POSE:] = cov[:3, :3]
+            passed(case.mean, case.cov, self._centre, expected, keeps)
+            self._logs[number] += taken(case.mean, case.cov, lines, self.model.wrong, self.model.width)
+        self._placed = True
+
+    @property
+    def probabilities(self) -> tuple[float, ...]:
+        """Probabilities of the cases; they add up to 1."""
+        logs = (self._logs + self._prior).tolist()
+        most = max(logs)
+        weights = [math.exp(value - most) for value in logs]
+        return tuple(weight / math.fsum(weights) for weight in weights)
+
+    @property
+    def strain(self) -> tuple[float, float, float]:
+        """E_xx, E_yy, E_xy of the case that the map is strained: 0.1 = the map is a tenth too long."""
+        xx, yy, xy = self._cases[STRAINED].mean[:TURN].tolist()
+        return (xx, yy, xy)
+
+    @property
+    def sure_turn(self) -> Turn | None:
+        """Pitch, roll and s of the camera, rad, as far as they are believed and known; None = they are not."""
+        probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
+        for number, parts in ((TILTED, (0, 1)), (ASIDE, (2,))):
+            case = self._cases[number]
+            for i in parts if probabilities[number] >= self.model.sure else ():
+                if case.cov[TURN + i, TURN + i] < self.model.known_sd**2:
+                    found[i] = float(case.mean[TURN + i])
+        return (found[0], found[1], found[2]) if any(found) else None
+
+    @property
+    def reason(self) -> str:
+        """Strain in words, if it is believed; else empty."""
+        if self.probabilities[STRAINED] < self.model.sure:
+            return ""
+        xx, yy, xy = self.strain
+        middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+        along = math.degrees(0.5 * math.atan2(2.0 * xy, xx - yy)) + (0.0 if middle >= 0.0 else 90.0)
+        most = middle + math.copysign(half, middle)
+        size = "longer" if most > 0.0 else "shorter"
+        return f"the map is strained: ways in it are {100.0 * abs(most):.0f} % {size} than seen, along {along:.0f} deg"
+
+
+def turned_back(seen: Detections, turn: Turn, height: float) -> Detections:
+    """Return detections as a camera at a height, m, sees them that is not turned by `turn`: pitch, roll, s, rad."""
+    if turn == (0.0, 0.0, 0.0) or not len(seen):
+        return seen
+    back = matrix_from_rotvec(np.array([-turn[1], turn[0], 0.0])).tolist()
+    ranges, bearings = np.empty_like(seen.ranges), np.empty_like(seen.bearings)
+    for i, (r, a) in enumerate(zip(seen.ranges.tolist(), seen.bearings.tolist(), strict=True)):
+        a -= turn[2]
+        ray = (r * math.cos(a), r * math.sin(a), -height) if math.isfinite(r + a) else (math.nan, math.nan, -height)
+        x, y, z = (row[0] * ray[0] + row[1] * ray[1] + row[2] * ray[2] for row in back)
+        scale = height / max(-z, 1e-3 * height)
+        ranges[i], bearings[i] = scale * math.hypot(x, y), math.atan2(y, x)
+    return Detections(ranges, bearings, seen.looks)
