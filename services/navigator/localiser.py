@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ from .belief.ukf import wrap
 from .catalogue import errors_of
 from .config import NavigatorConfig
 from .goals import GaitView
-from .messages import LostView, Pose, between, placed, pose_message
+from .messages import LostView, Pose, between, camera_words, placed, pose_message
 from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 
@@ -61,9 +62,13 @@ class Localiser:
     Args:
         config: of the service.
         model: numbers of the robot.
+        log: takes level and text; None = nothing is logged.
     """
 
-    def __init__(self, config: NavigatorConfig, model: NavigationModel) -> None:
+    def __init__(
+        self, config: NavigatorConfig, model: NavigationModel, log: Callable[[str, str], None] | None = None
+    ) -> None:
+        self._log = log
         sight, share = model.sight, model.sight.standing_share
         noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg))
         standing = SightNoise(
@@ -200,6 +205,8 @@ class Localiser:
             self.camera_turn = (before[0] + found[0], before[1] + found[1], before[2] + found[2])
             self.tracker.loosen(math.hypot(found[0], found[1]), found[2])
             self.strain.begin()
+            if self._log is not None:
+                self._log("warning", camera_words(self.camera_turn))
 
     def _check_time(self, time: float, now: float) -> None:
         """Refuse a frame that is not of now, or that was used before."""

@@ -33,6 +33,8 @@ def rehearse(config: NavigatorConfig) -> None:
     tracker.world = world
     tracker.place((0.0, 0.0, 0.0))
     tracker.move(Motion(0.01, 0.0, 0.01, 0.01, 1e-6, 1e-6, 1e-6, 1e-6))
+    if tracker.strain is not None:
+        tracker.strain.look(_frame(world, 12), world, tracker.pose, tracker.cov, tracker.noise, 0.1)
     tracker.look(_frame(world, 12), 0.1, standing=False)
     mean, cov = tracker.after(Motion())
     catalogue.decider(None).decide(mean, cov, (1.0, 0.0), blocked=False)
@@ -70,4 +72,4 @@ def _floor(low: tuple[float, float], high: tuple[float, float], count: int) -> F
 def _frame(world: FloorLandmarks, count: int) -> Detections:
     """Return the first landmarks as they are seen from the origin."""
     x, y = world.positions[:count].T
-    return Detections(np.hypot(x, y), np.arctan2(y, x), world.descriptors[:count])
+    return Detections(np.hypot(x, y), np.arctan2(y, x), world.descriptors[:count].copy())  # as those of messages

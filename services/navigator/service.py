@@ -31,7 +31,7 @@ from .goals import GaitView
 from .localiser import Localiser
 from .maps import Maps
 from .memory import GoalMemory
-from .messages import camera_words, feedback_message, fresh_of, order_message
+from .messages import feedback_message, fresh_of, order_message
 from .pilot import Pilot
 from .ranging import take_range
 from .rehearsal import LARGE_SIDE, rehearse, rehearse_planning
@@ -70,7 +70,7 @@ class Navigator(Service[NavigatorConfig]):
         rehearse_planning(LARGE_SIDE)
 
     def on_reset(self) -> None:
-        self.localiser = Localiser(self.config, self.catalogue.model)
+        self.localiser = Localiser(self.config, self.catalogue.model, self.log)
         self.maps.reset()
         self.results = Results(self.localiser)
         self.pilot = Pilot(
@@ -114,15 +114,12 @@ class Navigator(Service[NavigatorConfig]):
             self._blocked = take_range(reach, self.localiser, self.maps, conduct, now)
         if seen is None or not self.config.use_landmarks:
             return
-        turn = self.localiser.camera_turn
         try:
             doing = self.pilot.orders.doing
             self.localiser.look(seen, self.requests.gait, self.requests.now, doing and doing.match)
         except DetectionError as error:
             if self.localiser.refused[error.code] == 1:
                 self.log("warning", f"landmarks refused: {error.message}")
-        if self.localiser.camera_turn != turn:
-            self.log("warning", camera_words(self.localiser.camera_turn))
 
     def _recall(self, odometry: Odometry | None) -> None:
         """Continue from the memory of a navigator that was killed in this epoch."""

@@ -1,6 +1,6 @@
 """Strain of the map and turn of the camera, by how the landmarks of a frame lie to each other.
 
-Four cases are told apart,
+Four cases are weighed,
 
     right     the map fits the floor, the camera looks where it is stated to look, both but for small errors
     strained  the map is stretched or sheared: a landmark at d in it lies at (1 - E) d, E symmetric (2, 2)
@@ -17,9 +17,9 @@ both in heading axes, and g the gains of `common_errors`,
 
     d - z = R^T (E R d + (x, y)) + theta J d - (g_r, r g_a) (p + p', q + q', w) - (0, r s) + noise
 
-along the ray and across it. A way v that the robot believes to have gone adds theta J v to (x, y): that tells theta
-from s. The probability of a case grows by the likelihood of what is seen; a share of wrong matches is part of it. What
-was learned fades, so that an error heals.
+along the ray and across it. A way v that the robot believes to have gone adds theta J v to (x, y): that separates
+theta from s. The probability of a case grows by the likelihood of what is seen; a share of wrong matches is part of it.
+What was learned fades, so that an error heals.
 """
 
 import math
@@ -49,7 +49,7 @@ LEAST, MOST = 2, 20
 
 @dataclass(frozen=True)
 class StrainModel:
-    """What the cases expect, and how soon they are believed."""
+    """Expectations of the cases, and the probability from which one is believed."""
 
     small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
     """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are right."""
