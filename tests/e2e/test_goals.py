@@ -24,7 +24,7 @@ PACE = 0.4
 END_S = 80.0  # s wall; takes 1 to 2
 
 SHORT = """
-description = "Nao walks 30 cm to a goal"
+description = "Nao walks 20 cm to a goal"
 compose = "nao-goal"
 max_duration_s = 40.0
 [world]
@@ -34,15 +34,15 @@ policy = "steer"
 [[step]]
 when = "ready"
 do = "goto"
-position = [0.35, 0.05]
+position = [0.25, 0.05]
 [limits]
 no_fall = true
 all_goals = true
-max_goal_error_m = 0.2
+max_goal_error_m = 0.15
 """
 KILL = """
 [[step]]
-at_tick = 700
+at_tick = 500
 do = "kill"
 service = "navigator"
 """
