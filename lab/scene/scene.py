@@ -110,7 +110,7 @@ class RobotScene:
         self._latest: dict[str, Any] = {}
         self._world_from_odom: tuple[Array, Array] | None = None
         self._stances: tuple[int, ...] = ()
-        self._chosen: dict[str, Any] = {}
+        self._chosen: dict[str, tuple[Any, str]] = {}
         self._waiting: dict[str, Callable[[], Any]] = {}
 
     def feed(self, key: str, read: Callable[[], Any]) -> None:
@@ -165,7 +165,7 @@ class RobotScene:
             rows = np.frombuffer(message.data, dtype="<f4").reshape(message.count, -1)[:LANDMARKS_DRAWN, :2]
             self.marks.append(Lasting(0.0, Item("landmark", self._on_ground(rows.astype(float)))))
         elif key == "footholds/chosen":
-            self._chosen |= {leg.leg: leg for leg in message.legs}
+            self._chosen |= {leg.leg: (leg.foothold, _slip_text(leg)) for leg in message.legs}
         elif key == "sim/truth":
             self._ends_of_stances(message)
 
@@ -314,15 +314,9 @@ class RobotScene:
 
     def _expected(self, leg: str, foothold: Any, ground: Array) -> list[Item]:
         """Return score and expected slip of a leg's foothold, where the service chose it."""
-        choice = self._chosen.get(leg)
-        if choice is None or choice.slip is None or choice.score is None or choice.foothold is None:
+        place, text = self._chosen.get(leg, (None, ""))
+        if not text or math.dist(place[:2], foothold[:2]) > SAME_PLACE:
             return []
-        if math.dist(choice.foothold[:2], foothold[:2]) > SAME_PLACE:
-            return []
-        text = f"Q {choice.score:.3f}  slip {choice.slip:.3f}"
-        if choice.spread is not None:
-            (low,), (high,) = slip_interval(np.array([choice.slip]), np.array([choice.spread]))
-            text += f" ({low:.3f} to {high:.3f})"
         return [Item("expected", ground, text)]
 
     def _navigation(self) -> list[Item]:
@@ -358,3 +352,14 @@ class RobotScene:
         if gait is not None:
             found["remaining"] = gait.remaining
         return {name: value for name, value in found.items() if value is not None}
+
+
+def _slip_text(choice: Any) -> str:
+    """Return score and expected slip, with its interval, of a chosen foothold; empty where the service gave none."""
+    if choice.slip is None or choice.score is None or choice.foothold is None:
+        return ""
+    text = f"Q {choice.score:.3f}  slip {choice.slip:.3f}"
+    if choice.spread is not None:
+        (low,), (high,) = slip_interval(np.array([choice.slip]), np.array([choice.spread]))
+        text += f" ({low:.3f} to {high:.3f})"
+    return text
