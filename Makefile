@@ -17,7 +17,6 @@ help: ## this list
 
 demo: ## set up, then walk the hexapod over rough terrain with every service live
 	@PYTHON=$(PYTHON) scripts/setup core
-	@$(BIN)/surefoot warm
 	@$(BIN)/surefoot run rough-terrain
 
 setup: ## virtual environment with everything tests need
