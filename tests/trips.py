@@ -8,8 +8,9 @@ of arrays and of pydantic are none.
 import json
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 from surefoot.bus.codec import decode, encode
@@ -48,22 +49,21 @@ TRIPS: dict[str, tuple[type[RegionRequest | CheckRequest], Callable[[Any], Any],
 }
 
 
+@cache
+def place(code: CodeType) -> tuple[str, str]:
+    """Return the file and the function of code; what is defined in a function is part of it."""
+    path = Path(code.co_filename).resolve()
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else "", code.co_qualname.partition(".<locals>")[0]
+
+
 def stops(name: str) -> list[str]:
     """Return the stops of a trip, each as `file:function -> file:function`."""
     model, reply, requests = TRIPS[name]
     found: dict[str, None] = {}
 
-    def place(frame: FrameType | None) -> tuple[str, str]:
-        """Return the file and the function of a frame; what is defined in a function is part of it."""
-        if frame is None:
-            return "", ""
-        path = Path(frame.f_code.co_filename).resolve()
-        function = frame.f_code.co_qualname.partition(".<locals>")[0]
-        return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else "", function
-
     def called(frame: FrameType, event: str, _: Any) -> None:
-        if event == "call":
-            (caller, by), (file, function) = place(frame.f_back), place(frame)
+        if event == "call" and frame.f_back is not None:
+            (caller, by), (file, function) = place(frame.f_back.f_code), place(frame.f_code)
             if caller and file.startswith(COUNTED) and caller != file and not function.endswith("__"):
                 found.setdefault(f"{caller}:{by} -> {file}:{function}")
 

@@ -28,6 +28,7 @@ SLOW = {
     "vision speed", "vision blur", "accidents causes", "accuracy fuzzed", "policies controllers", "view live",
     "storage cases", "own_map walks", "foreign tables", "foreign simulated", "policies courses", "secure round-trips",
     "studies planted", "lost looks", "lost put", "foothold_grounds families", "core ticks",
+    "fuzz decisions", "foreign noise", "bus round-trips",
 }  # fmt: skip
 """Smallest runs of more than 3 s; those that start processes are in no quick test."""
 

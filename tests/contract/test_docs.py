@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import shlex
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -120,12 +121,18 @@ def test_targets_of_make_exist(path: Path) -> None:
     assert {target for word in words for target in MAKE.findall(word)} <= targets
 
 
+@cache
+def commands() -> Any:
+    """Return the tree of all commands, which takes 70 ms to build."""
+    return get_command(app)
+
+
 @each_page()
 def test_commands_in_blocks_are_those_of_the_command_line(path: Path) -> None:
     for _, block in BLOCK.findall(shown(path)):
         for line in SHELL.findall(block):
             words = shlex.split(line, comments=True)
-            command: Any = get_command(app)
+            command = commands()
             while hasattr(command, "commands"):
                 name = words.pop(0)
                 assert name in command.commands, line
