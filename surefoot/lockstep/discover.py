@@ -4,6 +4,7 @@ import gc
 import importlib
 import pkgutil
 import sys
+from functools import cache
 from typing import Any
 
 GROUP = "surefoot.services"
@@ -27,6 +28,7 @@ def service_class(name: str) -> Any:
     return entry_points(group=GROUP)[name].load()
 
 
+@cache
 def own_service_names() -> tuple[str, ...]:
     """Return the folders in `services` that have a module `service`."""
     found: list[str] = []

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from surefoot.errors import ConfigError
 from surefoot.lockstep.config import PREFIX, load_config
-from surefoot.lockstep.discover import service_class, service_names
+from surefoot.lockstep.discover import own_service_names, service_class, service_names
 from surefoot.nearest import did_you_mean
 from surefoot.robot.reader import robot_place
 
@@ -92,8 +92,10 @@ def _problem(service: ComposeService) -> str:
     """Return why a command cannot be started, empty when it can."""
     program, *words = service.command
     if program == "surefoot-service":
-        known = service_names()
         name = next((word for word in words if not word.startswith("-")), "")
+        if name in own_service_names():  # without a look at what other packages bring
+            return ""
+        known = service_names()
         return "" if name in known else f"no service {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}"
     if program in PYTHONS and words[:1] == ["-m"]:
         module = words[1] if len(words) > 1 else ""
