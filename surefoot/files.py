@@ -10,6 +10,8 @@ from surefoot.nearest import did_you_mean
 from surefoot.tables import TableError
 
 MAX_FILE_BYTES = 256 * 1024  # written by hand; more is a mistake
+NAMED = {"compose": "system", "scenarios": "scenario"}
+"""Nouns for the files of a folder, in refusals."""
 
 
 class FileError(TableError):
@@ -81,4 +83,4 @@ def find(kind: str, name: str, suffix: str, error: type[FileError]) -> Path:
             return folder / f"{name}{suffix}"
     known = names(kind, suffix)
     hint = did_you_mean(name, known)
-    raise error("not_found", "", f"no {kind} file is named {name!r}{hint}; there are {', '.join(known) or 'none'}")
+    raise error("not_found", "", f"no {NAMED[kind]} is named {name!r}{hint}; there are {', '.join(known) or 'none'}")

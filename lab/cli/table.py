@@ -91,7 +91,7 @@ def _blocks(columns: Sequence[str], rows: Sequence[Sequence[Cell]], width: int |
         for name, (text, look) in zip(columns, row, strict=True):
             begin = f"{name}: " if name else ""
             for place, line in enumerate(_folded(begin + text, width, "  ") if text else ()):
-                yield line if place else begin + _styled(line.removeprefix(begin), look)
+                yield line if place else (begin + _styled(line[len(begin) :], look)).rstrip()
 
 
 def _folded(text: str, width: int | None, indent: str = "") -> list[str]:

@@ -98,6 +98,14 @@ def _read(master):
         return b""
 
 
+def test_a_word_longer_than_the_line_follows_its_name():
+    assert list(table_lines(("quantity", "value"), [("hash", "f" * 30)], width=20)) == [
+        "quantity: hash",
+        "value:",
+        "  " + "f" * 30,
+    ]
+
+
 def test_a_table_of_five_columns_in_a_terminal_of_40(monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
     out = on_a_terminal(40, "topic", "info", "state/velocity", NO_COLOR="1")
