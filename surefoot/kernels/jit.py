@@ -117,8 +117,12 @@ def set_aside() -> None:
 
 
 def _compiled(function: F, **options: Any) -> F:
-    """Return the kernel, kept by `surefoot.kernels.kept` and as old as the oldest file that went into it."""
+    """Return the kernel, kept by `surefoot.kernels.kept` and as old as the oldest file that went into it.
+
+    Loops become vectors where divisions are as in numpy: elsewhere they are short, and vectors give the same bits.
+    """
     compiled: Any = Kernel(function, targetoptions=dict(options, nopython=True))
+    compiled.vectors = options.get("error_model") == "numpy"
     _KERNELS.append(compiled)
     compiled.enable_caching()
     for index in compiled.cache_files():

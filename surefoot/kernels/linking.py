@@ -16,6 +16,7 @@ from numba.core import types
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.environment import Environment, lookup_environment
 from numba.core.registry import CPUDispatcher
+from numba.np import arrayobj
 
 from surefoot.kernels.kept import KeptCache, KeptImpl
 
@@ -28,6 +29,9 @@ DYNAMIC = "numba.dynamic.globals"
 class Library(JITCodeLibrary):
     """Code of one function. It is optimised and emitted when the address of its wrapper is asked for, else never."""
 
+    vectors = True
+    """Loops may become vectors; to look for such loops in vain takes a third of the time of a large function."""
+
     def add_linking_library(self, library: Any) -> None:
         """Note a callee, which may be code to link only."""
         self._linking_libraries.append(library)
@@ -39,6 +43,15 @@ class Library(JITCodeLibrary):
         for function in ll_module.functions:
             if not function.is_declaration:
                 passes.run(function, builder)
+
+    def _optimize_final_module(self) -> None:
+        """Run the passes on the whole: quick ones that inline, so that counts of references are pruned, then all."""
+        for options in (
+            {"opt": 0, "cost": "cheap", "loop_vectorize": False, "slp_vectorize": False},
+            {"loop_vectorize": self.vectors},
+        ):
+            passes, builder = self._codegen._module_pass_manager(**options)
+            passes.run(self._final_module, builder)
 
     def _get_module_for_linking(self) -> Any:
         """Return the code with that of all callees, as a module that may be linked into several others."""
@@ -140,6 +153,7 @@ class _Entries:
         inner = linked.overloads[tuple(args)]
         context = self._kernel.targetctx.subtarget(enable_nrt=True)
         library = context.codegen().create_library(inner.fndesc.qualname)
+        library.vectors = self._kernel.vectors
         library.enable_object_caching()
         unlocked = self._kernel.targetoptions.get("nogil", False)
         wrapped = copy(inner.fndesc)
@@ -153,6 +167,9 @@ class _Entries:
 
 class Kernel(CPUDispatcher):
     """A function that Python calls, and that other kernels call as `linked`."""
+
+    vectors = True
+    """See `Library.vectors`."""
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, **others: Any) -> None:
         super().__init__(py_func, locals, targetoptions, **others)
@@ -197,5 +214,8 @@ def _set_env(codegen: Any, name: str, environment: Any, original: Any = JITCPUCo
         original(codegen, name, environment)
 
 
+# A slice that gets another shape is refused without the two shapes: their text costs each process 3 s of the compiler,
+# and each kernel that assigns to a slice the code that makes it.
+arrayobj.ol_raise_with_shape_context_cpu.__code__ = arrayobj.ol_raise_with_shape_context_generic.__code__
 JITCPUCodegen._library_class = Library
 JITCPUCodegen.set_env = _set_env
