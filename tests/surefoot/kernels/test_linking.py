@@ -59,6 +59,37 @@ from surefoot.kernels.compiling import COMPILING
 print(outer(10.0), COMPILING.done)
 """
 
+LOOPS = """
+from surefoot.kernels.jit import kernel, row_kernel
+
+
+@kernel
+def plain(x, y):
+    for i in range(x.size):
+        y[i] = 3.0 * x[i] + 1.0
+    y[:2] = x[1:3]
+
+
+@row_kernel
+def rows(x, y):
+    for i in range(x.size):
+        y[i] = 3.0 * x[i] + 1.0
+    y[:2] = x[1:3]
+"""
+LOOPED = """
+import numpy as np, limbs
+
+for each in (limbs.plain, limbs.rows):
+    x, y = np.arange(9.0) / 7.0, np.zeros(9)
+    each(x, y)
+    (code,) = (found.library.get_llvm_str() for found in each.overloads.values())
+    print(y.tobytes().hex(), "x double>" in code)
+try:
+    limbs.plain(np.zeros(1), y)
+except ValueError as error:
+    print(error)
+"""
+
 
 @pytest.fixture
 def limbs(tmp_path: Path) -> Path:
@@ -79,6 +110,15 @@ def test_calls_with_constants_and_with_variables_share_the_code(limbs: Path) -> 
     assert cold.startswith(answers)
     assert cold.endswith(" 1 1")
     assert warm == f"{answers} 0 0 1"  # nothing compiled, nothing linked, the wrapper loaded
+
+
+def test_loops_of_rows_alone_become_vectors_with_the_same_bits(tmp_path: Path) -> None:
+    (tmp_path / "limbs.py").write_text(LOOPS)
+    plain, rows, refused = run(tmp_path, LOOPED).splitlines()
+    assert plain.endswith(" False")
+    assert rows.endswith(" True")
+    assert plain.split()[0] == rows.split()[0]
+    assert refused == "cannot assign slice from input of different size"
 
 
 def test_another_numba_compiles_in_its_own_way(limbs: Path) -> None:
