@@ -33,9 +33,6 @@ FEET_METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off"
 METADATA = (*FEET_METADATA, "external_position_sd", "external_velocity_sd", "external_yaw_sd", "external_delay")
 """Statements: in NPZ files further arrays, in CSV files lines like `# sole_size = 0.2, 0.1` at the top."""
 
-INPUTS = ("hw/imu", "hw/joints", "hw/contacts")
-"""Keys without which nothing is estimated."""
-
 
 class _KeyRows:
     """Rows of one key, number after number; every row must be as long as the first."""
