@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, microseconds, table, words_of
-from benchmarks.own_slip import SlipFollower, closed, explored, rms, rough, start
+from benchmarks.own_slip import FAULTS, SlipFollower, closed, explored, faulty_walk, rms, rough, start
 from benchmarks.rivals import GridMapRule, MinK2
 from surefoot.lab.footholds.campaign import read
 from surefoot.lab.footholds.rules import model_rule, random_rule
@@ -333,6 +333,16 @@ def of_slip(walks: list[Array], column: int) -> tuple[Ranged, Ranged, Ranged]:
         over(lambda own, true: auc(own, true > FAR_MM)), over(lambda own, true: rms(own - true)),
         over(lambda own, true: float(np.mean(own - true))),
     )  # fmt: skip
+
+
+@BENCH.part("--seeds 0:1")
+def faults(*, seeds: str = "0:10", processes: int = 2) -> None:
+    """Stances of a leg with a faulty sensor, and of its sound legs, that would be learned from: walks as of `slip`."""
+    jobs = [{"fault": fault, "seed": seed} for fault in FAULTS for seed in seeds_of(seeds)]
+    lines = study(partial(faulty_walk, setting=SLIP, rule=None), jobs, processes=processes)
+    counts = ("soon", "later", "others", "sound")
+    rows = [(fault, *(sum(e[name] for e in lines if e["fault"] == fault) for name in counts)) for fault in FAULTS]
+    table("healthy stances", ("fault", "within 0.5 s", "later", "other legs: stances", "healthy"), rows)
 
 
 @BENCH.part()

@@ -5,7 +5,7 @@ withheld ground of the first model minus that of a model of all training data; a
 Errors are those on stances of walks that no model was made of.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from surefoot.lab.footholds.rules import exploring_rule, model_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
+from surefoot.lab.studies import Line
 from surefoot.robot.description import Robot
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 from surefoot.services.estimator.feet.faulty import leg_faults
@@ -52,11 +53,20 @@ class MeasuredStance:
     """False: the robot has found a sensor of the leg at fault."""
 
 
-class SlipFollower:
-    """Meter of slip in a walk, as in the estimator service, with the truth beside it."""
+Spoil = Callable[[Array, NDArray[np.bool_], int], None]
+"""Changes joint angles (rad) and foot switches of a sample of a tick in place."""
 
-    def __init__(self, joined: JoinedWalk) -> None:
-        self.joined = joined
+
+class SlipFollower:
+    """Meter of slip in a walk, as in the estimator service, with the truth beside it.
+
+    Args:
+        joined: the walk.
+        spoil: fault of what the meter reads; None = there is none.
+    """
+
+    def __init__(self, joined: JoinedWalk, spoil: Spoil | None = None) -> None:
+        self.joined, self.spoil = joined, spoil
         self.mount = foot_mount(joined.robot)
         n = joined.robot.nlegs
         self.faults = leg_faults(joined.robot)
@@ -81,9 +91,12 @@ class SlipFollower:
         if joints is None or contacts is None or not estimator.initialised:
             return []
         touch = np.array([any(foot) for foot in contacts.touch])
+        angles = np.array(joints.position)
+        if self.spoil is not None:
+            self.spoil(angles, touch, world.tick)
         behind_s = 1e-9 * (estimator.stamp_ns - joints.stamp_ns)
-        feet = feet_in_odom(self.mount, joints.position, estimator.pose(), behind_s)
-        faulty = self.faults.update(joints.position, joints.stamp_ns, touch, self.meter.risen(feet[0]))
+        feet = feet_in_odom(self.mount, angles, estimator.pose(), behind_s)
+        faulty = self.faults.update(angles, joints.stamp_ns, touch, self.meter.risen(feet[0]))
         self._rows.append(self._total.copy())
         self._ticks.append(len(self._trail) - 1)
         ended = [self._beside(each) for each in self.meter.update(touch, *feet, faulty)]
@@ -102,6 +115,41 @@ class SlipFollower:
         )  # fmt: skip
         self._counted[leg] = whole
         return out
+
+
+FAULTS = ("none", "frozen", "jumping", "closed", "open")
+"""Faults of a leg: an encoder that stands still, one that jumps in a fifth of the samples, a stuck switch."""
+
+
+def faulty_walk(seed: int, fault: str, setting: Setting, rule: Rule | None) -> Line:
+    """Walk with a sensor of one leg at fault from a moment on; count its stances that would be learned from.
+
+    The estimator, which has its own checks, and the walker have sound sensors: only the meter of slip is tested.
+    """
+    rng = np.random.default_rng(seed)
+    joined = JoinedWalk(seed, setting, rule)
+    leg, since = int(rng.integers(joined.robot.nlegs)), int(rng.integers(500, 900))
+    joint, held = int(rng.choice(joined.robot.legs[leg].joints)), np.zeros(1)
+
+    def spoil(angles: Array, touch: NDArray[np.bool_], tick: int) -> None:
+        if tick < since:
+            held[0] = angles[joint]
+        elif fault == "frozen":
+            angles[joint] = held[0]
+        elif fault == "jumping" and rng.random() < 0.2:
+            angles[joint] += float(rng.choice((-1.0, 1.0))) * rng.uniform(0.4, 1.0)
+        elif fault in ("closed", "open"):
+            touch[leg] = fault == "closed"
+
+    follower, soon, later, others, sound = SlipFollower(joined, spoil), 0, 0, 0, 0
+    while joined.tick():
+        for each in follower.look():
+            after = joined.world.tick - since
+            if each.leg != leg:
+                others, sound = others + (after > 0), sound + (after > 0 and each.healthy)
+            elif after > 0 and each.healthy:
+                soon, later = soon + (after <= 50), later + (after > 50)
+    return {"soon": soon, "later": later, "others": others, "sound": sound}
 
 
 def rms(values: Sequence[float] | Array) -> float:

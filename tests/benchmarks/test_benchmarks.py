@@ -27,8 +27,8 @@ SLOW = {
     "stability adaptive", "studies scenarios", "walker actions", "walker held", "secure demo", "vision anywhere",
     "vision speed", "vision blur", "accidents causes", "accuracy fuzzed", "policies controllers", "view live",
     "storage cases", "own_map walks", "foreign tables", "foreign simulated", "policies courses", "secure round-trips",
-    "studies planted", "lost looks", "lost put", "foothold_grounds families", "core ticks",
-    "fuzz decisions", "foreign noise", "bus round-trips",
+    "studies planted", "lost looks", "lost put", "lost turns", "foothold_grounds families", "core ticks",
+    "foothold_walks faults", "fuzz decisions", "foreign noise", "bus round-trips",
 }  # fmt: skip
 """Smallest runs of more than 3 s; those that start processes are in no quick test."""
 
