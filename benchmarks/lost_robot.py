@@ -175,8 +175,8 @@ class Robot:
         turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:  # fmt: skip
         self.turn = (-turn[0], -turn[1], -turn[2])
-        self.first_sight: int | None = None
-        """Tick of the first frame that shows a landmark, of the run and then since it was put down."""
+        self.sights: list[int] = []
+        """Tick of each landmark recognised since it was put down."""
         self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
         self.places, self.looks = corridor(seed, world.density, world.copied)
         places, looks = wrong_map(wrong, self.places, self.looks, seed)
@@ -273,6 +273,7 @@ class Robot:
         shown = np.where(rng.uniform(size=view.size) < FALSE, rng.integers(len(self.places), size=view.size), view)
         looks = self.looks[shown] + 0.05 * rng.standard_normal((view.size, 8))
         self.frames += 1
+        self.sights += [self.tick_number] * view.size
         sights = turned_back(Detections(ranges, bearings, looks), self.turn, HEIGHT)
         marks = tuple(
             Landmark(range=float(a), bearing=wrapped(float(c)), descriptor=tuple(look))
@@ -282,7 +283,7 @@ class Robot:
 
     def put(self, distance: float, turn_deg: float) -> None:
         """Lift the robot and put it down elsewhere in the corridor."""
-        self.first_sight = None
+        self.sights.clear()
         pose = self.walker.pose
         while True:
             way = self.rng.uniform(-math.pi, math.pi)

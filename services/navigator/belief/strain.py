@@ -68,7 +68,9 @@ class StrainModel:
     known_sd: float = math.radians(2.0)
     """Largest standard deviation of a turn that is corrected, rad."""
     sure: float = 0.9
-    """Probability from which a case is believed."""
+    """Probability from which a map counts as strained."""
+    turn_sure: float = 0.99
+    """Probability from which a turn is corrected: a wrong correction would hide a strained map."""
 
 
 class Case(NamedTuple):
@@ -299,7 +301,7 @@ class MapStrain:
         probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
         for number, parts in ((TILTED, (0, 1)), (ASIDE, (2,))):
             case = self._cases[number]
-            for i in parts if probabilities[number] >= self.model.sure else ():
+            for i in parts if probabilities[number] >= self.model.turn_sure else ():
                 if case.cov[TURN + i, TURN + i] < self.model.known_sd**2:
                     found[i] = float(case.mean[TURN + i])
         return (found[0], found[1], found[2]) if any(found) else None
