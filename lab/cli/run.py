@@ -103,7 +103,7 @@ def list_all(json: Json = False) -> None:
         return
     write_table(("scenario", "what happens"), scenarios.items())
     write_table(("system", "services"), [(name, " ".join(found)) for name, found in systems.items()])
-    write(f"robots:   {' '.join(robot_names())}\nservices: {' '.join(service_names())}")
+    write_table(("kind", "names"), [(kind, " ".join(content[kind])) for kind in ("robots", "services")])
 
 
 def _show(outcome: "RunOutcome", *, json: bool) -> None:
