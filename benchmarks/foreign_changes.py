@@ -14,7 +14,7 @@ from surefoot.lab.estimation.logs import ForeignLog
 from surefoot.lab.estimation.peers.inekf import InekfNoise
 from surefoot.lab.estimation.planted import PLANTED, first_altered, named
 from surefoot.lab.estimation.referees import run
-from surefoot.lab.estimation.scores import smoothed
+from surefoot.lab.estimation.scores import smoothed, velocity_error
 from surefoot.lab.estimation.track import Track
 from surefoot.services.estimator.params import EstimatorParams
 
@@ -207,7 +207,7 @@ def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: floa
 
 def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:
     """Return the rms error over 0.5 s in some rows, m/s."""
-    error = smoothed((np.einsum("nij,nj->ni", log.rot, found.v) - log.v_world)[rows], log)
+    error = smoothed(velocity_error(log, found)[rows], log)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 

@@ -14,6 +14,7 @@ from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import FOREIGN
 from surefoot.lab.estimation.peers.legs import inertial_velocity
 from surefoot.lab.estimation.referees import run
+from surefoot.lab.estimation.scores import velocity_error
 from surefoot.lab.estimation.track import Track, default
 from surefoot.papers.wawrzynski.sets import LogSet, tuned
 
@@ -84,7 +85,7 @@ def contradicted(log: Log, track: Track, since_s: float) -> None:
     after = np.flatnonzero(~track.flags["filter_ok"][first:])
     late = float(log.seconds[first + after[0]] - since_s) if len(after) else float("inf")
     goal("  filter_ok false after the first contradiction, s", late, "<=", 0.5)
-    error = np.einsum("nij,nj->ni", log.rot, track.v)[first:] - log.v_world[first:]
+    error = velocity_error(log, track)[first:]
     alone = inertial_velocity(log, first) - log.v_world[first:]
     goal(
         "  velocity from then on / inertial unit alone", float(np.sqrt(np.sum(error**2) / np.sum(alone**2))), "<=", 1.0

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from .log import Log, TrueMotion
+from .log import Log
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def aligned(log: Log, found: Alignment) -> Log:
     offset = float(found.offset_s.value[0]) if found.known("offset_s") else 0.0
     base = out.rot_base_from_imu if log.robot is not None else np.ascontiguousarray(truth.rot[0])
     return replace(
-        out, truth=TrueMotion(position, truth.rot, v), rot_base_from_imu=base,
+        out, truth=replace(truth, position=position, v_world=v), rot_base_from_imu=base,
         begin_s=max(log.begin_s, -offset), end_s=max(log.end_s, offset),
     )  # fmt: skip
 
@@ -129,7 +129,7 @@ def _moved(log: Log, found: Alignment) -> Log:
     if found.known("offset_s"):
         at = seconds + float(found.offset_s.value[0])
         position, v = _at(seconds, truth.position, at), _at(seconds, truth.v_world, at)
-        truth = TrueMotion(position, _turned(seconds, truth.rot, at).as_matrix(), v)
+        truth = replace(truth, position=position, rot=_turned(seconds, truth.rot, at).as_matrix(), v_world=v)
     if found.known("rotation_deg"):
         turn = Rotation.from_rotvec(found.rotation_deg.value, degrees=True).as_matrix()
         truth = replace(truth, rot=truth.rot @ turn.T)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
 
-from .log import Log, TrueMotion
+from .log import Log
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -100,7 +100,7 @@ def turned(log: Log, seed: int) -> Log:
     rot = matrix_from_quat(quat / np.linalg.norm(quat))  # rot_new_from_old
     truth = log.truth
     if truth is not None:
-        truth = TrueMotion(truth.position, truth.rot @ rot.T, truth.v_world)
+        truth = replace(truth, rot=truth.rot @ rot.T)
     return replace(
         log, w=np.ascontiguousarray(log.w @ rot.T), q=np.ascontiguousarray(log.q @ rot.T), truth=truth,
         foot_position=np.ascontiguousarray(log.foot_position @ rot.T),

@@ -30,6 +30,8 @@ class TrueMotion:
     position: Array  # (n, 3) m, world
     rot: Array  # (n, 3, 3) rot_world_from_imu
     v_world: Array  # (n, 3) m/s, world axes
+    window_s: float = 0.0  # v_world is the slope of a cubic fitted to positions over so long, 0 = exact; see `truth`
+    held: Flags | None = None  # (n,) rows at which a pose is repeated that is known to be old; None = none
 
     @cached_property
     def v(self) -> Array:
@@ -142,8 +144,11 @@ class Log:
 
     @property
     def scored(self) -> Flags:
-        """Inertial rows that scores look at, (n,)."""
-        return (self.seconds >= self.begin_s) & (self.seconds <= self.seconds[-1] - self.end_s)
+        """Inertial rows that scores look at, (n,): those of some time, without what the truth does not know."""
+        rows = (self.seconds >= self.begin_s) & (self.seconds <= self.seconds[-1] - self.end_s)
+        if self.truth is not None and self.truth.held is not None:
+            rows &= ~self.truth.held
+        return rows
 
     def arrival(self) -> Ints:
         """Return the order of arrival, (n + m + e,): numbers of inertial rows, n + those of foot samples, then others.
@@ -170,7 +175,8 @@ class Log:
         """Return the log with some of the inertial rows only, and the truth at them."""
         truth = self.truth
         if truth is not None:
-            truth = TrueMotion(truth.position[keep], truth.rot[keep], truth.v_world[keep])
+            held = None if truth.held is None else truth.held[keep]
+            truth = TrueMotion(truth.position[keep], truth.rot[keep], truth.v_world[keep], truth.window_s, held)
         clipped = None if self.saturated is None else self.saturated[keep]
         return replace(
             self, stamp_ns=self.stamp_ns[keep], w=self.w[keep], q=self.q[keep], truth=truth, saturated=clipped,

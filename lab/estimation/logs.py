@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from surefoot.errors import SurefootError
 
@@ -19,6 +18,7 @@ from .contacts import by_height, mean_up, schmitt
 from .files import open_log
 from .go1 import IMU_IN_TRUNK, RADIUS, go1_bag, go1_feet, go1_forces
 from .log import Log, TrueMotion
+from .truth import slopes
 
 Array = NDArray[np.float64]
 Contacts = Literal["given", "force", "torque", "none"]
@@ -31,6 +31,8 @@ SENSORS: dict[str, float | int] = {
 """Parameters of the inertial units of the humanoids, noise per sample; the same for both."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
 """Three points of a sole in its own axes, m: inside the outline of the humanoids' soles."""
+EXACT_ROWS = 7
+"""Rows behind the velocity of exact positions."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,6 @@ class ForeignLog:
     name: str
     file: str
     make: Callable[["ForeignLog", Path], Log]
-    window: int  # rows of the Savitzky-Golay window (order 3) behind the true velocity; 0 = no truth
     sensors: Mapping[str, float | int]  # noise of a row; empty = found in the quiet part of the log
     feet: Literal["point", "ball", "sole", "found"]
     rest: int  # rows of the standstill at the beginning
@@ -76,11 +77,10 @@ def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
     window, begin_s = HUMANOIDS[name]
     log = open_log(data / f"{name}.npz").log
     period = float(np.median(np.diff(log.seconds)))
-    v_world = savgol_filter(log.position, window, 3, deriv=1, delta=period, axis=0)
     log = replace(log, stamp_ns=1 + log.stamp_ns, foot_ns=1 + log.foot_ns)  # filters of the paper skip feet at 0 ns
     return replace(
         log.with_feet(np.arange(0, len(log.foot_ns), every)), sensors=SENSORS, rest=(0, 30),
-        truth=replace(log.known(), v_world=np.asarray(v_world, dtype=np.float64)),
+        truth=replace(log.known(), v_world=slopes(log.position, window, period), window_s=window * period),
         points=np.repeat(SOLE[None], log.feet_count, axis=0), begin_s=begin_s,
     )  # fmt: skip
 
@@ -93,34 +93,27 @@ def _stamps(t: Array) -> NDArray[np.int64]:
     return 1 + np.round((t - t[0]) * 1e9).astype(np.int64)
 
 
-def _truth(columns: Mapping[str, Array], v_world: Array) -> TrueMotion:
-    position, rot = (np.asarray(columns[key], dtype=np.float64) for key in ("p", "R"))
-    return TrueMotion(position, rot, v_world)
-
-
-def _velocity(columns: Mapping[str, Array], window: int) -> Array:
-    """Return the true velocity (n, 3) m/s of the positions `p` at the times `t`; a row is the mean over the window."""
-    period = float(columns["t"][1] - columns["t"][0])
-    position = np.asarray(columns["p"], dtype=np.float64)
-    return np.asarray(savgol_filter(position, window, 3, deriv=1, delta=period, axis=0), dtype=np.float64)
+def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
+    """Return the exact motion of simulators that give no velocity: by the positions over `EXACT_ROWS`."""
+    period = float(t[1] - t[0])
+    return TrueMotion(position, rot, slopes(position, EXACT_ROWS, period), EXACT_ROWS * period)
 
 
 def _command(row: ForeignLog, path: Path) -> Log:
-    """Return the log as `surefoot estimate` reads it, with the smoothed true velocity; soles if the row has them."""
-    log, columns = open_log(path).log, np.load(path)
-    soles = np.repeat(SOLE[None], log.feet_count, axis=0) if row.feet == "sole" else log.points
-    return replace(log, truth=_truth(columns, _velocity(columns, row.window)), points=soles)
+    """Return the log as `surefoot estimate` reads it; soles if the row has them."""
+    log = open_log(path).log
+    return replace(log, points=np.repeat(SOLE[None], log.feet_count, axis=0)) if row.feet == "sole" else log
 
 
 def _generated(row: ForeignLog, path: Path) -> Log:
     """Return a log whose feet have no orientation."""
     columns = np.load(path)
     contact, stamp = columns["contact"].astype(np.bool_), _stamps(columns["t"])
-    w, a, position, turned = (np.asarray(columns[key], dtype=np.float64) for key in ("w", "a", "pf", "R"))
+    w, a, feet, position, turned = (np.asarray(columns[k], dtype=np.float64) for k in ("w", "a", "pf", "p", "R"))
     period = int(np.median(np.diff(stamp)))
     return Log(
-        row.name, stamp, w, a, stamp.copy(), position, np.broadcast_to(np.eye(3), (*contact.shape, 3, 3)).copy(),
-        contact, _truth(columns, _velocity(columns, row.window)), rot_base_from_imu=np.ascontiguousarray(turned[0]),
+        row.name, stamp, w, a, stamp.copy(), feet, np.broadcast_to(np.eye(3), (*contact.shape, 3, 3)).copy(),
+        contact, _truth(columns["t"], position, turned), rot_base_from_imu=np.ascontiguousarray(turned[0]),
         sensors={"imu_period_ns": period, "kinematics_period_ns": period},
     )  # fmt: skip
 
@@ -133,16 +126,17 @@ def _go1(row: ForeignLog, path: Path) -> Log:
     columns, every = np.load(path), row.every
     n = len(columns["t"]) // every * every
     wide = {key: np.asarray(columns[key][:n], dtype=np.float64) for key in ("w", "a", "p", "R", "q", "tau", "force")}
-    v_world = _velocity(wide | {"t": columns["t"]}, row.window)
+    truth = _truth(columns["t"], wide["p"], wide["R"])
     w, a = (np.ascontiguousarray(wide[key].reshape(-1, every, 3).mean(axis=1)) for key in ("w", "a"))
     last = slice(every - 1, n, every)
     position, calf = go1_feet(wide["q"][last])
     pushed = np.linalg.norm(wide["force"][last], axis=2)
     force = go1_forces(wide["q"][last], wide["tau"][last]) if row.contacts == "torque" else pushed
+    truth = replace(truth, position=truth.position[last], rot=truth.rot[last], v_world=truth.v_world[last])
     stamp, period = _stamps(columns["t"])[last], round(1e6 * every)
     log = Log(
         row.name, stamp, w, a, stamp.copy(), position - IMU_IN_TRUNK, calf, columns["contact"][last],
-        TrueMotion(wide["p"][last], wide["R"][last], v_world[last]), force=force, radius=np.full(4, RADIUS),
+        truth, force=force, radius=np.full(4, RADIUS),
         imu_position=IMU_IN_TRUNK, sensors={"imu_period_ns": period, "kinematics_period_ns": period},
     )  # fmt: skip
     if row.levels is not None:
@@ -185,30 +179,27 @@ def _go1_rows() -> list[ForeignLog]:
         for contacts in known:
             name = f"go1_trot{rate}" + ("" if contacts == "given" else f"_{contacts}")
             levels = (20.0, 10.0) if contacts in ("force", "torque") else None
-            rows.append(
-                ForeignLog(name, "go1_trot_sim.npz", _go1, 7, noise, "ball", 0, 0.5, 1.0, levels, every, contacts)
-            )
+            rows.append(ForeignLog(name, "go1_trot_sim.npz", _go1, noise, "ball", 0, 0.5, 1.0, levels, every, contacts))
     return rows
 
 
 _KINDYN, _ICUB3, _COM = "icub_kindyn_walk.npz", "icub3_gazebo_walk.npz", "icub_real_com.npz"
 _CASBOT = {"sigma_w": 0.003, "sigma_q": 0.05}
 FOREIGN: dict[str, ForeignLog] = {row.name: row for row in (
-    ForeignLog("icub_kindyn_walk", _KINDYN, _command, 51, {}, "found", 500, 5.5, 0.5, (150.0, 120.0)),
-    ForeignLog("icub_kindyn_sole", _KINDYN, _command, 51, {}, "sole", 500, 5.5, 0.5, (150.0, 120.0)),
-    ForeignLog("icub3_gazebo_walk", _ICUB3, _command, 15, {}, "found", 1600, 16.2, 1.0, (240.0, 180.0)),
-    ForeignLog("icub3_gazebo_sole", _ICUB3, _command, 15, SENSORS, "sole", 1600, 16.2, 1.0, (240.0, 180.0)),
-    ForeignLog("icub_real_com", _COM, _command, 61, SENSORS, "sole", 200, 2.4, 0.1, (150.0, 120.0)),
+    ForeignLog("icub_kindyn_walk", _KINDYN, _command, {}, "found", 500, 5.5, 0.5, (150.0, 120.0)),
+    ForeignLog("icub_kindyn_sole", _KINDYN, _command, {}, "sole", 500, 5.5, 0.5, (150.0, 120.0)),
+    ForeignLog("icub3_gazebo_walk", _ICUB3, _command, {}, "found", 1600, 16.2, 1.0, (240.0, 180.0)),
+    ForeignLog("icub3_gazebo_sole", _ICUB3, _command, SENSORS, "sole", 1600, 16.2, 1.0, (240.0, 180.0)),
+    ForeignLog("icub_real_com", _COM, _command, SENSORS, "sole", 200, 2.4, 0.1, (150.0, 120.0)),
     *_go1_rows(),
-    ForeignLog("casbot_walk_a", "casbot_walk_a.npz", _generated, 7, _CASBOT, "point", 380, 2.0, 1.0),
-    ForeignLog("casbot_walk_b", "casbot_walk_b.npz", _generated, 7, _CASBOT, "point", 380, 2.0, 1.0),
-    ForeignLog("spot_staircase", "spot_staircase.npz", _spot, 0, {"sigma_w": 0.01, "sigma_q": 0.1}, "point", 0, 0.5,
+    ForeignLog("casbot_walk_a", "casbot_walk_a.npz", _generated, _CASBOT, "point", 380, 2.0, 1.0),
+    ForeignLog("casbot_walk_b", "casbot_walk_b.npz", _generated, _CASBOT, "point", 380, 2.0, 1.0),
+    ForeignLog("spot_staircase", "spot_staircase.npz", _spot, {"sigma_w": 0.01, "sigma_q": 0.1}, "point", 0, 0.5,
                1.0),
-    ForeignLog("go1_bag_a", "go1_bag_a.bag", _bag, 0, {"sigma_w": 0.01, "sigma_q": 0.1}, "ball", 0, 0.5, 1.0),
+    ForeignLog("go1_bag_a", "go1_bag_a.bag", _bag, {"sigma_w": 0.01, "sigma_q": 0.1}, "ball", 0, 0.5, 1.0),
 )}  # fmt: skip
-"""Logs of others by name. Motion capture of the real walk repeats up to 54 rows: its window is the shortest over which
-filters differ; the sway needs 61. Soles are those of the robots; `found` feet are what `surefoot estimate` makes of a
-file about which nothing is stated."""
+"""Logs of others by name. Soles are those of the robots; `found` feet are what `surefoot estimate` makes of a file
+about which nothing is stated."""
 
 
 def foreign(name: str, data: Path = DATA) -> Log:

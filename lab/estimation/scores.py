@@ -19,6 +19,7 @@ from .trajectory import (
     path_length,
     relative_error,
 )  # fmt: skip
+from .truth import over_window
 
 Array = NDArray[np.float64]
 
@@ -71,11 +72,11 @@ def score(log: Log, found: Track, lengths: Sequence[float] = LENGTHS_M) -> Score
         lengths: of path for the relative pose error, m; the first that fits is taken.
     """
     truth, rows = log.known(), log.scored
-    error = np.einsum("nij,nj->ni", truth.rot, found.v) - truth.v_world
+    error = velocity_error(log, found)
     mean, v_mean = error[rows].mean(axis=0), truth.v_world[rows].mean(axis=0)
     way, gap, height, heading = _odometry(log, found)
     stated = rows & (np.einsum("nii->n", found.p[:, 3:, 3:]) > 0.0)  # not before the estimator started
-    squares = nees(found.v[stated] - truth.v[stated], found.p[stated][:, 3:, 3:])
+    squares = nees(np.einsum("nji,nj->ni", truth.rot[stated], error[stated]), found.p[stated][:, 3:, 3:])
     return Score(
         rmse=_rms(error[rows]),
         smooth=_rms(smoothed(error[rows], log)),
@@ -91,6 +92,12 @@ def score(log: Log, found: Track, lengths: Sequence[float] = LENGTHS_M) -> Score
         integral=_share(_integral(log, found), way),
         **_trajectory(log, found, heading, lengths),
     )
+
+
+def velocity_error(log: Log, found: Track) -> Array:
+    """Return the error of the velocity, (n, 3) m/s, world axes, both over the window of the truth."""
+    truth = log.known()
+    return over_window(np.einsum("nij,nj->ni", truth.rot, found.v), log.seconds, truth.window_s) - truth.v_world
 
 
 def _trajectory(log: Log, found: Track, heading: float, lengths: Sequence[float]) -> dict[str, float]:

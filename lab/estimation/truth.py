@@ -8,7 +8,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns
 
-from .log import TrueMotion
+from .log import Flags, TrueMotion
 
 Array = NDArray[np.float64]
 
@@ -16,6 +16,11 @@ WINDOWS_S = (0.0, 0.05, 0.09, 0.15, 0.25, 0.4, 0.6)
 """Windows of local cubic fits behind the velocity of captured positions, s; 0 = differences of neighbours."""
 APART_S = 0.1
 """Time over which changes of that velocity are compared with the accelerometer, s."""
+HELD_S, HELD_TIMES = 0.1, 3.0
+"""A pose that is repeated for longer, and for so many times what is usual in the log, is of another time if the pose
+before or behind it is away by more than `HELD_M` or `HELD_RAD`: the capture had lost the robot."""
+HELD_M, HELD_RAD = 0.005, 0.02
+"""Way, m, and turn, rad, that show that the robot moved while a pose was repeated."""
 
 
 def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
@@ -35,7 +40,8 @@ def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
         rot = np.asarray(columns["true_rotation"], dtype=np.float64)
     else:
         rot = np.array([matrix_from_quat(q) for q in columns["true_quat_wxyz"]])
-    v = np.asarray(columns.get("true_velocity", 0.0), dtype=np.float64)
+    seconds = 1e-9 * (columns["stamp_ns"] - columns["stamp_ns"][0])
+    v, window = np.asarray(columns.get("true_velocity", 0.0), dtype=np.float64), 0.0
     if not (np.isfinite(position).all() and np.isfinite(rot).all() and np.isfinite(v).all()):
         raise SurefootError(
             "invalid", "the truth has numbers that are not finite; leave its columns out", "true_position"
@@ -45,11 +51,61 @@ def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
         row = int(np.argmax((off > 1e-2) | (np.linalg.det(rot) < 0.0)))
         raise SurefootError("invalid", f"row {row}: the true orientation is no rotation", "true_rotation")
     if "true_velocity" not in columns:
-        seconds = 1e-9 * (columns["stamp_ns"] - columns["stamp_ns"][0])
         v, window = velocity_of(position, rot, seconds, np.asarray(columns["acc"], dtype=np.float64))
         if window > 0.0:
-            notes.append(f"true velocity by the positions over {window:g} s, which agrees best with the accelerometer")
-    return TrueMotion(position, rot, v)
+            notes.append(
+                f"true velocity by the positions over {window:g} s, which agrees best with the accelerometer; "
+                "estimates are compared with it over the same time"
+            )
+    held = held_rows(position, rot, seconds, window)
+    if held.any():
+        lost = float(np.median(np.diff(seconds)) * held.sum())
+        notes.append(f"the truth repeats poses while the robot moves; {lost:.1f} s around them are not scored")
+    return TrueMotion(position, rot, v, window, held if held.any() else None)
+
+
+def held_rows(position: Array, rot: Array, seconds: Array, window_s: float) -> Flags:
+    """Return the rows (n,) at which the truth repeats a pose of another time, or whose velocity comes from such a row.
+
+    Args:
+        position: (n, 3) m, world.
+        rot: rot_world_from_imu, (n, 3, 3).
+        seconds: times of the rows, (n,).
+        window_s: time over which velocities are taken from positions, s.
+    """
+    held = np.zeros(len(seconds), dtype=np.bool_)
+    poses = np.column_stack([position, rot.reshape(-1, 9)])
+    new = np.flatnonzero(np.r_[True, (poses[1:] != poses[:-1]).any(axis=1)])  # row 0, then those with another pose
+    turn = np.einsum("nji,nji->n", rot[new[:-1]], rot[new[1:]])  # trace of the rotation from one to the next
+    jump = np.linalg.norm(np.diff(position[new], axis=0), axis=1) > HELD_M
+    jump |= np.arccos(np.clip(0.5 * (turn - 1.0), -1.0, 1.0)) > HELD_RAD
+    for_s = np.diff(seconds[new])
+    long = (for_s > HELD_S) & (for_s > HELD_TIMES * np.median(for_s)) if len(for_s) else jump
+    for k in np.flatnonzero(long & (jump | np.r_[False, jump[:-1]])).tolist():
+        held |= np.abs(seconds - 0.5 * (seconds[new[k]] + seconds[new[k + 1]])) <= 0.5 * (for_s[k] + window_s)
+    return held
+
+
+def over_window(v: Array, seconds: Array, window_s: float) -> Array:
+    """Return velocities as the truth has them: the slope of a cubic fitted to the way over the window.
+
+    A velocity by captured positions lacks what is faster than its window; an estimate that has it is no worse for that.
+
+    Args:
+        v: (n, 3) m/s, world.
+        seconds: times of the rows, (n,).
+        window_s: of the truth; one that is shorter than five rows leaves the velocities as they are.
+    """
+    period = float(np.median(np.diff(seconds)))
+    if not 5 <= rows_of(window_s, period) <= len(v):
+        return v
+    way = np.cumsum(0.5 * period * (v + np.vstack([v[:1], v[:-1]])), axis=0)
+    return slopes(way, rows_of(window_s, period), period)
+
+
+def rows_of(window_s: float, period: float) -> int:
+    """Return the rows of a window, odd: half of it before and after the middle."""
+    return 2 * round(0.5 * window_s / period) + 1
 
 
 def slopes(values: Array, rows: int, period: float) -> Array:
@@ -93,7 +149,7 @@ def velocity_of(position: Array, rot: Array, seconds: Array, acc: Array) -> tupl
     apart = max(1, round(APART_S / period))
     best, least, chosen = np.zeros_like(position), np.inf, 0.0
     for window in WINDOWS_S:
-        rows = 2 * round(0.5 * window / period) + 1
+        rows = rows_of(window, period)
         if window > 0.0 and not 5 <= rows <= n:
             continue
         if window == 0.0:

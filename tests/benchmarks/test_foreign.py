@@ -83,7 +83,7 @@ def test_kinematics_integrate_their_own_velocity(name: str) -> None:
 def test_every_log_has_goals_that_are_measured() -> None:
     measures = set(vars(scored(clean(), flagged(exact(clean())), 0.03)))
     for name, row in FOREIGN.items():
-        if row.window:
+        if name not in {"spot_staircase", "go1_bag_a"}:  # without truth
             assert set(goals_of(name, row.way)) <= measures
 
 
