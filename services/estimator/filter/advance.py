@@ -162,7 +162,7 @@ def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int6
 def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSetting) -> None:
     """Correct with a row of the samples of the feet at the time of the state, in place."""
     geometry, noise = setting.geometry, setting.noise
-    watch_sensors(state, samples, row, geometry.foot, settled(state))
+    watch_sensors(state, samples, row, geometry.foot, noise, settled(state))
     position, rot = samples.feet[row].copy(), samples.foot_rots[row].copy()
     for f in range(position.shape[0]):
         source = int(state.sensors[f, S.source])

@@ -84,7 +84,9 @@ class SensorLayout(NamedTuple):
     """Time for which its samples have repeated one, s."""
     repeated: int = 12
     """Path of the IMU's turning meanwhile, rad."""
-    delay: int = 13
+    firm: int = 13
+    """Compared samples in a row at which it stood."""
+    delay: int = 14
     """Numbers that show whether its samples are late: `DelayLayout` from here on."""
 
 
@@ -110,7 +112,7 @@ class DelayLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (101,)."""
+    """First index of each part of `BestState.memory`, (104,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -183,15 +185,18 @@ class MemoryLayout(NamedTuple):
     woke: int = 60
     """`age` when the last quiet sample of a rest was; `LONG_AGO` when there is nothing to compare any more."""
     shown: int = 61
-    """Factors of the stated noise of gyro and accelerometer by the rest of the start, (2,); see `start`."""
-    weight: int = 63
+    """Factors of the stated noise of gyro and accelerometer by the rest of the start, see `start`, and of a contact
+    point by the feet that stand, see `monitor`, (3,)."""
+    legs: int = 64
+    """Integrals over the time that feet stand, faded, of the logarithm of the noise that they show, m, and of 1."""
+    weight: int = 66
     """Length of the accelerometer's samples, mean over `weight_s`, m/s^2."""
-    aloft: int = 64
+    aloft: int = 67
     """Time for which all switches have been open while the accelerometer shows the weight, s."""
-    wrong: int = 65
+    wrong: int = 68
     """Fit of a line through 0 to the level part d of `push` less the velocity that a standing foot shows, over the time
     t since `woke`: integrals of t d (2), t^2 and d^2, (4,)."""
-    levels: int = 69
+    levels: int = 72
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 

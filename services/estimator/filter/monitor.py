@@ -34,7 +34,7 @@ from surefoot.kernels.jit import kernel
 from .delay import learn_delay, lift_delay
 from .hypotheses import likeliest, mode
 from .layout import L, M, P, S, X
-from .noise import FIXED
+from .noise import FIXED, BestNoise
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, rotation, turn_matrix
 
@@ -146,6 +146,35 @@ def _swung(rot: Array, turn: Array, y: Array, dt: float) -> Array:
 
 
 @kernel
+def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
+    """Learn the noise of contact points from a foot that stands, in place.
+
+    Three places at equal steps dt that err by sigma change the velocity by sqrt(6) sigma/dt; slides and landings are
+    large and few, so that the logarithm is averaged: log |s| of a level s has the mean log sigma - 0.289.
+
+    Args:
+        memory: of the state.
+        seen: change of the velocity by the foot beside that by the inertial unit, (3,) m/s.
+        dt: length of each step, s.
+    """
+    square = (seen[0] ** 2 + seen[1] ** 2) * dt * dt / 12.0 + FIXED.least_way**2
+    memory[M.legs] += dt * (0.5 * math.log(square) + 0.289)
+    memory[M.legs + 1] += dt
+
+
+@kernel
+def _judge_noise(state: BestState, stated: float) -> None:
+    """Bound the stated noise of a contact point, m, by that which the feet show, in place."""
+    memory = state.memory
+    if memory[M.legs + 1] < FIXED.least_legs_s:
+        return
+    shown = math.exp(memory[M.legs] / memory[M.legs + 1])
+    memory[M.shown + 2] = min(max(FIXED.sure_point, FIXED.more_point * shown) / stated, 1.0)
+    for h in range(state.weight.size):
+        state.mode_memory[h, M.shown + 2] = memory[M.shown + 2]
+
+
+@kernel
 def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
     """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place."""
     x, sensors, stamps = likely.x, state.sensors, samples.imu_stamps
@@ -154,7 +183,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before])
     if first >= end or dt > FIXED.longest_compared:
         sensors[:, S.trunk : S.trunk + 3] = math.nan
-        sensors[:, S.delay + L.stood] = 0.0
+        sensors[:, S.firm] = sensors[:, S.delay + L.stood] = 0.0
         return
     w, q, half = np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):
@@ -169,6 +198,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     gained, share = push * dt, math.exp(-dt / FIXED.delay_s)
     steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.delay_period
     size, sound, total, seen, fade = np.zeros(count), 0, 0.0, np.empty(3), math.exp(-dt / FIXED.strange_s)
+    state.memory[M.legs : M.legs + 2] *= math.exp(-dt / FIXED.legs_s)
     for f in range(count):
         source = int(sensors[f, S.source])
         old = turned(back, samples.feet[before, source])
@@ -189,6 +219,9 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
         fault = max(sensors[f, S.jump], sensors[f, S.still])
         if _unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
+        sensors[f, S.firm] = sensors[f, S.firm] + 1.0 if contact[f] >= 0.5 else 0.0
+        if sensors[f, S.firm] >= 3.0 and not math.isnan(length) and not math.isnan(sensors[f, S.trunk]):
+            _learn_noise(state.memory, seen, dt)
         if steady and contact[f] >= 0.5 and not math.isnan(sensors[f, S.trunk]):
             learn_delay(sensors[f], trunk, gained, _swung(rot, w, samples.feet[row, source], dt), dt, share)
         else:
@@ -223,7 +256,9 @@ def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float)
 
 
 @kernel
-def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, settled: bool) -> None:
+def watch_sensors(
+    state: BestState, samples: SampleStore, row: int, foot: Feet, noise: BestNoise, settled: bool
+) -> None:
     """Learn from a row of the feet which sensors of the legs are wrong, in place.
 
     Args:
@@ -231,6 +266,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         samples: filled rows.
         row: of the feet.
         foot: of each contact point, (K,).
+        noise: the noises.
         settled: the attitude is known, so that switches can be checked.
     """
     sensors, count, memory = state.sensors, samples.feet.shape[1], state.memory
@@ -266,6 +302,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         memory[M.watched] = 0.0
         if settled:
             _compare(state, likely, samples, row, before, contact)
+            _judge_noise(state, noise.point)
 
 
 @kernel

@@ -237,6 +237,18 @@ class FixedNumbers(NamedTuple):
     whose feet roll shows 0.08, early, all the time."""
     most_late_s: float = 0.15
     """Largest time that is taken off the stamps for the motion of the feet, s: what grows on is something else."""
+    legs_s: float = 2.0
+    """Time of standing over which the noise of contact points is shown, s."""
+    least_legs_s: float = 0.5
+    """Time of standing, of all feet together, from which it is, s."""
+    least_way: float = 1e-6
+    """Way of a foot between two samples that no encoder shows, m."""
+    least_point: float = 2.5e-4
+    """Noise of a contact point that legs and soles of no robot are below, m."""
+    sure_point: float = 4e-4
+    """Stated noise of a contact point up to which it is not doubted, m."""
+    more_point: float = 1.5
+    """Largest noise of a contact point over that which standing feet show from sample to sample."""
     weight_s: float = 0.05
     """Time over which the accelerometer's length is averaged, s: in flight it falls to nothing as soon."""
     longest_aloft: float = 0.2
@@ -358,14 +370,13 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
         params: of sensors and geometry.
         modes: hypotheses about sliding feet are carried through time (`hypotheses`); else each sample is mixed.
     """
-    root = math.sqrt(1e-9 * params.imu_period_ns)
+    root, point = math.sqrt(1e-9 * params.imu_period_ns), max(params.sigma_point, FIXED.least_point)
     noise = BestNoise(
-        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_q,
-        params.sigma_point,
-    )  # fmt: skip
+        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_q, point
+    )
     if modes:
         noise = noise._replace(
-            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, slide=0.04,
+            point=FIXED.point_share * point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, slide=0.04,
             go_on=0.95,
         )  # fmt: skip
     return noise

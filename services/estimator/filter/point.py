@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
 
-from .layout import E, P, X
+from .layout import E, M, P, X
 from .noise import FIXED, BestNoise
 from .state import BestState, isolate, rotation, set_rotation, turn_matrix
 
@@ -42,7 +42,7 @@ def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
     seen = turned(rotation(state.x), y)
     for i in range(3):
         state.x[X.points + 3 * k + i] = seen[i]
-        state.cov[E.points + 3 * k + i, E.points + 3 * k + i] = noise.point**2
+        state.cov[E.points + 3 * k + i, E.points + 3 * k + i] = (state.memory[M.shown + 2] * noise.point) ** 2
     state.points[k, P.down], state.points[k, P.new] = 1.0, 1.0
 
 
@@ -105,7 +105,7 @@ def observe(
         likelihood of the sample up to a constant; an outlier has that of the largest accepted innovation.
     """
     x, cov, row = state.x, state.cov, E.points + 3 * k
-    z, shift = turned(rotation(x), y), np.empty(3)
+    z, shift, point = turned(rotation(x), y), np.empty(3), state.memory[M.shown + 2] * noise.point
     for i in range(3):
         z[i] -= x[X.points + 3 * k + i]
         shift[i] = (noise.slide * dt) ** 2 * (1.0 if i < 2 else FIXED.vertical_slide)
@@ -113,8 +113,8 @@ def observe(
     for i in range(3):
         for j in range(3):
             stays[i, j] = slides[i, j] = cov[row + i, row + j]
-        stays[i, i] += noise.point**2
-        slides[i, i] += noise.point**2 + shift[i]
+        stays[i, i] += point**2
+        slides[i, i] += point**2 + shift[i]
     inverse_1 = inverse3(slides)[0]
     misfit = quadratic(z, inverse_1)
     state.points[k, P.mistrust] += FIXED.learn_mistrust * (

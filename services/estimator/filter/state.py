@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (101,), see `MemoryLayout`."""
+    """Numbers beside the state, (104,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -64,11 +64,11 @@ class BestState(NamedTuple):
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 101)."""
+    """`memory` of each hypothesis, (H, 104)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array
-    """Numbers of the sensors of each foot, (K, 33), see `SensorLayout`; there are at most K feet."""
+    """Numbers of the sensors of each foot, (K, 34), see `SensorLayout`; there are at most K feet."""
 
 
 FRAME = 4
@@ -87,7 +87,7 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
     x[X.rot] = x[X.rot + 4] = x[X.rot + 8] = 1.0
     memory = np.zeros(MEMORY)
     memory[M.excess], memory[M.since], memory[M.lost_for], memory[M.woke] = 1.0, NO_FEET, LONG_AGO, LONG_AGO
-    memory[M.shown : M.shown + 2] = 1.0
+    memory[M.shown : M.shown + 3] = 1.0
     one = (x, cov, np.zeros((points, POINT_COLUMNS)), np.zeros((points, 3, 3)), memory)
     some = [np.repeat(part[None], modes, axis=0) for part in one]
     sensors = np.zeros((points, SENSOR_COLUMNS))

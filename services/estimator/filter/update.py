@@ -39,7 +39,7 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
             count += 1
             for i in range(3):
                 z[i] += seen[i] - x[X.points + 3 * k + i]
-                s[i, i] += noise.point**2
+                s[i, i] += (memory[M.shown + 2] * noise.point) ** 2
             for m in range(points.shape[0]):
                 if points[m, P.down] > 0.0:
                     for i in range(3):
@@ -100,7 +100,8 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
     for i in range(3):
         delta[i] = state.x[X.pos + i] - before[i]
         length += delta[i] * delta[i]
-    share = min(1.0, FIXED.most_lag * noise.point / math.sqrt(max(length, 1e-30))) / noise.lag_s
+    most = FIXED.most_lag * state.memory[M.shown + 2] * noise.point
+    share = min(1.0, most / math.sqrt(max(length, 1e-30))) / noise.lag_s
     for i in range(3):
         for j in range(3):
             state.memory[M.lag + i] += share * rot[j, i] * delta[j]
