@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
+from ..params import GAP_PUSH, GAP_TURN, UNKNOWN_SPEED
 from .external import take_external
 from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
@@ -69,8 +70,8 @@ def forget(state: BestState, d: float) -> None:
     for k in range(state.points.shape[0]):
         lift(state, k)
     for i in range(3):
-        cov[E.pos + i, E.pos + i] += (FIXED.unknown_speed * d) ** 2
-    forget_velocity(state, FIXED.unknown_speed)
+        cov[E.pos + i, E.pos + i] += (UNKNOWN_SPEED * d) ** 2
+    forget_velocity(state, UNKNOWN_SPEED)
     state.memory[M.since] = NO_FEET
     forget_levels(state.memory)
 
@@ -82,8 +83,8 @@ def _cross_gap(state: BestState, d: float, limits: BestLimits) -> float:
     if d <= limits.gap_s:
         return d
     for i in range(3):
-        cov[E.rot + i, E.rot + i] += (FIXED.gap_turn * min(d, 1.0)) ** 2
-        cov[E.vel + i, E.vel + i] += (FIXED.gap_push * min(d, 1.0)) ** 2
+        cov[E.rot + i, E.rot + i] += (GAP_TURN * min(d, 1.0)) ** 2
+        cov[E.vel + i, E.vel + i] += (GAP_PUSH * min(d, 1.0)) ** 2
     if d <= limits.forget_s:
         return d
     forget(state, d)
@@ -241,7 +242,7 @@ def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None
             fastest = max(fastest, _speed(state.mode_x[h], state.mode_memory[h]))
     if fastest > most:
         collapse(state, foot)
-        forget_velocity(state, FIXED.unknown_speed)
+        forget_velocity(state, UNKNOWN_SPEED)
 
 
 @kernel

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from ..feet.contact import BestGeometry
-from ..params import GAP_PUSH, GAP_TURN, UNKNOWN_SPEED, EstimatorParams, StartPose
+from ..params import EstimatorParams, StartPose
 
 
 class BestNoise(NamedTuple):
@@ -290,13 +290,7 @@ class FixedNumbers(NamedTuple):
     """Probability after a sample below which a hypothesis is dropped."""
     no_share: float = 0.01
     """Share of a mean below which a hypothesis is left out of it."""
-    # gaps and losses
-    gap_turn: float = GAP_TURN
-    """See `params.GAP_TURN`."""
-    gap_push: float = GAP_PUSH
-    """See `params.GAP_PUSH`."""
-    unknown_speed: float = UNKNOWN_SPEED
-    """See `params.UNKNOWN_SPEED`."""
+    # gaps and losses, beside the constants of `params`
     lost_share: float = 0.2
     """Variance of the mean of lost inertial samples, share of the squared changes of the samples around them."""
     lost_memory: float = 1.0

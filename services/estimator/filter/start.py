@@ -10,6 +10,7 @@ from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import points_of
+from ..params import UNKNOWN_SPEED
 from .layout import LONG_AGO, MOVING, NO_FEET, STARTED, E, M, X
 from .noise import FIXED, BestLimits, BestSetting
 from .point import lift
@@ -287,7 +288,7 @@ def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, set
     for i in range(3):
         if i < 2:
             state.cov[E.rot + i, E.rot + i] = FIXED.moving_tilt**2
-        state.cov[E.vel + i, E.vel + i] = FIXED.unknown_speed**2
+        state.cov[E.vel + i, E.vel + i] = UNKNOWN_SPEED**2
         state.cov[E.gyro_bias + i, E.gyro_bias + i] = limits.gyro_bias_sd**2
         state.cov[E.acc_bias + i, E.acc_bias + i] = limits.acc_bias_sd**2
         state.memory[M.last_gyro + i], state.memory[M.last_acc + i] = samples.imu[at, ROW_W + i], q[i]

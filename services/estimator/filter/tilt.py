@@ -9,6 +9,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times
 from surefoot.kernels.jit import kernel
 
+from ..params import UNKNOWN_SPEED
 from .hypotheses import collapse, likeliest
 from .layout import DOUBTED, LONG_AGO, E, M, P, S, X
 from .noise import FIXED, BestSetting
@@ -133,4 +134,4 @@ def check_start(state: BestState, contact: Array, dt: float, setting: BestSettin
         collapse(state, foot)
         memory[M.woke] = LONG_AGO
         if _turn_up(state, setting, ahead, side, 0.0, 1.0):
-            forget_velocity(state, FIXED.unknown_speed)
+            forget_velocity(state, UNKNOWN_SPEED)

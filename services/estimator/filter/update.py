@@ -10,6 +10,7 @@ from surefoot.kernels.jit import kernel
 
 from ..feet.contact import SURE, BestGeometry, SeenPoints, by_height
 from ..feet.mount import foot_turn
+from ..params import UNKNOWN_SPEED
 from .layout import E, M, P, X
 from .noise import FIXED, BestNoise
 from .point import lift, observe, put_down
@@ -226,7 +227,7 @@ def _put_down_points(state: BestState, y: Array, contact: Array, unfit: bool, no
     memory[M.unfit] = memory[M.unfit] + 1.0 if unfit else 0.0
     lost = memory[M.unfit] >= FIXED.most_misfits
     if lost:
-        forget_velocity(state, FIXED.unknown_speed)
+        forget_velocity(state, UNKNOWN_SPEED)
         memory[M.losses] += 1.0
         memory[M.unfit] = 0.0
     for k in range(contact.size):
