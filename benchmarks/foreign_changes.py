@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.lab.estimation.calibrate import calibrate, proven
 from surefoot.lab.estimation.contacts import schmitt
 from surefoot.lab.estimation.faults import from_the_middle, turned, with_wrong_start
 from surefoot.lab.estimation.log import Log
@@ -74,7 +75,9 @@ def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
         for factor in FACTORS:
             yield Change(f"{key} x {factor:g}", log, {key: value * factor})
     for scale in SCALES:
-        yield Change(f"legs x {scale:g}", replace(log, foot_position=log.foot_position * scale), {})
+        wrong = replace(log, foot_position=log.foot_position * scale)
+        yield Change(f"legs x {scale:g}", wrong, {})
+        yield Change(f"legs x {scale:g}, calibrated", proven(calibrate(wrong)).apply(), {})
     if row is not None and row.levels is not None and log.force is not None:
         for factor in LEVELS:
             on, off = (factor * level for level in row.levels)

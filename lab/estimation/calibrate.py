@@ -15,7 +15,7 @@ from surefoot.geometry.linear_kernels import times_transposed
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 
-from .legs import RESIZING, SHOWN, LegModel, Unknown, unknowns_of
+from .legs import RESIZING, SHOWN, LegModel, Unknown, lengths_alike, unknowns_of
 from .log import Log
 from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_windows, stances, with_inflation
 
@@ -24,6 +24,8 @@ Ints = NDArray[np.int64]
 
 NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""
+WIDER = {"mounting": 3.0, "lever": 3.0}
+"""Factor of the interval of kinds that feet pull aside which rock, roll or creep alike at each step."""
 NARROW = 0.4
 """Largest half interval of an observable parameter, in half ranges of its prior."""
 ROUNDS = 5
@@ -73,13 +75,17 @@ class LegCalibration:
 
     def found(self) -> list[CalibratedValue]:
         """Return the parameters in units that people read, those of the sensors' biases left out."""
-        out: list[CalibratedValue] = []
+        return [one for _, one in self.pairs()]
+
+    def pairs(self) -> list[tuple[Unknown, CalibratedValue]]:
+        """Return `found` with the unknown of each."""
+        out: list[tuple[Unknown, CalibratedValue]] = []
         for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
             if u.kind in SHOWN:
                 factor, unit = SHOWN[u.kind]
-                half = NORMAL_95 * float(sd)
+                half = NORMAL_95 * WIDER.get(u.kind, 1.0) * float(sd)
                 seen = half < NARROW * u.range and abs(float(value)) <= u.range
-                out.append(CalibratedValue(u.name, unit, factor * float(value), factor * half, seen))
+                out.append((u, CalibratedValue(u.name, unit, factor * float(value), factor * half, seen)))
         return out
 
     def apply(self, log: Log | None = None) -> Log:
@@ -211,14 +217,29 @@ def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int 
     return LegCalibration(log, unknowns, theta, covariance, noise, len(problem.windows))
 
 
+def alike(found: LegCalibration) -> LegCalibration:
+    """Return the calibration with one length for all legs where the lengths of single ones do not speak against it."""
+    lengths = [one for u, one in found.pairs() if u.kind == "length"]
+    if len(lengths) < 2:
+        return found
+    together = calibrate(found.log, lengths_alike(found.unknowns))
+    common = together.found()[0]
+    same = all(abs(one.value - common.value) <= np.hypot(one.half, common.half) for one in lengths)
+    return together if same else found
+
+
 def proven(found: LegCalibration) -> LegCalibration:
-    """Return the calibration by what the log proves alone; the rest stays as the log or the robot file states it."""
+    """Return the calibration by what the log proves alone; the rest stays as the log or the robot file states it.
+
+    What the log proves least is left out first, half of it at a time: parameters that look alike hide each other.
+    """
+    found = alike(found)
     while True:
-        names = {one.name for one in found.found() if one.proven}
-        kept = [u for u in found.unknowns if u.kind not in SHOWN or u.name in names]
-        if len(kept) == len(found.unknowns):
+        unproven = {u.name: abs(one.value) / one.half for u, one in found.pairs() if not one.proven}
+        if not unproven:
             return found
-        found = calibrate(found.log, kept)
+        least = sorted(unproven, key=lambda name: unproven[name])[: -(-len(unproven) // 2)]
+        found = calibrate(found.log, [u for u in found.unknowns if u.name not in least])
 
 
 def offset_note(log: Log) -> tuple[str, ...]:

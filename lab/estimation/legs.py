@@ -33,6 +33,8 @@ SHOWN = {
 }  # fmt: skip
 """Factor and unit of each kind in reports; kinds without one are estimated beside them."""
 
+ALL = -1
+"""Index of an unknown that is added to all of its kind."""
 RESIZING = ("length", "zero")
 """Kinds of unknowns on which the size of the noise of feet depends."""
 
@@ -43,7 +45,7 @@ class Unknown:
 
     name: str
     kind: str  # see RANGES
-    index: int = 0  # foot, link, joint or axis
+    index: int = 0  # foot, link, joint or axis, or `ALL`
 
     @property
     def range(self) -> float:
@@ -63,7 +65,7 @@ class LegModel:
         out = np.zeros(count)
         for u, value in zip(self._unknowns, theta, strict=True):
             if u.kind == kind:
-                out[u.index] = value
+                out[slice(None) if u.index == ALL else u.index] += value
         return out
 
     def feet(self, theta: Array, rows: Ints) -> tuple[Array, Array]:
@@ -148,6 +150,11 @@ def unknowns_of(log: Log) -> list[Unknown]:
                        ("acc bias", "acc bias")):  # fmt: skip
         out += [Unknown(f"{name} {axis}", kind, i) for i, axis in enumerate("xyz")]
     return out
+
+
+def lengths_alike(unknowns: Sequence[Unknown]) -> list[Unknown]:
+    """Return unknowns with one length in the place of all: legs are built alike, and err alike."""
+    return [Unknown("length of all legs", "length", ALL), *(u for u in unknowns if u.kind != "length")]
 
 
 def _of_robot(robot: Robot) -> list[Unknown]:

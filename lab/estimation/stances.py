@@ -44,6 +44,8 @@ FACTORS = np.array([2.0, 2.0, 0.05])
 """Logarithms of the factors by which noise of foot, creep, accelerometer is likely to differ from the first guess."""
 INFLATION = (0.3, 1e4)
 """Least and largest variance of a stance over the usual one."""
+LEAST = 1e-5
+"""Least noise of each kind, in its unit: a log may state none."""
 NOISE_WINDOWS = 12
 """Windows from which the noise is found."""
 
@@ -271,9 +273,9 @@ def find_noise(windows: list[StanceWindow], residuals: list[Array], start: Stanc
             total += window.misfit(noise, y)
         return total
 
-    likely, first = np.log(np.array([1e-3, 1e-3, sensor])), np.log(np.array(start[:3]))
+    likely, first = np.log(np.array([1e-3, 1e-3, max(sensor, LEAST)])), np.log(np.maximum(start[:3], LEAST))
     found = minimize(cost, first, method="Nelder-Mead", options={"maxfev": 40, "xatol": 0.05, "fatol": 0.5})
-    return _noise(np.clip(found.x, np.log(1e-5), 0.0), start.turn)
+    return _noise(np.clip(found.x, np.log(LEAST), 0.0), start.turn)
 
 
 def _noise(logs: Array, turn: float) -> StanceNoise:

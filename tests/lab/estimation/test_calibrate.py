@@ -64,6 +64,13 @@ def test_one_leg_alone_may_be_wrong():
     assert seen["length of leg 1"][0] == pytest.approx(-4.76, abs=seen["length of leg 1"][1])
 
 
+def test_legs_that_err_alike_are_corrected_by_one_length_and_others_by_their_own():
+    log = noisy()
+    assert [one.name for one in proven(calibrate(longer(log, 1.05))).found()] == ["length of all legs"]
+    one = replace(log, foot_position=log.foot_position * np.array([1.0, 1.08])[:, None], joints=None)
+    assert [one.name for one in proven(calibrate(one)).found()] == ["length of leg 1"]
+
+
 @pytest.mark.parametrize("ms", [-20, 20])
 def test_a_time_offset_is_found_to_3_ms_and_noted(ms):
     log = noisy()
