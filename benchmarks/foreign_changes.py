@@ -87,6 +87,7 @@ def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
         inside = np.flatnonzero((stamp >= log.stamp_ns[0]) & (stamp <= log.stamp_ns[-1])).astype(np.int64)
         moved = replace(log, foot_ns=stamp, order=None).with_feet(inside)
         yield Change(f"feet {1e-6 * shift:+.0f} ms", moved, {})
+        yield Change(f"feet {1e-6 * shift:+.0f} ms, calibrated", proven(calibrate(moved)).apply(), {})
 
 
 @dataclass(frozen=True)
