@@ -17,7 +17,7 @@ from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, S, X
 from .level import stand_on_levels
-from .monitor import believed, watch_sensors
+from .monitor import believed, judge_noise, watch_sensors
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
 from .pose import grow_pose
@@ -163,7 +163,8 @@ def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int6
 def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSetting) -> None:
     """Correct with a row of the samples of the feet at the time of the state, in place."""
     geometry, noise = setting.geometry, setting.noise
-    watch_sensors(state, samples, row, geometry.foot, noise, settled(state))
+    watch_sensors(state, samples, row, geometry.foot, settled(state))
+    judge_noise(state, noise.point)
     position, rot = samples.feet[row].copy(), samples.foot_rots[row].copy()
     for f in range(position.shape[0]):
         source = int(state.sensors[f, S.source])

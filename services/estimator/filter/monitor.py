@@ -34,7 +34,7 @@ from surefoot.kernels.jit import kernel
 from .delay import learn_delay, lift_delay
 from .hypotheses import likeliest, mode
 from .layout import L, M, P, S, X
-from .noise import FIXED, BestNoise
+from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, rotation, turn_matrix
 
@@ -163,7 +163,7 @@ def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
 
 
 @kernel
-def _judge_noise(state: BestState, stated: float) -> None:
+def judge_noise(state: BestState, stated: float) -> None:
     """Bound the stated noise of a contact point, m, by that which the feet show, in place."""
     memory = state.memory
     if memory[M.legs + 1] < FIXED.least_legs_s:
@@ -256,9 +256,7 @@ def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float)
 
 
 @kernel
-def watch_sensors(
-    state: BestState, samples: SampleStore, row: int, foot: Feet, noise: BestNoise, settled: bool
-) -> None:
+def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, settled: bool) -> None:
     """Learn from a row of the feet which sensors of the legs are wrong, in place.
 
     Args:
@@ -266,7 +264,6 @@ def watch_sensors(
         samples: filled rows.
         row: of the feet.
         foot: of each contact point, (K,).
-        noise: the noises.
         settled: the attitude is known, so that switches can be checked.
     """
     sensors, count, memory = state.sensors, samples.feet.shape[1], state.memory
@@ -302,7 +299,6 @@ def watch_sensors(
         memory[M.watched] = 0.0
         if settled:
             _compare(state, likely, samples, row, before, contact)
-            _judge_noise(state, noise.point)
 
 
 @kernel

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from surefoot.lab.estimation.planted import PLANTED, first_altered, named
+from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import Track, track
 from surefoot.services.estimator.filter.layout import M, S, X
-from surefoot.services.estimator.filter.monitor import believed, watch_sensors
+from surefoot.services.estimator.filter.monitor import believed, judge_noise, watch_sensors
 from surefoot.services.estimator.filter.samples import SampleStore
 from surefoot.services.estimator.filter.state import new_state
 from tests.lab.estimation.walks import noisy
@@ -185,3 +186,33 @@ def test_open_switches_are_not_believed_while_the_robot_shows_its_weight(
         np.testing.assert_array_equal(found, contact[-1])
     else:
         assert np.isnan(found).all()
+
+
+@pytest.mark.parametrize("noise_m", [3e-4, 1.5e-3])
+def test_standing_feet_show_the_noise_of_their_places(noise_m: float) -> None:
+    """Of a robot that stands under a still inertial unit; three landings do not change it."""
+    rng, rows, step = np.random.default_rng(3), 80, 30_000_000
+    feet = np.tile([[0.0, 0.1, -0.5], [0.0, -0.1, -0.5]], (rows, 1, 1)) + rng.normal(0.0, noise_m, (rows, 2, 3))
+    feet[[20, 40, 60], 1, 0] += 0.03
+    stamps = step * np.arange(1, rows + 1)
+    imu = np.zeros((3 * rows, 6))
+    imu[:, 5] = 9.81
+    samples = SampleStore(
+        step // 3 * np.arange(1, 3 * rows + 1), imu, stamps, feet, np.tile(np.eye(3), (rows, 2, 1, 1)),
+        np.ones((rows, 2)), np.zeros((rows, 2), dtype=np.int64),
+    )  # fmt: skip
+    state = new_state(2)
+    for row in range(rows):
+        watch_sensors(state, samples, row, np.arange(2), settled=True)
+    assert np.exp(state.memory[M.legs] / state.memory[M.legs + 1]) == pytest.approx(noise_m, rel=0.3)
+    for stated in (3e-4, 4.0 * noise_m, 20.0 * noise_m):
+        judge_noise(state, stated)
+        assert stated * state.memory[M.shown + 2] <= max(4e-4, 2.0 * noise_m)
+        assert stated * state.memory[M.shown + 2] >= min(stated, noise_m)
+
+
+@pytest.mark.parametrize("factor", [0.2, 5.0])
+def test_a_wrong_statement_on_the_legs_costs_little(factor: float) -> None:
+    log = noisy()
+    right = score(log, track("best", log)).smooth
+    assert score(log, track("best", log, sigma_point=3e-4 * factor)).smooth <= 1.2 * right
