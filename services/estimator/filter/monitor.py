@@ -175,6 +175,30 @@ def judge_noise(state: BestState, stated: float) -> None:
 
 
 @kernel
+def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float) -> None:
+    """Learn which switches contradict the motion of their feet beside that of the others, in place.
+
+    Args:
+        sensors: numbers of each foot, see `SensorLayout`.
+        size: logarithm of what each foot shows beside the inertial unit, (L,); NaN: not known.
+        contact: probability that each foot touches the ground, (L,).
+        dt: time since it was looked at last, s.
+    """
+    sound, total = 0, 0.0
+    for f in range(size.size):
+        if not math.isnan(size[f]):
+            sound, total = sound + 1, total + size[f]
+    for f in range(size.size):
+        more = 0.0
+        if sound > 1 and not (math.isnan(contact[f]) or math.isnan(size[f])):
+            more = size[f] - (total - size[f]) / (sound - 1)
+            more = min(more if contact[f] >= 0.5 else -more, FIXED.most_more)
+        sensors[f, S.against] += min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
+        if sensors[f, S.against] > FIXED.most_against:
+            sensors[f, S.switch] = 1.0
+
+
+@kernel
 def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
     """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place."""
     x, sensors, stamps = likely.x, state.sensors, samples.imu_stamps
@@ -197,7 +221,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     push[2] -= GRAVITY
     gained, share = push * dt, math.exp(-dt / FIXED.delay_s)
     steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.delay_period
-    size, sound, total, seen, fade = np.zeros(count), 0, 0.0, np.empty(3), math.exp(-dt / FIXED.strange_s)
+    size, seen, fade = np.zeros(count), np.empty(3), math.exp(-dt / FIXED.strange_s)
     state.memory[M.legs : M.legs + 2] *= math.exp(-dt / FIXED.legs_s)
     for f in range(count):
         source = int(sensors[f, S.source])
@@ -228,16 +252,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             lift_delay(sensors[f], share)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
-        else:
-            sound, total = sound + 1, total + size[f]
-    for f in range(count):
-        more = 0.0
-        if sound > 1 and not (math.isnan(contact[f]) or math.isnan(size[f])):
-            more = size[f] - (total - size[f]) / (sound - 1)
-            more = min(more if contact[f] >= 0.5 else -more, FIXED.most_more)
-        sensors[f, S.against] += min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
-        if sensors[f, S.against] > FIXED.most_against:
-            sensors[f, S.switch] = 1.0
+    _judge_switches(sensors, size, contact, dt)
 
 
 @kernel
