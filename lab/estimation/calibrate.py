@@ -218,7 +218,7 @@ def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int 
 
 
 def alike(found: LegCalibration) -> LegCalibration:
-    """Return the calibration with one length for all legs where the lengths of single ones do not speak against it."""
+    """Return the calibration with one length for all legs where those of single ones agree with it."""
     lengths = [one for u, one in found.pairs() if u.kind == "length"]
     if len(lengths) < 2:
         return found
