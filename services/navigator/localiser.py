@@ -86,6 +86,8 @@ class Localiser:
         self.camera_turn = (0.0, 0.0, 0.0)
         """Pitch, roll and turn aside of the camera from where it is stated to be, rad, as found; frames are turned back
         by it."""
+        self._world: FloorLandmarks | None = None
+        """Landmarks that the last frame was compared with."""
         self.control: Control = config.control
         self._odometry = model.odometry
         self.odom: Pose | None = None
@@ -181,8 +183,11 @@ class Localiser:
         try:
             self._check_time(time, now)
             self._take_odometry(time)
-            seen = turned_back(detections(frame), self.camera_turn, self.tracker.shared.height)
             cov, world = self.tracker.cov.copy(), self.tracker.world
+            if world is not self._world:  # what was found by another map holds no more
+                self._world, self.camera_turn = world, (0.0, 0.0, 0.0)
+                self.strain.begin()
+            seen = turned_back(detections(frame), self.camera_turn, self.tracker.shared.height)
             if world is not None and self._lost_state.probability < self.lost_model.threshold:
                 noise = self.tracker.standing if standing else self.tracker.noise
                 self.strain.look(seen, world, self.tracker.pose, cov, noise, time)

@@ -11,6 +11,7 @@ from surefoot.schemas.navigation import MAX_WAYPOINTS, GotoRequest, SetPoseReque
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from surefoot.schemas.topics import TERRAIN_LANDMARKS
 from surefoot.services.navigator.belief.matching import DetectionError
+from surefoot.services.navigator.belief.strain import STRAINED
 from surefoot.services.navigator.goals import GaitView
 from tests.services.navigator.journeys import Journey, ready
 from tests.services.refusals import refused
@@ -150,6 +151,33 @@ def test_a_landmark_map_that_cannot_be_is_refused_and_the_goal_reached_by_odomet
     journey.reach(0.5, 0.0)
     assert sum("terrain/landmarks refused" in line for line in journey.stage.logged) == 1
     assert journey.service.localiser.tracker.world is None
+
+
+def stretched(journey: Journey, by: float, version: int) -> None:
+    """Publish the landmarks of the floor anew, `by` times as far along x."""
+    rows = np.hstack((journey.places * (by, 1.0), journey.looks)).astype("<f4").tobytes()
+    good = journey.maps[TERRAIN_LANDMARKS.key]
+    journey.maps[TERRAIN_LANDMARKS.key] = good.model_copy(update={"data": rows, "version": version})
+
+
+def test_a_robot_lost_by_a_stretched_map_is_found_by_the_right_one() -> None:
+    journey = Journey()
+    localiser = journey.service.localiser
+    stretched(journey, 1.15, 2)
+    journey.step(20)
+    journey.goto(1.0, 0.0)
+    journey.step(500)
+    assert localiser.lost.lost
+    assert localiser.strain.probabilities[STRAINED] > 0.9
+    localiser.camera_turn = (0.1, 0.0, 0.0)  # as found by a map that was wrong
+    stretched(journey, 1.0, 3)
+    localiser.place((journey.walker.x, journey.walker.y, journey.walker.yaw))
+    for _ in range(30):
+        journey.step(10)
+        assert not localiser.lost.lost
+    assert localiser.strain.probabilities[STRAINED] < 0.1
+    assert localiser.camera_turn == (0.0, 0.0, 0.0)
+    assert error_of(journey)[0] < 0.05
 
 
 @pytest.mark.parametrize(
