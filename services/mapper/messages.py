@@ -1,5 +1,6 @@
 """Between the messages on the bus and the map."""
 
+import math
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
 
@@ -53,6 +54,15 @@ def depth_view(image: DepthImage) -> DepthView:
         image.stamp_ns, depths, image.focal, image.center, image.sigma, image.sigma_square, image.frame,
         np.array(image.position), np.array(image.quat_wxyz),
     )  # fmt: skip
+
+
+def depth_words(turned: float, scale: float) -> str:
+    """Return what is logged of a camera that is turned by an angle, rad, with depths `scale` times the true ones."""
+    angle, off = round(math.degrees(turned), 1), round(100.0 * (scale - 1.0))
+    parts = [f"turned by {angle:.1f} deg"] * (angle != 0.0) + [f"depths {off:+d} % off"] * (off != 0)
+    if not parts:
+        return "the depth camera is as stated again"
+    return f"the depth camera is not as stated: {', '.join(parts)}; its images are corrected"
 
 
 def elevation_message(mapper: Mapper, refused: Mapping[str, int]) -> ElevationMap:

@@ -1,7 +1,5 @@
 """The mapper service: images of a depth camera and odometry in, a height map about the robot with variances out."""
 
-import math
-
 import numpy as np
 
 from surefoot.errors import Refusal
@@ -17,7 +15,7 @@ from surefoot.schemas.topics import HW_CONTACTS, HW_DEPTH, HW_JOINTS, STATE_ELEV
 from .config import MapperConfig
 from .legs import TrunkOverFeet
 from .mapper import LEAST_FEET, NOWHERE, Mapper, MapPose
-from .messages import depth_view, elevation_message, map_pose, standing_points
+from .messages import depth_view, depth_words, elevation_message, map_pose, standing_points
 from .rehearsal import rehearse
 
 
@@ -99,9 +97,7 @@ class MapperService(Service[MapperConfig]):
                 self._logged.add(refusal.code)
                 self.log("warning", f"hw/depth refused ({refusal.code}): {refusal.message}")
         if self.mapper.error is not error:
-            angle, scale = math.degrees(self.mapper.turned), 100.0 * (self.mapper.error.scale - 1.0)
-            self.log("warning", f"the depth camera is turned by {angle:.1f} deg, its depths are {scale:+.0f} % off; "
-                     "its images are corrected")  # fmt: skip
+            self.log("warning", depth_words(self.mapper.turned, self.mapper.error.scale))
 
 
 SERVICE = MapperService

@@ -17,6 +17,7 @@ from surefoot.schemas.terrain import ElevationMap
 from surefoot.schemas.topics import HW_CONTACTS, HW_DEPTH, HW_JOINTS, STATE_ELEVATION, STATE_ODOMETRY
 from surefoot.services.mapper.config import MapperConfig
 from surefoot.services.mapper.mapper import LAID, MOST_DOUBTFUL, Mapper
+from surefoot.services.mapper.messages import depth_words
 from surefoot.services.mapper.service import MapperService
 from tests.services.mapper.scenes import FOCAL, HEIGHT, LOOK, PLACE, TICK_NS, WIDTH, Slope, picture, pose
 
@@ -163,6 +164,19 @@ def test_depths_of_a_wrong_scale_are_corrected_where_the_feet_carry_the_map(scal
     assert mapper.error.scale == pytest.approx(1.0, abs=0.01)
     heights, _ = mapper.heights()
     assert np.nanmedian(np.abs(heights)) < 0.002
+
+
+@pytest.mark.parametrize(
+    ("degrees", "scale", "words"),
+    [
+        (4.0, 1.0, "not as stated: turned by 4.0 deg; its images"),
+        (0.01, 1.15, "not as stated: depths +15 % off; its images"),
+        (4.0, 0.9, "not as stated: turned by 4.0 deg, depths -10 % off; its images"),
+        (0.04, 0.998, "as stated again"),
+    ],
+)
+def test_of_a_camera_only_the_faults_that_were_found_are_logged(degrees, scale, words):
+    assert words in depth_words(math.radians(degrees), scale)
 
 
 def test_where_the_feet_contradict_the_map_as_the_image_does_the_map_begins_anew():
