@@ -150,7 +150,8 @@ def turned(seed: int, pitch: float, roll: float, aside: float, world: World) -> 
     robot.step(0.3)
     robot.goto(5.0, 0.0)
     found = robot.until(lambda: localiser.camera_turn != (0.0, 0.0, 0.0), 30.0)
-    robot.step(30.0 - (found or 0.0))
+    if found is not None:
+        robot.step(30.0 - found)
     left = [math.degrees(a - b) for a, b in zip(planted, localiser.camera_turn, strict=True)]
     return {"noticed": found, "left": left, "lost": robot.lost, "far": robot.error()[0]}
 
