@@ -246,7 +246,8 @@ class Localiser:
         strained = self.strain.probabilities[STRAINED]
         probability = 1.0 - (1.0 - self._lost_state.probability) * (1.0 - strained)
         if probability >= self.lost_model.threshold or self.lost.lost:
-            reason = self._lost_state.reason(self.lost_model) or self.strain.reason or self.lost.reason
+            likelier = self.strain.words if strained > self._lost_state.probability else self._lost_state.words
+            reason = self._lost_state.reason(self.lost_model) or self.strain.reason or self.lost.reason or likelier
             self.lost = LostView(lost=True, probability=max(probability, self.lost_model.threshold), reason=reason)
             if standing and len(seen) and strained < 0.5:  # else no pose fits the map
                 self._remember(seen, world, time)

@@ -170,8 +170,11 @@ class LostState:
 
     def reason(self, model: LostModel) -> str:
         """Return the reason why the pose is uncertain, in words; empty if it is not."""
-        if self.probability < model.threshold:
-            return ""
+        return self.words if self.probability >= model.threshold else ""
+
+    @property
+    def words(self) -> str:
+        """Likeliest of the hypotheses that the belief is wrong, in words, however likely it is."""
         here, elsewhere, strange = (round(value) for value in self.recent)
         total = here + elsewhere + strange
         texts = {

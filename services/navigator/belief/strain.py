@@ -309,8 +309,11 @@ class MapStrain:
     @property
     def reason(self) -> str:
         """Strain in words, if it is believed; else empty."""
-        if self.probabilities[STRAINED] < self.model.sure:
-            return ""
+        return self.words if self.probabilities[STRAINED] >= self.model.sure else ""
+
+    @property
+    def words(self) -> str:
+        """Strain in words, however likely it is."""
         xx, yy, xy = self.strain
         middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
         along = math.degrees(0.5 * math.atan2(2.0 * xy, xx - yy)) + (0.0 if middle >= 0.0 else 90.0)

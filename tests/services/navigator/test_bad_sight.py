@@ -10,6 +10,7 @@ from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import MAX_WAYPOINTS, GotoRequest, SetPoseRequest, WaypointsRequest
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from surefoot.schemas.topics import TERRAIN_LANDMARKS
+from surefoot.services.navigator.belief.lost import LostState
 from surefoot.services.navigator.belief.matching import DetectionError
 from surefoot.services.navigator.belief.strain import STRAINED
 from surefoot.services.navigator.goals import GaitView
@@ -178,6 +179,20 @@ def test_a_robot_lost_by_a_stretched_map_is_found_by_the_right_one() -> None:
     assert localiser.strain.probabilities[STRAINED] < 0.1
     assert localiser.camera_turn == (0.0, 0.0, 0.0)
     assert error_of(journey)[0] < 0.05
+
+
+@pytest.mark.parametrize(("elsewhere", "strained", "words"), [(0.72, 0.68, "elsewhere"), (0.68, 0.72, "strained")])
+def test_two_doubts_that_make_a_robot_lost_together_name_the_larger(
+    journey: Journey, elsewhere: float, strained: float, words: str
+) -> None:
+    localiser, weights = journey.service.localiser, np.full(4, (1.0 - strained) / 3.0)
+    weights[STRAINED] = strained
+    localiser._lost_state = LostState(right=1.0 - elsewhere, displaced=elsewhere)
+    localiser.strain._logs = np.log(weights) - localiser.strain._prior
+    localiser.look(LandmarkDetections(landmarks=(), stamp_ns=S // 5), GaitView("standing"), 0.2)
+    assert localiser.lost.lost
+    assert max(localiser._lost_state.probability, localiser.strain.probabilities[STRAINED]) < 0.9
+    assert words in localiser.lost.reason
 
 
 @pytest.mark.parametrize(
