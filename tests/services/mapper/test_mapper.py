@@ -96,17 +96,24 @@ def pitched(view, degrees):
     return view._replace(quat_wxyz=quat_from_matrix(turn @ LOOK))
 
 
+FAULTS = (
+    (lambda view, before: view._replace(depths=before.depths), "frozen"),
+    (lambda view, before: view._replace(depths=np.full_like(view.depths, np.nan)), "blind"),
+    (lambda view, before: view._replace(depths=np.zeros_like(view.depths)), "depths"),
+    (lambda view, before: view._replace(depths=view.depths * WAVY), "shifted"),
+    (lambda view, before: view._replace(depths=view.depths[:, ::-1] + 0.05), "shifted"),
+)
+DEEPER = (
+    (lambda view, before: view._replace(depths=view.depths * 1.1), "shifted"),
+    (lambda view, before: view._replace(depths=view.depths + 0.03), "shifted"),
+)
+"""Faults that a scale may explain where feet carry the map; without feet the ground itself may lie lower."""
+
+
 @pytest.mark.parametrize(
-    ("fault", "code"),
-    [
-        (lambda view, before: view._replace(depths=before.depths), "frozen"),
-        (lambda view, before: view._replace(depths=np.full_like(view.depths, np.nan)), "blind"),
-        (lambda view, before: view._replace(depths=np.zeros_like(view.depths)), "depths"),
-        (lambda view, before: view._replace(depths=view.depths * WAVY), "shifted"),
-        (lambda view, before: view._replace(depths=view.depths[:, ::-1] + 0.05), "shifted"),
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("feet", [FEET, FEET[:0]])
+    ("fault", "code", "feet"),
+    [(*each, FEET) for each in FAULTS] + [(*each, FEET[:0]) for each in FAULTS + DEEPER],
+)
 def test_a_camera_that_fails_on_the_way_is_refused_and_the_map_stays(fault, code, feet):
     mapper, view = walked()
     assert mapper.look(view, view.stamp_ns, feet) > 500
