@@ -6,6 +6,7 @@ before ``/`` are arguments by position, the others ``--options``; "Args:" of the
 
 import argparse
 import inspect
+import math
 import re
 import resource
 import time
@@ -143,8 +144,20 @@ def _add(parser: argparse.ArgumentParser, name: str, annotation: Any, default: A
 
 
 def _kind(annotation: Any) -> Any:
-    """Return the type of an option: that of an optional one without None."""
-    return get_args(annotation)[0] if get_origin(annotation) in (Union, types.UnionType) else annotation
+    """Return the type of an option: that of an optional one without None; numbers are finite."""
+    kind = get_args(annotation)[0] if get_origin(annotation) in (Union, types.UnionType) else annotation
+    return finite_number if kind is float else kind
+
+
+def finite_number(text: str) -> float:
+    """Return the number of an option; what is none, NaN or infinite raises what the parser reports."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a finite number")
+    return value
 
 
 def words_of(text: str) -> tuple[str, ...]:

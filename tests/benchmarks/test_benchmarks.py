@@ -127,3 +127,19 @@ def test_tables_and_goals(capsys: pytest.CaptureFixture[str]) -> None:
         "walks", "  ground     mm", "  rough   1.235", "  flat",
         f"{'ratio':52}          0.5    goal <= 0.4: MISSED", f"{'speed':52}            2 m/s   goal >= 1: met",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-1e999", "eight"])
+def test_options_take_finite_numbers_only(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parser_of("one", _with_degrees)[0].parse_args([f"--degrees={text}"])
+    assert f"got '{text}', expected a finite number" in capsys.readouterr().err
+    assert parser_of("one", _with_degrees)[0].parse_args(["--degrees=2"]).degrees == 2.0
+
+
+def _with_degrees(*, degrees: float = 8.0) -> None:
+    """Do nothing.
+
+    Args:
+        degrees: an angle.
+    """
