@@ -33,8 +33,6 @@ SHOWN = {
 }  # fmt: skip
 """Factor and unit of each kind in reports; kinds without one are estimated beside them."""
 
-ALL = -1
-"""Index of an unknown that is added to all of its kind."""
 RESIZING = ("length", "zero")
 """Kinds of unknowns on which the size of the noise of feet depends."""
 
@@ -45,7 +43,8 @@ class Unknown:
 
     name: str
     kind: str  # see RANGES
-    index: int = 0  # foot, link, joint or axis, or `ALL`
+    index: int = 0  # foot, link, joint or axis
+    others: tuple[int, ...] = ()  # indices beside `index` to which the same value is added
 
     @property
     def range(self) -> float:
@@ -65,7 +64,7 @@ class LegModel:
         out = np.zeros(count)
         for u, value in zip(self._unknowns, theta, strict=True):
             if u.kind == kind:
-                out[slice(None) if u.index == ALL else u.index] += value
+                out[[u.index, *u.others]] += value
         return out
 
     def feet(self, theta: Array, rows: Ints) -> tuple[Array, Array]:
@@ -153,8 +152,11 @@ def unknowns_of(log: Log) -> list[Unknown]:
 
 
 def lengths_alike(unknowns: Sequence[Unknown]) -> list[Unknown]:
-    """Return unknowns with one length in the place of all: legs are built alike, and err alike."""
-    return [Unknown("length of all legs", "length", ALL), *(u for u in unknowns if u.kind != "length")]
+    """Return unknowns with one length in the place of their lengths: legs are built alike, and err alike."""
+    first, *others = (u.index for u in unknowns if u.kind == "length")
+    return [
+        Unknown("length of all legs", "length", first, tuple(others)), *(u for u in unknowns if u.kind != "length")
+    ]  # fmt: skip
 
 
 def _of_robot(robot: Robot) -> list[Unknown]:

@@ -80,7 +80,7 @@ def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
     log = replace(log, stamp_ns=1 + log.stamp_ns, foot_ns=1 + log.foot_ns)  # filters of the paper skip feet at 0 ns
     return replace(
         log.with_feet(np.arange(0, len(log.foot_ns), every)), sensors=SENSORS, rest=(0, 30),
-        truth=replace(log.known(), v_world=slopes(log.position, window, period), window_s=window * period),
+        truth=replace(log.known(), v_world=slopes(log.position, window, period), window_s=(window - 1) * period),
         points=np.repeat(SOLE[None], log.feet_count, axis=0), begin_s=begin_s,
     )  # fmt: skip
 
@@ -96,7 +96,7 @@ def _stamps(t: Array) -> NDArray[np.int64]:
 def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
     """Return the exact motion of simulators that give no velocity: by the positions over `EXACT_ROWS`."""
     period = float(t[1] - t[0])
-    return TrueMotion(position, rot, slopes(position, EXACT_ROWS, period), EXACT_ROWS * period)
+    return TrueMotion(position, rot, slopes(position, EXACT_ROWS, period), (EXACT_ROWS - 1) * period)
 
 
 def _command(row: ForeignLog, path: Path) -> Log:

@@ -28,7 +28,7 @@ def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
 
     Args:
         columns: of the log; without `true_velocity` it is that of the positions, see `velocity_of`.
-        notes: gets the window behind that velocity.
+        notes: gets the window behind that velocity, and how much of the truth is not scored.
 
     Raises:
         SurefootError: numbers of the truth are not finite.
@@ -99,7 +99,8 @@ def over_window(v: Array, seconds: Array, window_s: float) -> Array:
     period = float(np.median(np.diff(seconds)))
     if not 5 <= rows_of(window_s, period) <= len(v):
         return v
-    way = np.cumsum(0.5 * period * (v + np.vstack([v[:1], v[:-1]])), axis=0)
+    steps = np.diff(seconds, prepend=seconds[0])[:, None]
+    way = np.cumsum(0.5 * steps * (v + np.vstack([v[:1], v[:-1]])), axis=0)
     return slopes(way, rows_of(window_s, period), period)
 
 

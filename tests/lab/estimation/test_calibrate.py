@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.lab.estimation.calibrate import LegCalibration, calibrate, offset_note, proven
-from surefoot.lab.estimation.legs import LegModel
+from surefoot.lab.estimation.legs import LegModel, lengths_alike, unknowns_of
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.stances import StanceNoise, stance_windows
@@ -165,6 +165,15 @@ def test_links_of_a_robot_are_asked_for_by_name():
     assert "length to left_leg_ankle_pitch" in names
     assert "zero of right_leg_knee_pitch" in names
     assert len(names) == len(set(names))
+
+
+def test_one_length_for_all_legs_is_every_single_one():
+    log = nao()
+    single = [u for u in unknowns_of(log) if u.kind == "length"]
+    rows = np.arange(0, len(log.foot_ns), 50)
+    alike, _ = LegModel(log, lengths_alike(single)).feet(np.array([0.05]), rows)
+    each, _ = LegModel(log, single).feet(np.full(len(single), 0.05), rows)
+    np.testing.assert_allclose(alike, each, atol=1e-12)
 
 
 def test_the_likelihood_is_that_of_the_whitened_residuals():

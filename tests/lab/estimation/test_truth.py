@@ -100,3 +100,12 @@ def test_rows_that_are_not_known_are_not_scored():
     found = track("best", log)
     judged = score(replace(log, truth=TrueMotion(log.position, log.rot, spoilt, 0.0, held)), found)
     assert judged.rmse < 1.05 * score(log, found).rmse
+
+
+def test_a_gap_in_the_stamps_is_no_error_of_an_exact_velocity():
+    t = np.arange(400) * 0.01
+    t[200:] += 0.2
+    v = np.tile([0.5, 0.0, 0.0], (400, 1))
+    captured = slopes(v * t[:, None], 41, 0.01)
+    assert np.abs(captured - v).max() > 0.5  # the fit takes equal steps
+    np.testing.assert_allclose(over_window(v, t, 0.4), captured, atol=1e-9)
