@@ -164,7 +164,7 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
     """Correct with a row of the samples of the feet at the time of the state, in place."""
     geometry, noise = setting.geometry, setting.noise
     watch_sensors(state, samples, row, geometry.foot, settled(state))
-    judge_noise(state, noise.point)
+    judge_noise(state, noise.stated_point)
     position, rot = samples.feet[row].copy(), samples.foot_rots[row].copy()
     for f in range(position.shape[0]):
         source = int(state.sensors[f, S.source])

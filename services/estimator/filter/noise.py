@@ -23,6 +23,8 @@ class BestNoise(NamedTuple):
     """Noise of one accelerometer sample, m/s^2."""
     point: float
     """Noise of a contact point by kinematics, m."""
+    stated_point: float
+    """The same as it is stated, m."""
     gyro_bias: float = 2e-4
     """Walk of the gyro bias about level axes, rad/s/sqrt(s)."""
     turn_bias: float = 2e-5
@@ -245,9 +247,9 @@ class FixedNumbers(NamedTuple):
     """Way of a foot between two samples that no encoder shows, m."""
     least_point: float = 2.5e-4
     """Noise of a contact point that legs and soles of no robot are below, m."""
-    sure_point: float = 4e-4
+    sure_point: float = 3e-4
     """Stated noise of a contact point up to which it is not doubted, m."""
-    more_point: float = 1.5
+    more_point: float = 1.2
     """Largest noise of a contact point over that which standing feet show from sample to sample."""
     weight_s: float = 0.05
     """Time over which the accelerometer's length is averaged, s: in flight it falls to nothing as soon."""
@@ -366,7 +368,7 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
     """
     root, point = math.sqrt(1e-9 * params.imu_period_ns), max(params.sigma_point, FIXED.least_point)
     noise = BestNoise(
-        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_q, point
+        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_q, point, point
     )
     if modes:
         noise = noise._replace(
