@@ -30,7 +30,8 @@ SLOW = {
     "studies planted", "lost looks", "lost put", "lost turns", "foothold_grounds families", "core ticks",
     "foothold_walks faults", "fuzz decisions", "foreign noise", "bus round-trips",
 }  # fmt: skip
-"""Smallest runs of more than 3 s; those that start processes are in no quick test."""
+"""Smallest runs of more than 3 s (`fuzz decisions` takes 20 s, `foreign noise` a minute of processor time), and those
+that start processes (`bus round-trips`): they are in no quick test."""
 
 
 def bench(name: str) -> Bench:
