@@ -5,6 +5,9 @@ numba makes a library of every function it compiles, optimises it, emits machine
 then links the library into every caller, where all of that is done again. Here a function is lowered once and kept as
 code to link; only what Python calls, an entry, becomes machine code, together with everything that it calls. Constant
 arguments of a call from another kernel do not make a specialisation of their own.
+
+An import of this module changes numba for the whole process: the code of every function that is compiled afterwards is
+a `Library`, and a slice that gets another shape is refused without the two shapes.
 """
 
 from copy import copy
@@ -12,7 +15,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 import numba.core.dispatcher  # noqa: F401 - registers what codegen needs
-from numba.core import types
+from numba.core import config, types
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.environment import Environment, lookup_environment
 from numba.core.registry import CPUDispatcher
@@ -30,7 +33,8 @@ class Library(JITCodeLibrary):
     """Code of one function. It is optimised and emitted when the address of its wrapper is asked for, else never."""
 
     vectors = True
-    """Loops may become vectors; to look for such loops in vain takes a third of the time of a large function."""
+    """Loops may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it; to look for such loops in vain takes
+    a third of the time of a large function."""
 
     def add_linking_library(self, library: Any) -> None:
         """Note a callee, which may be code to link only."""
@@ -48,7 +52,7 @@ class Library(JITCodeLibrary):
         """Run the passes on the whole: quick ones that inline, so that counts of references are pruned, then all."""
         for options in (
             {"opt": 0, "cost": "cheap", "loop_vectorize": False, "slp_vectorize": False},
-            {"loop_vectorize": self.vectors},
+            {"loop_vectorize": self.vectors and bool(config.LOOP_VECTORIZE)},
         ):
             passes, builder = self._codegen._module_pass_manager(**options)
             passes.run(self._final_module, builder)
@@ -169,7 +173,7 @@ class Kernel(CPUDispatcher):
     """A function that Python calls, and that other kernels call as `linked`."""
 
     vectors = True
-    """See `Library.vectors`."""
+    """Loops of the kernel may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it."""
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, **others: Any) -> None:
         super().__init__(py_func, locals, targetoptions, **others)

@@ -121,6 +121,13 @@ def test_loops_of_rows_alone_become_vectors_with_the_same_bits(tmp_path: Path) -
     assert refused == "cannot assign slice from input of different size"
 
 
+def test_no_loop_becomes_vectors_where_numba_is_set_so(tmp_path: Path) -> None:
+    (tmp_path / "limbs.py").write_text(LOOPS)
+    plain, rows, _ = run(tmp_path, LOOPED, NUMBA_LOOP_VECTORIZE="0").splitlines()
+    assert plain.endswith(" False")
+    assert rows.endswith(" False")
+
+
 def test_another_numba_compiles_in_its_own_way(limbs: Path) -> None:
     calls = "limbs.stacked(5.0).tolist(), limbs.again(5.0)[0].tolist(), len(limbs.scaled.signatures)"
     done = run(limbs, f"import limbs; print({calls})", SUREFOOT_KERNELS="plain")
