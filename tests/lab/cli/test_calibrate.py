@@ -19,12 +19,9 @@ def wrong(tmp_path_factory):
 
 def test_the_report_as_json_names_what_is_wrong(answer, wrong):
     report = json.loads(answer("estimate", wrong, "--calibrate", "--json"))
-    assert [one["name"] for one in report["corrections"]] == [
-        "length of leg 0",
-        "length of leg 1",
-        "time offset of the feet",
-    ]
-    assert report["corrections"][2]["value"] == pytest.approx(-20.0, abs=3.0)
+    assert [one["name"] for one in report["corrections"]] == ["length of all legs", "time offset of the feet"]
+    assert report["corrections"][0]["value"] == pytest.approx(-4.76, abs=report["corrections"][0]["half"])
+    assert report["corrections"][1]["value"] == pytest.approx(-20.0, abs=3.0)
     assert {"mounting about x", "lever along z"} <= {one["name"] for one in report["parameters"]}
 
 
