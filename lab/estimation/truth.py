@@ -96,8 +96,8 @@ def over_window(v: Array, seconds: Array, window_s: float) -> Array:
         seconds: times of the rows, (n,).
         window_s: of the truth; one that is shorter than five rows leaves the velocities as they are.
     """
-    period = float(np.median(np.diff(seconds)))
-    if not 5 <= rows_of(window_s, period) <= len(v):
+    period = float(np.median(np.diff(seconds))) if window_s > 0.0 and len(v) > 1 else 0.0
+    if period == 0.0 or not 5 <= rows_of(window_s, period) <= len(v):
         return v
     steps = np.diff(seconds, prepend=seconds[0])[:, None]
     way = np.cumsum(0.5 * steps * (v + np.vstack([v[:1], v[:-1]])), axis=0)
