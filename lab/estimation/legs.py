@@ -152,7 +152,7 @@ def unknowns_of(log: Log) -> list[Unknown]:
 
 
 def lengths_alike(unknowns: Sequence[Unknown]) -> list[Unknown]:
-    """Return unknowns with one length in the place of their lengths: legs are built alike, and err alike."""
+    """Return unknowns in which one length of all legs replaces the single lengths: legs are built and err alike."""
     first, *others = (u.index for u in unknowns if u.kind == "length")
     return [
         Unknown("length of all legs", "length", first, tuple(others)), *(u for u in unknowns if u.kind != "length")

@@ -31,7 +31,7 @@ class TrueMotion:
     rot: Array  # (n, 3, 3) rot_world_from_imu
     v_world: Array  # (n, 3) m/s, world axes
     window_s: float = 0.0  # v_world is the slope of a cubic fitted to positions over so long, 0 = exact; see `truth`
-    held: Flags | None = None  # (n,) rows at which a pose is repeated that is known to be old; None = none
+    held: Flags | None = None  # (n,) rows at which the truth is not known, see `held_rows`; None = none
 
     @cached_property
     def v(self) -> Array:

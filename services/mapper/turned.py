@@ -41,7 +41,7 @@ class CameraError(NamedTuple):
     turn: Array
     """Rotation that takes its rays to where they are, (3, 3) base_link."""
     scale: float
-    """Its depths over true ones."""
+    """Depths of the camera over true ones, no unit."""
 
 
 class _Residuals(NamedTuple):
@@ -54,7 +54,7 @@ class _Residuals(NamedTuple):
     off: Array
     """Height over the map, (n,) m."""
     weight: Array
-    """(n,)."""
+    """Share with which each point counts, (n,)."""
 
 
 def _residuals(height: Array, grid: Grid, arm: Array, camera: Array, level: bool) -> _Residuals:

@@ -104,7 +104,7 @@ class DelayLayout(NamedTuple):
     strange: int = 9
     """Velocity of the trunk by the foot beside that by the inertial unit, since it landed, (3,) m/s."""
     due: int = 12
-    """The same for each second by which stamps are early, (3,) m/s^2."""
+    """Change of `strange` that is due for each second by which stamps are early, (3,) m/s^2."""
     sums: int = 15
     """Integrals of `strange` `due`, `due`^2, `strange`^2 and 1 over the time that the foot stood, faded, (4,)."""
     stood: int = 19

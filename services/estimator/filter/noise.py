@@ -24,7 +24,7 @@ class BestNoise(NamedTuple):
     point: float
     """Noise of a contact point by kinematics, m."""
     stated_point: float
-    """The same as it is stated, m."""
+    """Noise of a contact point as it is stated, m, before hypotheses about sliding feet widen it."""
     gyro_bias: float = 2e-4
     """Walk of the gyro bias about level axes, rad/s/sqrt(s)."""
     turn_bias: float = 2e-5
@@ -242,7 +242,7 @@ class FixedNumbers(NamedTuple):
     legs_s: float = 2.0
     """Time of standing over which the noise of contact points is shown, s."""
     least_legs_s: float = 0.5
-    """Time of standing, of all feet together, from which it is, s."""
+    """Least time of standing, of all feet together, that shows the noise of contact points, s."""
     least_way: float = 1e-6
     """Way of a foot between two samples that no encoder shows, m."""
     least_point: float = 2.5e-4

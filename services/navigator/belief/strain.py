@@ -54,7 +54,7 @@ class StrainModel:
     small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
     """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are right."""
     large: tuple[float, float, float] = (0.10, math.radians(4.0), math.radians(5.0))
-    """The same where they are wrong."""
+    """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are wrong."""
     prior: float = 0.02
     """Probability of each wrong case before anything was seen."""
     wrong: float = 0.05
@@ -77,9 +77,9 @@ class Case(NamedTuple):
     """Filter of one case."""
 
     mean: Array
-    """(12,)."""
+    """Mean of u, (12,)."""
     cov: Array
-    """(12, 12)."""
+    """Covariance of u, (12, 12)."""
 
 
 class FrameLines(NamedTuple):
@@ -90,7 +90,7 @@ class FrameLines(NamedTuple):
     off: Array
     """d - z along the ray or across it, (n,) m."""
     variance: Array
-    """(n,) m^2."""
+    """Variance of their noise, (n,) m^2."""
 
 
 @row_kernel
@@ -220,7 +220,7 @@ class MapStrain:
         self._logs, self._at, self._placed = np.zeros(4), 0.0, False
 
     def place(self) -> None:
-        """Take the believed pose anew: it was stated or found again."""
+        """Begin at the next frame with the covariance of the believed pose: it was stated or found again."""
         self._placed = False
 
     def moved(self, way: tuple[float, float], along: float, heading: float) -> None:

@@ -130,20 +130,28 @@ def test_a_camera_that_fails_on_the_way_is_refused_and_the_map_stays(fault, code
     assert mapper.look(good, 16 * TICK_NS, feet) > 500  # back in order
 
 
-@pytest.mark.parametrize("degrees", [4.0, -5.0, 10.0])
-def test_images_of_a_camera_that_was_knocked_aside_are_turned_back(degrees):
+def walked_on(change, feet=FEET[:0]):
+    """A mapper after ten images that are changed and ten that are not, its error after the ten, and its refusals."""
     mapper, view = walked()
     mapper.look(view, view.stamp_ns, FEET)
-    rng, refused = np.random.default_rng(6), []
+    rng, refused, found = np.random.default_rng(6), [], None
     for k in range(11, 31):
         mapper.moved(pose(0.02 * k, tick=k))
-        bent = degrees if k <= 20 else 0.0  # and bent straight again
+        image = picture(Slope(), 0.02 * k, tick=k, sigma=0.002, rng=rng)
         try:
-            mapper.look(pitched(picture(Slope(), 0.02 * k, tick=k, sigma=0.002, rng=rng), bent), k * TICK_NS)
+            mapper.look(change(image) if k <= 20 else image, k * TICK_NS, feet)
         except Refusal as refusal:
             refused.append((k, refusal.code))
         if k == 20:
-            assert math.degrees(mapper.turned) == pytest.approx(abs(degrees), abs=0.3)
+            found = math.degrees(mapper.turned), mapper.error.scale
+    return mapper, found, refused
+
+
+@pytest.mark.parametrize("degrees", [4.0, -5.0, 10.0])
+def test_images_of_a_camera_that_was_knocked_aside_are_turned_back(degrees):
+    mapper, (turned, scale), refused = walked_on(lambda image: pitched(image, degrees))
+    assert turned == pytest.approx(abs(degrees), abs=0.3)
+    assert scale == 1.0
     assert refused == [(11, "shifted"), (21, "shifted")]
     assert math.degrees(mapper.turned) < 0.3
     heights, _ = mapper.heights()
@@ -153,20 +161,9 @@ def test_images_of_a_camera_that_was_knocked_aside_are_turned_back(degrees):
 
 @pytest.mark.parametrize("scale", [1.15, 0.9, 1.3])
 def test_depths_of_a_wrong_scale_are_corrected_where_the_feet_carry_the_map(scale):
-    mapper, view = walked()
-    mapper.look(view, view.stamp_ns, FEET)
-    rng, refused = np.random.default_rng(6), []
-    for k in range(11, 31):
-        mapper.moved(pose(0.02 * k, tick=k))
-        image = picture(Slope(), 0.02 * k, tick=k, sigma=0.002, rng=rng)
-        image = image._replace(depths=image.depths * (scale if k <= 20 else 1.0))
-        try:
-            mapper.look(image, k * TICK_NS, FEET)
-        except Refusal as refusal:
-            refused.append((k, refusal.code))
-        if k == 20:
-            assert mapper.error.scale == pytest.approx(scale, rel=0.01)
-            assert mapper.turned == 0.0
+    mapper, (turned, found), refused = walked_on(lambda image: image._replace(depths=image.depths * scale), FEET)
+    assert found == pytest.approx(scale, rel=0.01)
+    assert turned == 0.0
     assert refused == [(11, "shifted"), (21, "shifted")]
     assert mapper.error.scale == pytest.approx(1.0, abs=0.01)
     heights, _ = mapper.heights()

@@ -1,4 +1,4 @@
-"""Check of map and camera: stretched maps and turned cameras are told apart and measured, right ones stay right."""
+"""Check of map and camera: stretched maps and turned cameras are distinguished and measured, right ones stay right."""
 
 import math
 
