@@ -64,13 +64,13 @@ def other(name: str) -> Log:
 
 
 def test_gazebo_walk():
-    """As the study measured them on the walking part: 5.9 and 4.8 cm/s, 29 %; kinematics 6.5 and 1.9, 1 %."""
+    """Errors on the walking part, estimate and truth both over the window of the truth: kinematics lose no average."""
     log = other("icub3_gazebo_walk")
     ekf, kinematics = (score(log, track(name, log)) for name in ("ekf", "kinematics"))
     assert 100 * ekf.rmse == pytest.approx(5.9, abs=0.15)
     assert 100 * ekf.smooth == pytest.approx(4.8, abs=0.15)
     assert ekf.average == pytest.approx(-0.29, abs=0.03)  # a bias while walking that no standstill shows
-    assert 100 * kinematics.rmse == pytest.approx(6.5, abs=0.15)
+    assert 100 * kinematics.rmse == pytest.approx(5.4, abs=0.15)
     assert 100 * kinematics.smooth == pytest.approx(1.9, abs=0.15)
     assert score(log, track("imu", log)).rmse > 1.0
 
@@ -86,8 +86,9 @@ def test_gazebo_walk_by_a_tuned_invariant_filter():
 
 
 def test_real_sway():
+    """Over the window of the truth, 0.4 s, standing feet alone know more than the filter of the paper."""
     log = other("icub_real_com")
-    ekf = score(log, track("ekf", log))
-    assert 100 * ekf.rmse == pytest.approx(0.66, abs=0.05)
+    ekf, kinematics, both = (score(log, track(name, log)) for name in ("ekf", "kinematics", "kinematics_gyro"))
+    assert 100 * ekf.rmse == pytest.approx(0.58, abs=0.05)
     assert 100 * ekf.drift == pytest.approx(0.23, abs=0.03)
-    assert ekf.rmse < score(log, track("kinematics_gyro", log)).rmse
+    assert kinematics.rmse < both.rmse < ekf.rmse
