@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot, RobotError
-from surefoot.robot.kinematics import com, foot_jacobians, foot_positions, forward, gravity_torques
+from surefoot.robot.kinematics import com, foot_jacobians, forward, gravity_torques
+from surefoot.robot.leg_tree import feet_and_jacobians, leg_arrays
 from surefoot.robot.reader import load_robot
 
 from .anatomy import FileMark, pose
@@ -120,12 +121,13 @@ def ours(robot: Robot, q: Array, up: Array) -> ComparedRobot:
     """Return what surefoot computes of a robot at joint angles (nj,) with the specific force `up` (3,) m/s2."""
     model = robot.model
     rot, pos = forward(model, q)
+    feet, jacobians = feet_and_jacobians(leg_arrays(model), q)
     spheres = [pos[leg.foot.link] + leg.foot.points @ rot[leg.foot.link].T for leg in robot.legs]
     inertia = mass_matrix(robot, q)
     inertia[6:, 6:] += np.diag([joint.servo.armature for joint in robot.joints])
     return ComparedRobot(
-        np.array([robot.mass]), com(model, q), np.concatenate((foot_positions(model, q), *spheres)),
-        foot_jacobians(model, q), inertia, gravity_torques(model, q, up),
+        np.array([robot.mass]), com(model, q), np.concatenate((feet, *spheres)), jacobians, inertia,
+        gravity_torques(model, q, up),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.robot import kinematics as kin
+from surefoot.robot.leg_tree import feet_and_jacobians, leg_arrays
 from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.simulator.physics.joints import place_joints
 from surefoot.services.simulator.physics.model import build_model
@@ -85,6 +86,9 @@ def test_foot_jacobians_equal_mujoco(compiled, rng):
     jac = np.zeros((3, model.nv))
     for q in poses(compiled, rng, 100):
         ours = kin.foot_jacobians(robot.model, q)
+        feet, jacobians = feet_and_jacobians(leg_arrays(robot.model), q)
+        assert (feet == kin.foot_positions(robot.model, q)).all()
+        assert (jacobians == ours).all()
         for i, leg in enumerate(robot.legs):
             centre = foot_centre(data, addresses, leg)
             mujoco.mj_jac(model, data, jac, None, centre, addresses.foot_bodies[i])

@@ -1,0 +1,41 @@
+"""Feet and Jacobians of one posture by one call from Python: eight arrays in place of a model, one pass over the links.
+
+A call from Python spends most of its time on handing over a model's arrays one by one, and a named tuple costs twice
+as much as a plain one.
+"""
+
+from typing import NamedTuple
+
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import Array, Ints, KinematicModel
+from surefoot.robot.kinematics import foot_jacobians_of, foot_positions_of, forward
+
+LegArrays = tuple[Ints, Ints, Array, Array, Array, Ints, Array, Ints]
+"""Arrays of a `LegTree` in its order."""
+
+
+class LegTree(NamedTuple):
+    """Those arrays of a `KinematicModel`, by the same names, that place feet."""
+
+    parent: Ints
+    joint: Ints
+    origin_pos: Array
+    origin_rot: Array
+    axis: Array
+    foot_link: Ints
+    foot_point: Array
+    leg_joints: Ints
+
+
+def leg_arrays(model: KinematicModel) -> LegArrays:
+    """Return the arrays of a model that place feet, to be kept for many calls of `feet_and_jacobians`."""
+    return tuple(getattr(model, name) for name in LegTree._fields)  # type: ignore[return-value]
+
+
+@kernel
+def feet_and_jacobians(arrays: LegArrays, q: Array) -> tuple[Array, Array]:
+    """Foot centres in base_link, (L, 3) m, and d foot_i / d (joints of leg i), (L, 3, n) m/rad, at angles q (nj,)."""
+    parent, joint, origin_pos, origin_rot, axis, foot_link, foot_point, leg_joints = arrays
+    tree = LegTree(parent, joint, origin_pos, origin_rot, axis, foot_link, foot_point, leg_joints)
+    rot, pos = forward(tree, q)  # type: ignore[arg-type] - the fields that it reads
+    return foot_positions_of(tree, rot, pos), foot_jacobians_of(tree, rot, pos)  # type: ignore[arg-type]
