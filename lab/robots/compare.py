@@ -141,6 +141,8 @@ def _mujoco(robot: Robot, notes: ImportNotes, text: str) -> Any:
     angles_of = np.zeros((model.njnt, robot.nj))
     for j, i in enumerate(ids):
         pick[model.jnt_dofadr[i], 6 + j] = angles_of[i, j] = 1.0
+        if model.dof_armature[model.jnt_dofadr[i]] <= 0.0:  # the import has assumed a rotor
+            model.dof_armature[model.jnt_dofadr[i]] = robot.joints[j].servo.armature
     for theirs, name in notes.shared.items():
         i, j = model.joint(theirs).id, robot.joint_names.index(name)
         pick[model.jnt_dofadr[i], 6 + j] = angles_of[i, j] = 1.0

@@ -10,7 +10,7 @@ from surefoot.robot.reader import load_robot
 
 from .source import BALANCED, check_name, compiled, read_source
 from .stance import can_stand, gait_numbers
-from .write import Imported, imported, plain_name, stand_on, toml_text
+from .write import Imported, assume_rotors, imported, plain_name, stand_on, toml_text
 
 
 def import_robot(file: Path, out: Path) -> Imported:
@@ -38,6 +38,7 @@ def import_robot(file: Path, out: Path) -> Imported:
         header = f"Imported from {file.name}; what is assumed stands in import.json."
         _write(trial, made, header)
         stand_on(made, load_robot(trial))
+        assume_rotors(made)
         _write(trial, made, header)
         robot = load_robot(trial)
         if can_stand(robot):

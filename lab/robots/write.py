@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 STIFFNESS, DAMPING = 5.0, 0.1
 """Gains of a servo whose file has none, 1/rad and s/rad: times its torque."""
+SWING = 2.0 * math.pi * 10.0
+"""Angular frequency at which a servo swings against its own rotor, 1/s, where the file has no rotor: without one the
+links of a light leg tremble at the rate of the simulation, and standing feet creep by centimetres."""
 KINDS = {6: "hexapod", 4: "quadruped", 2: "biped"}
 HALF_TURN = math.pi  # rad, assumed limit of a joint without limits
 SMALLEST_BOX = 1e-6  # m, of a flat body's inertia box: its inertia changes by less than 1e-12 m2 times the mass
@@ -124,6 +127,15 @@ def stand_on(made: Imported, robot: Robot) -> None:
             )
             made.assumed.append(f"{text}; better: the motor's in [servos]")
             servo |= {"kp": STIFFNESS * most, "kv": DAMPING * most, "max_torque": most}
+
+
+def assume_rotors(made: Imported) -> None:
+    """Put a rotor's inertia into the tables of servos of which the file has none."""
+    for name, servo in made.tables["servos"].items():
+        if servo["armature"] <= 0.0:
+            servo["armature"] = float(f"{servo['kp'] / SWING**2:.3g}")
+            text = f"rotor of {name}: {servo['armature']:g} kg m2, with which it swings at 10 Hz"
+            made.assumed.append(f"{text}; better: armature in the file or in [servos]")
 
 
 def toml_text(tables: dict[str, Any], comment: str) -> str:

@@ -118,6 +118,16 @@ def test_a_torque_put_in_place_of_an_unknown_one_is_replaced(bring_in, tmp_path)
     assert any("in place of 9000" in text for text in made.assumed)
 
 
+def test_servos_without_a_rotor_get_one_with_which_they_swing_at_10_hz(bring_in, tmp_path):
+    made = bring_in(MJCF.replace('<joint name="fl_j0"', '<joint name="fl_j0" armature=".03"'))
+    robot = load_robot(tmp_path / "out")
+    assert robot.joints[0].servo.armature == 0.03
+    for joint in robot.joints[1:]:
+        assert np.sqrt(joint.servo.kp / joint.servo.armature) / (2.0 * np.pi) == pytest.approx(10.0, rel=0.01)
+    assert [text for text in made.assumed if text.startswith("rotor of servo")]
+    assert max(differences(tmp_path / "out").values()) < MOST_DIFFERENCE
+
+
 def test_a_changed_number_shows_in_the_comparison(bring_in, tmp_path):
     bring_in(MJCF)
     file = tmp_path / "out" / "robot.toml"
