@@ -16,7 +16,7 @@ do = "walk"
 at_tick = 450
 do = "set"
 quantity = "friction"
-value = 0.03
+value = 0.02
 """
 with tempfile.TemporaryDirectory() as folder:
     scenario, bag = Path(folder) / "ice.toml", Path(folder) / "run.mcap"

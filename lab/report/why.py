@@ -13,6 +13,7 @@ from .signals import Signals, read_signals, spans
 TILTED = math.radians(45.0)
 SLIPPED_M = 0.008
 """Way of a foot in one stance that counts as a slip, m."""
+LOOKED_FOR = f"no fall, stop, halt, missed goal, slip over {1e3 * SLIPPED_M:.0f} mm or stance without support"
 BEFORE_S = 4.0
 """Time before the end at which a cause may have ended and still be one, s."""
 TOGETHER_S = 0.25
@@ -43,7 +44,7 @@ class Explanation:
     @property
     def _found(self) -> str:
         if self.outcome is None:
-            return "nothing went wrong"
+            return f"nothing went wrong: {LOOKED_FOR}"
         if self.cause is None:
             return f"{self.outcome.text} at {self.outcome.begin:.2f} s; no cause was found in the recording"
         lead = self.outcome.begin - self.cause.begin

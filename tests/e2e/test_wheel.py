@@ -157,6 +157,7 @@ def test_examples_run_beside_packages_of_our_names(installed: Path, tmp_path: Pa
     assert len(found["shown"]) == len(list((tmp_path / "library").glob("*.py")))
     assert all(found["shown"].values()), found
     assert "falls" in found["shown"]["library/will_it_fall.py"]
+    assert "because" in found["shown"]["library/why_did_it_fall.py"]
 
 
 @pytest.mark.slow
