@@ -130,8 +130,13 @@ def missing(stated: str, printed: str) -> tuple[str, ...]:
     return tuple(absent)
 
 
-def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) -> list[Verdict]:
-    """Run a command and compare the rows that state its figures.
+def absent(printed: str) -> tuple[str, ...]:
+    """Return the peers that a command left out because their packages are not installed."""
+    return tuple(re.findall(r"^(.+?)(?:: absent \(| is )not installed", printed, re.MULTILINE))
+
+
+def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) -> tuple[list[Verdict], tuple[str, ...]]:
+    """Run a command and compare the rows that state its figures; return also the peers that it left out.
 
     Raises:
         subprocess.CalledProcessError: it fails (exit code above 1, which a study with a missed goal may have).
@@ -142,7 +147,8 @@ def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) ->
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=limit_s, check=False)
     if done.returncode not in (0, 1):
         raise subprocess.CalledProcessError(done.returncode, words, done.stdout, done.stderr)
-    return [Verdict(row, missing(row.text, done.stdout + done.stderr)) for row in rows]
+    printed = done.stdout + done.stderr
+    return [Verdict(row, missing(row.text, printed)) for row in rows], absent(printed)
 
 
 def obstacle(command: str) -> str:
@@ -177,7 +183,7 @@ def report(*, check_: bool = False, only: str = "", every: bool = False, limit: 
         why = obstacle(name) or ("" if check_ else "short" if name in SHORT else "long")
         if not why:
             try:
-                verdicts = check(name, by_command[name], None if math.isinf(limit) else limit)
+                verdicts, gone = check(name, by_command[name], None if math.isinf(limit) else limit)
             except subprocess.TimeoutExpired:
                 why = f"takes more than {limit:g} s"
             except subprocess.CalledProcessError as error:
@@ -187,6 +193,7 @@ def report(*, check_: bool = False, only: str = "", every: bool = False, limit: 
                 machine = MACHINE.match(name) is not None
                 wrong += 0 if machine else len(off)
                 why = f"{len(verdicts) - len(off)} of {len(verdicts)} rows" + " (times)" * machine
+                why += f"; not installed: {', '.join(gone)}" * bool(gone)
                 for verdict in off:
                     print(f"  {verdict.figure.page}: {verdict.figure.what}: {verdict.figure.text}")
                     print(f"    not printed: {', '.join(verdict.missing)}", flush=True)

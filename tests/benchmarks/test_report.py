@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.report import MACHINE, PAGES, ROOT, SHORT, figures, missing, numbers, obstacle
+from benchmarks.report import MACHINE, PAGES, ROOT, SHORT, absent, figures, missing, numbers, obstacle
 
 PAGE = """# Page
 Ten walks. `studies flat 0:10`
@@ -55,6 +55,13 @@ def test_numbers_carry_their_last_digit_and_unit() -> None:
 )
 def test_a_number_that_is_not_printed_is_named(stated: str, printed: str, absent: tuple[str, ...]) -> None:
     assert missing(stated, printed) == absent
+
+
+def test_peers_that_were_left_out_are_named():
+    assert absent("cvxpy: absent (not installed), skipped\n3 contacts\nhpp is not installed: no ratio\n") == (
+        "cvxpy",
+        "hpp",
+    )
 
 
 def test_short_commands_are_on_the_pages_and_need_nothing() -> None:
