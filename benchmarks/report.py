@@ -5,16 +5,20 @@ that is empty stands for the one above. A command in the last line before a tabl
 """
 
 import math
+import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import PIPE
 from typing import NamedTuple
 
 from benchmarks.bench import Bench, table
+from tests.processes import GRACE_S, running
 
 BENCH = Bench("report")
 ROOT = Path(__file__).parents[1]
@@ -144,10 +148,16 @@ def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) ->
     """
     words = _argv(command)
     assert words is not None
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=limit_s, check=False)
-    if done.returncode not in (0, 1):
-        raise subprocess.CalledProcessError(done.returncode, words, done.stdout, done.stderr)
-    printed = done.stdout + done.stderr
+    with running(words, cwd=ROOT, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True) as process:
+        try:
+            stdout, stderr = process.communicate(timeout=limit_s)
+        except (subprocess.TimeoutExpired, KeyboardInterrupt):
+            os.killpg(process.pid, signal.SIGINT)  # SIGTERM would leave the systems that it started
+            process.wait(GRACE_S)
+            raise
+    if process.returncode not in (0, 1):
+        raise subprocess.CalledProcessError(process.returncode, words, stdout, stderr)
+    printed = stdout + stderr
     return [Verdict(row, missing(row.text, printed)) for row in rows], absent(printed)
 
 

@@ -34,6 +34,8 @@ def array(
     """
     of, lengths = f" in {unit}" if unit else "", dict[str, int]()
     try:
+        if np.iscomplexobj(value):
+            raise TypeError("complex")
         found = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
         raise FieldError("type", field, f"got {reprlib.repr(value)}, expected numbers{of}") from None

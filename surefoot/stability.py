@@ -24,7 +24,7 @@ from surefoot.services.stability.regions.region import region as region_of
 __all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "region"]
 
 WIDEST = 10.0
-"""Largest distance of two contacts, m; more is taken for millimetres."""
+"""Largest distance of two contacts, and of the centre of mass from one, m; more is taken for millimetres."""
 MOST_DIRECTIONS = 4096
 """Most directions of a region."""
 
@@ -90,7 +90,7 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
         FieldError: an argument that cannot be used.
     """
     found = where if isinstance(where, Region) else region_of(_checked(where))
-    value = margins.margin(found, _place(com)).value
+    value = margins.margin(found, _place(com, None if isinstance(where, Region) else where)).value
     return (math.inf if found.status == "unbounded" else -math.inf) if value is None else value
 
 
@@ -100,7 +100,7 @@ def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
     Raises:
         FieldError: an argument that cannot be used.
     """
-    return np.asarray(what_if(_checked(contacts), _place(com)).margin[1:], dtype=np.float64)
+    return np.asarray(what_if(_checked(contacts), _place(com, contacts)).margin[1:], dtype=np.float64)
 
 
 def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array | None:
@@ -115,14 +115,20 @@ def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array |
         FieldError: an argument that cannot be used.
     """
     load = number(weight, "weight", "N", low=1e-9, high=1e9)
-    place, held = _place(com), equilibrium(_checked(contacts), _place(com))
-    least = least_forces(contacts, place) if held.held else None
+    place = _place(com, _checked(contacts))
+    least = least_forces(contacts, place) if equilibrium(contacts, place).held else None
     return None if least is None else load * least
 
 
-def _place(com: ArrayLike) -> Array:
+def _place(com: ArrayLike, contacts: ContactSet | None) -> Array:
     flat = np.shape(com)[-1:] == (2,)
-    return array(com, "com", (2,) if flat else (3,), "m", low=-1e6, high=1e6)[:2].copy()
+    place = array(com, "com", (2,) if flat else (3,), "m", low=-1e6, high=1e6)[:2].copy()
+    if contacts is not None and len(contacts):
+        away = float(np.linalg.norm(contacts.position[:, :2] - place, axis=1).min())
+        if away > WIDEST:
+            text = f"got a place {away:g} m from the nearest contact, allowed are {WIDEST:g} m; is it in millimetres?"
+            raise FieldError("range", "com", text)
+    return place
 
 
 def _checked(given: ContactSet) -> ContactSet:

@@ -1,11 +1,13 @@
 """Figures of the pages: found with their commands, compared as rounded; those of README stand in docs/measured.md."""
 
 import re
+import sys
 from pathlib import Path
+from subprocess import Popen, TimeoutExpired
 
 import pytest
 
-from benchmarks.report import MACHINE, PAGES, ROOT, SHORT, absent, figures, missing, numbers, obstacle
+from benchmarks.report import MACHINE, PAGES, ROOT, SHORT, absent, check, figures, missing, numbers, obstacle
 
 PAGE = """# Page
 Ten walks. `studies flat 0:10`
@@ -82,6 +84,30 @@ def test_the_readme_states_what_the_page_of_figures_states() -> None:
     assert len(rows) >= 4
     for text, anchor in rows:
         assert missing(text, sections[anchor]) == (), text
+
+
+ENDS_WHAT_IT_STARTED = """
+import pathlib, signal, sys
+try:
+    print("started", flush=True)
+    signal.pause()
+finally:
+    pathlib.Path(sys.argv[1]).touch()
+"""
+
+
+def test_a_command_that_takes_too_long_ends_what_it_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def too_long(process: Popen[str], timeout: float | None = None) -> None:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "started\n"
+        raise TimeoutExpired(process.args, 1.0)
+
+    words = [sys.executable, "-c", ENDS_WHAT_IT_STARTED, str(tmp_path / "ended")]
+    monkeypatch.setattr("benchmarks.report._argv", lambda command: words)
+    monkeypatch.setattr(Popen, "communicate", too_long)
+    with pytest.raises(TimeoutExpired):
+        check("soak stops", [], 1.0)
+    assert (tmp_path / "ended").exists()
 
 
 def test_short_commands_print_no_times():

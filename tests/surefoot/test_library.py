@@ -68,6 +68,8 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: contacts([[0.1, NAN, 0.0]]), "not_finite", "points", "nan at [0, 1]"),
     (lambda: contacts(100.0 * np.array(FEET)), "range", "points", "millimetres"),
     (lambda: contacts(friction=-0.1), "range", "friction", "-0.1"),
+    (lambda: contacts(np.array(FEET) + 1j), "type", "points", "numbers"),
+    (lambda: surefoot.stability.margin(stands(), [50.0, 0.0]), "range", "com", "millimetres"),
     (lambda: contacts("here"), "type", "points", "'here'"),
     (lambda: contacts([[0.0, 0.0, 0.0], [0.0, 0.0]]), "type", "points", "numbers"),
     (lambda: surefoot.stability.margin(stands(), [NAN, 0.0]), "not_finite", "com", "nan"),
