@@ -124,7 +124,7 @@ def _place(com: ArrayLike, contacts: ContactSet | None) -> Array:
     flat = np.shape(com)[-1:] == (2,)
     place = array(com, "com", (2,) if flat else (3,), "m", low=-1e6, high=1e6)[:2].copy()
     if contacts is not None and len(contacts):
-        away = float(np.linalg.norm(contacts.position[:, :2] - place, axis=1).min())
+        away = float(np.hypot(*(contacts.position[:, :2] - place).T).min())
         if away > WIDEST:
             text = f"got a place {away:g} m from the nearest contact, allowed are {WIDEST:g} m; is it in millimetres?"
             raise FieldError("range", "com", text)
