@@ -32,7 +32,8 @@ def topic_named(key: str) -> Topic[Any]:
     for topic in TOPICS:
         if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1]) and key != topic.key):
             return topic if topic.key == key else topic.of(key[len(topic.key) - 1 :])
-    raise SurefootError("unknown_topic", f"no topic {key!r}{_known(key, [t.key for t in TOPICS])}")
+    known = _known(key, [t.key for t in TOPICS], [q.key for q in QUERIES], "a query: `surefoot call")
+    raise SurefootError("unknown_topic", f"no topic {key!r}{known}")
 
 
 def query_named(key: str) -> Query[Any, Any]:
@@ -40,11 +41,14 @@ def query_named(key: str) -> Query[Any, Any]:
     for query in QUERIES:
         if query.key == key or (query.key.endswith("/*") and key.startswith(query.key[:-1]) and key != query.key):
             return query if query.key == key else query.of(key[len(query.key) - 1 :])
-    raise SurefootError("unknown_query", f"no query {key!r}{_known(key, [q.key for q in QUERIES])}")
+    known = _known(key, [q.key for q in QUERIES], [t.key for t in TOPICS], "a topic: `surefoot topic echo")
+    raise SurefootError("unknown_query", f"no query {key!r}{known}")
 
 
-def _known(key: str, keys: list[str]) -> str:
-    """The nearest of many keys, or all when none is near."""
+def _known(key: str, keys: list[str], others: list[str], other: str) -> str:
+    """Where the key belongs, else the nearest of many keys, or all when none is near."""
+    if key in others:
+        return f"; it is {other} {key}`"
     return did_you_mean(key, keys) or f"; known are {', '.join(keys)}"
 
 

@@ -87,11 +87,16 @@ def systems(
 
 
 def only_one(found: tuple[RunningSystem, ...], how: str) -> RunningSystem:
-    """Return the one system that is meant.
+    """Return the one system that is meant: of several the one at SUREFOOT_LISTEN, which `up` in this shell began.
 
     Raises:
         ConfigError: several are; the sentence names them and ``how`` to choose.
     """
+    if len(found) > 1:
+        from surefoot.bus.endpoint import from_environment
+
+        here = from_environment(("SUREFOOT_LISTEN",))
+        found = tuple(one for one in found if one.connect == here) or found
     if len(found) > 1:
         names = ", ".join(f"{one.name} ({one.namespace} at {one.connect})" for one in found)
         raise ConfigError("ambiguous", f"{len(found)} systems run: {names}; choose one with {how}", "system")

@@ -1,6 +1,7 @@
 """`surefoot topic list|info|echo|pub|hz|top`."""
 
 import json as jsonlib
+import shutil
 import sys
 import time
 from queue import Empty, SimpleQueue
@@ -25,7 +26,7 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from surefoot.bus.interface import Delivery
     from surefoot.client import Client
@@ -36,6 +37,10 @@ if TYPE_CHECKING:
 
 SILENCE_S = 2.0  # s wall, after so long without a message the reason is looked for
 
+CLEAR = "\x1b[H\x1b[2J"
+"""Clears a terminal."""
+REDRAWN_S = 0.2
+"""Wall time between two pictures of a plot."""
 HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")
 SHOWN, LONGEST = 24, 200
 """Elements of a list and characters of a text that a readable line shows."""
@@ -88,31 +93,61 @@ def echo(
     field: Annotated[str | None, typer.Option(help="Show this field only.")] = None,
     once: Annotated[bool, typer.Option("--once", help="End after one message.")] = False,
     raw: Annotated[bool, typer.Option("--raw", help="One JSON object a line, as on the wire.")] = False,
+    plot: Annotated[str | None, typer.Option(help="Draw the curves of this field in the terminal.")] = None,
     connect: Connect = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Print the messages of a topic as they come, a readable line each; with --raw or --json one JSON object a line."""
+    """Print the messages of a topic as they come, a readable line each; with --raw or --json one JSON object a line.
+    With --plot a picture of the last values, through a pipe once at the end."""
     from surefoot.client import topic_named
     from surefoot.errors import Refusal
 
     use_json(json)
     topic = topic_named(key)
-    if field is not None and field not in topic.model.model_fields:
-        raise typer.BadParameter(f"{key} has no field {field!r}; it has {', '.join(topic.model.model_fields)}")
+    for name in (field, plot):
+        if name is not None and name not in topic.model.model_fields:
+            raise typer.BadParameter(f"{key} has no field {name!r}; it has {', '.join(topic.model.model_fields)}")
+    if plot is not None and (raw or json or field):
+        raise typer.BadParameter("goes without --raw, --json and --field", param_hint="--plot")
+    show = _printer({field} if field else None, as_json=raw or json) if plot is None else _Plotter(plot)
     with client(connect, namespace) as robot:
-        for number, delivery in enumerate(_deliveries(robot, topic, timeout), 1):
-            try:
-                message = delivery.message()
-                if raw or json:
-                    write(message.model_dump_json(include={field} if field is not None else None))
-                else:
-                    write(readable(message, field))
-            except Refusal as refusal:
-                notify(f"surefoot: {key}: {refusal.message}")
-            if number == count or once:
-                return
+        try:
+            for number, delivery in enumerate(_deliveries(robot, topic, timeout), 1):
+                try:
+                    show(delivery.message())
+                except Refusal as refusal:
+                    notify(f"surefoot: {key}: {refusal.message}")
+                if number == count or once:
+                    return
+        finally:
+            if isinstance(show, _Plotter) and show.curves.begun:
+                show.draw()
     raise typer.Exit(EXIT_CHECK)
+
+
+def _printer(fields: set[str] | None, *, as_json: bool) -> "Callable[[Message], None]":
+    """Return what prints a message as a line."""
+    return lambda message: write(message.model_dump_json(include=fields) if as_json else readable(message, fields))
+
+
+class _Plotter:
+    """Draws the curves of a field, on a terminal while they grow."""
+
+    def __init__(self, field: str) -> None:
+        from .curves import Curves
+
+        self.curves, self._due_s = Curves(field, shutil.get_terminal_size().columns), 0.0
+
+    def __call__(self, message: "Message") -> None:
+        self.curves.add(message)
+        if sys.stdout.isatty() and time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + REDRAWN_S
+            self.draw()
+
+    def draw(self) -> None:
+        """Write the picture; on a terminal it replaces the one before."""
+        write(CLEAR * sys.stdout.isatty() + "\n".join(self.curves.lines()))
 
 
 @app.command()
@@ -218,7 +253,7 @@ def top(
 def _show_top(rows: "Sequence[TopicTraffic]", polygon: "Sequence[str]", robot: "Client") -> None:
     """Write one table; on a terminal it replaces the one before."""
     if sys.stdout.isatty():
-        write("\x1b[H\x1b[2J")
+        write(CLEAR)
     if not rows:
         notify("surefoot: no message" + _why(robot))
         return
@@ -264,9 +299,9 @@ def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any"
             yield delivery
 
 
-def readable(message: "Message", field: str | None = None) -> str:
+def readable(message: "Message", fields: set[str] | None = None) -> str:
     """Return a message as one line: simulated time and tick, then its fields; numbers with four digits."""
-    content = message.model_dump(mode="json", include={field} if field is not None else None)
+    content = message.model_dump(mode="json", include=fields)
     shown = [f"{name}={_text(value)}" for name, value in content.items() if name not in HEADER]
     return f"t={message.stamp_ns * 1e-9:.3f} s, tick {message.tick}: {', '.join(shown)}"
 

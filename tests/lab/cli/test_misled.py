@@ -11,7 +11,9 @@ import pytest
 from surefoot import client
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.client import make_request, query_named, topic_named
+from surefoot.errors import ConfigError
 from surefoot.lab.cli import main as cli
+from surefoot.lab.cli.connect import endpoint
 from surefoot.schemas.system import ServiceStatus
 from surefoot.schemas.topics import STATE_VELOCITY
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
@@ -58,6 +60,22 @@ def test_a_command_that_could_mean_several_systems_refuses_with_their_names(comp
     err = complaint(*words)
     assert "2 systems run: nao (surefoot/nao" in err
     assert "ragno (surefoot/ragno" in err
+
+
+def test_the_system_that_listens_where_this_shell_says_is_meant(two_systems, no_endpoint, monkeypatch):
+    with pytest.raises(ConfigError, match="2 systems run"):
+        endpoint()
+    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:12")
+    assert endpoint() == ("tcp/127.0.0.1:12", "surefoot/nao")
+    assert endpoint(namespace="surefoot/ragno") == ("tcp/127.0.0.1:11", "surefoot/ragno")
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [(("topic", "echo", "cmd/walk"), "`surefoot call cmd/walk`"), (("call", "hw/imu"), "`surefoot topic echo hw/imu`")],
+)
+def test_a_key_of_the_other_kind_is_named_with_its_command(complaint, words, part):
+    assert part in complaint(*words)
 
 
 def test_down_of_several_systems_refuses_with_their_names(complaint, two_systems, no_endpoint):

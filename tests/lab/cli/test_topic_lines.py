@@ -14,7 +14,7 @@ def test_a_message_is_one_readable_line() -> None:
         1_230_000_000, 123, 1, 7, "x"
     )
     assert readable(message) == "t=1.230 s, tick 123: touch=[[yes] [no]], normal_force_n=[1.235 -]"
-    assert readable(message, "touch") == "t=1.230 s, tick 123: touch=[[yes] [no]]"
+    assert readable(message, {"touch"}) == "t=1.230 s, tick 123: touch=[[yes] [no]]"
 
 
 @pytest.mark.parametrize(

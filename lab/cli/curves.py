@@ -1,0 +1,87 @@
+"""Curves of a field over simulated time, in letters: `surefoot topic echo --plot`."""
+
+import math
+import string
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from surefoot.errors import FieldError
+from surefoot.schemas.base import Message
+
+LINES = 15
+SPAN_S = 10.0
+"""Simulated time that a picture shows."""
+LABEL = 10
+"""Letters of a value beside the picture."""
+MOST = 8
+"""Curves at most, those of the first elements of a list."""
+
+
+class Curves:
+    """Values of a field over the last `SPAN_S` of an epoch.
+
+    Args:
+        field: name of the field; each number of a list is a curve of its own.
+        columns: letters of a line, the values beside the picture included.
+    """
+
+    def __init__(self, field: str, columns: int) -> None:
+        self.field = field
+        self._columns = max(8, columns - LABEL - 2)
+        self._kept: deque[tuple[float, tuple[float, ...]]] = deque()
+
+    def add(self, message: Message) -> None:
+        """Keep the values of a message (raises FieldError: the field has no numbers)."""
+        value = message.model_dump(mode="json", include={self.field})[self.field]
+        now = message.stamp_ns * 1e-9
+        if self._kept and now < self._kept[-1][0]:
+            self._kept.clear()
+        self._kept.append((now, tuple(_numbers(value, self.field))[:MOST]))
+        while self._kept[0][0] < now - SPAN_S:
+            self._kept.popleft()
+
+    @property
+    def begun(self) -> bool:
+        """Return whether a message was added."""
+        return bool(self._kept)
+
+    def lines(self) -> list[str]:
+        """Return the picture, its span of time and the newest value of each curve."""
+        finite = [value for _, values in self._kept for value in values if math.isfinite(value)]
+        if not finite:
+            return [f"{self.field}: no value"]
+        low, high = min(finite), max(finite)
+        middle, half = (low + high) / 2.0, max((high - low) / 2.0, 1e-9 * max(1.0, abs(low)))
+        (begin, _), (end, newest) = self._kept[0], self._kept[-1]
+        grid = [[" "] * self._columns for _ in range(LINES)]
+        for time, values in self._kept:
+            column = int((self._columns - 1) * (time - begin) / max(end - begin, 1e-9))
+            for letter, value in zip(string.ascii_letters, values, strict=False):
+                if math.isfinite(value):
+                    grid[round((LINES - 1) * (1.0 - (value - middle) / half) / 2.0)][column] = letter
+        labels = {0: middle + half, LINES // 2: middle, LINES - 1: middle - half}
+        shown = [
+            f"{format(labels[row], '.4g') if row in labels else '':>{LABEL}} |{''.join(cells)}".rstrip()
+            for row, cells in enumerate(grid)
+        ]
+        return [*shown, f"{'':{LABEL}}  {begin:.2f} to {end:.2f} s", *_legend(self.field, newest)]
+
+
+def _numbers(value: Any, field: str) -> Iterator[float]:
+    """Yield the numbers of a value, lists taken apart; absent ones as NaN."""
+    if isinstance(value, list):
+        for part in value:  # pyright: ignore[reportUnknownVariableType]
+            yield from _numbers(part, field)
+    elif value is None:
+        yield math.nan
+    elif isinstance(value, int | float):
+        yield float(value)
+    else:
+        raise FieldError("type", field, f"got {value!r}, expected numbers to plot")
+
+
+def _legend(field: str, newest: Sequence[float]) -> list[str]:
+    names = [field] if len(newest) == 1 else [f"{field}.{i}" for i in range(len(newest))]
+    rows = zip(string.ascii_letters, names, newest, strict=False)
+    return [f"{letter} {name} {value:.4g}" for letter, name, value in rows]
