@@ -1,7 +1,7 @@
 """Reactions of the walker to a step that leaves too little static margin.
 
 In this order: the trunk moves over the feet that will stand while all of them still do; a gait that lifts fewer legs;
-a shorter step; refusal. The asked-for gait returns after one cycle of the other.
+a shorter step, of a leaning gait another leg; refusal. The asked-for gait returns after one cycle of the other.
 """
 
 import math
@@ -111,7 +111,10 @@ def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: St
         return False
     if reply.stable:
         return True
-    s.scale *= 0.5
+    if s.gait.leans:  # a shorter step stands on the same three feet; one of them may have to step first
+        s.group, s.shifts = (s.group + 1) % s.gait.steps_per_cycle, 0
+    else:
+        s.scale *= 0.5
     s.reason = f"step would not be stable (status {reply.status}, {told})"
     return False
 

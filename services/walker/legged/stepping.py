@@ -21,7 +21,8 @@ LOAD_S = 0.1  # s, in which a standing foot takes its load
 def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
     """Move trunk and feet by one tick of the planned step; returns whether the step is done.
 
-    The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand. Feet
+    The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the
+    feet that will lift give their load to the others on the way, or the trunk would tip when they do. Feet
     that find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that
     touches nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear.
     """
@@ -29,12 +30,14 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
     assert plan is not None
     s.clock += dt
     if s.clock <= plan.lean:
-        there = s.clock + dt > plan.lean
-        if _seek(s, robot, plan, ~plan.swing, p.touch_speed * dt if there else 0.0) and there:
+        last = s.clock + dt > plan.lean
+        if _seek(s, robot, plan, ~plan.swing, p.touch_speed * dt if last else 0.0) and last:
             s.clock -= dt
         way = np.where(plan.swing, 0.0, plan.feet_to[:, 2] - s.feet[:, 2])
         s.feet[:, 2] += np.clip(way, -p.press_speed * dt, p.press_speed * dt)
-        _move(s, plan, swing.smooth(s.clock / plan.lean))
+        there = swing.smooth(s.clock / plan.lean)
+        s.support = np.where(plan.swing, np.minimum(s.support, 1.0 - there), np.minimum(1.0, s.support + dt / LOAD_S))
+        _move(s, plan, there)
         return False
     clock = s.clock - plan.lean
     if plan.lean > 0.0 and clock < 1.5 * dt:  # the first tick of the swing, whatever was rounded

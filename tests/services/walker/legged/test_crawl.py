@@ -81,6 +81,22 @@ def test_the_trunk_rests_while_a_foot_is_in_the_air():
     assert moved > 0.3
 
 
+def test_a_foot_has_given_its_load_to_the_others_when_it_lifts():
+    lifted = []
+    before, share, command = np.ones(4, dtype=bool), np.ones(4), None
+    for p in crawled(MotionCommand("walk", distance=0.3)):
+        if before.all() and not p.out.stance.all():
+            swinging = ~p.out.stance
+            jump = np.abs(p.out.command - command)[[list(leg.joints) for leg in LUPO.legs]]
+            lifted.append((share[swinging].max(), share[~swinging].min(), jump[~swinging].max()))
+        before, share, command = p.out.stance.copy(), p.walker.state.support.copy(), p.out.command.copy()
+    given, carried, jumps = np.array(lifted).T
+    assert len(lifted) > 8
+    assert given.max() < 0.01
+    assert carried.min() == 1.0
+    assert jumps.max() < 1e-3  # rad, of the legs that stand
+
+
 def test_no_foot_lifts_while_another_bears_nothing():
     p, dent = begun(MotionCommand("walk", distance=0.3), LUPO), 0.015
     while not (p.walker.state.steps >= 2 and p.out.stance.all()):
@@ -155,6 +171,23 @@ def test_a_step_that_stability_refuses_is_not_taken():
     assert all(out.stance.all() for out in outs)
     assert "not be stable" in outs[-1].reason
     assert p.walker.state.stage is Stage.STAND
+
+
+def test_another_leg_steps_first_where_the_three_others_do_not_carry():
+    asked = []
+
+    def check(step):
+        asked.append(step.legs)
+        return StanceVerdict(len(set(asked)) > 1, 0.03 if len(set(asked)) > 1 else -0.01, "ok")
+
+    p = plant(LUPO, check=check)
+    p.run(1.0)
+    assert p.walker.command(MotionCommand("walk", distance=0.3)).accepted
+    outs = p.until("standing", limit=60.0)
+    first = next(out.stance for out in outs if not out.stance.all())
+    refused = set(LUPO.leg_names) - set(asked[0])
+    assert {name for name, stands in zip(LUPO.leg_names, first, strict=True) if not stands} != refused
+    assert p.walker.state.body[0] == pytest.approx(0.3, abs=0.01)
 
 
 def test_the_check_is_that_of_the_trunk_over_three_feet():
