@@ -4,6 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 import importlib
 import importlib.util
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -236,5 +237,5 @@ def _from_mjcf(pin: Any, text: str) -> Any:
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "source.xml"
-        file.write_text(text, encoding="utf-8")
+        file.write_text(re.sub(r"<keyframe>.*</keyframe>", "", text, flags=re.DOTALL), encoding="utf-8")  # of scenes
         return pin.buildModelFromMJCF(str(file))

@@ -21,6 +21,9 @@ BENT = (0.45, 0.93)
 """Range of that share in which a posture of the file is taken: legs that can become longer and shorter."""
 CHOSEN, UPRIGHT = 0.3, 0.97
 """Least share of that distance which is vertical, in a posture of the file and in the middle of the limits."""
+ONE_SIDE, LEAST_DOWN, ALONG = 0.8, 0.3, 0.9
+"""Length of the mean direction from hip to foot that shows where down is, its least share along -z, and the share of an
+axis along x, y or z from which it has that direction."""
 TRIES = 64
 """Random postures from which a leg's posture is searched."""
 MOST_TORQUE = 4.0
@@ -73,6 +76,29 @@ def standing(robot: Robot, chosen: bool) -> Array:
         if found is not None:
             angles[list(leg.joints)] = found
     return angles
+
+
+def doubts_of_axes(robot: Robot) -> list[str]:
+    """Return what in the posture of a file contradicts a trunk with x forward and z up.
+
+    Feet that all lie to one side of the hips show where down is. Legs whose first axis is level bend their knees about
+    the axis that points left.
+
+    Args:
+        robot: with legs for which `can_stand`, its neutral posture that of the file.
+    """
+    rot, _ = forward(robot.model, robot.neutral)
+    arms = np.array([_arm(robot, robot.neutral, i) for i in range(robot.nlegs)])
+    down = (arms / np.linalg.norm(arms, axis=1)[:, None]).mean(axis=0)
+    found, advice = list[str](), "better: a trunk with x forward and z up in a copy of the file"
+    if np.linalg.norm(down) > ONE_SIDE and -down[2] < LEAST_DOWN * np.linalg.norm(down):
+        k = int(np.abs(down).argmax())
+        found.append(f"axes of the trunk: z is up, but the feet lie along {'-+'[int(down[k] > 0)]}{'xyz'[k]}; {advice}")
+    links = [[robot.joints[leg.joints[k]].link for leg in robot.legs] for k in (0, 2)]
+    first, knee = (np.mean([np.abs(rot[i] @ robot.links[i].axis) for i in each], axis=0) for each in links)
+    if first[2] < ALONG and knee.argmax() != 1 and knee.max() > ALONG:
+        found.append(f"axes of the trunk: y is left, but the knees turn about {'xyz'[int(knee.argmax())]}; {advice}")
+    return found
 
 
 def _arm(robot: Robot, q: Array, leg: int) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from surefoot.robot.description import Robot, RobotError
 
 from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk_body
-from .stance import MOST_TORQUE, can_stand, standing, torque_limit
+from .stance import MOST_TORQUE, can_stand, doubts_of_axes, standing, torque_limit
 
 Array = NDArray[np.float64]
 
@@ -111,6 +111,7 @@ def stand_on(made: Imported, robot: Robot) -> None:
     if not can_stand(robot):
         made.missing.append("gait: walks need six joints a leg of two legs, or three a leg of more")
         return
+    made.assumed += doubts_of_axes(robot)
     q = standing(robot, made.home)
     links = {f"{limb}_{link['name']}": link for limb, chain in made.tables["chains"].items() for link in chain["links"]}
     moved = np.flatnonzero(np.abs(q - robot.neutral) > 0.0)

@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +96,23 @@ def test_an_imported_quadruped_stands_on_bent_legs_and_crawls(bring_in, tmp_path
     outs = p.obey(MotionCommand("walk", distance=0.3))
     assert p.walker.state.body[0] == pytest.approx(0.3, abs=0.01)
     assert max(out.unreachable for out in outs) == 0
+
+
+@pytest.mark.parametrize(
+    ("euler", "doubt"),
+    [("0 0 90", "y is left, but the knees turn about x"), ("180 0 0", "along +z"), ("0 90 0", "along -x")],
+)
+def test_a_trunk_with_other_axes_is_reported(bring_in, tmp_path, euler, doubt):
+
+    def straight(text):
+        return text.replace('range="-150 -30"', 'range="-120 120"').replace('range="-60 120"', 'range="-90 90"')
+
+    assert not [text for text in bring_in(straight(MJCF)).assumed if "axes of the trunk" in text]
+    shutil.rmtree(tmp_path / "out")
+    turned = MJCF.replace(LEGS, f'<frame euler="{euler}">{LEGS}</frame>')
+    found = [text for text in bring_in(straight(turned)).assumed if "axes of the trunk" in text]
+    assert len(found) == 1
+    assert doubt in found[0]
 
 
 def test_a_neutral_posture_of_the_file_is_kept(bring_in, tmp_path):
