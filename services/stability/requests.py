@@ -21,7 +21,7 @@ from surefoot.schemas.stability import (
 from surefoot.schemas.whatif import BatchRequest
 from surefoot.tables import TableError
 
-from .programs.contacts import Array, ContactSet, StabilityError, contacts_of, directions_of, refuse, within
+from .programs.contacts import Array, ContactSet, StabilityError, contacts_of, directions_of, within
 from .regions.many import PackedSets, pack
 from .regions.modes import Actuated, AtRest, Mode, Moving, Refinement, Tilted, leanings
 from .regions.movement import Movement
@@ -67,13 +67,13 @@ def region_question(request: RegionRequest | CheckRequest, own: Robot) -> Region
     contacts, held = contacts_of(request.contacts), None
     mode: Mode = AtRest()
     if (actuation := request.actuation) is not None:
-        refuse("actuation", acceleration=pushed, tilt_rad=tilted, adaptive=request.adaptive is True)
+        _refuse("actuation", acceleration=pushed, tilt_rad=tilted, adaptive=request.adaptive is True)
         robot = own if actuation.robot is None else named_robot(actuation.robot, "actuation.robot")
         held = posture.held(robot, actuation, contacts, tuple(c.leg for c in request.contacts))
-        mode = Actuated(held.servos())
+        mode = Actuated(held.servos)
     elif tilted or pushed:
         if tilted:
-            refuse("tilt_rad", directions=request.directions is not None, certificates=request.certificates)
+            _refuse("tilt_rad", directions=request.directions is not None, certificates=request.certificates)
         push, height = within(request.acceleration, "acceleration", MOST_ACCELERATION, "m/s^2"), request.com_height_m
         mode = Tilted(request.tilt_rad, push, height) if tilted else Moving(push, height)
     given = directions_of(request.directions)
@@ -90,32 +90,33 @@ def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
     robot = named_robot(request.robot) if request.robot is not None else own  # refused if wrong, even without joints
     joints, doubt = request.joints, request.doubt
     if request.actuation is not None:
-        refuse("actuation", joints=joints is not None, doubt=doubt is not None, gradient=request.gradient)
-        refuse("actuation", robot=request.robot is not None, base=request.base != BasePose())
+        _refuse("actuation", joints=joints is not None, doubt=doubt is not None, gradient=request.gradient)
+        _refuse("actuation", robot=request.robot is not None, base=request.base != BasePose())
     elif request.tilt_rad > 0.0 or any(request.acceleration):
-        refuse("acceleration or tilt_rad", gradient=request.gradient, doubt=doubt is not None)
+        _refuse("acceleration or tilt_rad", gradient=request.gradient, doubt=doubt is not None)
     asked = region_question(request, own)
-    contacts, way, held = asked.contacts, within(request.movement, "movement"), asked.held
-    shift, reachable, legs, now, after = np.zeros(3), True, tuple[str, ...](), request.com, asked.mode
-    stands = posture.posed(robot, joints, request.base) if joints is not None else None if held is None else held.stands
+    contacts, way, now, after = asked.contacts, within(request.movement, "movement"), request.com, asked.mode
+    shift, reachable, legs = np.zeros(3), True, tuple[str, ...]()
+    stands = asked.held if joints is None else posture.posed(robot, joints, request.base)
     if stands is not None:
-        if held is None:
-            stance = stands.standing_legs(contacts, tuple(c.leg for c in request.contacts))
-        else:
-            stance = np.isin(np.arange(stands.robot.nlegs), held.legs)
-        moved = stands.moved(way, stance)
-        shift, reachable = moved.vector, moved.reachable
-        legs = tuple(leg.name for leg, stays in zip(stands.robot.legs, stance, strict=True) if stays)
-        if held is not None and way.any():
-            after = Actuated(held._replace(stands=moved.after).servos())
+        step = posture.stepped(stands, contacts, tuple(c.leg for c in request.contacts), way)
+        shift, reachable, legs = step.shift, step.reachable, step.legs
+        if step.servos is not None:
+            after = Actuated(step.servos)
         if now is None:
-            x, y, _ = stands.com().tolist()
-            now = (x, y)
+            now = step.com
     if now is None:
         raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")
     com, unknown = within(now, "com"), None if doubt is None else _uncertainty(doubt, len(contacts))
     movement = Movement(contacts, asked.mode, after, asked.wanted, com, way, shift, unknown, request.gradient)
     return CheckQuestion(movement, legs, reachable)
+
+
+def _refuse(other: str, **given: bool) -> None:
+    """Refuse the first field that is given, by name, and cannot be combined with another."""
+    for field, wanted in given.items():
+        if wanted:
+            raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
 
 
 def _uncertainty(doubt: Doubt, n: int) -> Uncertainty:

@@ -29,13 +29,6 @@ class StabilityError(FieldError):
     """
 
 
-def refuse(other: str, **given: bool) -> None:
-    """Refuse the first field that is given, by name, and cannot be combined with another."""
-    for field, wanted in given.items():
-        if wanted:
-            raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
-
-
 def within(given: ArrayLike, field: str, limit: float = MAX_COORDINATE, unit: str = "m") -> Array:
     """Numbers of a request as an array, refused where one of them is beyond what answers can be computed for."""
     numbers = np.array(given, dtype=np.float64)

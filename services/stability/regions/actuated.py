@@ -60,9 +60,8 @@ class _Cones(NamedTuple):
     """Cones of the constraints, clarabel's."""
 
 
-def _cones(contacts: ContactSet, legs: ServoLegs) -> _Cones:
-    """Write down balance, torque limits and friction cones."""
-    clarabel, sparse = clarabel_and_sparse()
+def _cones(contacts: ContactSet, legs: ServoLegs, clarabel: Any, sparse: Any) -> _Cones:
+    """Write down balance, torque limits and friction cones; `clarabel` and `sparse` are these modules."""
     n = len(contacts)
     unlimited = np.isinf(contacts.mu)  # the cone is a half-space: one normal and two free tangential forces
     mu = np.where(unlimited, 1.0, np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu))
@@ -126,7 +125,7 @@ def _solve(
 ) -> float | None:
     """Fill in the answers for the directions a_k and return the largest gap, m; None if infeasible."""
     clarabel, sparse = clarabel_and_sparse()
-    program, n = _cones(contacts, legs), len(contacts)
+    program, n = _cones(contacts, legs, clarabel, sparse), len(contacts)
     h, origin, length, columns = program.h, program.origin, program.length, program.a[:, :, :3]
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.presolve_enable = False, False

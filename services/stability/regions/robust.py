@@ -8,7 +8,7 @@ import numpy as np
 from ..programs.contacts import Array, ContactSet
 from .equilibrium import equilibrium
 from .margin import Margin
-from .model import Region
+from .model import Region, Support
 from .region import region
 
 INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
@@ -74,7 +74,7 @@ def margin_gradient(found: Region, com: Array, here: Margin) -> MarginSlope | No
     if here.value is None or found.status != "ok":
         return None
     contacts, a = found.contacts, _nearest_edge(found.inner, com) if here.direction is None else here.direction
-    answer = region(contacts, a[None]).support
+    answer = _supports(contacts, a[None])
     if answer.status[-1] != "ok":
         return None
     edge = com + here.value * a
@@ -142,8 +142,13 @@ def _unit(angles: Array) -> Array:
     return np.column_stack((np.cos(angles), np.sin(angles)))
 
 
+def _supports(contacts: ContactSet, directions: Array) -> Support:
+    """Support values in directions (k, 2), with proof."""
+    return region(contacts, directions).support
+
+
 def _left(contacts: ContactSet, directions: Array, com: Array, unknown: Uncertainty) -> Array:
-    support = region(contacts, directions).support
+    support = _supports(contacts, directions)
     variance = np.einsum("ki,ij,kj->k", directions, unknown.com, directions)
     for k in range(len(directions)):
         _, slope = gradient(contacts, support.twist[k], support.force[k], directions[k])

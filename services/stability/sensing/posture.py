@@ -179,14 +179,8 @@ class HeldRobot(NamedTuple):
     """Leg on each contact."""
     limit: Array
     """(nj,) Nm, torque limits."""
-
-    def servos(self) -> ServoLegs:
-        """Servos of the legs, in the order of the contacts."""
-        robot, joints, rot = self.stands.robot, self.stands.joints, self.stands.rot
-        up, index = rot[2].copy(), robot.model.leg_joints[self.legs]
-        jacobian = contact_jacobians(robot.model, joints, up, robot.foot_radii)
-        own = gravity_torques(robot.model, joints, GRAVITY * up)[index]
-        return ServoLegs(product(rot, jacobian[self.legs]), own, self.limit[index], robot.mass * GRAVITY)
+    servos: ServoLegs
+    """Servos of the legs, in the order of the contacts."""
 
 
 def held(robot: Robot, asked: Actuation, contacts: ContactSet, names: tuple[str | None, ...]) -> HeldRobot:
@@ -197,7 +191,47 @@ def held(robot: Robot, asked: Actuation, contacts: ContactSet, names: tuple[str 
     """
     stands = posed(robot, asked.joints, asked.base, "actuation.")
     limit = torque_limits(robot, asked.max_torque_nm)
-    return HeldRobot(stands, stands.loaded_legs(contacts, names), limit)
+    legs = stands.loaded_legs(contacts, names)
+    return HeldRobot(stands, legs, limit, _servos(stands, legs, limit))
+
+
+def _servos(stands: PosedRobot, legs: list[int], limit: Array) -> ServoLegs:
+    """Servos of the legs that stand on the contacts, with torque limits (nj,) Nm."""
+    robot, joints, rot = stands.robot, stands.joints, stands.rot
+    up, index = rot[2].copy(), robot.model.leg_joints[legs]
+    jacobian = contact_jacobians(robot.model, joints, up, robot.foot_radii)
+    own = gravity_torques(robot.model, joints, GRAVITY * up)[index]
+    return ServoLegs(product(rot, jacobian[legs]), own, limit[index], robot.mass * GRAVITY)
+
+
+class Step(NamedTuple):
+    """Movement of a robot's trunk over its standing legs, as a check of the movement needs it; frame world."""
+
+    com: tuple[float, float]
+    """m, x and y of the centre of mass before the movement, by kinematics."""
+    shift: Array
+    """(3,) m, shift of the centre of mass in the trunk."""
+    reachable: bool
+    """Every standing leg reaches its foot after the movement."""
+    legs: tuple[str, ...]
+    """Names of the standing legs."""
+    servos: ServoLegs | None
+    """Servos after the movement; None without torque limits, or without movement."""
+
+
+def stepped(stands: PosedRobot | HeldRobot, contacts: ContactSet, names: tuple[str | None, ...], way: Array) -> Step:
+    """Move the trunk by `way` (3,) m over the legs on the contacts, which are named, or None for the nearest.
+
+    Raises:
+        StabilityError: a name is unknown or used twice.
+    """
+    limited = isinstance(stands, HeldRobot)
+    robot = stands.stands if limited else stands
+    standing = np.isin(np.arange(robot.robot.nlegs), stands.legs) if limited else robot.standing_legs(contacts, names)
+    moved, (x, y, _) = robot.moved(way, standing), robot.com().tolist()
+    legs = tuple(leg.name for leg, stays in zip(robot.robot.legs, standing, strict=True) if stays)
+    servos = _servos(moved.after, stands.legs, stands.limit) if limited and way.any() else None
+    return Step((x, y), moved.vector, moved.reachable, legs, servos)
 
 
 def posed(robot: Robot, joints: ArrayLike, base: BasePose, field: str = "") -> PosedRobot:

@@ -5,6 +5,6 @@ import pytest
 from tests.trips import stops
 
 
-@pytest.mark.parametrize(("trip", "most"), [("stability/region", 23), ("stability/check", 46)])
+@pytest.mark.parametrize(("trip", "most"), [("stability/region", 20), ("stability/check", 38)])
 def test_few_stops_between_a_request_and_its_reply(trip: str, most: int) -> None:
     assert len(stops(trip)) <= most
