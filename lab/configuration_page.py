@@ -91,7 +91,7 @@ def _used() -> dict[tuple[str, str], set[str]]:
             for name in fields:
                 found.setdefault((service, name), set()).add(path.stem)
     for path in sorted((ROOT / "compose").glob("*.yaml")):
-        for service in load_compose(path).services:
+        for service in load_compose(path).services.values():
             for variable in service.environment:
                 name = variable.removeprefix(PREFIX).lower().removeprefix(f"{service.name}_")
                 found.setdefault((service.name, name), set()).add(path.name)

@@ -19,7 +19,7 @@ HEAD = "# Made by scripts/kubernetes.py from compose/{}, for `kubectl apply -f`;
 def manifest(compose: Compose) -> dict[str, Any]:
     """Return the deployment of a system."""
     labels = {"app.kubernetes.io/name": "surefoot", "app.kubernetes.io/instance": compose.name}
-    containers = [container(service) for service in compose.services]
+    containers = [container(service) for service in compose.services.values()]
     return {
         "apiVersion": "apps/v1",
         "kind": "Deployment",

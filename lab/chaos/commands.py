@@ -172,7 +172,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
         for number in seeds:
             refuse_existing(_folder(options.out, number), force=force, folder=True)
     compose = system_of(scenario, os.environ)
-    if "simulator" in compose.service_names:
+    if "simulator" in compose.services:
         check_world(scenario.world, scenario.seed)
     warm_if_cold(compose, endpoint, notify)
     return seeds

@@ -119,7 +119,7 @@ def falls_when_held(scenario: Scenario, tick: int) -> bool:
 
 def _members(scenario: Scenario) -> tuple[str, ...]:
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
-    return tuple(name for name in compose.service_names if name != Simulator.name)
+    return tuple(name for name in compose.services if name != Simulator.name)
 
 
 def _made(name: str, compose: Compose, director: Director, environment: Mapping[str, str]) -> Service[Any]:

@@ -72,7 +72,7 @@ def run(
         refuse_existing(out, force=force, folder=True)
     compose = system_of(loaded, os.environ)
     RunFolder(compose.name).refuse_held()
-    if "simulator" in compose.service_names:
+    if "simulator" in compose.services:
         check_world(loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
     options = Options(seed, record, rtf, strict, listen, out)
@@ -96,7 +96,7 @@ def list_all(json: Json = False) -> None:
 
     use_json(json)
     scenarios = {name: load_scenario(name).description for name in names("scenarios", ".toml")}
-    systems = {name: load_compose(name).service_names for name in names("compose", ".yaml")}
+    systems = {name: tuple(load_compose(name).services) for name in names("compose", ".yaml")}
     content = {"scenarios": scenarios, "systems": systems, "robots": robot_names(), "services": service_names()}
     if json:
         write_json(content)

@@ -79,7 +79,7 @@ def up(
     files = {} if record is None else attached(compose)
     order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot, files)
     if not log:  # else `start_detached` runs this, after the same checks
-        if "simulator" in compose.service_names:
+        if "simulator" in compose.services:
             check_world(order.world, seed)
         warm_if_cold(compose, endpoint, notify)
         if not is_secure((listen or endpoint,)):

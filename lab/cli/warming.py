@@ -83,7 +83,7 @@ def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
     kept: list[Job] = []
     for system in systems:
         load_robot(system.robot)
-        for name in system.service_names:
+        for name in system.services:
             if name in known and service_class(name).rehearse is not Service.rehearse:
                 kept.append(Job(name, system.robot, rare))
     rank = {name: place for place, name in enumerate(ORDER)}
@@ -129,7 +129,7 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
     Raises:
         BusError: the endpoint to listen on is taken, which a start would report only after that work.
     """
-    whole = Job(" ".join(system.service_names), system.robot)
+    whole = Job(" ".join(system.services), system.robot)
     if not is_cold([whole]):  # to find the services with kernels imports them all, a second of processor time
         return
     jobs = jobs_of([system])

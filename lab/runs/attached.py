@@ -20,10 +20,10 @@ def attached(compose: Compose, more: Mapping[str, str] | None = None) -> dict[st
         more: variables that configure services, as of a scenario.
     """
     found = {ROBOT_FILE: robot_file(compose.robot)}
-    for service in compose.services:
-        found |= dict(_configured(service.name, {**service.environment, **(more or {})}))
+    for name, service in compose.services.items():
+        found |= dict(_configured(name, {**service.environment, **(more or {})}))
     own = shipped(load_robot(compose.robot).name)
-    if own is not None and "footholds" in compose.service_names:
+    if own is not None and "footholds" in compose.services:
         found.setdefault(f"footholds.slip_model{own.suffix}", own)
     return {name: str(path.resolve()) for name, path in found.items() if path.stat().st_size <= LARGEST}
 

@@ -144,9 +144,7 @@ def conduct(
     files = {} if recording is None else attached(compose, scenario.environment)
     environment = {
         "SUREFOOT_RECORDER_PATH": str(recording) if recording else "",
-        "SUREFOOT_RECORDER_ABOUT": about_run(
-            compose.robot, compose.name, compose.service_names, request, scenario, files
-        ),
+        "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, compose.services, request, scenario, files),
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
         **scenario.environment,
     }

@@ -73,7 +73,7 @@ def build_services(
         overrides = [f"robot={robot!r}"]
         if "autostart" in kind.Config.model_fields:  # the first epoch is ours
             overrides.append("autostart=false")
-        environment = {**compose.service(name).environment, **director.scenario.environment, **(more or {})}
+        environment = {**compose.services[name].environment, **director.scenario.environment, **(more or {})}
         config = load_config(kind.Config, name, None, environment, overrides)
         if name == "recorder":
             config = config.model_copy(update={"path": None if recording is None else str(recording), "about": about})
@@ -107,7 +107,7 @@ def run_local(
     seed = scenario.seed if seed is None else seed
     compose = system_of(scenario)
     director = Director(scenario)
-    names = [name for name in compose.service_names if name not in set(without)]
+    names = [name for name in compose.services if name not in set(without)]
     request = ResetRequest(
         seed=seed, world=scenario.world, expect=tuple(names),
         actuation_delay_ticks=0 if strict else scenario.actuation_delay_ticks,

@@ -74,7 +74,7 @@ def make(services: Sequence[type[Service[Any]]], namespace: str, wanted: Members
 def classes(compose: Compose) -> list[type[Service[Any]]]:
     """Return the classes of a system's services (raises SurefootError: one has no class here)."""
     found: list[type[Service[Any]]] = []
-    for name in compose.service_names:
+    for name in compose.services:
         try:
             found.append(service_class(name))
         except KeyError:

@@ -31,9 +31,9 @@ def test_there_are_some() -> None:
 def test_names_services_that_exist(path: Path) -> None:
     compose = load_compose(path)
     assert compose.name == path.stem
-    assert set(compose.service_names) <= set(service_names())
-    assert "supervisor" in compose.service_names
-    for service in compose.services:
+    assert set(compose.services) <= set(service_names())
+    assert "supervisor" in compose.services
+    for service in compose.services.values():
         if service.name != "supervisor":
             assert service.command == ("surefoot-service", service.name)
             assert ("supervisor", "service_healthy") in service.depends_on
@@ -51,7 +51,7 @@ def test_containers_share_the_network_of_the_host(path: Path) -> None:
 
 
 def test_every_service_is_in_a_system() -> None:
-    assert set(service_names()) == {name for path in FILES for name in load_compose(path).service_names}
+    assert set(service_names()) == {name for path in FILES for name in load_compose(path).services}
 
 
 @pytest.mark.parametrize("name", ["up", "down"])

@@ -23,7 +23,7 @@ def test_the_manifest_for_kubernetes_is_that_of_the_compose_file() -> None:
     made = run_process([sys.executable, ROOT / "scripts" / "kubernetes.py"], capture_output=True, text=True, check=True)
     assert made.stdout == MANIFEST.read_text(encoding="utf-8")
     names = [one["name"] for one in manifest()["spec"]["template"]["spec"]["containers"]]
-    assert names == list(load_compose(ROOT / "compose" / "ragno.yaml").service_names)
+    assert names == list(load_compose(ROOT / "compose" / "ragno.yaml").services)
 
 
 def test_kubectl_knows_every_field_of_the_manifest() -> None:

@@ -32,12 +32,12 @@ def test_can_be_run(path: Path) -> None:
     assert "no_fall" in scenario.limits
     assert scenario.world.terrain in KINDS
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
-    assert "simulator" in compose.service_names
-    for service in compose.services:
+    assert "simulator" in compose.services
+    for service in compose.services.values():
         load_robot(service.environment["SUREFOOT_ROBOT"])
     for step in scenario.steps:
         assert step.do == "kill" or step.request is not None
-        assert not step.service or step.service in compose.service_names
+        assert not step.service or step.service in compose.services
         assert step.at_tick is None or LEAD_TICKS <= step.at_tick < scenario.max_ticks
 
 
@@ -46,7 +46,7 @@ def test_a_robot_that_walks_undisturbed_keeps_its_static_margin(path: Path) -> N
     """Statically stable gaits: one sample with the centre of mass near the edge is a fault of walker or stability."""
     scenario = load_scenario(path)
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
-    robot = load_robot(compose.service("simulator").environment["SUREFOOT_ROBOT"])
+    robot = load_robot(compose.services["simulator"].environment["SUREFOOT_ROBOT"])
     does = {step.do for step in scenario.steps}
     least = {"hexapod": 0.03, "quadruped": 0.02}
     if robot.kind in least and "walk" in does and not does & {"push", "fault", "set", "kill"}:

@@ -34,9 +34,7 @@ START_S = 240.0  # s wall, a first start compiles kernels
 RUN_S = 240.0  # s wall without the end of a run
 STOP_S = 60.0  # s wall for an end; takes less than 2
 SERVICES = tuple(
-    name
-    for name in load_compose(find("compose", "ragno", ".yaml", ComposeError)).service_names
-    if name != Supervisor.name
+    name for name in load_compose(find("compose", "ragno", ".yaml", ComposeError)).services if name != Supervisor.name
 )
 """What the compose file starts beside the supervisor."""
 

@@ -191,31 +191,25 @@ class ComposeService:
 
 @dataclass(frozen=True)
 class Compose:
-    """A validated compose file: its name and its services in dependency order."""
+    """A validated compose file.
+
+    Attributes:
+        name: of the system.
+        path: of the file.
+        services: by name, in dependency order.
+        robot: that the file is for, a name or a folder: SUREFOOT_ROBOT of its services, else of the caller.
+    """
 
     name: str
     path: Path
-    services: tuple[ComposeService, ...]
-
-    @property
-    def service_names(self) -> tuple[str, ...]:
-        """Names in dependency order."""
-        return tuple(service.name for service in self.services)
-
-    @property
-    def robot(self) -> str:
-        """The robot the file is for, a name or a folder: SUREFOOT_ROBOT of its services, else of the caller."""
-        given = (s.environment["SUREFOOT_ROBOT"] for s in self.services if "SUREFOOT_ROBOT" in s.environment)
-        return next(given, os.environ.get("SUREFOOT_ROBOT", "ragno"))
+    services: Mapping[str, ComposeService]
+    robot: str
 
     def of_robot(self, robot: str) -> "Compose":
         """Return the system with a robot, a name or a folder, in all its services; it is called as the robot."""
-        services = tuple(replace(s, environment={**s.environment, "SUREFOOT_ROBOT": robot}) for s in self.services)
-        return replace(self, name=Path(robot).name, services=services)
-
-    def service(self, name: str) -> ComposeService:
-        """Return the service of that name; KeyError when the file has none."""
-        return {service.name: service for service in self.services}[name]
+        every = self.services.items()
+        services = {n: replace(s, environment={**s.environment, "SUREFOOT_ROBOT": robot}) for n, s in every}
+        return Compose(Path(robot).name, self.path, services, robot)
 
 
 def load_compose(name: str | Path) -> Compose:
@@ -239,8 +233,7 @@ def parse_compose(text: str, path: Path = Path("compose.yaml")) -> Compose:
         if not file.services:
             raise ComposeError("missing", "services", "names no service")
         services = [_service(name, table) for name, table in file.services.items()]
-        _check_robot(services)
-        return Compose(file.name, path, _in_order(services))
+        return Compose(file.name, path, _in_order(services), _robot(services))
     except ComposeError as exc:
         exc.file = str(path)
         raise
@@ -266,16 +259,17 @@ def _service(name: str, table: ServiceTable) -> ComposeService:
     )
 
 
-def _check_robot(services: list[ComposeService]) -> None:
-    """Refuse services that have different robots: they would misread each other."""
+def _robot(services: list[ComposeService]) -> str:
+    """Return the robot of all services; refuse services that have different ones: they would misread each other."""
     given = [(s.name, s.environment["SUREFOOT_ROBOT"]) for s in services if "SUREFOOT_ROBOT" in s.environment]
     for name, robot in given:
         if robot != given[0][1]:
             text = f"got {robot!r}, but {given[0][0]} has {given[0][1]!r}: the services of a system are of one robot"
             raise ComposeError("value", f"services.{name}.environment.SUREFOOT_ROBOT", text)
+    return given[0][1] if given else os.environ.get("SUREFOOT_ROBOT", "ragno")
 
 
-def _in_order(services: list[ComposeService]) -> tuple[ComposeService, ...]:
+def _in_order(services: list[ComposeService]) -> dict[str, ComposeService]:
     """Sort by dependency, otherwise in the order of the file; refuse unknown names and cycles."""
     names = [service.name for service in services]
     for service in services:
@@ -283,16 +277,15 @@ def _in_order(services: list[ComposeService]) -> tuple[ComposeService, ...]:
             if needed not in names:
                 where = f"services.{service.name}.depends_on"
                 raise ComposeError("unknown_name", where, f"got {needed!r}, the file has {', '.join(names)}")
-    ordered: list[ComposeService] = []
+    ordered: dict[str, ComposeService] = {}
     while len(ordered) < len(services):
-        placed = {service.name for service in ordered}
-        free = [s for s in services if s.name not in placed and all(need in placed for need, _ in s.depends_on)]
+        free = [s for s in services if s.name not in ordered and all(need in ordered for need, _ in s.depends_on)]
         if not free:
-            left = [name for name in names if name not in placed]
+            left = [name for name in names if name not in ordered]
             where = f"services.{left[0]}.depends_on"
             raise ComposeError("value", where, f"these services wait for each other: {', '.join(left)}")
-        ordered += free
-    return tuple(ordered)
+        ordered |= {service.name: service for service in free}
+    return ordered
 
 
 def _content(text: str) -> object:

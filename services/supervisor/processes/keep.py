@@ -74,10 +74,11 @@ def keep(
         RobotError: no such robot.
         BusError: the port is taken, a service is not restarted any more, or the simulator refuses the world.
     """
-    names = compose.service_names
     environment = {
         "SUREFOOT_RECORDER_PATH": str(order.record.resolve()) if order.record is not None else "",
-        "SUREFOOT_RECORDER_ABOUT": about_run(compose.robot, compose.name, names, order.request, files=order.files),
+        "SUREFOOT_RECORDER_ABOUT": about_run(
+            compose.robot, compose.name, compose.services, order.request, files=order.files
+        ),
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # time begins when everybody is there
     }
     with Session(compose, listen=listen, environment=environment, spawn=spawn, notify=notify) as session:

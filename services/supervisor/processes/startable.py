@@ -46,7 +46,7 @@ def startable(
         compose = compose.of_robot(robot_place(robot))
     if scenario is not None:
         _check_names(scenario, compose)
-    for service in compose.services:
+    for service in compose.services.values():
         if service.name != SELF:
             _check(service, compose, scenario, environ or {})
     return compose
@@ -59,7 +59,7 @@ def system_of(scenario: Scenario, environ: Mapping[str, str] | None = None) -> C
 
 def _check_names(scenario: Scenario, compose: Compose) -> None:
     """Refuse a scenario that kills or configures a service that the system does not have."""
-    known = [name for name in compose.service_names if name != SELF]
+    known = [name for name in compose.services if name != SELF]
     named = [(f"step[{i}].service", step.service) for i, step in enumerate(scenario.steps) if step.do == "kill"]
     for field, name in (*named, *((f"config.{name}", name) for name in scenario.config)):
         if name not in known:

@@ -71,7 +71,7 @@ class System:
         self._clock = clock
         self._spawn = spawn or self._start_process
         self._on_action = on_action
-        self._services = {service.name: service for service in compose.services if service.name != SELF}
+        self._services = {name: service for name, service in compose.services.items() if name != SELF}
         self._wanted = tuple(
             replace(wanted, after=tuple(need for need in wanted.after if need[0] != SELF))
             for wanted in map(wanted_from, self._services.values())

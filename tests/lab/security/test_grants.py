@@ -11,7 +11,7 @@ def keys_of(identity: str, verb: Verb) -> set[str]:
 
 
 def test_every_service_has_grants_and_every_topic_one_publisher() -> None:
-    assert set(IDENTITIES) == {*SYSTEM.service_names, "operator", "guest"} - {ROUTER}
+    assert set(IDENTITIES) == {*SYSTEM.services, "operator", "guest"} - {ROUTER}
     for topic in TOPICS:
         if topic.owner == "*" or topic.owner == ROUTER:
             continue

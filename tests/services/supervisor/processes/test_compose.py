@@ -36,21 +36,21 @@ def test_reads_every_honoured_key():
           early: {environment: {N: 2}, restart: no, image: surefoot, build: ., init: true, network_mode: host}
         """
     )
-    assert (compose.name, compose.service_names) == ("robot", ("early", "late"))
-    late = compose.service("late")
+    assert (compose.name, tuple(compose.services)) == ("robot", ("early", "late"))
+    late = compose.services["late"]
     assert late.command == ("python", "-m", "services.late", "--flag", "two words")
     assert late.environment == {"A": "1", "B": "x=y"}
     assert late.depends_on == (("early", "service_healthy"),)
     assert rates(late) == (0.5, 4, 90.0)
     assert (late.restart, late.max_restarts, late.stop_grace_s) == ("on-failure", 3, 1.0)
-    early = compose.service("early")
+    early = compose.services["early"]
     assert early.command == ("surefoot-service", "early")
     assert (early.restart, early.environment) == ("no", {"N": "2"})
 
 
 def test_a_disabled_health_check_is_none():
     compose = parse_compose("services: {a: {healthcheck: {disable: true}}, b: {healthcheck: {test: [NONE]}}}")
-    assert [service.healthcheck for service in compose.services] == [None, None]
+    assert [service.healthcheck for service in compose.services.values()] == [None, None]
 
 
 BASE = """
@@ -78,7 +78,7 @@ services:
   other: {extends: first, restart: no}
 """)
     compose = load_compose(tmp_path / "more.yaml")
-    mine, other = compose.service("mine"), compose.service("other")
+    mine, other = compose.services["mine"], compose.services["other"]
     assert mine.command == ("surefoot-service", "walker", "--set", "a=1")
     assert mine.environment == {"A": "1", "B": "3", "C": "4"}
     assert set(mine.depends_on) == {("first", "service_started"), ("other", "service_healthy")}
@@ -166,7 +166,7 @@ def test_a_command_with_an_open_quote_is_refused_in_plain_words():
 
 def test_what_is_merged_twice_is_not_given_twice():
     text = "services: {a: &a {restart: always}, b: &b {stop_grace_period: 1s}, c: {<<: *a, <<: *b}}"
-    service = parse_compose(text).service("c")
+    service = parse_compose(text).services["c"]
     assert (service.restart, service.stop_grace_s) == ("always", 1.0)
 
 

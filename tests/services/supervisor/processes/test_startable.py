@@ -66,7 +66,7 @@ def test_what_is_there_is_found_without_being_imported(tmp_path: Path, monkeypat
     (tmp_path / "mine" / "__init__.py").write_text("raise RuntimeError('imported')\n", encoding="utf-8")
     (tmp_path / "mine" / "driver.py").write_text("", encoding="utf-8")
     for command in ("python -m mine.driver", "python mine/driver.py", "surefoot-service walker", "sh -c true"):
-        assert startable(system(tmp_path, command)).service_names == ("supervisor", "legs")
+        assert tuple(startable(system(tmp_path, command)).services) == ("supervisor", "legs")
 
 
 def test_everything_that_comes_with_the_project_can_be_started() -> None:
@@ -81,7 +81,7 @@ def test_a_system_takes_another_robot_a_name_or_a_folder(tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     for given, place in (("lupo", "lupo"), ("./mine", str(folder)), ("mine", str(folder))):
         compose = startable("ragno", robot=given)
-        assert {service.environment["SUREFOOT_ROBOT"] for service in compose.services} == {place}
+        assert {service.environment["SUREFOOT_ROBOT"] for service in compose.services.values()} == {place}
         assert compose.robot == place
         assert compose.name == Path(place).name
         assert system_of(replace(load_scenario("stand"), robot=given)) == compose
@@ -140,7 +140,7 @@ def test_paths_are_printed_as_one_would_type_them_here(tmp_path: Path, monkeypat
 @pytest.mark.parametrize("name", names("compose", ".yaml"))
 @pytest.mark.parametrize("code", [0, 1, -9])
 def test_a_service_of_ours_that_somebody_else_ended_is_started_again(name: str, code: int) -> None:
-    wanted = [wanted_from(service) for service in startable(name).services]
+    wanted = [wanted_from(service) for service in startable(name).services.values()]
     ended = Observed(phase="exited", since=0.0, exit_code=code, failures=1)
     for one in (service.name for service in wanted if service.name != SELF):
         observed = {**{other.name: HEALTHY for other in wanted}, one: ended}
