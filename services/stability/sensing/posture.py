@@ -204,7 +204,7 @@ def _servos(stands: PosedRobot, legs: list[int], limit: Array) -> ServoLegs:
     return ServoLegs(product(rot, jacobian[legs]), own, limit[index], robot.mass * GRAVITY)
 
 
-class Step(NamedTuple):
+class SteppedRobot(NamedTuple):
     """Movement of a robot's trunk over its standing legs, as a check of the movement needs it; frame world."""
 
     com: tuple[float, float]
@@ -219,7 +219,9 @@ class Step(NamedTuple):
     """Servos after the movement; None without torque limits, or without movement."""
 
 
-def stepped(stands: PosedRobot | HeldRobot, contacts: ContactSet, names: tuple[str | None, ...], way: Array) -> Step:
+def stepped(
+    stands: PosedRobot | HeldRobot, contacts: ContactSet, names: tuple[str | None, ...], way: Array
+) -> SteppedRobot:
     """Move the trunk by `way` (3,) m over the legs on the contacts, which are named, or None for the nearest.
 
     Raises:
@@ -231,7 +233,7 @@ def stepped(stands: PosedRobot | HeldRobot, contacts: ContactSet, names: tuple[s
     moved, (x, y, _) = robot.moved(way, standing), robot.com().tolist()
     legs = tuple(leg.name for leg, stays in zip(robot.robot.legs, standing, strict=True) if stays)
     servos = _servos(moved.after, stands.legs, stands.limit) if limited and way.any() else None
-    return Step((x, y), moved.vector, moved.reachable, legs, servos)
+    return SteppedRobot((x, y), moved.vector, moved.reachable, legs, servos)
 
 
 def posed(robot: Robot, joints: ArrayLike, base: BasePose, field: str = "") -> PosedRobot:
