@@ -40,7 +40,7 @@ def services(incomplete: str) -> list[str]:
 
 
 def topics(incomplete: str) -> list[str]:
-    """Return keys of topics."""
+    """Return the keys of topics that begin with what is typed, for the shell's completion."""
     from surefoot.schemas.topics import TOPICS
 
     return _of((row.key for row in TOPICS), incomplete)

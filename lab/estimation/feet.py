@@ -58,7 +58,7 @@ class FeetOptions:
         return cls(kind, numbers.get("foot_radius"), size, on, off)
 
     def over(self, other: "FeetOptions") -> "FeetOptions":
-        """Return these options, completed by others."""
+        """Return these options of the feet; what they leave open comes from `other`."""
         mine = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(other, **{key: value for key, value in mine.items() if value is not None})
 

@@ -24,11 +24,11 @@ class Sightings:
     frame: NDArray[np.int64]
     """Frame of each detection, (m,)."""
     ranges: Array
-    """Distances, m, (m,)."""
+    """Distance of each detection from the camera, m, (m,)."""
     bearings: Array
-    """Directions, rad, left positive, (m,)."""
+    """Direction of each detection from the camera, rad, left positive, (m,)."""
     looks: Array
-    """Descriptors, (m, k)."""
+    """Descriptor of each detection, k numbers, (m, k)."""
     source: str
     """Key of the poses."""
 

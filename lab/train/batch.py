@@ -63,7 +63,7 @@ class BatchRoom(NamedTuple):
 
 @free_kernel
 def _one_of(states: EpisodeState, e: int) -> EpisodeState:
-    """Return the arrays of episode e of a batch."""
+    """Return the state of episode e as views into the arrays of its batch."""
     return EpisodeState(
         states.rng[e],
         states.marks[e],
@@ -113,7 +113,7 @@ def _step(
     batch: BatchRoom,
     room: EpisodeRoom,
 ) -> None:
-    """Begin or act in the episodes of a part (first, end), in place."""
+    """Begin the episodes of a part (first, end) that are to be renewed, act once in the others, in place."""
     stride = batch.episodes.size
     for e in range(part[0], part[1]):
         state = _one_of(states, e)

@@ -98,7 +98,7 @@ class Stand:
         self.wait(REST_S)
 
     def read(self, seconds: float = MEAN_S) -> Reading:
-        """Mean over a moment; a real sensor's noise is as large."""
+        """Return the mean of the sensors over a time, s, while the robot stands."""
         joints, current, load, up = [], [], [], []
         for _ in range(round(100.0 * seconds)):
             self._tick(None)

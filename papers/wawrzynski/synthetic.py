@@ -186,7 +186,7 @@ def _body(walk: WalkParams, path: _Path, rng: np.random.Generator) -> tuple[Arra
 
 @dataclass(frozen=True, eq=False)
 class _Ankles:
-    """Ankles on the fine grid."""
+    """True motion of the ankles of a synthetic walk, N samples on the grid that all sensors are sampled from."""
 
     position: Array  # (L, N, 3) m, world
     yaw: Array  # (L, N) rad

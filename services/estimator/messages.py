@@ -44,7 +44,7 @@ def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
 
 
 def sample_of(m: ExternalMotion) -> ExternalSample:
-    """Return the sample of a message from elsewhere."""
+    """Return the motion that another estimator published as a sample for the filter."""
     return ExternalSample(m.position, m.position_covariance, m.yaw, m.yaw_variance, m.velocity, m.velocity_covariance)
 
 

@@ -140,7 +140,7 @@ class DepthView(NamedTuple):
 
 @dataclass
 class Mapper:
-    """Map of a run.
+    """Elevation map that a run measures, with counts of what it took and refused.
 
     Attributes:
         params: its size and limits.

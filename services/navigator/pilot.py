@@ -106,7 +106,7 @@ class Pilot:
 
     @property
     def end(self) -> End:
-        """End of the goal, coming or past; of one under way, its present state."""
+        """Outcome of the goal, with its error and message: the one it has, or will have once the robot stands."""
         return self._halting or (self.state, self.error, self.message)
 
     def resume(self, goal: NavigationGoal, decider: Decider, state: GoalState, end: End) -> None:

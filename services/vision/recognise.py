@@ -38,7 +38,7 @@ class RecogniseParams:
     ratio: float = 0.85
     """Largest distance to the nearest candidate over that to the second."""
     beside: float = 0.02
-    """m, map features so near each other are one."""
+    """Distance below which two features of the map count as one, m."""
     alone: float = 0.8
     """Part of the largest distance that a match without a second candidate may have."""
     apart: float = 0.1

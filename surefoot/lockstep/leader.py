@@ -117,7 +117,7 @@ class Leader:
         return True
 
     def drop(self, service: str, why: str) -> None:
-        """Applies the policy to a lost member."""
+        """Wait for a member that was lost, go on without it, or end the run, as the policy of the run asks."""
         self.comparable = False
         self.reason = why
         if self.policy == "fail":

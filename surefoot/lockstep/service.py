@@ -67,7 +67,7 @@ class Service(Generic[C]):
         """Once, before anything arrives: register handlers, load the robot."""
 
     def rehearse(self) -> None:
-        """Once, after ``on_start``: do made-up work with objects of its own, so that every kernel is loaded.
+        """Load every kernel by made-up work on objects of its own; called once, after ``on_start``.
 
         A kernel that is first needed in a tick would be loaded there, or compiled. Nothing is published, and what the
         service computes later is the same as without a rehearsal. It takes less than 0.1 s once the kernels are

@@ -65,7 +65,7 @@ class RecordingWriter:
         self._channels: dict[str, tuple[int, bool]] = {}
 
     def write(self, topic: Topic[Any], header: Header, raw: Raw) -> None:
-        """Adds a message as it came."""
+        """Append an encoded message to the recording, with the time and number of its header."""
         key = topic.key if not topic.key.endswith("/*") else f"{topic.key[:-1]}{header.source}"
         channel, bulk = self._channels.get(key) or self._add_channel(key, topic.model)
         data = raw.payload

@@ -186,7 +186,7 @@ class Encoder:
 
 @dataclass(frozen=True, eq=False)
 class CurrentSensor:
-    """Servo current."""
+    """Current sensor of a servo."""
 
     torque_per_ampere: float  # Nm/A
     noise_ampere: float

@@ -44,7 +44,7 @@ Feet = NDArray[np.int64]
 
 @kernel
 def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
-    """Return the square of the distance of foot f in a row of feet (N, L, 3) from foot g in another."""
+    """Return the squared distance, m^2, of foot f in one row of feet (N, L, 3) from foot g in the row `before`."""
     square = 0.0
     for i in range(3):
         square += (feet[row, f, i] - feet[before, g, i]) ** 2

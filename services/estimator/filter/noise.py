@@ -34,7 +34,8 @@ class BestNoise(NamedTuple):
     gyro_jerk: float = 0.15
     """Share of the change between two gyro samples that is error: a trunk that shakes bends."""
     acc_jerk: float = 0.05
-    """Share of the change between two accelerometer samples that is error, times the root of excess^2 - 1."""
+    """Share of the change between two accelerometer samples that is error, times sqrt(e^2 - 1) where e raises the
+    inertial noise."""
     stay: float = 0.0002
     """Walk of a point that stays, m/sqrt(s)."""
     slide: float = 0.15

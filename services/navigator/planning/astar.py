@@ -135,14 +135,14 @@ class Successors(NamedTuple):
     entry: Longs
     """Cell << 4 | direction, (8,)."""
     f: Longs
-    """Cost and bound, (8,)."""
+    """Cost from the start to each end, plus the bound on the rest of the way, (8,)."""
     h: Longs
-    """Bound, (8,)."""
+    """Lower bound on the cost of the rest of the way, (8,)."""
 
 
 @row_kernel
 def _map_of(weight: Bytes, goal: int, marks: Ints) -> SearchMap:
-    """Return the constants of a search over padded weights (rows + 2, cols + 2)."""
+    """Return the constants of a search for one goal: weights with a border (rows + 2, cols + 2), goal, neighbours."""
     wide = weight.shape[1]
     return SearchMap(
         weight.ravel(),

@@ -18,7 +18,7 @@ MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at
 
 
 class Child:
-    """A process that this one started."""
+    """Child process, of a service or of a supervisor in the background, with its log."""
 
     def __init__(self, name: str, command: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
         """Start the process in a group of its own, with both outputs in `log`.
