@@ -15,6 +15,8 @@ from surefoot.tables import shown
 
 MOST_BYTES = 16 * 1024 * 1024
 """Size of the largest file that is read: a robot with many geoms has 1 MB."""
+MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
+"""Number and depth of the elements of a robot: the largest public ones have 2,000, 30 deep."""
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
 """kg m2, of a link fixed to another: MuJoCo refuses zero, a real robot's smallest link has a million times more."""
@@ -22,6 +24,7 @@ BALANCED = "inertias that break the triangle inequality"
 """Beginning of the note on inertias that MuJoCo has replaced."""
 MOST_INCLUDES = 50
 """Number of files that one robot may be made of."""
+NO_NUMBER = re.compile(r"(?:^|\s)[+-]?(nan|inf|infinity)(?:$|\s)", re.IGNORECASE)
 NAMES = re.compile(r"[\w .:/-]{1,120}")
 """Allowed names of bodies, joints and sites."""
 
@@ -53,6 +56,7 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
     if root.tag not in ("mujoco", "robot"):
         raise RobotError("value", "file", f"got a root element {shown(root.tag)}, allowed are mujoco, robot")
     for element in root.iter():
+        _check_numbers(element)
         name = element.get("name")
         if element.tag in ("body", "joint", "freejoint", "site", "link", "robot") and name is not None:
             check_name(name, f"{element.tag}.name")
@@ -72,6 +76,17 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
     _check_masses(root)
     _repair_inertias(root, [] if notes is None else notes)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _check_numbers(element: ElementTree.Element) -> None:
+    """Refuse NaN, infinity outside limits, and elements of xacro (raises RobotError)."""
+    if "xacro" in element.tag:
+        text = "got an element of xacro, allowed is what it becomes: `xacro ROBOT.urdf.xacro -o ROBOT.urdf`"
+        raise RobotError("value", "file", text)
+    for key, value in element.attrib.items():
+        found = NO_NUMBER.search(value) if key != "name" else None
+        if found and (element.tag != "limit" or found[1].lower() == "nan"):
+            raise RobotError("value", f"{element.tag}.{key}", f"got {shown(value)}, allowed are finite numbers")
 
 
 def check_name(name: str, field: str) -> None:
@@ -130,9 +145,17 @@ def _parse(path: Path) -> ElementTree.Element:
     if b"\0" in content:
         raise RobotError("syntax", "file", "got bytes of zero, allowed is XML in UTF-8")
     try:
-        return ElementTree.fromstring(content)
+        root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise RobotError("syntax", "file", f"got text that is no XML ({error}), allowed are MJCF and URDF") from None
+    level, depth, count = [root], 0, 0
+    while level:
+        depth, count = depth + 1, count + len(level)
+        if depth > MOST_DEPTH or count > MOST_ELEMENTS:
+            most = f"{MOST_DEPTH} levels of" if depth > MOST_DEPTH else str(MOST_ELEMENTS)
+            raise RobotError("value", "file", f"got more than {most} elements, allowed are fewer")
+        level = [child for element in level for child in element]
+    return root
 
 
 def _include(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementTree.Element] | None:

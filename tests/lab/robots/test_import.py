@@ -232,6 +232,11 @@ BAD = {
     "include outside": (MJCF.replace("<worldbody>", '<include file="../../a.xml"/><worldbody>'), "below"),
     "mesh outside": (MJCF.replace("hull.stl", "../../hull.stl"), "below"),
     "markup": (MJCF.replace("fl_j0", "[red]fl"), "letters"),
+    "deep": ("<mujoco>" + 20_000 * "<body>" + 20_000 * "</body>" + "</mujoco>", "levels of elements"),
+    "many": (MJCF.replace("</worldbody>", 60_000 * '<geom size="1"/>' + "</worldbody>"), "50000 elements"),
+    "not a number": (MJCF.replace('pos="0 .05 0"', 'pos="0 nan 0"', 1), "body.pos"),
+    "infinite": (MJCF.replace('pos="0 .05 0"', 'pos="0 -Inf 0"', 1), "finite"),
+    "xacro": ('<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg/></robot>', "xacro ROB"),
     "no XML": ("<mujoco", "XML"),
     "another XML": ("<html/>", "mujoco, robot"),
 }  # fmt: skip
