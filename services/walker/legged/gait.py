@@ -176,7 +176,8 @@ class LeggedWalker:
         s.body[2] += rise
         if s.adjusting and abs(wanted - s.body[2]) < 0.002:
             s.adjusting = False
-        if not s.held:
+        hangs = not s.held and s.gait.leans and s.goal is not None and stepping.bear(s, p, TICK_S)
+        if not s.held and not hangs:
             balance.shift(s, reach)
         if s.held or s.adjusting or s.goal is not None:
             return

@@ -104,6 +104,18 @@ def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: 
     return bool(seeking.any())
 
 
+def bear(state: WalkerState, params: WalkerParams, dt: float) -> bool:
+    """Let standing feet that touch nothing go down, within the depth of a search; returns whether any does."""
+    s = state
+    if s.fresh:
+        s.hanging = np.where(s.contacts, 0, s.hanging + 1)
+    deepest = np.median(s.footholds[:, 2]) - params.search_m
+    seeking = (s.hanging >= HANGING) & (s.footholds[:, 2] > deepest)
+    s.footholds[seeking, 2] -= params.touch_speed * dt
+    s.feet[seeking, 2] -= params.touch_speed * dt
+    return bool(seeking.any())
+
+
 def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
     """Let feet that have looked for the ground far enough stand where they are."""
     s = state

@@ -163,6 +163,23 @@ def test_shifts_the_trunk_over_its_feet_and_walks_on_from_there():
     assert p.walker.state.body[:2] == pytest.approx([0.2, 0.0], abs=0.006)
 
 
+def test_a_standing_foot_that_hangs_goes_down_before_the_trunk_shifts():
+    p, dent = plant(LUPO), 0.008
+    p.run(1.0)
+    before = p.walker.state.feet[2, 2]
+    body = p.walker.state.body[:2].copy()
+    assert p.walker.command(MotionCommand("stand", shift=(0.03, -0.02))).accepted
+    for tick in range(300):
+        gap = p.walker.state.feet[2, 2] - before + dent
+        p.contacts[2] = gap <= 0.001
+        p.step()
+        if gap > 0.001 and tick > 10:
+            assert p.walker.state.body[:2] == pytest.approx(body, abs=3e-3)
+    assert gap + 0.002 >= 0.0
+    assert gap <= 0.001
+    assert p.walker.state.body[:2] == pytest.approx([0.03, -0.02], abs=1e-3)
+
+
 def test_a_step_that_stability_refuses_is_not_taken():
     p = plant(LUPO, check=lambda step: StanceVerdict(False, -0.01, "infeasible"))
     p.run(1.0)
