@@ -24,8 +24,14 @@ Ints = NDArray[np.int64]
 
 NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""
-WIDER = {"mounting": 3.0, "lever": 3.0}
+FEWEST_WINDOWS = 2
+"""Fewest windows that show anything: how far they differ is what the interval comes from."""
+WIDER = {"offset": 2.0, "mounting": 3.0, "lever": 3.0}
 """Factor of the interval of kinds that feet pull aside which rock, roll or creep alike at each step."""
+SOLES_WIDER = 1.6
+"""The same for lengths, where feet are soles: they rock about edges, and are taken as turning about one point."""
+ALWAYS = {"offset": 0.003}
+"""Half interval that no walk makes narrower, s: feet yield under loads that follow the acceleration."""
 NARROW = 0.4
 """Largest half interval of an observable parameter, in half ranges of its prior."""
 ROUNDS = 5
@@ -80,11 +86,13 @@ class LegCalibration:
     def pairs(self) -> list[tuple[Unknown, CalibratedValue]]:
         """Return `found` with the unknown of each."""
         out: list[tuple[Unknown, CalibratedValue]] = []
+        soles = any(u.kind == "pivot" for u in self.unknowns)
+        wider = WIDER | ({"length": SOLES_WIDER} if soles else {})
         for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
             if u.kind in SHOWN:
                 factor, unit = SHOWN[u.kind]
-                half = NORMAL_95 * WIDER.get(u.kind, 1.0) * float(sd)
-                seen = half < NARROW * u.range and abs(float(value)) <= u.range
+                half = float(np.hypot(NORMAL_95 * wider.get(u.kind, 1.0) * sd, ALWAYS.get(u.kind, 0.0)))
+                seen = half < NARROW * u.range and abs(float(value)) <= u.range and self.windows >= FEWEST_WINDOWS
                 out.append((u, CalibratedValue(u.name, unit, factor * float(value), factor * half, seen)))
         return out
 
@@ -235,11 +243,12 @@ def proven(found: LegCalibration) -> LegCalibration:
     """
     found = alike(found)
     while True:
-        unproven = {u.name: abs(one.value) / one.half for u, one in found.pairs() if not one.proven}
+        unproven = {u: abs(one.value) / one.half for u, one in found.pairs() if not one.proven}
         if not unproven:
             return found
-        least = sorted(unproven, key=lambda name: unproven[name])[: -(-len(unproven) // 2)]
-        found = calibrate(found.log, [u for u in found.unknowns if u.name not in least])
+        sensor = [u for u in unproven if u.kind in ("mounting", "lever")]
+        least = sensor or sorted(unproven, key=lambda u: unproven[u])[: -(-len(unproven) // 2)]
+        found = calibrate(found.log, [u for u in found.unknowns if u not in least])
 
 
 def offset_note(log: Log) -> tuple[str, ...]:

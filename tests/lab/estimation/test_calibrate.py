@@ -138,6 +138,21 @@ def test_what_is_right_is_left_alone():
         assert not proven(calibrate(noisy("twist", seed))).found()
 
 
+def test_offsets_of_loads_and_one_window_prove_nothing():
+    log = noisy()
+    late = replace(log, foot_ns=log.foot_ns + 2_000_000)
+    value, half, observable = found(calibrate(late))["time offset of the feet"]
+    assert observable
+    assert half >= 3.0
+    assert value == pytest.approx(-2.0, abs=2.0)
+    part = (log.seconds > 6.0) & (log.seconds < 8.5)
+    first, last = log.stamp_ns[part][[0, -1]]
+    inside = (late.foot_ns >= first) & (late.foot_ns <= last)
+    once = calibrate(replace(late, joints=None).with_imu(part).with_feet(inside))
+    assert once.windows == 1
+    assert not any(one.observable for one in once.found())
+
+
 def test_apply_undoes_offset_and_turn():
     log = noisy()
     wrong = turned(replace(log, foot_ns=log.foot_ns + 20_000_000), (3.0, 0.0, 0.0))
