@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
+CARRIED = 0.5
+"""Share of the weight from which on some foot stands; less is carried only in flight, or by hands."""
 UP_S = 0.5
 """Time over which the mean accelerometer shows the direction of gravity, s."""
 
@@ -26,6 +28,17 @@ def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
         now = (row > on) | (now & (row >= off))
         out[k] = now
     return out
+
+
+def by_force(force: Array, on: float, off: float) -> Flags:
+    """Return contacts (m, F) of forces (m, F) N by two thresholds, which may be too high for one foot.
+
+    While the feet together carry half of the weight, the mean of their sum over all rows, the one with the most stands.
+    """
+    total = np.maximum(force.sum(axis=1), 0.0)
+    carried = (total > CARRIED * total.sum() / max(len(total), 1)) & (total > 0.0)
+    most = force == force.max(axis=1, initial=0.0)[:, None]
+    return schmitt(force, on, off) | (carried[:, None] & most)
 
 
 def by_height(position: Array, up: Array) -> Flags:

@@ -11,7 +11,7 @@ from surefoot.errors import SurefootError
 from surefoot.record.columns import Columns
 from surefoot.tables import did_you_mean
 
-from .contacts import by_height, mean_up, schmitt
+from .contacts import by_force, by_height, mean_up
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -123,7 +123,7 @@ def _by_force(force: Array, given: FeetOptions, notes: list[str]) -> Flags:
     on = ON * float(np.median(force.sum(axis=1))) if given.contact_on is None else given.contact_on
     off = OFF / ON * on if given.contact_off is None else given.contact_off
     notes.append(f"contacts by force: from {on:.0f} N on, until below {off:.0f} N")
-    return schmitt(force, on, off)
+    return by_force(force, on, off)
 
 
 def shape(

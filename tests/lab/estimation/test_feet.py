@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
+from surefoot.lab.estimation.contacts import by_force, schmitt
 from surefoot.lab.estimation.export import save_csv, save_npz
 from surefoot.lab.estimation.feet import FeetOptions
 from surefoot.lab.estimation.files import open_log
@@ -128,3 +129,19 @@ def test_soles_halve_the_error_of_a_foreign_walk():
     found = score(log, track("best", log))
     assert found.rmse < 0.042
     assert found.smooth < 0.019
+
+
+def test_the_most_loaded_foot_stands_however_high_the_thresholds_are():
+    rng = np.random.default_rng(5)
+    share = rng.uniform(0.0, 1.0, 400)
+    force = 300.0 * np.column_stack([share, 1.0 - share])
+    force[100:150] = rng.normal(0.0, 3.0, (50, 2))  # in flight, or lifted: what the cells show is noise
+    contact = by_force(force, 1000.0, 900.0)
+    assert contact[:100].any(axis=1).all()
+    assert contact[150:].any(axis=1).all()
+    assert not contact[100:150].any()
+    stands = force[contact]
+    assert (stands >= 150.0).all()
+    assert (by_force(force, 100.0, 60.0) >= schmitt(force, 100.0, 60.0)).all()
+    assert not by_force(np.zeros((3, 2)), 20.0, 10.0).any()
+    assert by_force(np.zeros((0, 2)), 20.0, 10.0).shape == (0, 2)
