@@ -15,7 +15,10 @@ def report(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file [beside the recording].")] = None,
     json: Json = False,
 ) -> None:
-    """Write the report of a recording, by the limits it carries. Exit code 1: a limit was not met."""
+    """Write the report of a recording, by the limits it carries. Exit code 1: a limit was not met.
+
+    A recording holds no steps that were refused or unfinished: its best verdict is that all limits are met.
+    """
     use_json(json)
     if out is not None and (out.suffix.lower() not in (".html", ".htm") or out.is_dir()):
         raise typer.BadParameter(f"got {near(out)}, allowed is a file *.html", param_hint="--out")
@@ -27,8 +30,13 @@ def report(
         loaded = None if scenario is None else load_scenario(find_scenario(scenario))
         path, verdict = report_recording(file, loaded, out or file.with_suffix(".html"), progress.at)
     write_answer(
-        {"ok": verdict.ok, "values": {r.name: r.value for r in verdict.rows}, "report": near(path)},
-        f"report        {near(path)}",
+        {
+            "ok": verdict.ok,
+            "verdict": verdict.word,
+            "values": {r.name: r.value for r in verdict.rows},
+            "report": near(path),
+        },
+        f"report        {near(path)}\nverdict       {verdict.word}",
     )
     if not verdict.ok:
         raise typer.Exit(EXIT_CHECK)

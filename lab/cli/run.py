@@ -141,7 +141,7 @@ def _show(outcome: "RunOutcome", *, json: bool) -> None:
     hashed = verdict.message_hash + ("" if verdict.comparable else "  (not comparable)")
     lines = [("message hash", hashed if verdict.message_hash else None)]
     lines += [("note", note) for note in verdict.notes] + [("problem", problem) for problem in verdict.problems]
-    lines += [("recording", recording), ("report", report), ("verdict", "PASS" if verdict.ok else "FAIL")]
+    lines += [("recording", recording), ("report", report), ("verdict", verdict.word)]
     for name, text in lines:
         if text is not None:
             write(f"{name:<14}{text}")

@@ -100,6 +100,7 @@ class RunVerdict:
         problems: what went wrong besides the numbers: a service that died, a refused command, ...
         message_hash: hash of all deterministic messages, empty when unknown.
         comparable: False after a time-out, a restart or a degraded tick: the hash means nothing then.
+        watched: False of a recording, which does not hold all problems of its run.
     """
 
     rows: tuple[Row, ...]
@@ -107,11 +108,21 @@ class RunVerdict:
     message_hash: str = ""
     comparable: bool = True
     notes: tuple[str, ...] = field(default=())
+    watched: bool = True
 
     @property
     def ok(self) -> bool:
         """True if every limit is met and nothing else went wrong."""
         return not self.problems and all(row.ok is not False for row in self.rows)
+
+    @property
+    def word(self) -> str:
+        """Return the verdict in a word or two: a recording shows no more than that limits are met."""
+        if not self.ok:
+            return "FAIL"
+        if self.watched:
+            return "PASS"
+        return "LIMITS MET" if any(row.ok for row in self.rows) else "NOT JUDGED"
 
     def value(self, name: str) -> float | None:
         """Return the value of a metric."""
@@ -127,6 +138,7 @@ def judge(
     comparable: bool = True,
     problems: tuple[str, ...] = (),
     notes: tuple[str, ...] = (),
+    watched: bool = True,
 ) -> RunVerdict:
     """Hold a run against its limits.
 
@@ -138,6 +150,7 @@ def judge(
         comparable: whether the hash means anything.
         problems: what went wrong besides the numbers; the verdict cannot be ok then.
         notes: what else the reader should know.
+        watched: all problems of the run are known.
     """
     values = measure(traces, wall_s)
     rows: list[Row] = []
@@ -147,7 +160,7 @@ def judge(
             (LIMITS[key].side, limit) for key, limit in limits.items() if LIMITS[key].metric == name
         )
         rows.append(Row(name, value, held, _meets(value, held) if held else None))
-    return RunVerdict(tuple(rows), problems, message_hash, comparable, (*notes, *_below_siblings(rows)))
+    return RunVerdict(tuple(rows), problems, message_hash, comparable, (*notes, *_below_siblings(rows)), watched)
 
 
 def _below_siblings(rows: list[Row]) -> list[str]:

@@ -77,7 +77,7 @@ def render(about: About, traces: Traces, verdict: RunVerdict, film: Film | None 
             f'<script type="text/plain" id="data">{packed(data)}</script>',
         ]
     )
-    title = f"{about.scenario}, seed {about.seed}: {_word(verdict)}"
+    title = f"{about.scenario}, seed {about.seed}: {verdict.word}"
     return page(title, f"<main>{body}</main>", ("scene.js", "charts.js", "replay.js"), "startReport();")
 
 
@@ -96,7 +96,7 @@ def _consistency_table(traces: Traces) -> str:
 
 
 def _head(about: About, verdict: RunVerdict) -> str:
-    css = "pass" if verdict.ok else "fail"
+    css = {"FAIL": "fail", "NOT JUDGED": "open"}.get(verdict.word, "pass")
     tiles = "".join(
         f"<div><b>{_esc(row.text)}</b><span>{_esc(METRICS[row.name].title)}</span></div>"
         for row in verdict.rows
@@ -104,7 +104,7 @@ def _head(about: About, verdict: RunVerdict) -> str:
         and row.value is not None
     )
     return (
-        f'<header><span class="chip {css}">{_word(verdict)}</span><h1>{_esc(about.scenario)}</h1>'
+        f'<header><span class="chip {css}">{verdict.word}</span><h1>{_esc(about.scenario)}</h1>'
         f"<p>{_esc(about.description)} &middot; seed {about.seed}</p></header>"
         f'<div class="tiles">{tiles}</div>'
     )
@@ -143,10 +143,6 @@ def _facts(about: About, verdict: RunVerdict) -> str:
         f"<tr><td>{_esc(name)}</td><td><code>{_esc(value)}</code></td></tr>" for name, value in facts.items()
     )
     return f"<section><h2>This run</h2><table>{rows}</table></section>" if rows else ""
-
-
-def _word(verdict: RunVerdict) -> str:
-    return "PASS" if verdict.ok else "FAIL"
 
 
 def _css(ok: bool | None) -> str:

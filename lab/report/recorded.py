@@ -19,6 +19,7 @@ from .why import explain
 
 READ, EXPLAINED, FILMED = 0.3, 0.5, 0.8
 """Shares of the work after its steps; the last one writes the page."""
+UNFINISHED = "the run lasted until max_duration_s: its steps may be unfinished"
 
 
 def report_recording(
@@ -41,10 +42,13 @@ def report_recording(
     partly = (f"only a part of the recording can be read: {recording.damage}",) if recording.damage else ()
     notes = (*partly, *explained(file))
     progress(EXPLAINED)
-    if scenario is None and SCENARIO in recording.metadata:
-        scenario = recorded_scenario(recording.metadata, file)
+    if SCENARIO in recording.metadata:
+        own = recorded_scenario(recording.metadata, file)
+        scenario = own if scenario is None else scenario
+        notes += (UNFINISHED,) if own.steps and traces.last_tick + 1 >= own.max_ticks else ()
     limits = {} if scenario is None else scenario.limits
-    verdict = judge(traces, limits, message_hash=summary.get("run_hash", ""), notes=notes)
+    hashed = summary.get("run_hash", "")
+    verdict = judge(traces, limits, message_hash=hashed, notes=notes, watched=False)
     about = About(
         scenario=file.stem if scenario is None else scenario.name,
         description=str(file) if scenario is None else scenario.description,

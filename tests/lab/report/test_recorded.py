@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from surefoot.lab.scene.film import FRAMES_HZ
 from surefoot.record.recording import RecordingWriter, open_readable, read_recording, topic_of
 from surefoot.robot.reader import robot_file
 from surefoot.schemas.base import Header
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
 from .test_report import content
 
@@ -95,6 +97,18 @@ def test_names_are_never_markup(invented):
 def test_a_report_of_nothing_still_stands():
     text = render(About("x"), Traces(), judge(Traces(), {}))
     assert content(text) == {"charts": [], "film": None}
+
+
+@pytest.mark.parametrize(
+    ("limits", "word"),
+    [({}, "NOT JUDGED"), ({"no_fall": 0.0}, "LIMITS MET"), ({"min_distance_m": 100.0}, "FAIL")],
+    ids=["without limits", "met", "missed"],
+)
+def test_a_recording_passes_nothing_beyond_its_limits(recorded, tmp_path, limits, word):
+    scenario = replace(load_scenario(find_scenario("rough-terrain")), limits=limits)
+    path, verdict = report_recording(recorded, scenario, tmp_path / "report.html")
+    assert verdict.word == word
+    assert f": {word}</title>" in path.read_text(encoding="utf-8")
 
 
 DAMAGE = {
