@@ -35,7 +35,7 @@ MACHINE = re.compile(
 """Commands whose figures are times: other machines have others."""
 SCALES = {"%": 100.0, "mm": 1e3, "cm": 1e2, "mm/s": 1e3, "cm/s": 1e2, "ms": 1e3, "us": 1e6, "ns": 1e9, "mrad": 1e3}
 """What a number in the unit is times the one in SI units, in which a command may print it."""
-NUMBER = re.compile(r"(?<![\w.])-?\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d+)?(?![\w]*/)")
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d{1,2}(?!\d))?(?![\w]*/)")
 UNIT = re.compile(r" ?(%|mm/s|cm/s|mm|cm|ms|us|ns|mrad)(?![\w])")
 
 

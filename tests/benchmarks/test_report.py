@@ -53,6 +53,7 @@ def test_numbers_carry_their_last_digit_and_unit() -> None:
         ("100 of 100", "99 of 100", ()),
         ("10 000 sets", "10000 sets", ()),
         ("none", "3 wrong", ()),
+        ("20 of 20", "20 of 20, hash 7e4096f1, -9e-512", ()),
     ],
 )
 def test_a_number_that_is_not_printed_is_named(stated: str, printed: str, absent: tuple[str, ...]) -> None:
