@@ -1,8 +1,13 @@
 """Bindings of services to processes: frames of any other process are refused."""
 
+from collections import Counter
+
 from surefoot.bus.interface import Delivery, Life
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import HW_TICK
+
+MOST_EARLY = 64
+"""Processes whose early frames are counted apart; a flood under many names is not."""
 
 
 class Bindings:
@@ -17,6 +22,7 @@ class Bindings:
         self._visible: dict[str, dict[str, None]] = {}
         self.bound: dict[str, str] = {}
         """Process of each service that has proved its links."""
+        self._early: Counter[tuple[str, str]] = Counter()
 
     def on_life(self, life: Life) -> str:
         """Note that a process appeared or went out of sight; return the bound one where another appears beside it."""
@@ -45,6 +51,15 @@ class Bindings:
                 return False
             self.bound[service] = instance
         return True
+
+    def note_early(self, service: str, instance: str) -> None:
+        """Count a frame of a process that the service is not bound to, or not yet."""
+        if (service, instance) in self._early or len(self._early) < MOST_EARLY:
+            self._early[service, instance] += 1
+
+    def forgive(self, service: str, instance: str) -> int:
+        """Return how many frames a process sent before the service was bound to it; they count no more."""
+        return self._early.pop((service, instance), 0)
 
 
 def is_prime(last: Delivery) -> bool:

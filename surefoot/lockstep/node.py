@@ -236,9 +236,10 @@ class Node:
         if before == instance or owner == "*":
             return True
         if not is_prime(last) or not self.bindings.bind(owner, instance):
-            text = f"{last.key} by process {instance!r}, which is not the {owner} that is bound, {before or 'none'!r}"
-            self.refuse("unbound", text, last.key)
+            self.refuse("unbound", before and f"{last.key} by {instance!r}, but the {owner} is {before!r}", last.key)
+            self.bindings.note_early(owner, instance)
             return False
+        self.refused -= Counter(unbound=self.bindings.forgive(owner, instance))
         if owner == DRIVER and before:  # a new driver begins a new count of epochs
             self.join = Join(self.name, self.service.inputs, self.service.batched)
             self.epoch, self._begun = -1, -1
@@ -260,11 +261,9 @@ class Node:
             self._on_prime(message)
             return
         reason = self.join.offer(topic, message, delivery if raw else message, delivery.sender, delivery.size)
-        if reason is None:
-            return
         if reason == "replay":
             self._replay(message.epoch, message.tick)
-        elif reason != "duplicate":
+        elif reason not in (None, "duplicate"):
             self.refuse(reason, self.join.place(key, message, delivery.sender) if reason in NAMED else "", key)
 
     def refuse(self, reason: str, detail: str = "", about: str = "") -> None:
@@ -336,6 +335,7 @@ class Node:
             self._outbox.clear()
             self.ages.begin(self.service.limits)
             self._answers.begin()
+            self.refused.pop("not_on_roster", None)  # ticks before it was admitted
             self.service.on_reset()
         self.ages.judge(inputs, self.join.absent, self.log)
         self.state = "running"

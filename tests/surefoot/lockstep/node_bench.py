@@ -116,10 +116,12 @@ class Bench:
         self.node.handle(Life(DRIVER, instance, True))
         self.signed_tick(instance, -1, epoch=epoch)
 
-    def signed_tick(self, instance: str, tick: int, *, epoch: int = 1, version: int = 1) -> None:
+    def signed_tick(
+        self, instance: str, tick: int, *, epoch: int = 1, version: int = 1, roster: tuple[str, ...] = ("estimator",)
+    ) -> None:
         """A manifest that names its publisher."""
         message = Tick(
-            tick=tick, epoch=epoch, stamp_ns=max(0, tick) * TICK_NS, seq=max(tick, 0), roster=("estimator",),
+            tick=tick, epoch=epoch, stamp_ns=max(0, tick) * TICK_NS, seq=max(tick, 0), roster=roster,
             roster_version=version, due=("hw/imu",), mode="lockstep",
         )  # fmt: skip
         self.node.handle(Delivery(HW_TICK, message, None, None, instance))

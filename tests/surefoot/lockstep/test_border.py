@@ -32,6 +32,29 @@ def walk(bench: Bench, ticks: range, epoch: int = 1) -> None:
         bench.signed_tick("real", tick, epoch=epoch)
 
 
+def test_frames_before_the_links_were_proved_count_only_where_their_process_is_never_bound() -> None:
+    """As when a system starts: services publish before all of them have seen each other's primes."""
+    bench = Bench()
+    for tick in range(3):
+        bench.signed_tick("real", tick)
+        bench.signed_tick("stranger", tick)
+    assert bench.node.refused == {"unbound": 6}
+    bench.prime_as("real")
+    assert bench.node.refused == {"unbound": 3}
+    walk(bench, range(2))
+    assert (bench.subject.ticks, bench.node.refused) == ([0, 1], {"unbound": 3})
+    assert not [message for message in bench.out if isinstance(message, LogRecord) and "refused" in message.text]
+
+
+def test_ticks_before_a_service_was_admitted_are_not_counted_once_it_is(bench: Bench) -> None:
+    for tick in range(3):
+        bench.signed_tick("real", tick, roster=("walker",))
+    assert bench.node.refused == {"not_on_roster": 3}
+    bench.imu(3)
+    bench.signed_tick("real", 3, version=2)
+    assert (bench.subject.ticks, bench.node.refused) == ([3], {})
+
+
 def test_a_manifest_of_a_far_epoch_by_a_stranger_is_refused(bench: Bench) -> None:
     walk(bench, range(3))
     bench.signed_tick("stranger", 0, epoch=10**9)
