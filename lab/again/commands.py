@@ -102,7 +102,7 @@ def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
 def bisect(a: Recording, b: Annotated[Path, typer.Argument(help="Another recording.")], json: Json = False) -> None:
     """Name the first message and field in which two recordings differ. Exit code 1: there is one."""
     use_json(json)
-    with Progress(f"comparison of {a.name} and {b.name}", reads=[a, b]) as progress:
+    with Progress(f"comparison of {near(a)} and {near(b)}", reads=[a, b]) as progress:
         from .bisect import first_difference
 
         found = first_difference(a, b, progress.at)
