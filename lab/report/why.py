@@ -13,7 +13,11 @@ from .signals import Signals, read_signals, spans
 TILTED = math.radians(45.0)
 SLIPPED_M = 0.008
 """Way of a foot in one stance that counts as a slip, m."""
-LOOKED_FOR = f"no fall, stop, halt, missed goal, slip over {1e3 * SLIPPED_M:.0f} mm or stance without support"
+LOOKED_FOR = (
+    f"no fall, stop, halt, missed goal, slip over {1e3 * SLIPPED_M:.0f} mm, stance without support or abandoned walk"
+)
+ON_THE_WAY = ("walking", "turning", "stopping", "recovering")
+"""States of a walk that has begun."""
 BEFORE_S = 4.0
 """Time before the end at which a cause may have ended and still be one, s."""
 TOGETHER_S = 0.25
@@ -81,8 +85,8 @@ def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:
 
 
 def find_outcome(s: Signals) -> Clue | None:
-    """Return the worst thing that happened: a fall, a stop, a halt, a missed goal, a slip, a stance without support."""
-    for find in (_fall, _stop, _halt, _goal, _slip, _unsupported):
+    """Return the worst thing that happened: the first of those that `LOOKED_FOR` names."""
+    for find in (_fall, _stop, _halt, _goal, _slip, _unsupported, _abandoned):
         found = find(s)
         if found is not None:
             return found
@@ -147,4 +151,15 @@ def _unsupported(s: Signals) -> Clue | None:
     times, margin = s.times("state/stability"), s.column("state/stability", "margin_planned")
     for a, b in spans(times, (margin < 0.0) & (times > 1.0), 0.1)[:1]:
         return Clue("unsupported", a, b, f"the support was left for {b - a:.2f} s")
+    return None
+
+
+def _abandoned(s: Signals) -> Clue | None:
+    """Find a walk that the walker itself ended before its end, as of a robot that leans too far."""
+    before = ""
+    for time, row in zip(s.times("state/gait").tolist(), s.rows["state/gait"], strict=True):
+        state = row.get("state", "")
+        if state == "refused" and before in ON_THE_WAY:
+            return Clue("abandoned", time, s.end, f"the walk was abandoned ({row.get('reason', '')})")
+        before = state
     return None

@@ -210,11 +210,18 @@ def test_halts_goals_and_lost_support_are_outcomes() -> None:
         "unsupported": lambda rows: after(rows, "state/stability", lambda row, n: row.update(margin_planned=-0.01)),
         "stopped": stopped,
         "goal": goal,
+        "abandoned": lambda rows: after(
+            rows, "state/gait", lambda row, n: row.update(state="refused", reason="tilted")
+        ),
     }
     for code, edit in edits.items():
         outcome = find_outcome(edited(edit))
         assert outcome is not None, code
         assert outcome.code == code
+    standing = edited(
+        lambda rows: after(rows, "state/gait", lambda row, n: row.update(state=("refused", "standing")[not n]))
+    )
+    assert find_outcome(standing) is None  # a command was refused
 
 
 def test_a_file_of_another_version_or_cut_off_is_read_as_far_as_it_goes(
@@ -260,7 +267,7 @@ def test_what_cannot_be_read_is_stated_and_is_no_good_end(tmp_path: Path, capsys
         path.write_bytes(spoilt)
         found = explain(path)
         assert found.outcome is None
-        assert "slip over 8 mm or stance without support; only a part can be read: " in found.sentence
+        assert "stance without support or abandoned walk; only a part can be read: " in found.sentence
         with pytest.raises(SystemExit) as ended:
             main(["why", str(path)])
         assert ended.value.code == 1
