@@ -122,7 +122,7 @@ class RunVerdict:
             return "FAIL"
         if self.watched:
             return "PASS"
-        return "LIMITS MET" if any(row.ok for row in self.rows) else "NOT JUDGED"
+        return "LIMITS MET" if any(row.ok for row in self.rows) else "NO VERDICT"
 
     def value(self, name: str) -> float | None:
         """Return the value of a metric."""

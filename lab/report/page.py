@@ -96,7 +96,7 @@ def _consistency_table(traces: Traces) -> str:
 
 
 def _head(about: About, verdict: RunVerdict) -> str:
-    css = {"FAIL": "fail", "NOT JUDGED": "open"}.get(verdict.word, "pass")
+    css = {"FAIL": "fail", "NO VERDICT": "open"}.get(verdict.word, "pass")
     tiles = "".join(
         f"<div><b>{_esc(row.text)}</b><span>{_esc(METRICS[row.name].title)}</span></div>"
         for row in verdict.rows

@@ -101,7 +101,7 @@ def test_a_report_of_nothing_still_stands():
 
 @pytest.mark.parametrize(
     ("limits", "word"),
-    [({}, "NOT JUDGED"), ({"no_fall": 0.0}, "LIMITS MET"), ({"min_distance_m": 100.0}, "FAIL")],
+    [({}, "NO VERDICT"), ({"no_fall": 0.0}, "LIMITS MET"), ({"min_distance_m": 100.0}, "FAIL")],
     ids=["without limits", "met", "missed"],
 )
 def test_a_recording_passes_nothing_beyond_its_limits(recorded, tmp_path, limits, word):
