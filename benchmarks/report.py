@@ -30,7 +30,7 @@ BESIDE = ("goal", "seeds", "command")
 MACHINE = re.compile(
     r"^(make |starts|bus|core|lockstep|soak|flood|queries|peers|simulator|estimator |secure|view)"
     r"|^(footholds (times|ratios)|stability speed|foothold_walks speed)"
-    r"|^navigator (environments|filters|decisions|training|routes)"
+    r"|^navigator (environments|filters|decisions|training|routes)|^lost looks"
 )
 """Commands whose figures are times: other machines have others."""
 SCALES = {"%": 100.0, "mm": 1e3, "cm": 1e2, "mm/s": 1e3, "cm/s": 1e2, "ms": 1e3, "us": 1e6, "ns": 1e9, "mrad": 1e3}
