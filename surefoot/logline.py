@@ -12,7 +12,7 @@ _FORM = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z) (\w+) +(\S+?)(?: t
 
 @dataclass(frozen=True)
 class LogLine:
-    """A line, taken apart."""
+    """Line of a service's log as its parts."""
 
     time: str
     """UTC, ISO 8601 with ms: lines of several services sort by it as texts."""

@@ -22,7 +22,7 @@ class Recovery(NamedTuple):
     owner: type[Any]
     method: str
     taken: Callable[[Any, tuple[Any, ...], Any], bool]
-    """Object, arguments and result of a call of the method to whether the recovery was taken."""
+    """Return whether a call of the method took the recovery, by its object, its arguments and its result."""
 
 
 def _always(owner: Any, args: tuple[Any, ...], result: Any) -> bool:

@@ -19,7 +19,7 @@ MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
 """Number and depth of the elements of a robot: the largest public ones have 2,000, 30 deep."""
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
-"""kg m2, of a link fixed to another: MuJoCo refuses zero, a real robot's smallest link has a million times more."""
+"""Inertia given to a link that has none, kg m^2: MuJoCo refuses zero, a real link has a million times more."""
 BALANCED = "inertias that break the triangle inequality"
 """Beginning of the note on inertias that MuJoCo has replaced."""
 MOST_INCLUDES = 50

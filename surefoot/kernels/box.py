@@ -18,7 +18,7 @@ T = TypeVar("T", bound=NamedTuple)
 if TYPE_CHECKING:
 
     class KernelBox(Generic[T]):
-        """Arguments in a box; kernels make it and read `parts`."""
+        """Tuple of kernel arguments behind one reference, which kernels make and read as `parts`."""
 
         parts: T
 
@@ -31,7 +31,7 @@ else:
         """Type of a box to the compiler."""
 
     class KernelBox(structref.StructRefProxy):
-        """Arguments in a box; kernels make it and read `parts`."""
+        """Tuple of kernel arguments behind one reference, which kernels make and read as `parts`."""
 
         def __class_getitem__(cls, _: Any) -> type:
             return cls

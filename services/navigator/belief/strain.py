@@ -193,7 +193,7 @@ def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float
 
 @dataclass
 class MapStrain:
-    """Probabilities of the cases, and what they show.
+    """Probabilities that the map is right, strained, or seen by a camera that is tilted or turned aside.
 
     Attributes:
         shared: errors that the landmarks of a frame share; their tilt fades.

@@ -108,7 +108,7 @@ def _column(a: Array, first: int, c: int, rot: Array, axis: Array, foot: Array, 
 
 @kernel
 def _eliminate(a: Array) -> None:
-    """Solve a (n, n + 1) in place; the solution is the last column. A stretched leg, which is singular, stays so."""
+    """Solve the linear equations a (n, n + 1), right side last, in place; zeros if singular: a stretched leg."""
     n = a.shape[0]
     for i in range(n):
         pivot = i
