@@ -81,7 +81,7 @@ def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
     if row is not None and row.levels is not None and log.force is not None:
         for factor in LEVELS:
             on, off = (factor * level for level in row.levels)
-            yield Change(f"contact forces x {factor:g}", replace(log, contact=by_force(log.force, on, off)), {})
+            yield Change(f"contact forces x {factor:g}", replace(log, contact=by_force(log.force, on, off)[0]), {})
     for shift in (-OFFSET_NS, OFFSET_NS):
         stamp = log.foot_ns + shift
         inside = np.flatnonzero((stamp >= log.stamp_ns[0]) & (stamp <= log.stamp_ns[-1])).astype(np.int64)

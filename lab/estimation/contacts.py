@@ -14,8 +14,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-CARRIED = 0.5
-"""Share of the weight from which on some foot stands; less is carried only in flight, or by hands."""
+USUAL, CARRIED = 90.0, 0.5
+"""Percentile over a log of what all feet carry, and its share from which some foot stands: in flight, or in the hands
+of a person, they carry less."""
+ALIKE_ON, ALIKE_OFF = 0.9, 0.6
+"""Share of the force of the most loaded foot from which a foot stands with it, and below which it does not any more."""
 UP_S = 0.5
 """Time over which the mean accelerometer shows the direction of gravity, s."""
 
@@ -30,15 +33,27 @@ def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
     return out
 
 
-def by_force(force: Array, on: float, off: float) -> Flags:
-    """Return contacts (m, F) of forces (m, F) N by two thresholds, which may be too high for one foot.
+def by_force(force: Array, on: float, off: float) -> tuple[Flags, float]:
+    """Return contacts by two thresholds, which may be too high for one foot.
 
-    While the feet together carry half of the weight, the mean of their sum over all rows, the one with the most stands.
+    While the feet together carry half of what they usually do, and half of `off`, the most loaded one stands, and
+    others that carry about as much.
+
+    Args:
+        force: (m, F) N.
+        on: force from which a foot stands, N.
+        off: force below which it does not stand any more, N.
+
+    Returns:
+        Contacts (m, F), and the share of rows in which no foot stands by the thresholds but one does by this rule.
     """
-    total = np.maximum(force.sum(axis=1), 0.0)
-    carried = (total > CARRIED * total.sum() / max(len(total), 1)) & (total > 0.0)
-    most = force == force.max(axis=1, initial=0.0)[:, None]
-    return schmitt(force, on, off) | (carried[:, None] & most)
+    stated, total = schmitt(force, on, off), force.sum(axis=1)
+    carried = total > CARRIED * max(off, float(np.percentile(total, USUAL)) if total.size else 0.0)
+    most = np.maximum(force.max(axis=1, initial=0.0), 1e-9)
+    alike = schmitt(np.where(carried[:, None], force / most[:, None], 0.0), ALIKE_ON, ALIKE_OFF)
+    contact = stated | alike
+    saved = contact.any(axis=1) & ~stated.any(axis=1)
+    return contact, float(saved.mean()) if saved.size else 0.0
 
 
 def by_height(position: Array, up: Array) -> Flags:

@@ -19,6 +19,8 @@ Flags = NDArray[np.bool_]
 KINDS = ("point", "sole", "line")
 ON, OFF = 0.25, 0.15
 """Shares of the usual total force: a foot stands from the first on, until its force falls below the second."""
+SAVED = 0.1
+"""Share of rows in which no foot reaches the threshold from which the command notes it."""
 SOLE_SHARES = (1 / 3, 1 / 5)
 """Length and width of a sole of unknown size, shares of the distance from the IMU to the foot."""
 LEVEL_DEG = 15.0
@@ -98,11 +100,11 @@ def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[
         given: statements on the feet; with `contact_on`, forces count more than flags.
         notes: gets what was assumed.
     """
-    by_force = "force" in columns and given.contact_on is not None
-    if "touch" in columns and not by_force:
+    forces_first = "force" in columns and given.contact_on is not None
+    if "touch" in columns and not forces_first:
         touch = columns["touch"] > 0.5
         return np.asarray(touch.any(axis=2), dtype=np.bool_), touch
-    if "contact" in columns and not by_force:
+    if "contact" in columns and not forces_first:
         contact = np.asarray(columns["contact"], dtype=np.float64)
         outside = np.argwhere((contact < 0.0) | (contact > 1.0))
         if outside.size:
@@ -123,7 +125,12 @@ def _by_force(force: Array, given: FeetOptions, notes: list[str]) -> Flags:
     on = ON * float(np.median(force.sum(axis=1))) if given.contact_on is None else given.contact_on
     off = OFF / ON * on if given.contact_off is None else given.contact_off
     notes.append(f"contacts by force: from {on:.0f} N on, until below {off:.0f} N")
-    return by_force(force, on, off)
+    contact, saved = by_force(force, on, off)
+    if saved > SAVED:
+        notes.append(
+            f"in {100.0 * saved:.0f} % of the rows only the most loaded foot stands, with less: thresholds too high?"
+        )
+    return contact
 
 
 def shape(

@@ -64,7 +64,7 @@ def other(name: str) -> Log:
 
 
 def test_gazebo_walk():
-    """Errors on the walking part, estimate and truth both over the window of the truth: kinematics lose no average."""
+    """Errors on the walking part, estimate and truth both over the window of the truth."""
     log = other("icub3_gazebo_walk")
     ekf, kinematics = (score(log, track(name, log)) for name in ("ekf", "kinematics"))
     assert 100 * ekf.rmse == pytest.approx(5.9, abs=0.15)
@@ -86,7 +86,7 @@ def test_gazebo_walk_by_a_tuned_invariant_filter():
 
 
 def test_real_sway():
-    """Over the window of the truth, 0.4 s, standing feet alone know more than the filter of the paper."""
+    """Over the window of the truth, 0.4 s, standing feet alone err by less than the filter of the paper."""
     log = other("icub_real_com")
     ekf, kinematics, both = (score(log, track(name, log)) for name in ("ekf", "kinematics", "kinematics_gyro"))
     assert 100 * ekf.rmse == pytest.approx(0.58, abs=0.05)
