@@ -128,9 +128,16 @@ def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Arr
     for part in PARTS:
         goal = BodyPose(begin.x + part * float(shift[0]), begin.y + part * float(shift[1]), begin.z, begin.yaw)
         if planning.reaches(frame, begin, goal, state.footholds, 1.0):
-            state.goal = np.array([goal.x, goal.y])
+            _head_for(state, np.array([goal.x, goal.y]))
             return True
     return False
+
+
+def _head_for(state: WalkerState, goal: Array) -> None:
+    """Give the trunk a goal, before which each foot that touches now may look for the ground anew."""
+    state.goal = goal
+    state.hanging[state.contacts] = 0
+    state.sunk[state.contacts] = 0.0
 
 
 def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], place: BodyPose) -> BodyPose:
@@ -167,7 +174,8 @@ def upright(state: WalkerState, place: BodyPose) -> bool:
     """Give a trunk that leans its place in the gait as the goal; return whether it leans."""
     leans = math.hypot(state.lean[0], state.lean[1]) >= LEAST_SHIFT
     if leans:
-        state.goal, state.stage, state.plan = np.array([place.x, place.y]), Stage.STAND, None
+        _head_for(state, np.array([place.x, place.y]))
+        state.stage, state.plan = Stage.STAND, None
     return leans
 
 
@@ -202,7 +210,7 @@ def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: t
     end = BodyPose(float(goal[0]), float(goal[1]), now.z, now.yaw)
     if not (np.isfinite(goal).all() and planning.reaches(frame, now, end, s.footholds, 1.0)):
         return f"the legs do not reach their feet with the trunk shifted by ({shift[0]:g}, {shift[1]:g}) m"
-    s.goal = goal
+    _head_for(s, goal)
     return None
 
 

@@ -176,7 +176,7 @@ class LeggedWalker:
         s.body[2] += rise
         if s.adjusting and abs(wanted - s.body[2]) < 0.002:
             s.adjusting = False
-        hangs = not s.held and s.gait.leans and s.goal is not None and stepping.bear(s, p, TICK_S)
+        hangs = not s.held and s.gait.leans and s.goal is not None and stepping.bear(s, self.robot, p, TICK_S)
         if not s.held and not hangs:
             balance.shift(s, reach)
         if s.held or s.adjusting or s.goal is not None:
@@ -232,7 +232,7 @@ class LeggedWalker:
         s.closed = s.closed | {legs} if s.route is None or s.recovering else set()
         s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
         s.landed = ~plan.swing if plan.lean == 0.0 else np.ones_like(plan.swing)
-        s.hanging[:] = 0
+        s.hanging[:], s.sunk[:] = 0, 0.0
         s.group = (s.group + 1) % s.gait.steps_per_cycle if s.route is not None else s.group
         s.swung = legs
 

@@ -86,6 +86,8 @@ class WalkerState:
     landed: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     hanging: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     """Samples in a row in which the switch of a foot that has landed in this step, or stands, was open, (L,)."""
+    sunk: Array = field(default_factory=lambda: np.zeros(0))
+    """Way down of each standing foot that looks for the ground, since the trunk got a goal while it touched, (L,) m."""
     group: int = 0
     """Group of the gait that swings next."""
     attempts: int = 0
@@ -116,4 +118,5 @@ class WalkerState:
         self.contacts = np.zeros(n, dtype=np.bool_)
         self.landed = np.ones(n, dtype=np.bool_)
         self.hanging = np.zeros(n, dtype=np.int64)
+        self.sunk = np.zeros(n)
         self.status = ("nominal",) * n

@@ -15,6 +15,7 @@ TOUCH_PHASE = 0.05  # of the swing after the fall begins: earlier switch reading
 SETTLE_SPEED = 0.04  # m/s, how fast a lifted foot looks for the ground after a start
 SETTLE_DEPTH = 0.08  # m, how far
 HANGING = 2  # samples with an open switch after which a landed foot goes on down: one may be a bounce
+CARRYING_FEET = 3  # that touch while another looks for the ground
 LOAD_S = 0.1  # s, in which a standing foot takes its load
 
 
@@ -104,16 +105,29 @@ def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: 
     return bool(seeking.any())
 
 
-def bear(state: WalkerState, params: WalkerParams, dt: float) -> bool:
-    """Let standing feet that touch nothing go down, within the depth of a search; returns whether any does."""
+def bear(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
+    """Let standing feet that touch nothing go down, within the depth of a search; returns whether any does.
+
+    None does while fewer than three others touch: a robot that is lifted has no ground to look for.
+    """
     s = state
     if s.fresh:
         s.hanging = np.where(s.contacts, 0, s.hanging + 1)
-    deepest = np.median(s.footholds[:, 2]) - params.search_m
-    seeking = (s.hanging >= HANGING) & (s.footholds[:, 2] > deepest)
-    s.footholds[seeking, 2] -= params.touch_speed * dt
-    s.feet[seeking, 2] -= params.touch_speed * dt
-    return bool(seeking.any())
+    hangs = s.hanging >= HANGING
+    way = np.where(hangs, np.clip(params.search_m - s.sunk, 0.0, params.touch_speed * dt), 0.0)
+    if np.count_nonzero(~hangs) >= CARRYING_FEET and way.any():
+        s.sunk += way
+        s.footholds[:, 2] -= way
+        s.feet[:, 2] -= way
+        return True
+    if hangs.any():
+        s.reason = _no_ground(robot, hangs)
+    return False
+
+
+def _no_ground(robot: Robot, feet: Flags) -> str:
+    names = [name for name, gone in zip(robot.leg_names, feet, strict=True) if gone]
+    return f"no ground found under {', '.join(names)}"
 
 
 def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
@@ -123,8 +137,7 @@ def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
     if lost.any():
         s.landed |= lost
         plan.feet_to[lost] = s.feet[lost]
-        names = [name for name, gone in zip(robot.leg_names, lost, strict=True) if gone]
-        s.reason = f"no ground found under {', '.join(names)}"
+        s.reason = _no_ground(robot, lost)
 
 
 def settle(state: WalkerState, dt: float) -> None:

@@ -180,6 +180,49 @@ def test_a_standing_foot_that_hangs_goes_down_before_the_trunk_shifts():
     assert p.walker.state.body[:2] == pytest.approx([0.03, -0.02], abs=1e-3)
 
 
+def shifted(hanging, slope=0.0, again=()):
+    """Shift the trunk of a robot whose feet stand on a slope (rad), some without a contact; return plant and depths."""
+    p = plant(LUPO)
+    p.run(1.0)
+    s = p.walker.state
+    s.footholds[:, 2] += np.tan(slope) * s.footholds[:, 0]
+    s.feet = s.footholds.copy()
+    touch = np.ones(4, dtype=bool)
+    for tick in range(700):
+        p.contacts = touch.copy()
+        p.step()
+        if tick == 100:
+            before = s.feet[:, 2].copy()
+            touch[list(hanging)] = False
+        if tick == 101 or tick in again:
+            assert p.walker.command(MotionCommand("stand", shift=(0.03, -0.02))).accepted
+    return p, before - s.feet[:, 2]
+
+
+@pytest.mark.parametrize("hanging", [(0, 1, 2, 3), (0, 1, 2), (0, 3)], ids=["four", "three", "two"])
+def test_no_foot_looks_for_ground_while_fewer_than_three_touch(hanging):
+    p, depth = shifted(hanging)
+    assert np.abs(depth).max() < 1e-9
+    assert p.walker.state.goal is None
+    assert p.walker.state.body[:2] == pytest.approx([0.03, -0.02], abs=1e-3)
+    assert p.out.reason == "no ground found under " + ", ".join(LUPO.leg_names[leg] for leg in hanging)
+
+
+@pytest.mark.parametrize("slope", [0.0, np.radians(12.0), -np.radians(12.0)], ids=["flat", "up", "down"])
+@pytest.mark.parametrize("leg", range(4))
+def test_a_hanging_foot_looks_for_ground_to_the_same_depth_on_a_slope(leg, slope):
+    p, depth = shifted((leg,), slope)
+    assert depth[leg] == pytest.approx(PARAMS.search_m, abs=1e-6)
+    assert np.delete(depth, leg) == pytest.approx(np.zeros(3), abs=1e-9)
+    assert p.walker.state.goal is None
+    assert p.out.reason == f"no ground found under {LUPO.leg_names[leg]}"
+
+
+def test_more_commands_let_a_hanging_foot_go_no_deeper():
+    _, depth = shifted((2,), again=(150, 350, 500))
+    assert depth[2] == pytest.approx(PARAMS.search_m, abs=1e-6)
+
+
 def test_a_step_that_stability_refuses_is_not_taken():
     p = plant(LUPO, check=lambda step: StanceVerdict(False, -0.01, "infeasible"))
     p.run(1.0)
