@@ -2,6 +2,7 @@
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
+import math
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -24,7 +25,12 @@ BALANCED = "inertias that break the triangle inequality"
 """Beginning of the note on inertias that MuJoCo has replaced."""
 MOST_INCLUDES = 50
 """Number of files that one robot may be made of."""
-NO_NUMBER = re.compile(r"(?:^|\s)[+-]?(nan|inf|infinity)(?:$|\s)", re.IGNORECASE)
+FULL_TURN = 2.0 * math.pi
+"""Limit of a joint in place of an infinite one, rad."""
+NAN = re.compile(r"nan(\(\w*\))?", re.IGNORECASE)
+"""NaN as MuJoCo reads it."""
+NAMING = ("name", "class", "model")
+"""Attributes that give a name."""
 NAMES = re.compile(r"[\w .:/-]{1,120}")
 """Allowed names of bodies, joints and sites."""
 
@@ -40,6 +46,7 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
         RobotError: no XML, a declared entity, an included file outside the folder, a name with markup.
     """
     root = _parse(path)
+    _check_size(root)
     folder, count = path.resolve().parent, 0
     while (found := _include(root)) is not None:
         parent, element = found
@@ -50,13 +57,13 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
         if count > MOST_INCLUDES:
             raise RobotError("value", "include.file", f"got more than {MOST_INCLUDES} files, allowed are fewer")
         at = list(parent).index(element)
-        parent.remove(element)
-        for i, child in enumerate(_parse(inner)):
-            parent.insert(at + i, child)
+        parent[at : at + 1] = list(_parse(inner))
+        _check_size(root)
     if root.tag not in ("mujoco", "robot"):
         raise RobotError("value", "file", f"got a root element {shown(root.tag)}, allowed are mujoco, robot")
+    names = {element.get(key) for element in root.iter() for key in NAMING}
     for element in root.iter():
-        _check_numbers(element)
+        _check_numbers(element, names)
         name = element.get("name")
         if element.tag in ("body", "joint", "freejoint", "site", "link", "robot") and name is not None:
             check_name(name, f"{element.tag}.name")
@@ -78,15 +85,25 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _check_numbers(element: ElementTree.Element) -> None:
+def _check_numbers(element: ElementTree.Element, names: set[str | None]) -> None:
     """Refuse NaN, infinity outside limits, and elements of xacro (raises RobotError)."""
     if "xacro" in element.tag:
         text = "got an element of xacro, allowed is what it becomes: `xacro ROBOT.urdf.xacro -o ROBOT.urdf`"
         raise RobotError("value", "file", text)
     for key, value in element.attrib.items():
-        found = NO_NUMBER.search(value) if key != "name" else None
-        if found and (element.tag != "limit" or found[1].lower() == "nan"):
+        found = 0.0 if value in names or element.tag == "text" else _odd_number(value)
+        limit = element.tag in ("limit", "safety_controller") or key.endswith("range")
+        if math.isnan(found) or (math.isinf(found) and not limit):
             raise RobotError("value", f"{element.tag}.{key}", f"got {shown(value)}, allowed are finite numbers")
+
+
+def _odd_number(value: str) -> float:
+    """Return NaN or infinity if it is in a list of numbers, else 0."""
+    try:
+        numbers = [float(NAN.sub("nan", word)) for word in value.split()]
+    except ValueError:  # no list of numbers
+        return 0.0
+    return next((number for number in numbers if math.isnan(number)), next(filter(math.isinf, numbers), 0.0))
 
 
 def check_name(name: str, field: str) -> None:
@@ -127,13 +144,28 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
             root.add_freejoint()
         spec.compiler.fusestatic = spec.compiler.discardvisual = False
         spec.compiler.balanceinertia = spec.compiler.balanceinertia or balance
-        return spec.compile(), balance
+        model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         if "balanceinertia" in str(error) and not balance:
             return compiled(text, True, free)
         said = " ".join(str(error).split())[:200]
         allowed = "allowed is a file that MuJoCo compiles, each moving body with mass and inertia above 0"
         raise RobotError("value", "file", f"got {said!r}, {allowed}") from None
+    return _finite(model), balance
+
+
+def _finite(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return the model with finite limits of joints; refuse other numbers that are not (raises RobotError)."""
+    np.nan_to_num(model.jnt_range, copy=False, nan=math.nan, posinf=FULL_TURN, neginf=-FULL_TURN)
+    bodies = ("mass", "inertia", "pos", "quat", "ipos", "iquat")
+    for name in (*(f"body_{each}" for each in bodies), "jnt_pos", "jnt_axis", "jnt_range", "geom_pos", "site_pos"):
+        numbers = getattr(model, name)
+        if not np.isfinite(numbers).all():
+            at = np.argwhere(~np.isfinite(numbers))[0]
+            kind = {"body": model.body, "jnt": model.joint, "geom": model.geom, "site": model.site}[name.split("_")[0]]
+            text = f"got {numbers[tuple(at)]} in {name} of {kind(at[0]).name!r}, allowed are finite numbers"
+            raise RobotError("value", "file", text)
+    return model
 
 
 def _parse(path: Path) -> ElementTree.Element:
@@ -148,6 +180,11 @@ def _parse(path: Path) -> ElementTree.Element:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise RobotError("syntax", "file", f"got text that is no XML ({error}), allowed are MJCF and URDF") from None
+    return root
+
+
+def _check_size(root: ElementTree.Element) -> None:
+    """Refuse more elements, or deeper ones, than a robot has (raises RobotError)."""
     level, depth, count = [root], 0, 0
     while level:
         depth, count = depth + 1, count + len(level)
@@ -155,7 +192,6 @@ def _parse(path: Path) -> ElementTree.Element:
             most = f"{MOST_DEPTH} levels of" if depth > MOST_DEPTH else str(MOST_ELEMENTS)
             raise RobotError("value", "file", f"got more than {most} elements, allowed are fewer")
         level = [child for element in level for child in element]
-    return root
 
 
 def _include(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementTree.Element] | None:
@@ -199,9 +235,9 @@ def _repair_inertias(root: ElementTree.Element, notes: list[str]) -> None:
         try:
             xx, xy, xz, yy, yz, zz = (float(tensor.get(key, "0")) for key in TENSOR)
             weightless = float(mass.get("value", "0")) == 0.0
+            whole = np.asarray_chkfinite([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         except ValueError as error:
             raise RobotError("value", f"link {name!r}.inertial", f"{error}, allowed are numbers") from None
-        whole = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if weightless and not whole.any():
             link.remove(inertial)
         elif np.linalg.eigvalsh(whole)[0] < SMALLEST_INERTIA:

@@ -279,7 +279,7 @@ def _servo(model: mujoco.MjModel, joint: int, made: Imported) -> dict[str, Any]:
     if torque <= 0 and model.jnt_actfrclimited[joint]:
         torque = float(model.jnt_actfrcrange[joint, 1])
     name = model.joint(joint).name
-    if torque <= 0:
+    if not 0.0 < torque < math.inf:
         torque = float(model.body_mass.sum())
         made.assumed.append(
             f"torque of {name}: {torque:.3g} Nm, 1 Nm per kg of the robot; better: an actuator or effort"

@@ -236,6 +236,8 @@ BAD = {
     "many": (MJCF.replace("</worldbody>", 60_000 * '<geom size="1"/>' + "</worldbody>"), "50000 elements"),
     "not a number": (MJCF.replace('pos="0 .05 0"', 'pos="0 nan 0"', 1), "body.pos"),
     "infinite": (MJCF.replace('pos="0 .05 0"', 'pos="0 -Inf 0"', 1), "finite"),
+    "number of strtod": (MJCF.replace('pos="0 .05 0"', 'pos="0 -NaN(1) 0"', 1), "body.pos"),
+    "limit of NaN": (MJCF.replace('range="-40 40"', 'range="-40 nan(1)"', 1), "joint.range"),
     "xacro": ('<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg/></robot>', "xacro ROB"),
     "no XML": ("<mujoco", "XML"),
     "another XML": ("<html/>", "mujoco, robot"),
@@ -250,6 +252,37 @@ def test_bad_files_are_refused_in_one_sentence_without_a_folder(bring_in, tmp_pa
     assert allowed in str(caught.value)
     assert "\n" not in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["toy.xml"]
+
+
+@pytest.mark.parametrize(("files", "inner", "bodies"), [(12, "", 190), (3, 20_000 * '<geom size="1"/>', 1)])
+def test_limits_of_size_hold_for_included_files_together(bring_in, tmp_path, files, inner, bodies):
+    for i in range(files):
+        text = f'<include file="{i + 1}.xml"/>' if i + 1 < files else ""
+        part = bodies * "<body>" + inner + text + bodies * "</body>"
+        (tmp_path / f"{i}.xml").write_text(f"<mujoco>{part}</mujoco>")
+    with pytest.raises(RobotError, match="levels of elements" if bodies > 1 else "50000 elements"):
+        bring_in(MJCF.replace("<worldbody>", '<worldbody><include file="0.xml"/>'))
+
+
+def test_a_number_that_only_mujoco_reads_as_nan_is_refused(bring_in, tmp_path_factory, monkeypatch):
+    monkeypatch.chdir(tmp_path_factory.mktemp("log"))  # MuJoCo writes a warning there
+    with pytest.raises(RobotError, match="body_pos of 'fl_thigh'"):
+        bring_in(MJCF.replace('pos="0 .05 0"', 'pos="0 0x1 nan"', 1))
+
+
+def test_infinite_limits_and_words_are_no_wrong_numbers(bring_in, tmp_path):
+    text = MJCF.replace('range="-40 40"', 'range="-inf inf" actuatorfrcrange="-inf inf"', 1).replace("fl_tip", "inf")
+    pair = '<contact><pair geom1="inf" geom2="fr_tip"/></contact>'
+    words = '<custom><text name="reach" data="up to inf m"/><text name="far" data="inf"/></custom>'
+    bring_in(text.replace("</mujoco>", f"{pair}{words}</mujoco>"))
+    robot = load_robot(tmp_path / "out")
+    assert robot.joint_upper[0] == -robot.joint_lower[0] == pytest.approx(2.0 * np.pi)
+    assert 0.0 < robot.joints[0].servo.max_torque < 1e3
+    safety = '<safety_controller soft_lower_limit="-inf" soft_upper_limit="inf" k_velocity="inf"/>'
+    limit = 'lower="-2" upper="1" effort="20" velocity="5"/>'
+    shutil.rmtree(tmp_path / "out")
+    bring_in(URDF.replace(limit, f'lower="-2" upper="inf" effort="inf" velocity="inf"/>{safety}'), ".urdf")
+    assert load_robot(tmp_path / "out").joint_lower[1] == pytest.approx(-2.0)
 
 
 def test_a_mimic_joint_of_a_urdf_is_refused(bring_in, tmp_path):
