@@ -90,7 +90,7 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
         FieldError: an argument that cannot be used.
     """
     found = where if isinstance(where, Region) else region_of(_checked(where))
-    value = margins.margin(found, _place(com, None if isinstance(where, Region) else where)).value
+    value = margins.margin(found, _place(com, found.contacts)).value
     return (math.inf if found.status == "unbounded" else -math.inf) if value is None else value
 
 
@@ -120,10 +120,10 @@ def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array |
     return None if least is None else load * least
 
 
-def _place(com: ArrayLike, contacts: ContactSet | None) -> Array:
+def _place(com: ArrayLike, contacts: ContactSet) -> Array:
     flat = np.shape(com)[-1:] == (2,)
     place = array(com, "com", (2,) if flat else (3,), "m", low=-1e6, high=1e6)[:2].copy()
-    if contacts is not None and len(contacts):
+    if len(contacts):
         away = float(np.hypot(*(contacts.position[:, :2] - place).T).min())
         if away > WIDEST:
             text = f"got a place {away:g} m from the nearest contact, allowed are {WIDEST:g} m; is it in millimetres?"

@@ -48,6 +48,10 @@ def stands() -> surefoot.stability.ContactSet:
     return surefoot.stability.contacts(FEET)
 
 
+def where() -> surefoot.stability.Region:
+    return surefoot.stability.region(stands())
+
+
 def robot() -> surefoot.robots.Robot:
     return surefoot.robots.load("ragno")
 
@@ -70,6 +74,7 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: contacts(friction=-0.1), "range", "friction", "-0.1"),
     (lambda: contacts(np.array(FEET) + 1j), "type", "points", "numbers"),
     (lambda: surefoot.stability.margin(stands(), [50.0, 0.0]), "range", "com", "millimetres"),
+    (lambda: surefoot.stability.margin(where(), [50.0, 0.0]), "range", "com", "millimetres"),
     (lambda: contacts("here"), "type", "points", "'here'"),
     (lambda: contacts([[0.0, 0.0, 0.0], [0.0, 0.0]]), "type", "points", "numbers"),
     (lambda: surefoot.stability.margin(stands(), [NAN, 0.0]), "not_finite", "com", "nan"),
