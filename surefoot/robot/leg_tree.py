@@ -6,12 +6,13 @@ as much as a plain one.
 
 from typing import NamedTuple
 
+from surefoot.errors import FieldError
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Array, Ints, KinematicModel
 from surefoot.robot.kinematics import foot_jacobians_of, foot_positions_of, forward
 
-LegArrays = tuple[Ints, Ints, Array, Array, Array, Ints, Array, Ints]
-"""Arrays of a `LegTree` in its order."""
+LegArrays = tuple[Ints, Ints, Array, Array, Array, Ints, Array, Ints, int]
+"""Arrays of a `LegTree` in its order, and the number of joints."""
 
 
 class LegTree(NamedTuple):
@@ -29,13 +30,23 @@ class LegTree(NamedTuple):
 
 def leg_arrays(model: KinematicModel) -> LegArrays:
     """Return the arrays of a model that place feet, to be kept for many calls of `feet_and_jacobians`."""
-    return tuple(getattr(model, name) for name in LegTree._fields)  # type: ignore[return-value]
+    return (*(getattr(model, name) for name in LegTree._fields), len(model.neutral))  # type: ignore[return-value]
+
+
+def feet_and_jacobians(arrays: LegArrays, q: Array) -> tuple[Array, Array]:
+    """Foot centres in base_link, (L, 3) m, and d foot_i / d (joints of leg i), (L, 3, n) m/rad, at angles q (nj,).
+
+    Raises:
+        FieldError: shape of q.
+    """
+    if q.shape != (arrays[-1],):
+        raise FieldError("shape", "q", f"got shape {q.shape}, expected ({arrays[-1]},)")
+    return _feet_and_jacobians(arrays, q)
 
 
 @kernel
-def feet_and_jacobians(arrays: LegArrays, q: Array) -> tuple[Array, Array]:
-    """Foot centres in base_link, (L, 3) m, and d foot_i / d (joints of leg i), (L, 3, n) m/rad, at angles q (nj,)."""
-    parent, joint, origin_pos, origin_rot, axis, foot_link, foot_point, leg_joints = arrays
+def _feet_and_jacobians(arrays: LegArrays, q: Array) -> tuple[Array, Array]:
+    parent, joint, origin_pos, origin_rot, axis, foot_link, foot_point, leg_joints, _ = arrays
     tree = LegTree(parent, joint, origin_pos, origin_rot, axis, foot_link, foot_point, leg_joints)
     rot, pos = forward(tree, q)  # type: ignore[arg-type] - the fields that it reads
     return foot_positions_of(tree, rot, pos), foot_jacobians_of(tree, rot, pos)  # type: ignore[arg-type]

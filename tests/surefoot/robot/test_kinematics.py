@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import mujoco
@@ -6,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from surefoot.errors import FieldError
 from surefoot.robot import kinematics as kin
 from surefoot.robot.leg_tree import feet_and_jacobians, leg_arrays
 from surefoot.robot.reader import load_robot, robot_names
@@ -94,6 +96,12 @@ def test_foot_jacobians_equal_mujoco(compiled, rng):
             mujoco.mj_jac(model, data, jac, None, centre, addresses.foot_bodies[i])
             theirs = per_joint(addresses, jac)[:, list(leg.joints)]
             assert np.abs(ours[i, :, : len(leg.joints)] - theirs).max() < EXACT
+
+
+@pytest.mark.parametrize("shape", [(3,), (26,), (25, 1)])
+def test_angles_of_another_shape_are_refused_with_both_shapes(shape):
+    with pytest.raises(FieldError, match=re.escape(f"q: got shape {shape}, expected (25,)")):
+        feet_and_jacobians(leg_arrays(ROBOTS["nao"].model), np.zeros(shape))
 
 
 def test_gravity_torques_equal_mujoco_bias_on_a_slope(compiled, rng):
