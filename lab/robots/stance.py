@@ -11,6 +11,8 @@ from surefoot.robot.damped_legs import damped_ik
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions, forward
 
+from .anatomy import SAME_M
+
 Array = NDArray[np.float64]
 
 LEG_JOINTS = 3
@@ -89,7 +91,9 @@ def doubts_of_axes(robot: Robot) -> list[str]:
     """
     rot, _ = forward(robot.model, robot.neutral)
     arms = np.array([_arm(robot, robot.neutral, i) for i in range(robot.nlegs)])
-    down = (arms / np.linalg.norm(arms, axis=1)[:, None]).mean(axis=0)
+    sizes = np.linalg.norm(arms, axis=1)
+    apart = sizes > SAME_M  # a foot at the joint has no direction
+    down = (arms[apart] / sizes[apart, None]).sum(axis=0) / max(int(apart.sum()), 1)
     found, advice = list[str](), "better: a trunk with x forward and z up in a copy of the file"
     if np.linalg.norm(down) > ONE_SIDE and -down[2] < LEAST_DOWN * np.linalg.norm(down):
         k = int(np.abs(down).argmax())
