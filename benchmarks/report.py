@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from subprocess import PIPE
@@ -153,7 +154,8 @@ def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) ->
             stdout, stderr = process.communicate(timeout=limit_s)
         except (subprocess.TimeoutExpired, KeyboardInterrupt):
             os.killpg(process.pid, signal.SIGINT)  # SIGTERM would leave the systems that it started
-            process.wait(GRACE_S)
+            with suppress(subprocess.TimeoutExpired):  # of a process that ignores it, or still writes
+                process.communicate(timeout=GRACE_S)
             raise
     if process.returncode not in (0, 1):
         raise subprocess.CalledProcessError(process.returncode, words, stdout, stderr)

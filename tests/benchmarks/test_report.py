@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from subprocess import Popen, TimeoutExpired
 
@@ -97,18 +98,50 @@ finally:
 """
 
 
-def test_a_command_that_takes_too_long_ends_what_it_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def too_long(process: Popen[str], timeout: float | None = None) -> None:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "started\n"
-        raise TimeoutExpired(process.args, 1.0)
+IGNORES_INTERRUPTS = """
+import signal
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+print("started", flush=True)
+signal.pause()
+"""
 
-    words = [sys.executable, "-c", ENDS_WHAT_IT_STARTED, str(tmp_path / "ended")]
-    monkeypatch.setattr("benchmarks.report._argv", lambda command: words)
-    monkeypatch.setattr(Popen, "communicate", too_long)
-    with pytest.raises(TimeoutExpired):
-        check("soak stops", [], 1.0)
+
+Check = Callable[[list[str], BaseException], None]
+
+
+@pytest.fixture
+def interrupted(monkeypatch: pytest.MonkeyPatch) -> Check:
+    """Check a command whose first wait ends with an error."""
+
+    def run(words: list[str], error: BaseException) -> None:
+        communicate, begun = Popen.communicate, list[bool]()
+
+        def first(process: Popen[str], input: str | None = None, timeout: float | None = None) -> tuple[str, str]:
+            if begun:
+                return communicate(process, input, timeout)
+            begun.append(True)
+            assert process.stdout is not None
+            assert process.stdout.readline() == "started\n"
+            raise error
+
+        monkeypatch.setattr("benchmarks.report._argv", lambda command: [sys.executable, "-c", *words])
+        monkeypatch.setattr(Popen, "communicate", first)
+        with pytest.raises(type(error)):
+            check("soak stops", [], 1.0)
+
+    return run
+
+
+@pytest.mark.parametrize("written", [0, 1_000_000])
+def test_a_command_that_takes_too_long_ends_what_it_started(tmp_path: Path, interrupted: Check, written: int):
+    script = ENDS_WHAT_IT_STARTED.replace("finally:", f"finally:\n    print(' ' * {written}, flush=True)")
+    interrupted([script, str(tmp_path / "ended")], TimeoutExpired("soak stops", 1.0))
     assert (tmp_path / "ended").exists()
+
+
+def test_an_interrupt_is_kept_where_the_command_ignores_it(monkeypatch: pytest.MonkeyPatch, interrupted: Check):
+    monkeypatch.setattr("benchmarks.report.GRACE_S", 0.05)
+    interrupted([IGNORES_INTERRUPTS], KeyboardInterrupt())
 
 
 def test_short_commands_print_no_times():
