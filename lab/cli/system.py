@@ -127,7 +127,11 @@ def down(
     every: Annotated[bool, typer.Option("--all", help="Stop every system.")] = False,
     json: Json = False,
 ) -> None:
-    """Stop a system that runs, or what is left of one that crashed; several: name one, or --all."""
+    """Stop a system that runs, or what is left of one that crashed.
+
+    Of several, the one at SUREFOOT_LISTEN is meant; else name one, or --all.
+    """
+    from surefoot.bus.endpoint import from_environment
     from surefoot.services.supervisor.processes.identity import end
 
     use_json(json)
@@ -135,9 +139,15 @@ def down(
     if system is not None:
         _check_known(Path(system).stem)
     meant = _folders(system)
-    there = [folder.name for folder in meant if folder.held() or folder.orphans()]
+    there = [folder for folder in meant if folder.held() or folder.orphans()]
     if len(there) > 1 and not every:
-        raise typer.BadParameter(f"{len(there)} systems run: {', '.join(there)}; name one, or stop all with --all")
+        here = from_environment(("SUREFOOT_LISTEN",))
+        places = [(folder, folder.endpoint(orphaned=True)) for folder in there]
+        there = [folder for folder, place in places if place is not None and place.connect == here] or there
+        meant = there
+    if len(there) > 1 and not every:
+        names = ", ".join(folder.name for folder in there)
+        raise typer.BadParameter(f"{len(there)} systems run: {names}; name one, or stop all with --all")
     for folder in meant:
         supervisor = folder.supervisor() if folder.held() else None
         if supervisor is not None:

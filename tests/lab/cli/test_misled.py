@@ -42,7 +42,7 @@ def two_systems():
     for number, folder in enumerate(folders):
         folder.acquire()
         folder.write_endpoint(Endpoint(f"tcp/127.0.0.1:{11 + number}", f"surefoot/{folder.name}"))
-    yield
+    yield {folder.name: folder for folder in folders}
     for folder in folders:
         folder.release()
 
@@ -81,6 +81,17 @@ def test_a_key_of_the_other_kind_is_named_with_its_command(complaint, words, par
 def test_down_of_several_systems_refuses_with_their_names(complaint, two_systems, no_endpoint):
     err = complaint("down")
     assert "2 systems run: nao, ragno" in err or "2 systems run: ragno, nao" in err
+
+
+def test_down_means_the_system_that_listens_where_this_shell_says(in_process, two_systems, no_endpoint, monkeypatch):
+    def end(supervisor, grace_s):
+        two_systems["nao"].release()
+        return True
+
+    monkeypatch.setattr("surefoot.services.supervisor.processes.identity.end", end)
+    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:12")
+    assert in_process("down")[:2] == (0, "stopped nao\n")
+    assert two_systems["ragno"].held()
 
 
 def test_stop_without_a_name_means_every_system_and_reports_each(complaint, in_process, two_systems, no_endpoint):
