@@ -88,7 +88,8 @@ COMMANDS = {"run": (["run", "outing.toml"], "judge"), "up": (["up", "journey.yam
 def place(code: CodeType) -> tuple[str, str]:
     """Return the file and the function of code; what is defined in a function is part of it."""
     path = Path(code.co_filename).resolve()
-    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else "", code.co_qualname.partition(".<locals>")[0]
+    ours = path.is_relative_to(ROOT) and not path.is_relative_to(ROOT / ".venv")
+    return str(path.relative_to(ROOT)) if ours else "", code.co_qualname.partition(".<locals>")[0]
 
 
 def between(frame: FrameType) -> tuple[str, str]:

@@ -113,8 +113,8 @@ def test_levels_of_force_change_contacts() -> None:
     log = clean()
     loaded = replace(log, force=np.where(log.contact, 200.0, 10.0))
     found = {c.name: c.log for c in changes("best", loaded, FOREIGN["icub_kindyn_walk"])}
-    np.testing.assert_array_equal(found["contact forces x 0.5"].contact, log.contact)
-    assert not found["contact forces x 2"].contact.any()
+    for factor in ("0.5", "2"):  # twice: 200 N are below the threshold, but the most loaded foot stands
+        np.testing.assert_array_equal(found[f"contact forces x {factor}"].contact, log.contact)
 
 
 def test_a_referee_does_not_care_how_the_unit_is_mounted() -> None:

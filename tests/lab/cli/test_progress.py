@@ -94,7 +94,7 @@ LONG = [
     ("report {bag} -o r.html", "report of walk.mcap", "report.recorded.write_report"),
     ("why {bag}", "causes in walk.mcap", "report.why.find_outcome"),
     ("audit {bag}", "proofs of walk.mcap", "audit.walk._claim"),
-    ("bisect {bag} {bag}", "comparison of walk.mcap and walk.mcap", "again.bisect._Pairing.end"),
+    ("bisect {bag} {bag}", "comparison of {bag} and {bag}", "again.bisect._Pairing.end"),
     ("verify {bag}", "", "again.repeat.RecordedRun.again"),
     ("bag export {bag} --to csv -o c.csv", "walk.mcap to csv", "bags.exporting.table_of"),
     ("bag export {bag} --to foxglove -o f.mcap", "walk.mcap to foxglove", ""),
@@ -116,6 +116,7 @@ def test_a_long_command_names_its_work_and_states_share_and_time_left(in_process
     pytest.importorskip("foxglove", reason="pip install 'surefoot[foxglove]'") if "foxglove" in words else None
     code, _, err = in_process(*words.format(bag=recorded).split())
     assert code == 0, err
+    what = what.format(bag=recorded)
     assert err.startswith(f"{what}: ")
     assert re.search(rf"^{re.escape(what)}: \d+ %, about \d+ s left", err, re.MULTILINE)
 
