@@ -96,7 +96,7 @@ def evaluate(seed: int, ok: bool, columns: Columns, robot: str) -> Experiment:
     t = log.seconds
     log = replace(log, begin_s=float(t[rows[0]]), end_s=float(t[-1] - t[rows[-1]]))
     tracks = {name: track(name, log) for name in estimators()}
-    exact = _with_exact_encoders(log, columns)
+    exact = with_exact_encoders(log, columns)
     seen = tracks | {f"{name}, exact": track(name, exact) for name in ("kinematics", "kinematics_gyro")}
     noise = {name: roughness((one.v - log.v)[walking, 0], log) for name, one in seen.items()}
     off = np.linalg.norm(tracks["imu"].v - log.v, axis=1)
@@ -134,11 +134,12 @@ def roughness(x: Array, log: Log) -> float:
     return float(np.sqrt(np.mean((x[first : first + len(mean)] - mean) ** 2)))
 
 
-def _with_exact_encoders(log: Log, columns: Columns) -> Log:
+def with_exact_encoders(log: Log, columns: Columns) -> Log:
     """Return the log that encoders without steps, zero errors and play of the joints would have made."""
     stamps = columns["base_stamp_ns"]
     true = np.stack([np.interp(log.foot_ns, stamps, q) for q in columns["base_joints"].T], axis=1)
-    mount = foot_mount(load_robot(str(log.robot)))
+    assert log.robot is not None
+    mount = foot_mount(log.robot)
     seen = [feet_in_imu(mount, q) for q in true]
     position, rot = (np.ascontiguousarray([pair[i] for pair in seen]) for i in range(2))
     return replace(log, foot_position=position, foot_rot=rot)

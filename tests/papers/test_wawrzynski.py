@@ -1,5 +1,6 @@
 """Wawrzynski et al.: the order of the four estimators, the size of the errors, and two logs of other robots."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,8 @@ from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import DATA, humanoid
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
+from surefoot.lab.estimation.walks import walk as simulated
+from surefoot.papers.wawrzynski.study import with_exact_encoders
 from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
 
 SEEDS = range(3)
@@ -92,3 +95,12 @@ def test_real_sway():
     assert 100 * ekf.rmse == pytest.approx(0.58, abs=0.05)
     assert 100 * ekf.drift == pytest.approx(0.23, abs=0.03)
     assert kinematics.rmse < both.rmse < ekf.rmse
+
+
+def test_exact_encoders_of_a_walk_are_its_feet():
+    """Joints of the log in place of the true ones give the feet of the log back."""
+    log = simulated("nao", 0).log
+    joints, none = log.joints, np.full(log.foot_position.shape, np.nan)
+    assert joints is not None
+    exact = with_exact_encoders(replace(log, foot_position=none), {"base_stamp_ns": log.foot_ns, "base_joints": joints})
+    np.testing.assert_allclose(exact.foot_position, log.foot_position, atol=1e-9)
