@@ -8,6 +8,8 @@ from typing import Literal, NamedTuple, get_args
 from surefoot.schemas.topics import CMD_JOINTS
 
 Kind = Literal["drop", "duplicate", "reorder", "delay", "corrupt", "forge", "freeze", "kill", "terminate", "slow"]
+MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
+"""Faults of messages alone; a run in lockstep under them is that without faults to the bit."""
 FREEZE_S = (0.3, 1.0, 5.0)
 """Durations of a freeze, s; a driver is frozen for less than `DRIVER_FREEZE_S`."""
 DRIVER_FREEZE_S = 3.0

@@ -39,7 +39,6 @@ class SimulatedRun:
         self.build(request)
 
     def _clear(self) -> None:
-        self.guard.clear()
         self.planned.clear()
         self.stopped = ""
         """Reason of the emergency stop in force; empty = none."""
@@ -144,7 +143,7 @@ class SimulatedRun:
         if limit is not None and (len(limit) != self.robot.nj or min(limit) < 0.0):
             text = f"torque_limit must be {self.robot.nj} numbers >= 0 Nm, got {limit}"
             raise Refusal("torque_limit", f"joint command of tick {command.tick} refused: {text}", "torque_limit")
-        reason = self.guard.offer(command.position, command.stamp_ns)
+        reason = self.guard.refusal(command.position)
         if reason is not None:
             lower, upper = self.robot.joint_lower, self.robot.joint_upper
             worst = ""

@@ -216,7 +216,10 @@ class Leader:
         self._admit()
         silent = {name for name, before in returned.items() if before.instance == self.members[name].instance}
         for name, before in returned.items():
-            self.members[name].done = before.done if name in silent else first - 1
+            if name in silent:
+                self.members[name] = before
+            else:
+                self.members[name].done = first - 1
         first = max(0, min([first, *(returned[name].done for name in silent)]))
         if not self.lost and self.state == "holding":
             self.state = "running"

@@ -6,10 +6,13 @@ from typing import Any
 
 import pytest
 
+from surefoot.errors import Refusal
 from surefoot.lab.chaos import memory, run, shrink
 from surefoot.lab.chaos.events import ChaosEvent
-from surefoot.lab.chaos.run import MemoryRun, falls_when_held, run_chaos
+from surefoot.lab.chaos.run import MemoryRun, falls_when_held, run_chaos, suffer
 from surefoot.lockstep.driver import DriverNode
+from surefoot.schemas.hw import JointCommand
+from surefoot.services.simulator.run import SimulatedRun
 from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 
 WALK = """
@@ -43,6 +46,27 @@ def test_a_seed_is_replayed_to_the_bit_and_nothing_forged_is_obeyed(walk: Scenar
     forged = run_chaos(walk, 4, 12, ("forge",), ticks=250)
     assert forged.unbound > 0
     assert (forged.run_hash, forged.violations) == (plain.run_hash, ())
+
+
+@pytest.mark.parametrize("owner", ["walker", "driver", "estimator"])
+def test_messages_that_come_after_later_ones_change_nothing(walk: Scenario, owner: str) -> None:
+    """Those of one tick are lost or held up, those of the next are there first."""
+    events = [ChaosEvent(kind, tick, owner, 9, 27.0) for kind, tick in (("delay", 120), ("drop", 160))]
+    assert suffer(walk, events, 0).violations == ()
+
+
+def test_another_hash_under_faults_of_messages_is_a_violation(walk: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here the simulator refuses a command after that of a later tick."""
+    newest: dict[SimulatedRun, int] = {}
+
+    def check(self: SimulatedRun, command: JointCommand) -> None:
+        newest[self] = max(newest.get(self, 0), command.tick)
+        if command.tick < newest[self]:
+            raise Refusal("order", "a later command came")
+
+    monkeypatch.setattr(SimulatedRun, "check", check)
+    found = suffer(walk, [ChaosEvent("reorder", 120, "walker", 20, 1.0)], 0)
+    assert found.violations == ("another hash than without faults",)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -7,14 +7,13 @@ from typing import Any
 
 import pytest
 
-from surefoot.lab.chaos.events import MEMORY, ChaosEvent, Kind, draw_events, swarm
+from surefoot.lab.chaos.events import MEMORY, MESSAGES, ChaosEvent, Kind, draw_events, swarm
 from surefoot.lab.chaos.marks import MARKS, Marks
 from surefoot.lab.chaos.shrink import shrink
 from surefoot.lockstep import join
 from surefoot.schemas.topics import Topic
 from tests.surefoot.lockstep.toy_chaos import (
     FIRST_SEED,
-    MESSAGES,
     NAMES,
     PLANTED,
     TICKS,

@@ -2,10 +2,11 @@
 
 import pytest
 
-from surefoot.bus.interface import Delivery
+from surefoot.bus.interface import Delivery, Life
 from surefoot.lockstep import driver as runtime
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.node import Node
+from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.system import Done, JoinRequest
 from surefoot.schemas.topics import SIM_JOIN, TICK_DONE
 from tests.surefoot.lockstep.driver_bench import EXPECT, Bench, MapReader, reference
@@ -193,3 +194,29 @@ def test_ticks_come_again_to_all_while_a_silent_member_is_awaited(alive: bool, m
         bench.node.pump_once()
     assert bench.leader.state == "holding"
     assert [tick.tick for tick in bench.ticks].count(bench.leader.tick) == before + (3 if alive else 0)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_command_that_was_lost_is_awaited_though_the_next_is_there(
+    held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of a walker that was out of sight meanwhile and is the same process when it is ready again."""
+    bench = Bench(at=20)
+    take, came = bench.node._on_command, set[int]()
+
+    def lose_one(command: JointCommand, sender: str) -> None:
+        came.add(command.tick)
+        if command.tick != 20 or 21 in came:
+            take(command, sender)
+
+    monkeypatch.setattr(bench.node, "_on_command", lose_one)
+    bench.until(lambda: 21 in came)
+    if held:
+        instance = bench.leader.members["walker"].instance
+        bench.node.on_life(Life("walker", instance, False))
+        ready = Done(tick=-1, epoch=1, source="walker", instance=instance, ready=True)
+        bench.node.handle(Delivery(TICK_DONE, ready, None))
+    for _ in range(3):  # the others are slower
+        bench.node.pump_once()
+    monkeypatch.setattr(runtime, "SILENCE_S", 1e-6)
+    assert bench.finish(40) == reference(40)

@@ -5,7 +5,7 @@ from typing import Any
 
 from surefoot.bus.interface import Delivery
 from surefoot.errors import BusError
-from surefoot.lab.chaos.events import FORGER, MEMORY, ChaosEvent, Kind, draw_events
+from surefoot.lab.chaos.events import FORGER, MEMORY, MESSAGES, ChaosEvent, Kind, draw_events
 from surefoot.lab.chaos.memory import ChaosSystem
 from surefoot.lab.chaos.shrink import Shrunk, shrink
 from surefoot.lockstep import binding, commands, join, leader, node
@@ -17,7 +17,6 @@ from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyObserver, ToyWalker,
 
 TICKS = 60
 SEEDS = range(300)
-MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
 NAMES = ("driver", "estimator", "walker", "recorder")
 EVENTS = 8
 STALL_S = 10.0
