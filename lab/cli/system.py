@@ -159,7 +159,7 @@ def down(
         if folder.end_leftovers() and folder.name not in stopped:
             stopped.append(folder.name)
         folder.release()
-    write_answer({"stopped": stopped}, f"stopped {', '.join(stopped)}" if stopped else "nothing is running")
+    write_answer({"stopped": stopped}, f"stopped {', '.join(stopped)}" if stopped else _idle(system))
 
 
 def status(
@@ -176,13 +176,18 @@ def status(
     if json:
         write_json(found)
     elif not found:
-        others = ", ".join(folder.name for folder in _folders(None) if folder.held()) if system is not None else ""
-        what = f"{Path(system or '').stem} does not run; running: {others}" if others else "nothing is running"
-        write(what if others else f"{what}; start a system with `surefoot up`")
+        what = _idle(system)
+        write(what if "; " in what else f"{what}; start a system with `surefoot up`")
     for name, content in found.items() if not json else ():
         _show_status(name, content)
     if not found or any(row["state"] != "healthy" for content in found.values() for row in content["services"]):
         raise typer.Exit(EXIT_CHECK)
+
+
+def _idle(system: str | None) -> str:
+    """Return the sentence on a system that does not run; None = none runs."""
+    others = ", ".join(folder.name for folder in _folders(None) if folder.held()) if system is not None else ""
+    return f"{Path(system or '').stem} does not run; running: {others}" if others else "nothing is running"
 
 
 def logs(

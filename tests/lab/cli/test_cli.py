@@ -220,6 +220,13 @@ def test_down_with_nothing_running_is_fine(answer):
     answer("down")
 
 
+def test_down_of_another_system_than_the_one_that_runs_names_that(in_process):
+    folder = RunFolder("go2")  # of `surefoot up unitree --robot ./go2`
+    folder.acquire()
+    assert in_process("down", "unitree")[:2] == (0, "unitree does not run; running: go2\n")
+    folder.release()
+
+
 def test_a_broken_compose_file_is_one_sentence(complaint, tmp_path):
     path = tmp_path / "bad.yaml"
     path.write_text("services: {a: {prots: [1]}}")
