@@ -84,7 +84,7 @@ def up(folder: Path, *words: str, system: str = "ragno") -> Iterator[Machine]:
         done = machine.surefoot("up", system, "-d", *words)
         assert done.returncode == 0, done.stderr
         yield machine
-        machine.surefoot("down", system)
+        machine.surefoot("down")
     finally:
         end_systems(folder / "surefoot")
 

