@@ -4,6 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 import math
 import re
+from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -71,6 +72,8 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
     if mimic is not None:
         text = f"got a mimic joint {mimic.get('name')!r}, allowed are joints with a motor; make it fixed in a copy"
         raise RobotError("value", "joint.mimic", text)
+    if root.tag == "robot":
+        _check_tree(root)
     for body in root.iter("body"):
         if (
             body.find("inertial") is None
@@ -83,6 +86,21 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
     _check_masses(root)
     _repair_inertias(root, [] if notes is None else notes)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _check_tree(root: ElementTree.Element) -> None:
+    """Refuse links of a URDF that hang on two joints, and a second one that hangs on none (raises RobotError)."""
+    children = Counter(child.get("link", "") for child in root.iterfind("joint/child"))
+    twice = next((name for name, count in children.items() if count > 1), None)
+    if twice is not None:
+        text = (
+            f"got {shown(twice)} as child of two joints, allowed is a tree without closed loops; remove one in a copy"
+        )
+        raise RobotError("value", "joint.child", text)
+    roots = [name for link in root.findall("link") if (name := link.get("name", "")) not in children]
+    if len(roots) > 1:
+        text = f"got {', '.join(map(shown, roots[:3]))} as roots, allowed is one root"
+        raise RobotError("value", "link", text)
 
 
 def _check_numbers(element: ElementTree.Element, names: set[str | None]) -> None:

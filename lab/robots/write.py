@@ -53,6 +53,7 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
     made = Imported({}, {}, {}, {}, model.body(trunk).name)
     angles = _neutral(model, made)
     limbs = _limbs(segs)
+    _check_couplings(model, {segs[limb[0]].joint for limb in limbs})
     feet = _feet(model, segs, limbs, angles)
     base = segs[0]
     names = [_limb_name(model, segs, limb, i) for i, limb in enumerate(limbs)]
@@ -84,6 +85,19 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
         **_sensors(model, segs, made),
     }  # fmt: skip
     return made
+
+
+def _check_couplings(model: mujoco.MjModel, first: set[int]) -> None:
+    """Refuse a joint that follows another one, but for the first hinges of limbs (raises RobotError)."""
+    for i in range(model.neq):
+        if int(model.eq_obj1id[i]) not in first:
+            names = " coupled to ".join(
+                repr(model.joint(int(j)).name) for j in (model.eq_obj1id[i], model.eq_obj2id[i])
+            )
+            text = (
+                f"got {names}, allowed are joints with a motor and the first hinges of two limbs; remove it in a copy"
+            )
+            raise RobotError("value", "equality", text)
 
 
 def _shared(model: mujoco.MjModel, joint: int, link: str, ours: str, made: Imported) -> dict[str, Any]:

@@ -229,7 +229,12 @@ BALL = '<body name="b"><joint type="ball"/><geom size=".1"/></body></body></worl
 SECOND = '<body name="b"><freejoint/><geom size=".1"/></body></worldbody>'
 LOOP = '<equality><connect body1="fl_foot" body2="fr_foot" anchor="0 0 0"/></equality></mujoco>'
 NO_FEET = MJCF.replace("_foot", "_end").replace('"sphere" size=".025"', '"box" size=".1 .1 .1"')
+COUPLED = '<equality><joint joint1="fl_j1" joint2="fr_j1"/></equality></mujoco>'
+CLOSED = '<joint name="x" type="fixed"><parent link="fl_calf"/><child link="fr_calf"/></joint></robot>'
 BAD = {
+    "two roots of a URDF": (URDF.replace("</robot>", '<link name="other"/></robot>'), "one root"),
+    "loop of a URDF": (URDF.replace("</robot>", CLOSED), "closed loops"),
+    "coupled joints": (MJCF.replace("</mujoco>", COUPLED), "first hinges"),
     "two roots": (MJCF.replace("</worldbody>", SECOND), "root"),
     "no feet": (NO_FEET, "feet"),
     "ball": (MJCF.replace("</body></worldbody>", BALL), "hinge"),
