@@ -48,7 +48,7 @@ def import_log(
 
     use_json(json)
     if clock not in ("header", "record"):
-        raise SurefootError("invalid", f"got {clock!r}, allowed are header and record", "clock")
+        raise SurefootError("invalid", f"--clock: got {clock!r}, allowed are header and record", "clock")
     description, stated = load_robot(robot), _thresholds(contact_on, contact_off)
     if calibration is not None:
         refuse_existing(calibration, force=True)

@@ -49,6 +49,11 @@ def reader_of(path: Path) -> Any:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise SurefootError("not_installed", f"{path.name} is a bag: {INSTALL}", "bag") from None
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        text = (
+            "is a folder without metadata.yaml, wanted is the folder of a ROS 2 bag, or a file .bag, .mcap, .csv, .npz"
+        )
+        raise SurefootError("malformed", f"{path} {text}", "bag")
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
         reader.open()
@@ -59,7 +64,7 @@ def reader_of(path: Path) -> Any:
 
 def _broken(path: Path, error: Exception) -> SurefootError:
     text = " ".join(str(error).split())[:160] or type(error).__name__
-    if "json" in text.lower():
+    if "json" in text.lower() or "profile" in text.lower():
         text += "; a recording of surefoot is read by `surefoot estimate`"
     return SurefootError("malformed", f"{path} is cut off, damaged or of an unknown encoding ({text})", "bag")
 

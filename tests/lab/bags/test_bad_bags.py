@@ -57,6 +57,12 @@ def test_cut_off(good: Path, tmp_path: Path, share: float) -> None:
     assert "cut off" in refusal(whole)
 
 
+def test_a_folder_that_is_no_bag_and_a_recording_of_ours_are_named(tmp_path: Path) -> None:
+    assert "without metadata.yaml" in refusal(tmp_path)
+    record(fitted(log_of_rows(SHORT), load_robot(ROBOT)), ROBOT, tmp_path / "ours.mcap")
+    assert "surefoot estimate" in refusal(tmp_path / "ours.mcap")
+
+
 def test_unknown_encoding(tmp_path: Path) -> None:
     bag = write_ros2(tmp_path / "two", SHORT, NAMES)
     meta = bag / "metadata.yaml"
