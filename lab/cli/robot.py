@@ -60,7 +60,7 @@ def import_file(
     write_table(("what", "of the robot"), rows)
     write(f"against MuJoCo: {_words(worst)}")
     place = out if out.is_absolute() else f"./{out}"
-    write(f"next: surefoot robot check {place}; surefoot run stand --robot {place}")
+    write(f"next: surefoot robot check {place}")
 
 
 @app.command()
@@ -102,7 +102,7 @@ def check(
     use_json(json)
     robot = load_robot(name)
     content, rows = _summary(robot)
-    if any((Path(name) / part).exists() for part in ("import.json", "source.xml")):
+    if imported := any((Path(name) / part).exists() for part in ("import.json", "source.xml")):
         from ..robots.compare import WITNESS, checked
 
         content["differences"] = found = checked(Path(name))
@@ -113,6 +113,8 @@ def check(
         write_json(content)
     else:
         write_table(("quantity", "value"), rows)
+        if imported:
+            write(f"next: surefoot run stand --robot {name}")
 
 
 def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], object]) -> None:

@@ -53,6 +53,7 @@ def run(
 ) -> None:
     """Run a scenario with every service live, check its limits, write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
+    from surefoot.robot.reader import load_robot
     from surefoot.services.supervisor.processes.rundir import RunFolder
     from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import system_of
@@ -80,6 +81,8 @@ def run(
     with viewer(endpoint, namespace_of(compose.robot), compose.robot, wanted=view), line:
         outcome = conduct(loaded, compose, options, line.notify, line.show)
     _show(outcome, json=json)
+    if robot is not None and scenario == "stand" and outcome.verdict.ok and not json and load_robot(robot).nlegs >= 4:
+        write(f"next: surefoot run crawl-flat --robot {robot}")
     if outcome.interrupted:
         raise typer.Exit(EXIT_INTERRUPT)
     if not outcome.verdict.ok:

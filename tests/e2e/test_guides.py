@@ -106,6 +106,8 @@ def test_a_simulated_quadruped(guide: Guide) -> None:
     shown = guide.run([line for line in lines if not line.startswith(CRAWLS)])
     assert sum(line.startswith(CRAWLS) for line in lines) == 2
     assert "sphere at body" in shown or "foot of fl" in shown
+    for command in ("robot check ./", "run stand --robot ./", "run crawl-flat --robot ./"):
+        assert f"next: surefoot {command}" in shown  # each command is printed by the one before
     assert "velocity=" in shown
     assert "accepted" in shown
 

@@ -41,6 +41,7 @@ def checked(in_process, folder):
 
 def test_a_sound_folder_is_accepted(in_process, folder):
     assert checked(in_process, folder)[0] == 0
+    assert in_process("robot", "check", folder)[1].endswith(f"next: surefoot run stand --robot {folder}\n")
 
 
 @pytest.mark.parametrize("name", [TOML, FILE, SOURCE])
