@@ -37,7 +37,7 @@ class SensedConfig(ServiceConfig):
 
     def contact(self, feet: int) -> ForceContact | None:
         """Return the rule of contacts by force; None = not calibrated (raises Refusal)."""
-        if not self.foot_scale:
+        if not self.foot_scale and not self.foot_zero:
             return None
         for name in ("foot_zero", "foot_scale"):
             if len(getattr(self, name)) != feet:

@@ -21,7 +21,8 @@ def joint_columns(names: Sequence[str], robot: Robot) -> list[int]:
     for name in robot.joint_names:
         if name not in found:
             hint = did_you_mean(name, names) or f"; it has {', '.join(names)}"
-            text = f"the log has no joint {name!r} of {robot.name}{hint}; another robot, or name them by --joint-names"
+            text = f"no joint {name!r} of {robot.name}{hint};"
+            text += " another robot, or name them by --joint-names (`joints` of a driver)"
             raise SurefootError("invalid", text, "joint-names")
     return [found.index(name) for name in robot.joint_names]
 

@@ -156,6 +156,8 @@ def test_nothing_is_sent_unasked() -> None:
     made.actuate(0, JointCommand(position=(0.0,) * 12))
     with pytest.raises(Refusal, match="sends no commands"):
         quiet(command=True)
+    with pytest.raises(Refusal, match="got 0 numbers, wanted is one of 4 feet"):
+        quiet(foot_scale=())
     with pytest.raises(SurefootError, match="no joint"):
         quiet(robot="messor", foot_zero=(), foot_scale=())
 
