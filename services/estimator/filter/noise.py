@@ -33,9 +33,10 @@ class BestNoise(NamedTuple):
     """Walk of the accelerometer bias, m/s^2/sqrt(s)."""
     gyro_jerk: float = 0.15
     """Share of the change between two gyro samples that is error: a trunk that shakes bends."""
+    turn_jerk: float = 0.05
+    """The same about the vertical: what a trunk bends it bends back, and the heading adds up over many steps."""
     acc_jerk: float = 0.05
-    """Share of the change between two accelerometer samples that is error, times sqrt(e^2 - 1) where e raises the
-    inertial noise."""
+    """Share of the change between two accelerometer samples that is error, times sqrt(e^2 - 1), e = excess."""
     stay: float = 0.0002
     """Walk of a point that stays, m/sqrt(s)."""
     slide: float = 0.15
@@ -236,8 +237,7 @@ class FixedNumbers(NamedTuple):
     least_delay_s: float = 0.015
     """Least time by which feet are late, s: walks of clean logs show 0.010 at most."""
     most_delay_s: float = 0.07
-    """Largest time by which feet are late, s: the motion of a foot is not that of a line for longer. A simulated trot
-    whose feet roll shows 0.08, early, all the time."""
+    """Largest time by which feet are late, s: no foot moves on a line for longer; feet that roll show 0.08, early."""
     most_late_s: float = 0.15
     """Largest time that is taken off the stamps for the motion of the feet, s: what grows on is something else."""
     legs_s: float = 2.0
@@ -373,8 +373,8 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
     )
     if modes:
         noise = noise._replace(
-            point=FIXED.point_share * point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, slide=0.04,
-            go_on=0.95,
+            point=FIXED.point_share * point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, turn_jerk=0.12,
+            slide=0.04, go_on=0.95,
         )  # fmt: skip
     return noise
 

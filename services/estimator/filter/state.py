@@ -37,7 +37,9 @@ class Felt(NamedTuple):
     """Variances of one inertial sample beyond the noise of its sensors, by the jerk of the moment."""
 
     gyro: float
-    """(rad/s)^2."""
+    """About level axes, (rad/s)^2."""
+    turn: float
+    """About the vertical, (rad/s)^2."""
     acc: float
     """(m/s^2)^2."""
 
@@ -326,9 +328,10 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     _transpose(cov)
     _carry_rows(cov, points, d, v, arms, middle)  # F (F P)^T, which is symmetric
     excess, up = memory[M.excess] * memory[M.excess], middle[2]
-    gyro_sq = (memory[M.shown] * noise.gyro) ** 2 + felt.gyro * d
+    sensor_sq = (memory[M.shown] * noise.gyro) ** 2
     acc_sq = excess * (memory[M.shown + 1] * noise.acc) ** 2 + (excess - 1.0) * felt.acc * d
-    _inertial_noise(cov, points, d, v, arms, excess * gyro_sq, gyro_sq, acc_sq)
+    gyro_sq, turn_sq = excess * (sensor_sq + felt.gyro * d), sensor_sq + felt.turn * d
+    _inertial_noise(cov, points, d, v, arms, gyro_sq, turn_sq, acc_sq)
     for i in range(3):
         cov[E.gyro_bias + i, E.gyro_bias + i] += noise.gyro_bias**2 * d
         for k in range(3):  # less of it about the vertical
@@ -357,14 +360,14 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
     """Return what the changes since the last inertial sample add to the noise, and remember the sample, in place.
 
     A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
-    mean over its period; the sensors' own noise changes by 6 sigma^2 on average.
+    mean over its period; the sensors' own noise changes by 6 sigma^2 on average. A bend turns the IMU back again, so
+    errors of the heading cancel; those of the tilt act on the velocity at every moment.
     """
     turn, push = 0.0, 0.0
     for i in range(3):
         turn += (w[i] - memory[M.last_gyro + i]) ** 2
         push += (q[i] - memory[M.last_acc + i]) ** 2
         memory[M.last_gyro + i], memory[M.last_acc + i] = w[i], q[i]
-    return Felt(
-        noise.gyro_jerk**2 * max(0.0, turn - 6.0 * (memory[M.shown] * noise.sample_gyro) ** 2),
-        noise.acc_jerk**2 * max(0.0, push - 6.0 * (memory[M.shown + 1] * noise.sample_acc) ** 2),
-    )
+    turn = max(0.0, turn - 6.0 * (memory[M.shown] * noise.sample_gyro) ** 2)
+    push = max(0.0, push - 6.0 * (memory[M.shown + 1] * noise.sample_acc) ** 2)
+    return Felt(noise.gyro_jerk**2 * turn, noise.turn_jerk**2 * turn, noise.acc_jerk**2 * push)

@@ -24,8 +24,8 @@ FEET = 2
 STANDING = np.array([[0.0, 0.1, -0.3], [0.0, -0.1, -0.3]])
 BOX = FootMount(None, np.eye(3), np.zeros(3), np.zeros(FEET))
 NOISE = best_noise(EstimatorParams())
-CALM = Felt(0.0, 0.0)
-SILENT = ("gyro", "acc", "gyro_bias", "acc_bias", "gyro_jerk", "stay", "turn_bias", "twist")
+CALM = Felt(0.0, 0.0, 0.0)
+SILENT = ("gyro", "acc", "gyro_bias", "acc_bias", "gyro_jerk", "turn_jerk", "stay", "turn_bias", "twist")
 QUIET = BestNoise(**(NOISE._asdict() | dict.fromkeys(SILENT, 0.0)))
 G = np.array([0.0, 0.0, 9.81])
 

@@ -115,7 +115,7 @@ def test_a_foot_that_comes_down_flat_from_its_heel_does_not_lift_the_robot():
             closed = np.array([HEEL if shown and k < 6 else ALL])
             take_points(state, SeenPoints(y, turn, np.ones(3), closed), places, NOISE, False, 0, 1.0)
             for _ in range(3):
-                predict(state, np.zeros(3), G, 0.011, NOISE, Felt(0.0, 0.0))
+                predict(state, np.zeros(3), G, 0.011, NOISE, Felt(0.0, 0.0, 0.0))
         risen[name] = abs(float(state.x[X.pos + 2]))
         assert abs(state.x[X.vel + 2]) < 0.02
     assert max(risen.values()) < 3e-4
