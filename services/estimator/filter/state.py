@@ -330,8 +330,7 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     excess, up = memory[M.excess] * memory[M.excess], middle[2]
     sensor_sq = (memory[M.shown] * noise.gyro) ** 2
     acc_sq = excess * (memory[M.shown + 1] * noise.acc) ** 2 + (excess - 1.0) * felt.acc * d
-    gyro_sq, turn_sq = excess * (sensor_sq + felt.gyro * d), sensor_sq + felt.turn * d
-    _inertial_noise(cov, points, d, v, arms, gyro_sq, turn_sq, acc_sq)
+    _inertial_noise(cov, points, d, v, arms, excess * (sensor_sq + felt.gyro * d), sensor_sq + felt.turn * d, acc_sq)
     for i in range(3):
         cov[E.gyro_bias + i, E.gyro_bias + i] += noise.gyro_bias**2 * d
         for k in range(3):  # less of it about the vertical
