@@ -26,10 +26,8 @@ NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""
 FEWEST_WINDOWS = 2
 """Fewest windows that show anything: how far they differ is what the interval comes from."""
-WIDER = {"offset": 2.0, "mounting": 3.0, "lever": 3.0}
+WIDER = {"length": 1.6, "offset": 2.0, "mounting": 3.0, "lever": 3.0}
 """Factor of the interval of kinds that feet pull aside which rock, roll or creep alike at each step."""
-SOLES_WIDER = 1.6
-"""The same for lengths, where feet are soles: they rock about edges, and are taken as turning about one point."""
 ALWAYS = {"offset": 0.003}
 """Half interval that no walk makes narrower, s: feet yield under loads that follow the acceleration."""
 NARROW = 0.4
@@ -86,12 +84,10 @@ class LegCalibration:
     def pairs(self) -> list[tuple[Unknown, CalibratedValue]]:
         """Return `found` with the unknown of each."""
         out: list[tuple[Unknown, CalibratedValue]] = []
-        soles = any(u.kind == "pivot" for u in self.unknowns)
-        wider = WIDER | ({"length": SOLES_WIDER} if soles else {})
         for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
             if u.kind in SHOWN:
                 factor, unit = SHOWN[u.kind]
-                half = float(np.hypot(NORMAL_95 * wider.get(u.kind, 1.0) * sd, ALWAYS.get(u.kind, 0.0)))
+                half = float(np.hypot(NORMAL_95 * WIDER.get(u.kind, 1.0) * sd, ALWAYS.get(u.kind, 0.0)))
                 seen = half < NARROW * u.range and abs(float(value)) <= u.range and self.windows >= FEWEST_WINDOWS
                 out.append((u, CalibratedValue(u.name, unit, factor * float(value), factor * half, seen)))
         return out

@@ -19,6 +19,9 @@ USUAL, CARRIED = 90.0, 0.5
 of a person, they carry less."""
 ALIKE_ON, ALIKE_OFF = 0.9, 0.6
 """Share of the force of the most loaded foot from which a foot stands with it, and below which it does not any more."""
+LEAST_ON, LEAST_OFF = 0.5, 0.3
+"""Likewise, from which a foot may stand, and below which it does not, however low the thresholds are: as one lands or
+lifts it creeps and turns."""
 UP_S = 0.5
 """Time over which the mean accelerometer shows the direction of gravity, s."""
 
@@ -34,10 +37,10 @@ def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
 
 
 def by_force(force: Array, on: float, off: float) -> tuple[Flags, float]:
-    """Return contacts by two thresholds, which may be too high for one foot.
+    """Return contacts by two thresholds, which may be too high for one foot, or so low that feet stand before they bear.
 
-    While the feet together carry half of what they usually do, and half of `off`, the most loaded one stands, and
-    others that carry about as much.
+    A foot that carries little beside the most loaded one does not stand. While the feet together carry half of what
+    they usually do, and half of `off`, the most loaded one stands, and others that carry about as much.
 
     Args:
         force: (m, F) N.
@@ -50,8 +53,9 @@ def by_force(force: Array, on: float, off: float) -> tuple[Flags, float]:
     stated, total = schmitt(force, on, off), force.sum(axis=1)
     carried = total > CARRIED * max(off, float(np.percentile(total, USUAL)) if total.size else 0.0)
     most = np.maximum(force.max(axis=1, initial=0.0), 1e-9)
-    alike = schmitt(np.where(carried[:, None], force / most[:, None], 0.0), ALIKE_ON, ALIKE_OFF)
-    contact = stated | alike
+    share = force / most[:, None]
+    alike = schmitt(np.where(carried[:, None], share, 0.0), ALIKE_ON, ALIKE_OFF)
+    contact = stated & schmitt(share, LEAST_ON, LEAST_OFF) | alike
     saved = contact.any(axis=1) & ~stated.any(axis=1)
     return contact, float(saved.mean()) if saved.size else 0.0
 

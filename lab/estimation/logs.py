@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 
-from .contacts import by_height, mean_up, schmitt
+from .contacts import by_force, by_height, mean_up
 from .files import open_log
 from .go1 import IMU_IN_TRUNK, RADIUS, go1_bag, go1_feet, go1_forces
 from .log import Log, TrueMotion
@@ -140,7 +140,7 @@ def _go1(row: ForeignLog, path: Path) -> Log:
         imu_position=IMU_IN_TRUNK, sensors={"imu_period_ns": period, "kinematics_period_ns": period},
     )  # fmt: skip
     if row.levels is not None:
-        return replace(log, contact=schmitt(force, *row.levels))
+        return replace(log, contact=by_force(force, *row.levels)[0])
     if row.contacts == "none":
         low = by_height(log.foot_position, mean_up(log.stamp_ns, log.q, log.foot_ns))
         return replace(log, contact=low, force=None, chance=np.full(low.shape, np.nan))

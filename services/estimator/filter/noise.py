@@ -71,6 +71,8 @@ class BestNoise(NamedTuple):
     """Motion of that edge or corner, m/s."""
     most_excess: float = 15.0
     """Largest factor of the inertial noise."""
+    most_shaken: float = 0.1
+    """Largest noise of an accelerometer by that factor, m/s^2/sqrt(Hz), unless more is stated: no trunk hides more."""
     lag_s: float = 5.0
     """Time over which corrections of the position are averaged, s."""
 
@@ -318,8 +320,8 @@ class FixedNumbers(NamedTuple):
     most_noise: float = 1.6
     """Largest stated noise of an inertial sensor that counts, noises of a rest's noisiest axis. Clean logs: 1.56."""
     more_noise: float = 1.3
-    """Noise of a rest's quietest axis over the stated one from which that counts. Own walks: 1.06."""
-    least_noise: float = 0.1
+    """Noise of a rest's middle axis over the stated one from which that counts. Own walks: MIDDLE."""
+    least_noise: float = 0.03
     """Share of the stated noise below which a rest shows the steps of a sensor and not its noise."""
     woken_excess: float = 2.2
     """Excess of the inertial noise just after a rest from which the tilt of the rest is looked at. Clean logs: 2."""

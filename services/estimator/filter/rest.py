@@ -29,9 +29,10 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
         limits: of a rest.
     """
     cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
+    sample_sq = (state.memory[M.shown] * noise.sample_gyro) ** 2
     for i in range(3):  # one axis after the other
         creep = limits.creep if i < 2 else limits.turn_creep
-        xi, column, z, s = np.empty(n), np.empty(n), 0.0, (noise.sample_gyro**2 + limits.samples * creep**2) / count
+        xi, column, z, s = np.empty(n), np.empty(n), 0.0, (sample_sq + limits.samples * creep**2) / count
         for j in range(n):
             column[j] = (
                 cov[j, E.gyro_bias] * rot[i, 0]

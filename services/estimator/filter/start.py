@@ -208,23 +208,24 @@ def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting)
 
 
 @kernel
-def _shown(rows: Array, mean: Array, stated: float) -> float:
+def shown_noise(rows: Array, mean: Array, stated: float) -> float:
     """Return the factor of a stated noise by what a rest shows of it.
 
     The noise is not more than `most_noise` times that of the axis which shows most of it, and not less than that of the
-    axis which shows least. Less than a tenth of it shows steps of the sensor, not its noise. `rows` are samples of one
+    middle axis. Less than `least_noise` of it shows steps of the sensor, not its noise. `rows` are samples of one
     sensor, (n, 3), with their mean (3,); `stated` is the standard deviation of one.
     """
-    least, most = math.inf, 0.0
+    least, most, total = math.inf, 0.0, 0.0
     for i in range(3):
         square = 0.0
         for r in range(rows.shape[0]):
             square += (rows[r, i] - mean[i]) ** 2 / rows.shape[0]
-        least, most = min(least, square), max(most, square)
+        least, most, total = min(least, square), max(most, square), total + square
+    middle = max(total - least - most, least)
     if math.sqrt(most) < FIXED.least_noise * stated or stated == 0.0:
         return 1.0
-    if math.sqrt(least) > FIXED.more_noise * stated:
-        return math.sqrt(least) / stated
+    if math.sqrt(middle) > FIXED.more_noise * stated:
+        return math.sqrt(middle) / stated
     return min(FIXED.most_noise * math.sqrt(most) / stated, 1.0)
 
 
@@ -242,10 +243,13 @@ def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: Best
     up, tilt_sd = _up_at_rest(q, samples, foot, setting)
     rot = _level(up, setting.geometry.rot_base_from_imu, limits.start.yaw)
     _begin(state, rot, samples, foot, setting)
-    cov, bias_sd = state.cov, math.sqrt(noise.sample_gyro**2 / n + limits.creep**2)
+    rows, memory = samples.imu[at + 1 - n : at + 1], state.memory
+    memory[M.shown] = shown_noise(rows[:, ROW_W : ROW_W + 3], w, noise.sample_gyro)
+    memory[M.shown + 1] = shown_noise(rows[:, ROW_Q : ROW_Q + 3], q, noise.sample_acc)
+    cov, bias_sd = state.cov, math.sqrt((memory[M.shown] * noise.sample_gyro) ** 2 / n + limits.creep**2)
     for i in range(3):
         state.x[X.gyro_bias + i], state.x[X.acc_bias + i] = w[i], q[i] - GRAVITY * up[i]
-        state.memory[M.own_bias + i] = w[i]
+        memory[M.own_bias + i] = w[i]
         cov[E.vel + i, E.vel + i] = 1e-4
         cov[E.gyro_bias + i, E.gyro_bias + i] = bias_sd**2
         cov[E.acc_bias + i, E.acc_bias + i] = limits.acc_bias_sd**2
@@ -261,12 +265,9 @@ def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: Best
             cov[E.acc_bias + i, E.acc_bias + j] = (
                 rot[2, i] * rot[2, j] * limits.acc_bias_sd**2 + across * (GRAVITY * tilt_sd) ** 2
             )
-        cov[E.acc_bias + i, E.acc_bias + i] += noise.acc**2 / (0.01 * n)
-    rows = samples.imu[at + 1 - n : at + 1]
-    state.memory[M.shown] = _shown(rows[:, ROW_W : ROW_W + 3], w, noise.sample_gyro)
-    state.memory[M.shown + 1] = _shown(rows[:, ROW_Q : ROW_Q + 3], q, noise.sample_acc)
-    state.memory[M.phase] = STARTED
-    state.memory[M.rest] = 1.0  # its samples are taken: the next rest begins here
+        cov[E.acc_bias + i, E.acc_bias + i] += (memory[M.shown + 1] * noise.acc) ** 2 / (0.01 * n)
+    memory[M.phase] = STARTED
+    memory[M.rest] = 1.0  # its samples are taken: the next rest begins here
 
 
 @kernel

@@ -328,8 +328,8 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     _transpose(cov)
     _carry_rows(cov, points, d, v, arms, middle)  # F (F P)^T, which is symmetric
     excess, up = memory[M.excess] * memory[M.excess], middle[2]
-    sensor_sq = (memory[M.shown] * noise.gyro) ** 2
-    acc_sq = excess * (memory[M.shown + 1] * noise.acc) ** 2 + (excess - 1.0) * felt.acc * d
+    sensor_sq, own_sq = (memory[M.shown] * noise.gyro) ** 2, (memory[M.shown + 1] * noise.acc) ** 2
+    acc_sq = min(excess * own_sq, max(own_sq, noise.most_shaken**2)) + (excess - 1.0) * felt.acc * d
     _inertial_noise(cov, points, d, v, arms, excess * (sensor_sq + felt.gyro * d), sensor_sq + felt.turn * d, acc_sq)
     for i in range(3):
         cov[E.gyro_bias + i, E.gyro_bias + i] += noise.gyro_bias**2 * d

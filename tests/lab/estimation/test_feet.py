@@ -152,6 +152,16 @@ def test_feet_that_share_the_load_stand_together_without_chatter():
     assert contact[10:].all()
 
 
+@pytest.mark.parametrize("factor", [0.1, 0.25, 0.5])
+def test_low_thresholds_do_not_let_a_foot_stand_before_it_bears(factor):
+    share = 0.5 + 0.5 * np.sin(np.linspace(0.0, 40.0, 4000))
+    force = 500.0 * np.column_stack([share, 1.0 - share])
+    contact, _ = by_force(force, factor * 240.0, factor * 180.0)
+    assert contact.any(axis=1).all()
+    assert (contact == by_force(force, 240.0, 180.0)[0]).mean() > 0.85
+    assert (force[contact] >= 0.3 * 500.0 / 1.3 - 1e-9).all()
+
+
 @pytest.mark.parametrize("on", [100.0, 20.0])
 def test_feet_that_hang_all_the_time_do_not_stand(on):
     force = np.random.default_rng(7).normal(0.0, 1.0, (500, 4))
