@@ -320,7 +320,7 @@ class FixedNumbers(NamedTuple):
     most_noise: float = 1.6
     """Largest stated noise of an inertial sensor that counts, noises of a rest's noisiest axis. Clean logs: 1.56."""
     more_noise: float = 1.3
-    """Noise of a rest's middle axis over the stated one from which that counts. Own walks: MIDDLE."""
+    """Noise of a rest's middle axis over the stated one from which that counts. Own walks: 1.15."""
     least_noise: float = 0.03
     """Share of the stated noise below which a rest shows the steps of a sensor and not its noise."""
     woken_excess: float = 2.2
