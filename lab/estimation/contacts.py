@@ -37,7 +37,7 @@ def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
 
 
 def by_force(force: Array, on: float, off: float) -> tuple[Flags, float]:
-    """Return contacts by two thresholds, which may be too high for one foot, or so low that feet stand before they bear.
+    """Return contacts by two thresholds, which may be too high or too low for the robot.
 
     A foot that carries little beside the most loaded one does not stand. While the feet together carry half of what
     they usually do, and half of `off`, the most loaded one stands, and others that carry about as much.
