@@ -50,7 +50,7 @@ def test_the_excess_raises_no_accelerometer_beyond_what_a_trunk_hides(sigma_q):
         state = new_state(1)
         state.cov[:], state.memory[M.excess] = 0.0, excess
         for _ in range(100):
-            predict(state, np.zeros(3), np.array([0.0, 0.0, 9.81]), 0.01, noise._replace(gyro=0.0), Felt(0.0, 0.0))
+            predict(state, np.zeros(3), np.array([0.0, 0.0, 9.81]), 0.01, noise._replace(gyro=0.0), Felt(0.0, 0.0, 0.0))
         grown.append(np.sqrt(state.cov[E.vel, E.vel]))  # after 1 s
     assert grown[0] >= noise.acc
     assert max(noise.acc, min(noise.most_excess * noise.acc, noise.most_shaken)) * 0.99 <= grown[1]
