@@ -11,7 +11,7 @@ from pydantic import Field
 from .base import MAX_FEET, Bulk, Message, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
 
 MAX_WINDOW = 301
-LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support"]
+LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support", "clear"]
 FootholdStatus = Literal["ok", "raise_trunk", "infeasible"]
 
 
@@ -143,7 +143,7 @@ class FootholdChoice(Message):
 class AssessRequest(TickRequest):
     """Request of the scored ground: a window, or the whole map."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     centre: Vec2 | None = Field(
         default=None, description="x, y of the window's centre and K4's zero, frame map, m; null = the whole map"
     )
@@ -165,8 +165,9 @@ class AssessReply(Bulk):
 
     k1, k2, k4 and heights in m; cos_k3, p, q without unit; mask holds the sum of the bits of ``mask_bits``; spread is
     the standard deviation of the slip of single stances, per stroke; support is 1 where the slip was learned from many
-    stances alike, 0 where it is that of a simple rule. The choice of footholds/select about the same centre, with the
-    same leg and base, is the cell with mask 0 and the least q.
+    stances alike, 0 where it is that of a simple rule; clear, m, is the radius of the free disc about a cell: all cells
+    whose centres are nearer have mask 0 and are in the window. The choice of footholds/select about the same centre,
+    with the same leg and base, is the cell with mask 0 and the least q.
     """
 
     schema_version: ClassVar[str] = "1.2"

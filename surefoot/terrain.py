@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from surefoot.arguments import array, instance, number, whole
 from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.geometry.heightmap_files import load as load_npz
-from surefoot.geometry.heightmap_files import load_asc, save
+from surefoot.geometry.heightmap_exchange import load_any
+from surefoot.geometry.heightmap_files import save
 from surefoot.services.footholds.models.files import load as load_model
 from surefoot.services.footholds.models.files import shipped
 from surefoot.services.footholds.models.learned import LearnedModel
@@ -101,9 +101,9 @@ def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None)
 
 
 def load(path: str | PathLike[str]) -> HeightMap:
-    """Read a height map, `.npz` of `save` or an `.asc` grid (raises SurefootError: it cannot be read)."""
+    """Read a height map, `.npz` of `save`, `.asc`, `.png` or GeoTIFF (raises SurefootError: it cannot be read)."""
     source = Path(path)
     try:
-        return load_asc(source) if source.suffix.lower() == ".asc" else load_npz(source)
+        return load_any(source)
     except OSError as error:
         raise FieldError("not_found", "path", f"{source} cannot be read: {error.strerror}") from None

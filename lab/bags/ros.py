@@ -3,9 +3,10 @@
 import sqlite3
 import struct
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -42,11 +43,11 @@ class BagTopics:
     sort: bool = False
 
 
-def reader_of(path: Path) -> Any:
-    """Return the opened reader of a bag (raises SurefootError)."""
+def reader_of(path: Path, more: Mapping[str, str] = MappingProxyType({})) -> Any:
+    """Return the opened reader of a bag (raises SurefootError); `more`: definitions of further types by name."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
         raise SurefootError("not_installed", f"{path.name} is a bag: {INSTALL}", "bag") from None
     if path.is_dir() and not (path / "metadata.yaml").is_file():
@@ -54,8 +55,11 @@ def reader_of(path: Path) -> Any:
             "is a folder without metadata.yaml, wanted is the folder of a ROS 2 bag, or a file .bag, .mcap, .csv, .npz"
         )
         raise SurefootError("malformed", f"{path} {text}", "bag")
+    store = get_typestore(Stores.LATEST)
+    for name, text in more.items():
+        store.register(get_types_from_msg(text, name))
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
+        reader = AnyReader([path], default_typestore=store)
         reader.open()
     except (AnyReaderError, *UNREADABLE) as error:
         raise _broken(path, error) from None
@@ -82,7 +86,9 @@ def log_of_bag(path: Path, wanted: BagTopics) -> RawLog:
         for topic in (*with_type, *((contacts.topic,) if contacts else ())):
             _check_topic(reader, path, topic, with_type.get(topic, ""))
         found = _Collected(wanted)
-        for topic, arrival, message in _messages(reader, path, {*with_type, *((contacts.topic,) if contacts else ())}):
+        for topic, arrival, message in bag_messages(
+            reader, path, {*with_type, *((contacts.topic,) if contacts else ())}
+        ):
             found.take(topic, arrival, message)
     finally:
         reader.close()
@@ -104,7 +110,7 @@ def _check_topic(reader: Any, path: Path, topic: str, kind: str) -> None:
         raise SurefootError("invalid", text, topic)
 
 
-def _messages(reader: Any, path: Path, topics: set[str]) -> Iterator[tuple[str, int, Any]]:
+def bag_messages(reader: Any, path: Path, topics: set[str]) -> Iterator[tuple[str, int, Any]]:
     """Yield topic, time of arrival, ns, and message; fixed transforms as well."""
     from rosbags.highlevel import AnyReaderError
 

@@ -282,9 +282,11 @@ def judge(
 
 @app.command()
 def score(
-    map: Annotated[Path, typer.Argument(help="Height map: .npz, .asc or .png.")],
+    map: Annotated[Path, typer.Argument(help="Height map: .npz, .asc, .png, GeoTIFF, or a bag with a grid_map.")],
     model: Model,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Layers z, k1, k2, cos_k3, p, mask, spread, support: .npz.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Layers z, k1, k2, cos_k3, p, mask, spread, support, clear: .npz.")
+    ],
     picture: Annotated[Path | None, typer.Option("--picture", help="Draw heights, P, support and free cells.")] = None,
     heading: Annotated[
         float, typer.Option(min=-7.0, max=7.0, help="Of the walk, rad: the feet move the other way.")

@@ -14,17 +14,20 @@ from surefoot.services.footholds.masks import REASONS
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.select import SelectParams
 
-LAYERS = ("z", "k1", "k2", "cos_k3", "p", "mask", "spread", "support")
+from ..bags.grid_maps import SUFFIXES, last_heights
+
+LAYERS = ("z", "k1", "k2", "cos_k3", "p", "mask", "spread", "support", "clear")
 
 
 def read_map(path: Path) -> HeightMap:
-    """Read a height map.
+    """Read a height map of any format, or the last grid_map of a bag.
 
     Raises:
         SurefootError: absent, or not a map.
     """
     try:
-        return load_any(path)
+        path.stat()
+        return last_heights(path) if path.is_dir() or path.suffix in SUFFIXES else load_any(path)
     except OSError as error:
         raise SurefootError("unreadable", f"{str(path)!r} cannot be read: {error.strerror}", "map") from None
     except HeightMapError as error:

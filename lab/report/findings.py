@@ -63,8 +63,8 @@ class Reproduction:
 
     @property
     def as_recorded(self) -> bool:
-        """True if every number with a limit is within it, known deviations aside."""
-        return all(finding.ok is not False or finding.known for finding in self.findings)
+        """True if every number with a limit is within it, known deviations of what the paper states aside."""
+        return not any(finding.verdict in (NOT_CONFIRMED, MISSED) for finding in self.findings)
 
     @property
     def ok(self) -> bool:

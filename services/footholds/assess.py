@@ -9,11 +9,11 @@ from surefoot.geometry.heightmap_cells import patch
 
 from .features import Layer
 from .ground import FootholdGround, ground_features
-from .masks import REASONS, Placement, count_reasons, mask_window
+from .masks import REASONS, Mask, Placement, count_reasons, mask_window
 from .models.protocol import SlipModel
 from .select import SelectParams, window_costs
 
-LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support")
+LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support", "clear")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ def assess(
         "z": lambda: _patch(surface.z, window), "centre": lambda: _patch(ground.centres.z, window),
         "p": lambda: costs.mean, "q": lambda: costs.q(mask), "k4": lambda: costs.away,
         "mask": lambda: mask.astype(np.float32), "spread": lambda: model.spread(own, cell),
-        "support": lambda: model.support_of(own, cell),
+        "support": lambda: model.support_of(own, cell), "clear": lambda: _clear(mask, cell),
     }  # fmt: skip
     out = np.empty((len(names), window.rows, window.cols), dtype=np.float32)
     for k, name in enumerate(names):
@@ -96,3 +96,11 @@ def _patch(z: Layer, window: Window) -> Layer:
     out = np.empty((window.rows, window.cols), dtype=np.float32)
     patch(z, window.row, window.col, out)
     return out
+
+
+def _clear(mask: Mask, cell: float) -> Layer:
+    """Return the radius of the disc of free cells about each cell, m: the distance of the nearest that is not free."""
+    from scipy.ndimage import distance_transform_edt
+
+    free = np.pad(mask == 0, 1)  # beyond the window nothing is free
+    return cell * np.asarray(distance_transform_edt(free), dtype=np.float32)[1:-1, 1:-1]

@@ -1,16 +1,28 @@
-"""Height maps of any format, read by the name of the file; a PNG has its scale beside it."""
+"""Height maps of any format, read by the name of the file; a PNG has its scale beside it, a GeoTIFF in its tags."""
 
 import json
 import math
+import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.geometry.heightmap_files import check_size, load, load_png
 
+GEOTIFF = (".tif", ".tiff")
+SUFFIXES = (".npz", ".asc", ".png", *GEOTIFF)
+"""Suffixes of files of heights."""
+PIXEL_SCALE, TIE_POINT, GEO_KEYS, NO_DATA = 33550, 33922, 34735, 42113
+"""Tags of GeoTIFF 1.1 (OGC 19-008), and that of GDAL for heights that are none."""
+MODEL_TYPE, RASTER_TYPE = 1024, 1025
+"""Keys of the tag `GEO_KEYS`: 2 = degrees of latitude and longitude; 2 = a pixel is a point, not an area."""
+
 
 def load_any(path: str | Path) -> HeightMap:
-    """Read a map of any format: `.npz`, `.asc` or `.png`.
+    """Read a map of any format: `.npz`, `.asc`, `.png`, or a GeoTIFF in m, `.tif` or `.tiff`.
 
     A PNG has its scale in a `.json` file of the same name: `cell`, `z_low` and `z_high`, the heights of black and
     white, in m, and optionally `origin`, the centre of the lower left pixel, and `version`.
@@ -20,6 +32,8 @@ def load_any(path: str | Path) -> HeightMap:
         FileNotFoundError: there is no such file.
     """
     source = Path(path)
+    if source.suffix.lower() in GEOTIFF:
+        return load_geotiff(source)
     if source.suffix.lower() != ".png":
         return load(source)
     sidecar = source.with_suffix(".json")
@@ -53,3 +67,59 @@ def _scale(text: str, source: str) -> _Scale:
         raise HeightMapError("file", f"{source} must hold finite numbers, got {entries!r}")
     cell, low, high, x0, y0 = numbers
     return _Scale(cell, low, high, (x0, y0), version)
+
+
+def load_geotiff(path: str | Path) -> HeightMap:
+    """Read a GeoTIFF of one band whose rows run from north to south and whose coordinates are in m.
+
+    Raises:
+        HeightMapError: the file is no such image; names the field.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    source = Path(path)
+    check_size(source)
+    try:
+        with warnings.catch_warnings(action="error"), Image.open(source) as image:  # it warns of tags that are cut off
+            tags: dict[int, Any] = dict(getattr(image, "tag_v2", {}))
+            pixels: NDArray[Any] = np.asarray(image)
+    except (UnidentifiedImageError, Image.DecompressionBombError, *_BROKEN_TIFF) as error:
+        raise HeightMapError("file", f"{source.name} is no TIFF image, or damaged: {error}") from error
+    if pixels.ndim != 2 or pixels.dtype.kind not in "iuf":
+        raise HeightMapError("file", f"{source.name} must have one band of numbers, got {pixels.shape} {pixels.dtype}")
+    cell, corner = _geometry(tags, source.name)
+    z = pixels.astype(np.float32)
+    if NO_DATA in tags:
+        z[z == np.float32(_numbers((str(tags[NO_DATA]).strip("\0 "),), "GDAL_NODATA")[0])] = np.nan
+    return HeightMap(z=z[::-1], cell=cell, origin=(corner[0], corner[1] - (len(z) - 1) * cell))
+
+
+_BROKEN_TIFF = (OSError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, EOFError, Warning)
+"""Errors of a reader in a damaged TIFF."""
+
+
+def _geometry(tags: dict[int, Any], name: str) -> tuple[float, tuple[float, float]]:
+    """Return the edge of a pixel and the centre of the upper left one, m."""
+    if PIXEL_SCALE not in tags or TIE_POINT not in tags:
+        raise HeightMapError("file", f"{name} has no ModelPixelScale and ModelTiepoint: it is no GeoTIFF, or is turned")
+    entries = tags.get(GEO_KEYS, ())
+    keys = {entries[i]: entries[i + 3] for i in range(4, len(entries) - 3, 4)}
+    if keys.get(MODEL_TYPE) == 2:
+        raise HeightMapError("file", f"{name} is in degrees of latitude and longitude, wanted is m")
+    dx, dy, *_ = _numbers(tags[PIXEL_SCALE], "ModelPixelScale", 2)
+    column, row, _, x, y, *_ = _numbers(tags[TIE_POINT], "ModelTiepoint", 6)
+    if not math.isclose(dx, dy, rel_tol=1e-6):
+        raise HeightMapError("cell", f"pixels of {name} must be square, got {dx:g} x {dy:g} m")
+    half = 0.0 if keys.get(RASTER_TYPE) == 2 else 0.5
+    return dx, (x + (half - column) * dx, y - (half - row) * dx)
+
+
+def _numbers(values: Any, field: str, least: int = 1) -> list[float]:
+    """Return the finite numbers of a tag; `nan` is one."""
+    try:
+        found = [float(value) for value in values]
+    except (TypeError, ValueError):
+        found = []
+    if len(found) < least or any(map(math.isinf, found)):
+        raise HeightMapError(field, f"must be {least} finite numbers or more, got {values!r}")
+    return found

@@ -10,6 +10,7 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = ("surefoot", "services")
 
 ALLOWED = {
+    "services/footholds/assess.py": "distances of cells in integers, on request",
     "services/footholds/learning/fit.py": "fits on request: a score of held-out samples",
     "services/footholds/learning/quality.py": "scores of a fit, on request",
     "services/footholds/learning/solve.py": "fits on request; re-learning in a run uses it, too: not equal everywhere",

@@ -66,5 +66,10 @@ def test_a_known_deviation_names_its_row_and_no_other():
     assert not Reproduction("A paper", rows).as_recorded
 
 
+def test_a_missed_limit_of_this_project_is_no_known_deviation():
+    row = replace(OWN, ok=False, known="why")
+    assert (row.verdict, Reproduction("A paper", (row,)).as_recorded) == ("FAILED", False)
+
+
 def test_unknown_paper(complaint):
     assert "walas-stability" in complaint("reproduce", "walas-stabilty")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.geometry.heightmap_exchange import load_any
+from surefoot.geometry.heightmap_exchange import SUFFIXES, load_any
 
 from ..ground.terrain import (
     KINDS,
@@ -26,7 +26,7 @@ MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
 
 
 def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
-    """Return the terrain of a kind, or of a `.npz`, `.asc` or `.png` file.
+    """Return the terrain of a kind, or of a file, see `heightmap_exchange.SUFFIXES`.
 
     Raises:
         TerrainError: neither a kind nor a readable file.
@@ -34,9 +34,9 @@ def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
     """
     if name in KINDS:
         return make_terrain(name, seed, amplitude)
-    if not name.endswith((".npz", ".asc", ".png")):
-        known = ", ".join(KINDS)
-        raise TerrainError("terrain", f"got {name!r}, which is neither a kind ({known}) nor a .npz, .asc or .png file")
+    if not name.endswith(SUFFIXES):
+        known, files = ", ".join(KINDS), ", ".join(SUFFIXES)
+        raise TerrainError("terrain", f"got {name!r}, which is neither a kind ({known}) nor a file of {files}")
     try:
         return terrain_from_map(load_any(Path(name)))
     except OSError as error:

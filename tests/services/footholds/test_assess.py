@@ -55,6 +55,19 @@ def test_window_is_a_part_of_the_map() -> None:
     assert part["k4"][7, 9] == pytest.approx(2 * CELL, abs=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_all_cells_nearer_than_clear_are_free(seed: int) -> None:
+    ground = ground_of(rough(seed))
+    window = window_about(ground, -0.1, 0.05, 31)
+    mask, clear = assess(ground, MODEL, window, None, STROKE, ("mask", "clear"), SelectParams()).layers
+    free = np.pad(mask == 0, 1)
+    taken = np.argwhere(~free) - 1
+    assert 0 < free.sum() < mask.size
+    for (row, col), radius in np.ndenumerate(clear):
+        least = CELL * np.hypot(taken[:, 0] - row, taken[:, 1] - col).min()
+        assert radius == pytest.approx(least, abs=1e-6)
+
+
 def test_leg_adds_reach() -> None:
     ground, foot = ground_of(flat()), neutral(0)
     window = window_about(ground, float(foot[0]), float(foot[1]), 61)
