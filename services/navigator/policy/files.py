@@ -17,7 +17,7 @@ from surefoot.errors import Refusal
 from surefoot.files import FileError, read_regular
 
 from .choose import NUMBERS
-from .grids import GRID
+from .grids import D_MIN, GRID, LAYER_MIN
 from .policies import KIND_NAMES, Policy
 
 VERSION = 2
@@ -142,6 +142,11 @@ def _checked(
         if not np.isfinite(array).all():
             raise refuse(f"{member} holds NaN or infinity, allowed are finite numbers")
         out.append(np.ascontiguousarray(array, dtype=np.float64))
+    for low, size, axis in ((D_MIN, out[1].shape[1], "distance"), (LAYER_MIN, out[1].shape[0], "layer")):
+        if size > 1 and not out[2][low] < out[2][low + 1]:  # no cell of such an axis can be found
+            raise refuse(f"grid has the {axis} from {out[2][low]:g} to {out[2][low + 1]:g}, allowed is a rising axis")
+    if not (np.allclose(out[3], out[3].T) and (np.diag(out[3]) > 0.0).all()):
+        raise refuse("shown is no covariance, allowed is a symmetric matrix with a positive diagonal")
     return out
 
 

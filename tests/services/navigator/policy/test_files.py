@@ -18,13 +18,14 @@ from surefoot.services.navigator.policy.policies import Policy, hand
 from tests.services.refusals import refused
 
 
+AXES = np.array([0.0, 6.0, -8.0, -2.0, 0.0, 0.0])
+
+
 @pytest.fixture(scope="module")
 def policy():
     world = arrays(load("paper"))
     rng = np.random.default_rng(0)
-    return Policy(
-        "x", 3, world.names, np.zeros(8), rng.normal(size=(2, 3, 4, 4)), np.zeros(6), np.eye(3), {"seed": "1"}
-    )
+    return Policy("x", 3, world.names, np.zeros(8), rng.normal(size=(2, 3, 4, 4)), AXES, np.eye(3), {"seed": "1"})
 
 
 def changed(policy, *, signed=True, **members):
@@ -60,6 +61,11 @@ def test_round_trip_and_equal_bytes(policy, tmp_path):
         {"numbers": np.zeros(3)},
         {"numbers": np.full(8, np.inf)},
         {"grid": None},
+        {"grid": np.zeros(6)},
+        {"grid": AXES[[1, 0, 2, 3, 4, 5]]},
+        {"grid": AXES[[0, 1, 3, 2, 4, 5]]},
+        {"shown": np.diag([1.0, 1.0, 0.0])},
+        {"shown": np.eye(3) + np.eye(3, k=1)},
         {"provenance": np.str_("[1]")},
         {"provenance": np.str_("{")},
         {"actions": np.array([b"walk", None], dtype=object)},
