@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]
 
 STATES = 4
+USED_S = 30.0
+"""Time constant with which the use of a landmark is forgotten, s."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,9 @@ class PoseTracker:
         self._sds, self._keeps = self.shared.array(), np.zeros(3)
         self._faded_at = 0.0
         self.world: FloorLandmarks | None = None
+        self._used_of: FloorLandmarks | None = None
+        self._used = np.zeros((0, 2))
+        """Uses of late and time of the last one, s, of each landmark of `_used_of`."""
         self.strain: MapStrain | None = None
         """Check of map and camera; None = there is none."""
         self.frames = 0
@@ -211,9 +216,9 @@ class PoseTracker:
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             x, y = self.world.positions[landmark]
             self._linearise(x, y)
-            own = float(self.world.sd[landmark]) ** 2
-            var_r = noise.range_sd**2 + (noise.range_share * r) ** 2 + own
-            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, noise.bearing_sd**2 + own / (r * r))
+            own, n = float(self.world.sd[landmark]) ** 2, self._times_used(self.world, landmark, time)
+            var_r = of_sight(noise.range_sd**2 + (noise.range_share * r) ** 2, own, n)
+            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, of_sight(noise.bearing_sd**2, own / (r * r), n))
             total += ukf.update(self.mean, self.cov, sighting, self._gain, self._work)
         if self.strain is not None:
             change = self.mean[:3] - before
@@ -221,6 +226,15 @@ class PoseTracker:
             self.strain.corrected(change)
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
+
+    def _times_used(self, world: FloorLandmarks, landmark: int, time: float) -> float:
+        """Count a use of a landmark, and return how often it was used of late."""
+        if world is not self._used_of:
+            self._used_of, self._used = world, np.zeros((len(world), 2))
+        count, last = self._used[landmark].tolist()
+        count = 1.0 + count * math.exp(-max(0.0, time - last) / USED_S)
+        self._used[landmark] = count, time
+        return count
 
     def _linearise(self, x: float, y: float) -> None:
         """Write the effect of the common errors on a landmark at (x, y) m; the bearing seen is noisy and not used."""
@@ -233,3 +247,14 @@ class PoseTracker:
             self._keeps[:] = self.shared.kept(max(0.0, time - self._faded_at))
             self._faded_at = time
             fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)
+
+
+def of_sight(variance: float, common: float, n: float) -> float:
+    """Return the variance to take for sight n of a landmark whose place in the map is wrong alike in every sight.
+
+    n sights with variance v of their own and c in common know it to v / n + c: the one that is new adds the information
+    n / (v + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
+    """
+    if common == 0.0 or variance == 0.0:
+        return variance + common
+    return (variance + n * common) * (variance + (n - 1.0) * common) / variance

@@ -10,7 +10,7 @@ from surefoot.services.navigator.belief import common_errors
 from surefoot.services.navigator.belief.common_errors import CommonErrors
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
-from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty, of_sight
 
 TILT = CommonErrors(math.radians(2.5), sway=0.02, tilt_fade=5.0, height=0.45)
 NOISE = SightNoise(0.0, 0.03, math.radians(1.5))
@@ -125,3 +125,27 @@ def test_a_landmark_corrects_as_far_as_its_own_place_is_known(sd) -> None:
     assert tracker.cov[0, 0] == pytest.approx(prior * noise / (prior + noise), rel=0.02)
     beside = (0.8 * math.radians(1.5)) ** 2 + sd**2
     assert tracker.cov[1, 1] == pytest.approx(prior * beside / (prior + beside), rel=0.02)
+
+
+@pytest.mark.parametrize("common", [0.0, 0.3, 4.0])
+def test_sights_of_one_landmark_know_it_no_better_than_the_map_does(common: float) -> None:
+    variances = [of_sight(0.7, common, n) for n in range(1, 41)]
+    assert 1.0 / sum(1.0 / variance for variance in variances) == pytest.approx(0.7 / 40 + common)
+
+
+def test_a_robot_that_stands_is_no_surer_than_the_places_of_its_map() -> None:
+    rng, nees = np.random.default_rng(5), []
+    for _ in range(RUNS):
+        places, looks = rng.uniform(-1.5, 1.5, (90, 2)), rng.standard_normal((90, 8))
+        looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+        tracker = PoseTracker(StartUncertainty(0.05, math.radians(3.0), 0.4), NOISE, NOISE)
+        tracker.world = FloorLandmarks(places + 0.01 * rng.standard_normal(places.shape), looks, sd=np.full(90, 0.01))
+        r, a = np.hypot(*places.T), np.arctan2(places[:, 1], places[:, 0])
+        for k in range(100):
+            seen = np.flatnonzero((r > 0.35) & (r < 1.18) & (np.abs(a) < 0.57) & (rng.random(90) < 0.4))
+            ranges = r[seen] * (1.0 + 0.03 * rng.standard_normal(len(seen)))
+            tracker.look(Detections(ranges, a[seen] + NOISE.bearing_sd * rng.standard_normal(len(seen)), looks[seen]),
+                         0.1 * (k + 1), standing=True)  # fmt: skip
+        nees.append(float(tracker.mean[:3] @ np.linalg.solve(tracker.cov[:3, :3], tracker.mean[:3])))
+    low, high = band(0.99)
+    assert 0.3 * low < np.mean(nees) < high

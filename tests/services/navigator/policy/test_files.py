@@ -17,7 +17,6 @@ from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.policies import Policy, hand
 from tests.services.refusals import refused
 
-
 AXES = np.array([0.0, 6.0, -8.0, -2.0, 0.0, 0.0])
 
 
