@@ -57,12 +57,14 @@ class World:
         copied: share of landmarks that look like nine others.
         camera: easy (10 frames a second, odometry) or hard (one frame in 1.7 s, commands as control, drift).
         first: first seed.
+        moved: share of landmarks that stand elsewhere than the map has them.
     """
 
     density: float = 40.0
     copied: float = 0.5
     camera: str = "easy"
     first: int = 1000
+    moved: float = 0.0
 
 
 def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tuple[Array, Array]:
@@ -180,6 +182,8 @@ class Robot:
         self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
         self.places, self.looks = corridor(seed, world.density, world.copied)
         places, looks = wrong_map(wrong, self.places, self.looks, seed)
+        gone, elsewhere = np.random.default_rng(seed + 11), corridor(seed + 12, world.density, 0.0)[0]
+        places = np.where(gone.uniform(size=(len(places), 1)) < world.moved, np.resize(elsewhere, places.shape), places)
         self.walker = Walker(self.rng, self.rng.choice([-0.349, 0.349]) if self.hard else 0.03)
         self.stage, self.tick_number, self.tilt, self.dark, self.frames = Stage(), 0, 0.0, False, 0
         params: dict[str, Any] = {"params": "nao-paper", "control": "commands"} if self.hard else {"params": "nao"}

@@ -25,6 +25,7 @@ from .belief.lost import (
     passed,
 )
 from .belief.matching import DetectionError, Detections, SightNoise
+from .belief.moved import MovedLandmarks, Sight
 from .belief.relocalise import Relocaliser
 from .belief.strain import STRAINED, MapStrain, turned_back
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
@@ -49,6 +50,8 @@ WORK = 16_000
 WIDEN, WIDER, WIDENED_S = 0.5, 3.0, 10.0
 """Probability of a misfit from which on the belief is widened instead of given up, factor of its standard deviations,
 and time in which it is widened once, s."""
+SURE = 0.1
+"""Probability of being lost below which landmarks at other places have moved, not the robot."""
 SINCE = 0.1
 """Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
 LATE_S, AHEAD_S = 0.2, 0.02
@@ -104,6 +107,7 @@ class Localiser:
         self._lost_state, self._lost_at = LostState(), 0.0
         self._shares = (_share(model, "walk"), _share(model, "stand"))
         self._relocaliser: Relocaliser | None = None
+        self._moved: MovedLandmarks | None = None
         self._widened_at = -math.inf
         self.relocated = 0
         """Number of times that the pose was found again."""
@@ -186,11 +190,13 @@ class Localiser:
             cov, world = self.tracker.cov.copy(), self.tracker.world
             if world is not self._world:  # what was found by another map holds no more
                 self._world, self.camera_turn = world, (0.0, 0.0, 0.0)
+                self._moved = None if world is None else MovedLandmarks(world)
                 self.strain.begin()
             seen = turned_back(detections(frame), self.camera_turn, self.tracker.shared.height)
+            noise = self.tracker.standing if standing else self.tracker.noise
+            sight, sure = Sight(self.tracker.pose, cov, noise, time), self._lost_state.probability < SURE
             if world is not None and self._lost_state.probability < self.lost_model.threshold:
-                noise = self.tracker.standing if standing else self.tracker.noise
-                self.strain.look(seen, world, self.tracker.pose, cov, noise, time)
+                self.strain.look(seen, world, sight.pose, cov, noise, time)
             found = self.tracker.look(seen, time, standing=standing, trusted=not self.lost.lost)
         except DetectionError as error:
             self.refused[error.code] += 1
@@ -198,6 +204,9 @@ class Localiser:
         self.matched = found.matched
         if found.matched:
             self.nis = found.nis if self.nis is None else self.nis + SMOOTH * (found.nis - self.nis)
+        if self._moved is not None and found.matches is not None:
+            sure = sure and not self.lost.lost
+            found = replace(found, matches=self._moved.left_out(found.matches, seen, sight, sure=sure))
         share = self._shares[standing] if standing or match is None else match
         self._check(seen, found, cov, time, share, standing=standing)
         self._turn_camera()
