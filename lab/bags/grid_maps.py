@@ -52,7 +52,7 @@ def _heights(m: Any) -> HeightMap:
     sizes = [dim.size for dim in array.layout.dim]
     if len(sizes) != 2 or sizes[0] * sizes[1] != len(array.data):
         raise SurefootError("invalid", f"the grid_map has {len(array.data)} heights in dimensions {sizes}", "map")
-    cells = np.asarray(array.data, dtype=np.float32).reshape(sizes)
+    cells = np.asarray(array.data, dtype=np.float32).reshape(sizes[0], sizes[1])
     if array.layout.dim[0].label == "column_index":
         cells = cells.T
     cells = np.roll(cells, (-m.outer_start_index, -m.inner_start_index), (0, 1))  # (i, j), x and y fall

@@ -1,6 +1,7 @@
 """Height maps from GeoTIFF files, written tag by tag as OGC 19-008 has them."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,7 +66,7 @@ def test_heights_that_are_none_are_unknown(tmp_path: Path, none: str, value: flo
         ({"scale": (0.5,)}, "ModelPixelScale"), ({"tie": (0.0, 1.0)}, "ModelTiepoint"),
     ],
 )  # fmt: skip
-def test_images_without_a_place_in_metres_are_refused(tmp_path: Path, more: dict[str, tuple], field: str) -> None:
+def test_images_without_a_place_in_metres_are_refused(tmp_path: Path, more: dict[str, Any], field: str) -> None:
     with pytest.raises(HeightMapError) as caught:
         load_any(geotiff(tmp_path / "m.tif", heights(), **more))
     assert caught.value.field == field
