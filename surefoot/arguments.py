@@ -1,9 +1,12 @@
 """Checks of arguments at the border of the library; inside it nothing is checked again."""
 
 import math
+import operator
 import reprlib
 from collections.abc import Iterable, Sequence
-from typing import Any, SupportsIndex
+from os import PathLike
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +37,11 @@ def array(
     """
     of, lengths = f" in {unit}" if unit else "", dict[str, int]()
     try:
-        if np.iscomplexobj(value):
-            raise TypeError("complex")
+        if np.iscomplexobj(value) or np.ma.is_masked(value):
+            raise TypeError("complex or masked")
         found = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
-        raise FieldError("type", field, f"got {reprlib.repr(value)}, expected numbers{of}") from None
+        raise FieldError("type", field, f"got {shown(value)}, expected numbers{of}") from None
     fits = found.ndim == len(shape) and all(
         size == (wanted if isinstance(wanted, int) else lengths.setdefault(wanted, size))
         for size, wanted in zip(found.shape, shape, strict=True)
@@ -65,9 +68,13 @@ def number(
 
 def whole(value: Any, field: str, unit: str = "", *, low: int = -(2**63), high: int = 2**63 - 1) -> int:
     """Return a checked whole number (raises FieldError: `type`, `range`)."""
-    if isinstance(value, bool) or not isinstance(value, SupportsIndex):
-        raise FieldError("type", field, f"got {reprlib.repr(value)}, expected a whole number{f' {unit}'.rstrip()}")
-    found = value.__index__()
+    try:
+        if isinstance(value, bool):
+            raise TypeError("bool")
+        found = operator.index(value)
+    except TypeError:
+        text = f"got {shown(value)}, expected a whole number{f' {unit}'.rstrip()}"
+        raise FieldError("type", field, text) from None
     if not low <= found <= high:
         raise FieldError("range", field, f"got {found}, allowed is {low} to {high}{f' {unit}'.rstrip()}")
     return found
@@ -76,16 +83,28 @@ def whole(value: Any, field: str, unit: str = "", *, low: int = -(2**63), high: 
 def choice(value: Any, field: str, allowed: Iterable[str]) -> str:
     """Return a name that is one of those allowed (raises FieldError: `unknown_name`)."""
     known = tuple(allowed)
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         near = did_you_mean(value, known) if isinstance(value, str) else ""
-        raise FieldError("unknown_name", field, f"got {value!r}{near}, known are {', '.join(known)}")
-    return str(value)
+        raise FieldError("unknown_name", field, f"got {shown(value)}{near}, known are {', '.join(known)}")
+    return value
+
+
+def file_path(value: Any, field: str) -> Path:
+    """Return the path of a file (raises FieldError: `type`, no path, or an empty one)."""
+    if not isinstance(value, str | PathLike) or not str(value):
+        raise FieldError("type", field, f"got {shown(value)}, expected the path of a file")
+    return Path(value)
 
 
 def instance(value: Any, field: str, kind: type[Any], what: str) -> None:
     """Check the type of an argument (raises FieldError: `type`, with what is expected in words)."""
     if not isinstance(value, kind):
-        raise FieldError("type", field, f"got {reprlib.repr(value)}, expected {what}")
+        raise FieldError("type", field, f"got {shown(value)}, expected {what}")
+
+
+def shown(value: Any) -> str:
+    """Return a value as a refusal quotes it: short, in one line."""
+    return " ".join(reprlib.repr(value).split())
 
 
 def _first(found: Array, wrong: NDArray[np.bool_]) -> str:

@@ -6,9 +6,9 @@ bags.arrays("run.mcap")["gyro"]
 
 from collections.abc import Iterator
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
+from surefoot.arguments import file_path
 from surefoot.client import topic_named
 from surefoot.errors import SurefootError
 from surefoot.lab.report.why import Explanation, explain
@@ -28,7 +28,7 @@ def messages(path: str | PathLike[str], *keys: str) -> Iterator[Message]:
     """
     for key in keys:
         topic_named(key)
-    return (item.message() for item in read_recording(Path(path), keys or None) if item.model is not None)
+    return (item.message() for item in read_recording(file_path(path, "path"), keys or None) if item.model is not None)
 
 
 def arrays(path: str | PathLike[str]) -> Columns:
@@ -41,21 +41,21 @@ def arrays(path: str | PathLike[str]) -> Columns:
     Raises:
         SurefootError: the file cannot be read, or has no inertial samples.
     """
-    return recorded_columns(Path(path))[0]
+    return recorded_columns(file_path(path, "path"))[0]
 
 
 def info(path: str | PathLike[str]) -> dict[str, Any]:
     """Return counts, times (ns) and metadata of a recording (raises SurefootError: it cannot be read)."""
-    return recording_info(Path(path))
+    return recording_info(file_path(path, "path"))
 
 
 def check(path: str | PathLike[str]) -> Findings:
     """Return what can be read of a recording that may be damaged (raises SurefootError: it is none)."""
-    if not Path(path).is_file():
+    if not file_path(path, "path").is_file():
         raise SurefootError("unreadable", f"{path}: no such file", "path")
-    return verify_recording(Path(path))
+    return verify_recording(file_path(path, "path"))
 
 
 def why(path: str | PathLike[str]) -> Explanation:
     """Return what went wrong in a run, its first cause and the evidence between (raises SurefootError: unreadable)."""
-    return explain(Path(path))
+    return explain(file_path(path, "path"))

@@ -8,7 +8,6 @@ estimator.estimate().velocity
 estimation.run("log.npz").track.v
 """
 
-import reprlib
 from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import choice, instance, number, whole
+from surefoot.arguments import choice, file_path, instance, number, shown, whole
 from surefoot.errors import FieldError
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
@@ -98,9 +97,11 @@ def estimator(
         FieldError: unknown names, or neither robot nor feet.
     """
     kind = StrictEstimator if choice(refused, "refused", ("raise", "count")) == "raise" else Estimator
-    chosen = tuple(choice(name, "names", NAMES) for name in names)
+    if not isinstance(names, Iterable) or not (listed := tuple(names)):
+        raise FieldError("missing", "names", f"got {shown(names)}, expected names of estimators")
+    chosen = tuple(choice(name, "names", NAMES) for name in listed)
     if (robot is None) == (feet is None):
-        raise FieldError("missing", "robot, feet", f"got {robot!r} and {feet!r}, expected one of both")
+        raise FieldError("missing", "robot, feet", f"got {shown(robot)} and {shown(feet)}, expected one of both")
     if robot is None:
         mount = bare_mount(whole(feet, "feet", low=1, high=MOST_FEET))
         return kind(mount, EstimatorParams(), names=chosen)
@@ -126,16 +127,16 @@ def run(
     """
     from surefoot.lab.estimation.files import open_log
     from surefoot.lab.estimation.results import estimate
-    from surefoot.lab.estimation.track import check_name
+    from surefoot.lab.estimation.track import names as known_names
 
-    check_name(name)
+    choice(name, "name", known_names())
     for key in sensors:
         if key not in EstimatorParams.__dataclass_fields__:
             raise FieldError(
-                "unknown_key", key, f"got {sensors[key]!r}, known are fields of EstimatorParams: sigma_w ..."
+                "unknown_key", key, f"got {shown(sensors[key])}, known are fields of EstimatorParams: sigma_w ..."
             )
     known: dict[str, Any] = {name: number(value, name) for name, value in sensors.items()}
-    opened = open_log(Path(log), robot, **known)
+    opened = open_log(file_path(log, "log"), robot, **known)
     with TemporaryDirectory() as folder:
         return estimate(opened.log, name, Path(folder), smooth)
 
@@ -154,4 +155,4 @@ def _accepted(field: str, result: InputResult, given: Any) -> InputResult:
 
 
 def _refuse(field: str, result: InputResult, given: Any) -> NoReturn:
-    raise FieldError(result.value, field, f"got {reprlib.repr(given)}, allowed are {_ALLOWED[result]}")
+    raise FieldError(result.value, field, f"got {shown(given)}, allowed are {_ALLOWED[result]}")

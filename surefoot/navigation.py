@@ -10,16 +10,15 @@ Poses are x, y in m and heading in rad, frame map.
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import Array, array, instance, number
+from surefoot.arguments import Array, array, file_path, instance, number
 from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.navigator.belief import ukf
-from surefoot.services.navigator.planning.costs import Clearance, prepare
+from surefoot.services.navigator.planning.costs import WIDEST, Clearance, prepare
 from surefoot.services.navigator.planning.grid import FloorGrid, grid_of
 from surefoot.services.navigator.planning.map_files import load
 from surefoot.services.navigator.planning.route import PlannedRoute, RouteLimits
@@ -31,6 +30,8 @@ FAR = 1e5
 """Largest coordinate and way, m."""
 LONGEST_MOTION = 100.0
 """Longest motion of one prediction, m; more is taken for millimetres."""
+BESIDE = 0.2
+"""Width of the strip beside an obstacle in which a route is dearer, m."""
 WIDEST_TURN = 6.3
 """Largest angle, rad; more is taken for degrees."""
 
@@ -124,7 +125,7 @@ def grid(
     if isinstance(source, HeightMap):
         return grid_of(source)
     if isinstance(source, str | PathLike):
-        return load(Path(source))
+        return load(file_path(source, "source"))
     cells = array(source, "source", ("ny", "nx"), low=-1.0, high=100.0)
     if not np.array_equal(cells, np.rint(cells)) or cells.max(initial=0.0) == 1.0:
         most = f"got values up to {cells.max():g}"
@@ -150,8 +151,8 @@ def plan(
     """
     instance(floor, "floor", FloorGrid, "the result of `navigation.grid`")
     (x0, y0), (x1, y1) = array(start, "start", (2,), "m").tolist(), array(goal, "goal", (2,), "m").tolist()
-    keep = number(radius, "radius", "m", low=0.0, high=10.0)
-    costs = prepare(floor, Clearance(radius=keep, comfort=keep + 0.2), lasting=False)
+    keep = number(radius, "radius", "m", low=0.0, high=max(0.0, (WIDEST - 1) * floor.cell - BESIDE))
+    costs = prepare(floor, Clearance(radius=keep, comfort=keep + BESIDE), lasting=False)
     return plan_route(costs, (x0, y0), (x1, y1), RouteLimits(leg=number(leg, "leg", "m", low=1e-3, high=1e3)))
 
 

@@ -6,15 +6,14 @@ world.step_tick(world.command)
 """
 
 from os import PathLike
-from pathlib import Path
 
-from surefoot.arguments import number, whole
+from surefoot.arguments import choice, file_path, number, whole
 from surefoot.errors import FieldError
 from surefoot.files import names
 from surefoot.lab.runs.local import LocalRun, run_local
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
-from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.ground.terrain import KINDS, make_terrain
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
@@ -43,7 +42,10 @@ def run(
         SurefootError: there is no such scenario, its system cannot be started, or the recording cannot be written.
     """
     chosen = None if seed is None else whole(seed, "seed", low=0, high=MOST_SEED)
-    found, out = load_scenario(str(scenario)), None if recording is None else Path(recording)
+    found, out = (
+        load_scenario(str(file_path(scenario, "scenario"))),
+        None if recording is None else file_path(recording, "recording"),
+    )
     if out is not None:
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
@@ -70,4 +72,6 @@ def world(
     start = whole(seed, "seed", low=0, high=MOST_SEED)
     physics = Physics() if friction is None else Physics(friction=number(friction, "friction", low=1e-6, high=10.0))
     known = robot if isinstance(robot, Robot) else load_robot(robot)
-    return PhysicsWorld(known, make_terrain(terrain, start), start, WorldConfig(physics=physics))
+    return PhysicsWorld(
+        known, make_terrain(choice(terrain, "terrain", KINDS), start), start, WorldConfig(physics=physics)
+    )

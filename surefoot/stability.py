@@ -89,7 +89,7 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
     Raises:
         FieldError: an argument that cannot be used.
     """
-    found = where if isinstance(where, Region) else region_of(_checked(where))
+    found = where if isinstance(where, Region) else region_of(_checked(where, "where"))
     value = margins.margin(found, _place(com, found.contacts)).value
     return (math.inf if found.status == "unbounded" else -math.inf) if value is None else value
 
@@ -131,6 +131,9 @@ def _place(com: ArrayLike, contacts: ContactSet) -> Array:
     return place
 
 
-def _checked(given: ContactSet) -> ContactSet:
-    instance(given, "contacts", ContactSet, "the result of `stability.contacts`")
+def _checked(given: ContactSet, field: str = "contacts") -> ContactSet:
+    instance(given, field, ContactSet, "the result of `stability.contacts`")
+    n = np.size(given.mu)
+    for part, shape in (("position", (n, 3)), ("normal", (n, 3)), ("mu", (n,))):
+        array(getattr(given, part), f"{field}.{part}", shape, inf=part == "mu")
     return given

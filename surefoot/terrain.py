@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.arguments import array, instance, number, whole
+from surefoot.arguments import array, file_path, instance, number, whole
 from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.heightmap_exchange import load_any
-from surefoot.geometry.heightmap_files import save
+from surefoot.geometry.heightmap_files import save as save_npz
 from surefoot.services.footholds.models.files import load as load_model
 from surefoot.services.footholds.models.files import shipped
 from surefoot.services.footholds.models.learned import LearnedModel
@@ -37,8 +37,8 @@ def slip_model(source: str | PathLike[str] = "ragno") -> LearnedModel:
     Raises:
         SurefootError: there is none.
     """
-    path = shipped(source) if isinstance(source, str) else None
-    return load_model(path or Path(source))
+    path = file_path(source, "source")
+    return load_model(shipped(source) or path if isinstance(source, str) else path)
 
 
 def foothold(
@@ -100,9 +100,25 @@ def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None)
     return make_terrain(kind, whole(seed, "seed", low=0), height).map
 
 
+def save(heightmap: HeightMap, path: str | PathLike[str], **extra: str | int | float) -> Path:
+    """Write `<path>.npz` (z, cell, origin, version, frame, extras) and `<path>.json` (header and digest); return the
+    path of the first.
+
+    Args:
+        heightmap: to be written.
+        path: with or without `.npz`.
+        extra: how the map came to be, such as kind and seed; kept in both files.
+
+    Raises:
+        FieldError: no height map, or no path.
+    """
+    instance(heightmap, "heightmap", HeightMap, "a height map")
+    return save_npz(heightmap, file_path(path, "path"), **extra)
+
+
 def load(path: str | PathLike[str]) -> HeightMap:
     """Read a height map, `.npz` of `save`, `.asc`, `.png` or GeoTIFF (raises SurefootError: it cannot be read)."""
-    source = Path(path)
+    source = file_path(path, "path")
     try:
         return load_any(source)
     except OSError as error:

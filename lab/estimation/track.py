@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.errors import SurefootError
+from surefoot.arguments import choice
 from surefoot.services.estimator.feet.contact import (
     LEVER,
     SOLE_POINTS,
@@ -26,7 +26,6 @@ from surefoot.services.estimator.filter.log import FLAGS, NAMED, LogInputs, LogR
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
-from surefoot.tables import did_you_mean
 
 from .log import Log
 from .peers.inekf import InekfNoise, PeerTrack, inekf
@@ -90,9 +89,7 @@ def check_name(name: str) -> None:
     Raises:
         SurefootError: there is none; with those that are.
     """
-    if name not in names():
-        text = f"got {name!r}{did_you_mean(name, names())}; known are {', '.join(names())}"
-        raise SurefootError("invalid", text, "estimator")
+    choice(name, "estimator", names())
 
 
 def default() -> str:

@@ -17,10 +17,13 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.errors import InvalidField
+from surefoot.arguments import array, number, shown, whole
+from surefoot.errors import FieldError, InvalidField
 from surefoot.geometry import heightmap_cells as cells
 
 FRAME = "map"
+SMALLEST_CELL, WIDEST_CELL = 1e-6, 1e3
+"""Limits of the edge of a cell, m."""
 MAX_CELLS = 16_000_000
 """Largest number of cells, 4000 x 4000 or 64 MB: a larger map is taken for a mistake."""
 
@@ -58,27 +61,26 @@ class HeightMap:
             raise HeightMapError("z", f"a map has 2 dimensions and 1 to {MAX_CELLS} cells, got shape {z.shape}")
         if np.isinf(z).any():
             raise HeightMapError("z", "heights must be finite, or NaN where unknown; got infinity")
-        self._numbers("cell", self.cell)
-        if np.shape(self.cell) or not (math.isfinite(self.cell) and self.cell > 0.0):
-            raise HeightMapError("cell", f"must be finite and > 0 m, got {self.cell!r}")
-        if np.shape(self._numbers("origin", self.origin)) != (2,) or not all(map(math.isfinite, self.origin)):
-            raise HeightMapError("origin", f"must be two finite metres, got {self.origin!r}")
-        cell, origin = float(self.cell), (float(self.origin[0]), float(self.origin[1]))
-        if self.version < 0:
-            raise HeightMapError("version", f"must be >= 0, got {self.version!r}")
+        try:
+            cell = number(self.cell, "cell", "m", low=SMALLEST_CELL, high=WIDEST_CELL)
+            x, y = array(self.origin, "origin", (2,), "m").tolist()
+            version = whole(self.version, "version", low=0)
+        except FieldError as error:
+            raise HeightMapError(error.field, error.message) from None
         z.flags.writeable = False
         object.__setattr__(self, "z", z)
         object.__setattr__(self, "cell", cell)
-        object.__setattr__(self, "origin", origin)
-        object.__setattr__(self, "version", int(self.version))
+        object.__setattr__(self, "origin", (x, y))
+        object.__setattr__(self, "version", version)
 
     @staticmethod
     def _numbers(name: str, value: object) -> NDArray[np.float32]:
         """Return a copy of a field as numbers (raises HeightMapError)."""
         try:
-            return np.array(value, dtype=np.float32, order="C", copy=True)
+            with np.errstate(over="ignore"):  # what overflows is infinite, and refused as such
+                return np.array(value, dtype=np.float32, order="C", copy=True)
         except (TypeError, ValueError):
-            raise HeightMapError(name, f"got {str(value)[:60]!r}, expected numbers in m") from None
+            raise HeightMapError(name, f"got {shown(value)}, expected numbers in m") from None
 
     # --- geometry -----------------------------------------------------------------------------------------------
 

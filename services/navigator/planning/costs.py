@@ -11,7 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.errors import Refusal
+from surefoot.arguments import number, whole
+from surefoot.errors import FieldError, Refusal
 from surefoot.kernels.jit import row_kernel
 
 from . import astar
@@ -24,6 +25,8 @@ Ints = NDArray[np.int32]
 LARGE = 300_000
 """Free cells from which on marks pay: they take 16 bytes a cell, and a second or so to make for four million."""
 MARKS = 4
+FARTHEST_CLEARANCE = 1e3
+"""Largest distance of a clearance, m."""
 WIDEST = 200
 """Cells, of the clearance that is counted; more is taken for a mistake in the units."""
 
@@ -55,15 +58,13 @@ class Clearance:
     """Unknown cells may be walked over; the outside of the grid never."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.radius) and self.radius >= 0.0):
-            raise Refusal("bad_clearance", f"radius is finite and >= 0 m, got {self.radius!r}", "radius")
-        if not (math.isfinite(self.comfort) and self.comfort >= self.radius):
-            text = f"comfort is finite and >= the radius {self.radius!r} m, got {self.comfort!r}"
-            raise Refusal("bad_clearance", text, "comfort")
-        if not 1.0 <= self.dearest <= HEAVIEST / UNIT:
-            raise Refusal("bad_clearance", f"dearest is 1 to {HEAVIEST // UNIT}, got {self.dearest!r}", "dearest")
-        if not 1 <= self.obstacle <= 100:
-            raise Refusal("bad_clearance", f"obstacle is 1 to 100, got {self.obstacle!r}", "obstacle")
+        try:
+            radius = number(self.radius, "radius", "m", low=0.0, high=FARTHEST_CLEARANCE)
+            number(self.comfort, "comfort", "m", low=radius, high=FARTHEST_CLEARANCE)
+            number(self.dearest, "dearest", low=1.0, high=HEAVIEST / UNIT)
+            whole(self.obstacle, "obstacle", "%", low=1, high=100)
+        except FieldError as error:
+            raise Refusal("bad_clearance", str(error), error.field) from None
 
 
 @dataclass(frozen=True, eq=False)

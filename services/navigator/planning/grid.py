@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.errors import Refusal
-from surefoot.geometry.heightmap import MAX_CELLS, HeightMap
+from surefoot.arguments import array, number
+from surefoot.errors import FieldError, Refusal
+from surefoot.geometry.heightmap import MAX_CELLS, SMALLEST_CELL, HeightMap
 
 Cells = NDArray[np.int8]
 
@@ -46,18 +47,21 @@ class FloorGrid:
     """Origin of the grid, in words."""
 
     def __post_init__(self) -> None:
-        cells = np.array(self.cells, dtype=np.int8, order="C", copy=True)
+        given = self.cells
+        try:
+            if getattr(given, "dtype", None) != np.int8:
+                array(given, "cells", ("rows", "cols"), low=UNKNOWN, high=OCCUPIED)
+            number(self.cell, "cell", "m", low=SMALLEST_CELL, high=LARGEST_CELL)
+            array(self.origin, "origin", (2,), "m")
+        except FieldError as error:
+            raise GridError("bad_grid", str(error), error.field) from None
+        cells = np.array(given, dtype=np.int8, order="C", copy=True)
         if cells.ndim != 2 or not 1 <= cells.size <= MAX_CELLS:
-            raise GridError(
-                "bad_grid", f"a grid has 2 dimensions and 1 to {MAX_CELLS} cells, got {cells.shape}", "cells"
-            )
+            text = f"cells: got shape {cells.shape}, a grid has 2 dimensions and 1 to {MAX_CELLS} cells"
+            raise GridError("bad_grid", text, "cells")
         low, high = int(cells.min()), int(cells.max())
         if low < UNKNOWN or high > OCCUPIED:
-            raise GridError("bad_grid", f"cells are -1 (unknown) or 0 to 100, got {low} to {high}", "cells")
-        if not (math.isfinite(self.cell) and 0.0 < self.cell <= LARGEST_CELL):
-            raise GridError("bad_grid", f"cell is in (0, {LARGEST_CELL}] m, got {self.cell!r}", "cell")
-        if len(self.origin) != 2 or not all(math.isfinite(value) for value in self.origin):
-            raise GridError("bad_grid", f"origin is two finite numbers, got {self.origin!r}", "origin")
+            raise GridError("bad_grid", f"cells: got {low} to {high}, allowed are -1 (unknown), 0 to 100", "cells")
         cells.flags.writeable = False
         object.__setattr__(self, "cells", cells)
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from surefoot.errors import SurefootError
+from surefoot.errors import FieldError
 from surefoot.lab.estimation.scores import base_pose
 from surefoot.lab.estimation.track import follow, names, track
 from tests.lab.estimation.walks import noisy
@@ -31,7 +31,7 @@ def test_every_estimator_gives_a_finite_track(name):
 
 
 def test_an_unknown_estimator_is_refused_with_the_known_ones():
-    with expect_error(SurefootError, "invalid", text="inekf"):
+    with expect_error(FieldError, "unknown_name", "estimator", text="inekf"):
         track("bets", noisy())
 
 
