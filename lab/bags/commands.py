@@ -104,11 +104,17 @@ def _thresholds(on: float | None, off: float | None) -> tuple[float, float] | No
 
     if on is None:
         if off is not None:
-            raise SurefootError("invalid", f"got {off:g} without --contact-on, allowed are both", "contact-off")
+            raise SurefootError(
+                "invalid", f"--contact-off: got {off:g} without --contact-on, allowed are both", "contact-off"
+            )
         return None
     low = OFF_SHARE * on if off is None else off
     if not 0.0 <= low <= on < math.inf or on == 0.0:
-        raise SurefootError("invalid", f"got {on:g} and {low:g} N, allowed is 0 <= off <= on, above 0", "contact-on")
+        raise SurefootError(
+            "invalid",
+            f"--contact-on, --contact-off: got {on:g} and {low:g} N, allowed is 0 <= off <= on, above 0",
+            "contact-on",
+        )
     return on, low
 
 

@@ -1,12 +1,17 @@
 """The part of the command line that given words need: typer builds every option of every command it is handed."""
 
 import inspect
+import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from functools import wraps
 from typing import Any, cast
 
 import typer
+from typer.models import ArgumentInfo
+
+from surefoot.errors import FieldError
 
 COMPLETING = "_SUREFOOT_COMPLETE"
 """Environment variable of a shell that asks for completions, with the words of the command line in another one."""
@@ -37,12 +42,29 @@ def _named(app: typer.Typer, name: str, rest: Sequence[str]) -> typer.Typer | No
     """Return an app with the command or group of this name alone; None if it has neither."""
     for command in app.registered_commands:
         if _command(command) == name:
-            return _part(app, [command])
+            return _part(app, [_changed(command, callback=_finite(command.callback))])
     for group, own, inside in _groups(app):
         part = needed(inside, rest) if own == name else None if own else _named(inside, name, rest)
         if part is not None:
             return _part(app, [], [_changed(group, typer_instance=part)])
     return None
+
+
+def _finite(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that refuses NaN and infinity in every number of its words, by the name of the option."""
+
+    @wraps(callback)
+    def checked(**values: Any) -> Any:
+        for field, value in values.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                given = inspect.signature(callback).parameters[field]
+                stated = (given.default, *getattr(given.annotation, "__metadata__", ()))
+                argument = any(isinstance(each, ArgumentInfo) for each in stated)
+                word = field if argument else f"--{field.replace('_', '-')}"
+                raise FieldError("invalid", word, f"got {value:g}, allowed are finite numbers")
+        return callback(**values)
+
+    return checked
 
 
 def _groups(app: typer.Typer) -> Iterator[tuple[Any, str, typer.Typer]]:

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,7 +19,7 @@ from .table import table_lines
 EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 1, 2, 130
 USAGE = (
     "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
-    "no_samples", "not_live",
+    "no_samples", "not_live", "unknown_name",
 )  # fmt: skip
 """Codes of errors in the user's own words or files, which end with `EXIT_USAGE`."""
 WRONG_PATH = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError)
@@ -148,7 +149,14 @@ def fail(error: Exception) -> int:
 
     code = str(getattr(error, "code", "") or "internal")
     said = str(error) if code != "not_found" or getattr(error, "file", "") else getattr(error, "message", str(error))
-    message = without_source(said) or type(error).__name__
+    message, field = without_source(said) or type(error).__name__, str(getattr(error, "field", None) or "")
+    names = {field, field.replace("_", "-"), field.rpartition(".")[2]}
+    if (
+        field
+        and code != "not_found"
+        and not any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", message) for name in names)
+    ):
+        message = f"{field}: {message}"
     exit_code = EXIT_CHECK
     if isinstance(error, OSError) and error.errno is not None:
         code = errno.errorcode.get(error.errno, code)
@@ -166,7 +174,11 @@ def fail(error: Exception) -> int:
 
 
 def misused(error: Any, *, json: bool) -> int:
-    """Write typer's message on wrong words, with the command's usage or as one JSON object; return the exit code."""
+    """Write typer's message on wrong words, with the value, and the command's usage or as one JSON object; return the
+    exit code.
+    """
+    if hasattr(cause := error.__cause__, "errors"):  # of pydantic, whose sentence leaves the value out
+        error.message = f"{error.message.rstrip('.')} (got {cause.errors()[0]['input']!r})"
     if json:
         _write_error("usage", error.format_message(), getattr(getattr(error, "param", None), "name", None))
     else:

@@ -214,6 +214,9 @@ def _from_npz(path: Path) -> Columns:
                     values = file[key]
                     named = name == "joints" and values.dtype.kind in "US"  # some logs call their names so
                     columns["joint_names" if named else name] = values
+            if "gyro" not in columns:
+                text = f"{path} has no gyro; it has {', '.join(file.files) or 'nothing'}. Known names: docs/estimate.md"
+                raise SurefootError("invalid", text[:1000], "gyro")
     except OSError as error:
         if error.strerror is None:
             raise SurefootError("malformed", f"{path} {damage_of(path)}", "log") from None
