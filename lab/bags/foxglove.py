@@ -35,10 +35,11 @@ def write_foxglove(
         progress: gets the share that is done.
 
     Raises:
-        SurefootError: the library is missing, or the recording cannot be read or shows no posture of the robot.
+        SurefootError: the library is missing, or the recording cannot be read, shows no posture of the robot, or holds a
+            message that is none of its topic.
     """
     library, opened = sdk(), open_readable(recording)
-    scene, context, count = RobotScene(robot), library.Context(), 0
+    scene, context, count = RobotScene(robot, strict=True), library.Context(), 0
     lines = _log_lines(opened)
     with library.open_mcap(out, context=context) as file:
         for name, values in opened.metadata.items():

@@ -104,6 +104,8 @@ class RobotScene:
     marks: list[Lasting] = field(default_factory=list[Lasting])
     """Items that stay: ends of stances, landmarks."""
     epoch: int = -1
+    strict: bool = False
+    """A message that cannot be read is raised by `snapshot`; else the scene lacks it."""
 
     def __post_init__(self) -> None:
         self.body = body_of(self.robot)
@@ -150,6 +152,8 @@ class RobotScene:
         try:
             message = read()
         except SurefootError:
+            if self.strict:
+                raise
             return  # of another version: the scene lacks it
         if message.epoch > self.epoch:
             self.epoch, self._world_from_odom, self._stances, self._chosen = message.epoch, None, (), {}

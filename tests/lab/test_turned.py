@@ -34,7 +34,12 @@ REFUSED = "quat_wxyz: a quaternion of length 0, allowed is 1 within 0.01 (got [0
 
 @pytest.mark.parametrize(
     ("turned", "words"),
-    [(STATE_ODOMETRY.key, "estimate"), (STATE_ODOMETRY.key, "bag export --to tum"), (SIM_TRUTH.key, "estimate")],
+    [
+        (STATE_ODOMETRY.key, "estimate"),
+        (STATE_ODOMETRY.key, "bag export --to tum"),
+        (SIM_TRUTH.key, "estimate"),
+        (SIM_TRUTH.key, "bag export --to foxglove"),
+    ],
     indirect=["turned"],
 )
 def test_a_quaternion_of_zero_is_refused(complaint, turned, words):
