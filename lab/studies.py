@@ -33,10 +33,10 @@ class MetricSummary(NamedTuple):
     name: str
     median: float
     low: float
-    """Smallest value."""
+    """Smallest value of the metric in the study."""
     low_seed: int
     high: float
-    """Largest value."""
+    """Largest value of the metric in the study."""
     high_seed: int
 
 

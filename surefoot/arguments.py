@@ -6,7 +6,7 @@ import reprlib
 from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,9 +91,10 @@ def choice(value: Any, field: str, allowed: Iterable[str]) -> str:
 
 def file_path(value: Any, field: str) -> Path:
     """Return the path of a file (raises FieldError: `type`, no path, or an empty one)."""
-    if not isinstance(value, str | PathLike) or not str(value):
-        raise FieldError("type", field, f"got {shown(value)}, expected the path of a file")
-    return Path(value)
+    given = cast("str | PathLike[str]", value)
+    if not isinstance(value, str | PathLike) or not str(given):
+        raise FieldError("type", field, f"got {shown(given)}, expected the path of a file")
+    return Path(given)
 
 
 def instance(value: Any, field: str, kind: type[Any], what: str) -> None:

@@ -67,7 +67,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Leaves the network."""
+        """Close the connection to the system; running subscriptions end."""
         self.bus.close()
 
     def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:

@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from surefoot.arguments import choice, file_path, instance, number, shown, whole
@@ -97,7 +98,7 @@ def estimator(
         FieldError: unknown names, or neither robot nor feet.
     """
     kind = StrictEstimator if choice(refused, "refused", ("raise", "count")) == "raise" else Estimator
-    if not isinstance(names, Iterable) or not (listed := tuple(names)):
+    if not np.iterable(names) or not (listed := tuple(names)):
         raise FieldError("missing", "names", f"got {shown(names)}, expected names of estimators")
     chosen = tuple(choice(name, "names", NAMES) for name in listed)
     if (robot is None) == (feet is None):

@@ -31,7 +31,7 @@ FOOT, PUSH, FAULT = "foot", "push", "fault"
 LARGEST_SHIFT = 0.2
 """Largest displacement of a foothold, m."""
 PUSH_S = 0.2
-"""Duration of a push, s."""
+"""Duration of a push that `whatif` applies, s."""
 
 
 @dataclass(frozen=True)

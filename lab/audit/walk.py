@@ -67,7 +67,7 @@ class Audit:
 
     @property
     def steps(self) -> int:
-        """Steps with a claim."""
+        """Steps of the walk in which the service claimed a margin."""
         return len({claim.step for claim in self.claims})
 
     @property

@@ -180,5 +180,5 @@ def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
 FORMATS: dict[str, Callable[[Path, Path, Robot, Share], None]] = {
     "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum, "foxglove": write_foxglove,
 }  # fmt: skip
-"""Writers by name."""
+"""Writers of exported files by the name of their format."""
 SUFFIXES = {"rosbag2": "", "csv": ".csv", "parquet": ".parquet", "tum": ".tum", "foxglove": "-foxglove.mcap"}

@@ -35,8 +35,8 @@ def write_foxglove(
         progress: gets the share that is done.
 
     Raises:
-        SurefootError: the library is missing, or the recording cannot be read, shows no posture of the robot, or holds a
-            message that is none of its topic.
+        SurefootError: the library is missing, or the recording cannot be read, shows no posture of the robot, or holds
+            a message that is none of its topic.
     """
     library, opened = sdk(), open_readable(recording)
     scene, context, count = RobotScene(robot, strict=True), library.Context(), 0

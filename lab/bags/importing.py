@@ -58,7 +58,7 @@ class Player(Driver[ServiceConfig]):
         return intake.release(tick)
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        """Obey nothing."""
+        """Ignore the command: a recording cannot obey."""
 
 
 def _merged(log: RobotLog) -> list[tuple[int, int, int]]:

@@ -29,7 +29,7 @@ FORGED_RAD = 0.4
 
 @dataclass(frozen=True)
 class ChaosEvent:
-    """One fault."""
+    """Fault that a seed has drawn: kind, target, time."""
 
     kind: Kind
     tick: int
@@ -65,11 +65,11 @@ class ChaosRun:
     seed: int
     """Seed of the events."""
     outcomes: tuple[ChaosOutcome, ...]
-    """Events that happened."""
+    """Outcome of each event that happened."""
     violations: tuple[str, ...]
     """Unsafe states and missing recoveries, in words; empty = none."""
     ticks: int
-    """Control ticks."""
+    """Control ticks that the run took."""
     kinds: tuple[Kind, ...] = ()
     """Kinds of faults that the seed left on."""
     fell_at: int | None = None

@@ -17,7 +17,7 @@ from surefoot.services.walker.memory import MemoryFile
 
 
 class Recovery(NamedTuple):
-    """One recovery."""
+    """Place in the product where a fault is recovered from, whose calls are counted."""
 
     owner: type[Any]
     method: str
@@ -74,7 +74,7 @@ MARKS: dict[str, Recovery] = {
     "leader gives a lost member up": Recovery(Leader, "give_up_waiting", _true),
     "walker goes on with a kept command": Recovery(MemoryFile, "recall", lambda file, args, result: result is not None),
 }
-"""Recoveries by name."""
+"""Recoveries that a run may take, by name."""
 
 
 class Marks:

@@ -232,7 +232,7 @@ class ChaosSystem:
         return tuple(n for n in leader.expect if n not in excused and (n not in leader.members or n in behind))
 
     def close(self) -> None:
-        """End all services."""
+        """End all services of the system."""
         for node in self.nodes.values():
             node.service.on_stop()
         self.bus.close()

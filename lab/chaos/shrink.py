@@ -37,7 +37,7 @@ class Shrunk(NamedTuple):
     """A failure and the events that it needs."""
 
     events: tuple[ChaosEvent, ...]
-    """None of them can be left out."""
+    """Smallest set of events that still fails: none of them can be left out."""
     failure: str
     """First violation of the run with these events."""
     runs: int

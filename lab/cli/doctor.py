@@ -1,4 +1,4 @@
-"""`surefoot doctor`."""
+"""Command `surefoot doctor`: checks of this machine."""
 
 import typer
 

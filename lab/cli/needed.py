@@ -42,7 +42,7 @@ def _named(app: typer.Typer, name: str, rest: Sequence[str]) -> typer.Typer | No
     """Return an app with the command or group of this name alone; None if it has neither."""
     for command in app.registered_commands:
         if _command(command) == name:
-            return _part(app, [_changed(command, callback=_finite(command.callback))])
+            return _part(app, [_changed(command, callback=_finite(cast("Callable[..., Any]", command.callback)))])
     for group, own, inside in _groups(app):
         part = needed(inside, rest) if own == name else None if own else _named(inside, name, rest)
         if part is not None:

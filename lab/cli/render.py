@@ -1,4 +1,4 @@
-"""`surefoot render`."""
+"""Command `surefoot render`: a recording as a moving picture."""
 
 from pathlib import Path
 from typing import Annotated

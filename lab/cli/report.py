@@ -1,4 +1,4 @@
-"""`surefoot report`."""
+"""Command `surefoot report`: a recording as one HTML file."""
 
 from pathlib import Path
 from typing import Annotated

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 SILENCE_S = 2.0  # s wall, after so long without a message the reason is looked for
 
 CLEAR = "\x1b[H\x1b[2J"
-"""Clears a terminal."""
+"""Escape sequence that clears a terminal."""
 REDRAWN_S = 0.2
 """Wall time between two pictures of a plot."""
 HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")

@@ -1,4 +1,4 @@
-"""`surefoot view`."""
+"""Command `surefoot view`: a system or a recording in a browser."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

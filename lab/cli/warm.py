@@ -1,4 +1,4 @@
-"""`surefoot warm`."""
+"""Command `surefoot warm`: kernels compiled ahead of time."""
 
 from typing import Annotated
 

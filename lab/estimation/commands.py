@@ -1,4 +1,4 @@
-"""`surefoot estimate`."""
+"""Command `surefoot estimate`: velocity, tilt and path of a log."""
 
 import math
 from dataclasses import replace

@@ -119,7 +119,7 @@ PLANTED: dict[str, Plant] = {
     "clock back 0.1 s": stepped_back,
     "inertial unit still 0.5 s": still_imu,
 }
-"""Faults by name."""
+"""Faults that are planted into a log, by name."""
 
 
 def first_altered(log: Log, bad: Log, at_s: float) -> float:

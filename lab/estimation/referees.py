@@ -17,9 +17,9 @@ from .track import PEERS, Track, names, of_world, track
 Array = NDArray[np.float64]
 
 KNOWN = (*names(), *PEERS, "legs", *KINDS)
-"""Names for `run`."""
+"""Names of all estimators that `run` knows."""
 UNTUNED = ("inekf", "linear", "kinematics", "kinematics_gyro", "legs", *KINDS)
-"""Referees without tuning."""
+"""Names of the referees whose noise is not tuned for a log."""
 
 
 def available(chosen: tuple[str, ...]) -> tuple[str, ...]:

@@ -133,7 +133,7 @@ class LogRunner:
         self._estimator.imu(stamp_ns, w, q, clipped)
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Flags | Array) -> None:
-        """Feed a foot sample: (F, 3) m, (F, 3, 3), (F,)."""
+        """Feed a foot sample: positions (F, 3) m, rotations (F, 3, 3), contacts (F,)."""
         self._estimator.feet(stamp_ns, position, rot, contact)
 
     def estimate(self) -> VelocityAndTilt:

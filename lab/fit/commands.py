@@ -1,4 +1,4 @@
-"""`surefoot fit`."""
+"""Command `surefoot fit`: numbers of a robot from recordings of it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

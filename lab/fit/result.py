@@ -26,7 +26,7 @@ class Fitted:
     undecided: list[str] = field(default_factory=list[str])
     """Keys that the recordings do not decide; they keep the numbers of the first model."""
     runs: int = 0
-    """Number of recordings."""
+    """Number of recordings that the fit is made from."""
     sightings: int = 0
     """Number of matched landmarks."""
     improvement: float = 0.0

@@ -40,7 +40,7 @@ class Parameter:
     """One parameter of the likelihood."""
 
     index: int
-    """Index in `likelihood`."""
+    """Index of the parameter in `likelihood`."""
     keys: tuple[str, ...]
     """Dotted keys of the model."""
     factor: float = 1.0

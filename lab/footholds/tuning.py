@@ -18,7 +18,7 @@ class Tried:
     """Walks under one weight on all grounds and seeds."""
 
     weight: float
-    """k, 1/m."""
+    """Weight k of the way to the foothold that was tried, 1/m."""
     sliding_mm: tuple[float, ...]
     """Mean contact sliding per stance on each ground."""
     failed: int

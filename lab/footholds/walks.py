@@ -49,7 +49,7 @@ class Setting:
     profile: str = "noise"
     """Errors of the map, see `observed_map`."""
     delay: int = 1
-    """Actuation delay, ticks."""
+    """Delay of actuation, control ticks."""
     limit_s: float = 120.0
     """Longest walk, s of simulated time."""
     params: tuple[tuple[str, Any], ...] = ()
@@ -96,7 +96,7 @@ class WalkVerdict:
     time_s: float
     steps: int
     tilt_deg: float
-    """Largest tilt."""
+    """Largest tilt of the trunk in the walk, deg."""
     sliding_mm: float
     """Mean way of the contact point in a stance."""
     displacement_mm: float
@@ -105,7 +105,7 @@ class WalkVerdict:
     odometry_mm: float
     """Error of the odometry at the end."""
     margin_mm: float
-    """Smallest static margin."""
+    """Smallest static margin of the walk, mm."""
     unreachable: int
     """Targets of feet that were out of reach, over all ticks."""
     costs_us: tuple[float, ...] = field(repr=False, default=())

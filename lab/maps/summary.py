@@ -22,10 +22,10 @@ FEW = 5.0
 
 @dataclass(frozen=True)
 class Summary:
-    """A map file."""
+    """Content of a map file in words and numbers."""
 
     facts: dict[str, Any]
-    """Facts by name."""
+    """Facts about the map by name, in the order shown."""
     problems: tuple[str, ...]
     """Problems of the map, in words; empty = none found."""
 

@@ -13,7 +13,7 @@ from . import judge
 from .traces import Array, Traces
 
 NIS = "NIS of the velocity filter, a slide of each foot allowed for"
-"""Its covariance holds what a sliding foot may do: feet that stand firmly stay far below 1."""
+"""Title of the velocity filter's NIS; its covariance allows for slides, so feet that stand firmly stay far below 1."""
 BOUND = 0.95
 """Share of a consistent filter's values below the bound."""
 OVERCONFIDENT, CAUTIOUS = 1.5, 0.5

@@ -96,5 +96,5 @@ def at_most(where: str, what: str, ours: float, limit: float, paper: str = "", f
 
 
 def fact(where: str, what: str, paper: str, ours: str, ok: bool | None = None, limit: str = "") -> Finding:
-    """A row without arithmetic."""
+    """Return a row that states a fact of the paper and whether it holds, without arithmetic."""
     return Finding(where, what, paper, ours, ok, limit)

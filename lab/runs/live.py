@@ -81,13 +81,13 @@ class RunProgress:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """Result of a run."""
+    """Result of a live run: verdict, recording, report."""
 
     scenario: str
     seed: int
     verdict: RunVerdict
     report: Path | None
-    """None where it could not be written; a note of the verdict states why."""
+    """Path of the report; None where it could not be written, and a note of the verdict states why."""
     recording: Path | None
     start_s: float
     """Wall time from the command to tick 0."""

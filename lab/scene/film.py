@@ -33,7 +33,7 @@ class Undecoded(Protocol):
         ...
 
     def message(self) -> Any:
-        """Decode it."""
+        """Return the decoded message."""
         ...
 
 

@@ -59,12 +59,12 @@ class Primitives:
         return [point(x=x, y=y, z=z) for x, y, z in np.asarray(places, dtype=float).tolist()]
 
     def colour(self, colour: str, alpha: float = 1.0) -> Any:
-        """Return a colour `#rrggbb`."""
+        """Return a colour of the library from `#rrggbb` and an opacity of 0 to 1."""
         red, green, blue = (part / 255.0 for part in _bytes_of(colour))
         return self.messages.Color(r=red, g=green, b=blue, a=alpha)
 
     def sphere(self, place: Array, radius: float, colour: str) -> Any:
-        """Return a ball."""
+        """Return a sphere of the library at a place (3,) m."""
         size = self.vector(np.full(3, 2.0 * radius))
         return self.messages.SpherePrimitive(pose=self.pose(place, np.eye(3)), size=size, color=self.colour(colour))
 

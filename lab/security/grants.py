@@ -50,7 +50,7 @@ class Verb(Enum):
 
 
 class Role(Enum):
-    """Kinds of people."""
+    """Kind of person by what it may do on the bus."""
 
     OPERATOR = "operator"  # reads every topic, sends every query, stops the robot
     GUEST = "guest"  # reads every topic, sends the queries that change nothing

@@ -1,4 +1,4 @@
-"""`surefoot evaluate`."""
+"""Command `surefoot evaluate`: measures of a policy or fit."""
 
 import re
 from collections.abc import Callable

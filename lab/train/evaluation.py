@@ -36,14 +36,14 @@ ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
 
 @dataclass(frozen=True)
 class Seeds:
-    """Episodes first .. end - 1."""
+    """Range of episodes, first to end - 1."""
 
     first: int
     end: int
 
     @property
     def count(self) -> int:
-        """Number of episodes."""
+        """Number of episodes in the range."""
         return self.end - self.first
 
 

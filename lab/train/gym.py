@@ -50,7 +50,7 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
         return self._batch.observation[0].copy(), self._info()
 
     def step(self, action: np.int64) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Do one action."""
+        """Do one action and return observation, reward, terminated, truncated and info, as gymnasium asks for."""
         self._batch.act(np.array([action], dtype=np.int64))
         b = self._batch
         return b.observation[0].copy(), float(b.reward[0]), bool(b.terminated[0]), bool(b.truncated[0]), self._info()
@@ -80,7 +80,7 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
         self._ended = np.zeros(num_envs, dtype=np.bool_)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin all episodes."""
+        """Begin all episodes anew and return their observations and infos, as gymnasium asks for."""
         if seed is not None:
             self._batch.reseed(seed)
         self._ended[:] = False

@@ -86,7 +86,7 @@ class LiveFrames:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; readers get no more frames."""
+        """End the thread that makes frames; readers of frames get no more."""
         self._closed.set()
         with self._news:
             self._news.notify_all()

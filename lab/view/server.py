@@ -86,7 +86,7 @@ class ViewServer:
         return f"http://{HOST}:{self.port}/?token={self.token}"
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving the page; open connections end."""
         if self.live is not None:
             self.live.close()
         self._http.shutdown()

@@ -92,7 +92,7 @@ class TakenAt(NamedTuple):
     tick: int
     image: CameraImage
     pose: CameraPose
-    """Of the camera when the image arrived."""
+    """Pose of the camera when the image arrived."""
 
 
 def images_of(
@@ -137,7 +137,7 @@ class Published(NamedTuple):
     error: Array
     """Believed less true x, y (m) and heading (rad), (3,)."""
     covariance: Array
-    """(3, 3)."""
+    """Covariance of the published pose x, y, yaw, (3, 3) in m and rad."""
     lost: bool
 
     @property

@@ -29,7 +29,7 @@ class LatchedGround:
         self.forget()
 
     def forget(self) -> None:
-        """Drop the map."""
+        """Drop the map of the ground."""
         self.ground: FootholdGround | None = None
         self._heights: HeightMap | None = None
         self._message: HeightMapMessage | ElevationMap | None = None

@@ -10,7 +10,7 @@ from surefoot.schemas.footholds import AssessRequest, BasePose, LegRequest, Sele
 from .ground import FootholdGround, build_ground, updated_ground
 
 MAP_CELL = 0.005
-"""Edge of a cell, m."""
+"""Edge of a cell of the map that is rehearsed with, m."""
 HEIGHT = 0.1
 """Height of base_link over the ground, m."""
 STROKE = (-0.03, 0.0, 0.0)

@@ -35,7 +35,7 @@ from .turned import CameraError, scale_onto, turn_onto
 Array = NDArray[np.float64]
 
 NOWHERE = np.empty((0, 3))
-"""No points."""
+"""Array of no points, (0, 3)."""
 LEAST_FEET = 3
 """Points under standing feet that a plane, or a comparison with the map, needs."""
 FOOT = 0.003
@@ -74,7 +74,7 @@ class MapParams:
     """Size of the map and what is taken into it."""
 
     cell: float = 0.005
-    """Edge of a cell, m."""
+    """Edge of a cell of the elevation map, m."""
     cells: int = 201
     """Cells along an edge."""
     farthest: float = 1.2
@@ -92,7 +92,7 @@ class MapPose(NamedTuple):
 
     stamp_ns: int
     position: Array
-    """(3,) m."""
+    """Position of base_link, (3,) m, frame of the map."""
     rot: Array
     """(3, 3) rot_odom_from_base."""
     covariance: Array
@@ -124,16 +124,16 @@ class DepthView(NamedTuple):
     depths: Array
     """(height, width) m along the optical axis; NaN = none."""
     focal: float
-    """px."""
+    """Focal length of the depth camera, px."""
     center: tuple[float, float]
-    """px."""
+    """Column and row of the image at the optical axis, px."""
     sigma: float
-    """m."""
+    """Standard deviation of a depth that does not grow with it, m."""
     sigma_square: float
-    """m per m2."""
+    """Growth of the standard deviation of a depth with its square, m per m^2."""
     frame: str
     position: Array
-    """(3,) m, base_link."""
+    """Position of the depth camera, (3,) m, frame base_link."""
     quat_wxyz: Array
     """rot_base_from_camera."""
 
@@ -315,7 +315,7 @@ class Mapper:
 
     @property
     def origin(self) -> tuple[float, float]:
-        """Centre of cell [0, 0], m."""
+        """x and y of the centre of cell [0, 0], m, frame of the map."""
         return self.grid.col * self.grid.cell, self.grid.row * self.grid.cell
 
     def _here(self, pose: MapPose) -> Elevation:

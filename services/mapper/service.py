@@ -28,7 +28,7 @@ class MapperService(Service[MapperConfig]):
     outputs = (STATE_ELEVATION,)
 
     def on_start(self) -> None:
-        """Load the robot."""
+        """Load the robot and its depth camera."""
         self.robot = load_robot(self.config.robot)
         self.on_reset()
 

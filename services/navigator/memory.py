@@ -91,7 +91,7 @@ class GoalMemory(RunMemory):
         super().__init__(path, "goal")
 
     def keep(self, epoch: int, tick: int, kept: Kept) -> None:
-        """Replace the content."""
+        """Replace the remembered goal by that of a tick."""
         goal, planned = kept.goal and kept.goal.kept(), [(at, each.kept()) for at, each in kept.planned]
         self.write(epoch, tick, {**vars(kept), "goal": goal, "planned": planned})
 

@@ -6,7 +6,7 @@ from surefoot.lockstep.config import ServiceConfig
 
 
 class RecorderConfig(ServiceConfig):
-    """Where to write."""
+    """Configuration of the recorder: file, topics, ring of the last seconds."""
 
     path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
     ring_s: float = Field(

@@ -81,7 +81,7 @@ class WholeRun:
         self.path = str(path)
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
-        """Append a message."""
+        """Append a message to the recording."""
         try:
             if self._writer is not None:
                 self._writer.write(topic, header, raw)

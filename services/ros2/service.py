@@ -110,7 +110,7 @@ class Ros2Bridge(Service[Ros2Config]):
         self._steer(inputs.number * TICK_S)
 
     def on_stop(self) -> None:
-        """Leave the network."""
+        """Close the ROS 2 node."""
         self.connection.close()
 
     def _put(self, kind: str, message: Any) -> None:

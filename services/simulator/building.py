@@ -24,9 +24,9 @@ class BuiltWorld(NamedTuple):
     """Request that the world was built from."""
     world: PhysicsWorld
     heights: HeightMapMessage | None
-    """None: the robot gets no map."""
+    """Height map that the robot gets; None = it gets none."""
     landmarks: LandmarkMap | None
-    """None: the robot has no camera."""
+    """Landmarks that the robot's camera recognises; None = the robot has no camera."""
     lacking: tuple[Topic[Any], ...]
     """Topics that this robot never publishes."""
 

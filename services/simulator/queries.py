@@ -122,7 +122,7 @@ class SimulatorQueries:
     # -- disturbances ------------------------------------------------------------------------------------------
 
     def push(self, request: sim.PushRequest) -> sim.SimReply:
-        """Pull at a link."""
+        """Answer `sim/push`: pull at a link with a force for a time."""
         names = ("trunk", *(link.name for link in self.run.robot.links))
         if request.body not in names:
             raise Refusal("invalid", f"no link {request.body!r}; known are {', '.join(names)}", "body")

@@ -53,7 +53,7 @@ class SimulatedRun:
 
     @property
     def seconds(self) -> float:
-        """Simulated time, s."""
+        """Simulated time since the beginning of the run, s."""
         return self.world.stamp_ns * 1e-9
 
     def build(self, request: sim.ResetRequest) -> None:

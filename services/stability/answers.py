@@ -77,7 +77,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
 
 
 def whatif_reply(request: WhatifRequest) -> WhatifReply:
-    """Answer `stability/whatif`."""
+    """Answer the query `stability/whatif`: margins after each contact is lifted."""
     contacts, candidates = contacts_of(request.contacts), contacts_of(request.candidates, "candidates")
     found = variants(what_if(contacts, within(request.com, "com"), candidates))
     n = len(contacts)
@@ -85,12 +85,12 @@ def whatif_reply(request: WhatifRequest) -> WhatifReply:
 
 
 def batch_reply(request: BatchRequest) -> BatchReply:
-    """Answer `stability/batch`."""
+    """Answer the query `stability/batch`: margins of many sets of contacts."""
     return BatchReply(results=variants(batch(packed_sets(request))))
 
 
 def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
-    """Answer `stability/equilibrium`."""
+    """Answer the query `stability/equilibrium`: forces that hold the robot, or a proof that none do."""
     asked = equilibrium_question(request)
     found, back = equilibrium(asked.contacts, asked.com), asked.back
     if not found.held:

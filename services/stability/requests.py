@@ -38,7 +38,7 @@ class RegionQuestion(NamedTuple):
     mode: Mode
     """Mode of the robot."""
     contacts: ContactSet
-    """Contacts, frame world."""
+    """Contacts of the robot with the ground, frame world."""
     wanted: Refinement
     """Directions to solve for."""
     held: posture.HeldRobot | None
@@ -50,7 +50,7 @@ class CheckQuestion:
     """Check that a request asks for."""
 
     movement: Movement
-    """Movement to check."""
+    """Movement whose margins are asked for."""
     stance: tuple[str, ...]
     """Names of the legs whose feet were held in place."""
     reachable: bool
@@ -178,9 +178,9 @@ class EquilibriumQuestion:
     """Forces that a request asks for, in the frame along the effective gravity."""
 
     contacts: ContactSet
-    """Contacts."""
+    """Contacts that may carry the robot, frame world."""
     com: Array
-    """(2,) m."""
+    """Centre of mass, (2,) m, frame world."""
     weight: float
     """N, mass times effective gravity."""
     back: Array

@@ -121,7 +121,7 @@ class Stability(Service[StabilityConfig]):
         self.publish(STATE_STABILITY, status_message(now, self.config.mu, fresh), joints.stamp_ns)
 
     def on_stop(self) -> None:
-        """End the threads."""
+        """End the threads that answer queries."""
         self.workers.stop()
 
     def _collect(self) -> None:

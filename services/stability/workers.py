@@ -59,7 +59,7 @@ class Workers:
         return self._aside(answered(batch_reply), request) if large else self._soon(answered(batch_reply), request)
 
     def whatif(self, request: WhatifRequest) -> WhatifReply | Future[WhatifReply]:
-        """Answer `stability/whatif`."""
+        """Answer the query `stability/whatif` in a thread of the pool."""
         return self._soon(answered(whatif_reply), request)
 
     def _soon(self, answer: Callable[[Req], Rep], request: Req) -> Rep | Future[Rep]:

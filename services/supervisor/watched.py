@@ -11,7 +11,7 @@ class Watched(Protocol):
     name: str
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:
-        """Note a heartbeat."""
+        """Note a heartbeat of a service's process."""
 
     def ticked(self, owner: str) -> None:
         """Note that what a service publishes came in a tick."""

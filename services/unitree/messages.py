@@ -55,7 +55,7 @@ class MotorState(idl.IdlStruct, typename="unitree_go.msg.dds_.MotorState_"):
 @final
 @autoid("sequential")
 class BatteryState(idl.IdlStruct, typename="unitree_go.msg.dds_.BmsState_"):
-    """Battery."""
+    """State of the robot's battery, as DDS carries it."""
 
     version_high: uint8
     version_low: uint8

@@ -92,7 +92,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
                 self._maker = state
 
     def take(self, m: Any) -> None:
-        """Take a LowState."""
+        """Take a LowState message of the robot: joints, inertial unit, foot forces."""
         from .messages import check_sum
 
         if self.config.check_crc and check_sum(m) != m.crc:

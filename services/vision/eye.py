@@ -38,7 +38,7 @@ class Seen(NamedTuple):
     places: Array
     """Recognised landmarks in heading axes of base_link at the middle of the exposure, (k, 2) m."""
     landmarks: NDArray[np.int64]
-    """Their numbers in the map, (k,)."""
+    """Numbers in the map of the landmarks that were recognised, (k,)."""
     features: int
     """FoundFeatures of the image."""
     compared: int

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 SCHEMA, CONTENT = "surefoot.landmarks/1", "surefoot.features/1"
 CODE = 8
-"""Numbers of a code."""
+"""Numbers of the code of a landmark."""
 SAME_PLACE = 0.03
 """m, features of two maps that look alike and lie so near each other are one."""
 PLACE_GRID = 1e-4
@@ -37,9 +37,9 @@ class FeatureMap:
 
     kind: Kind
     positions: Array
-    """(n, 2) m."""
+    """Positions of the landmarks on the floor, (n, 2) m, frame map."""
     descriptors: NDArray[Any]
-    """As of `FoundFeatures`."""
+    """Descriptors of the landmarks, a row each, of the kind of `FoundFeatures.descriptors`."""
     seen: NDArray[np.int64]
     """Images that each was seen in, (n,)."""
     sd: Array

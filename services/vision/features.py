@@ -21,7 +21,7 @@ class FoundFeatures(NamedTuple):
     """FoundFeatures of one picture."""
 
     pixels: Array
-    """Places, (n, 2) px."""
+    """Places of the features in the image, column and row, (n, 2) px."""
     descriptors: NDArray[Any]
     """(n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
 
@@ -31,7 +31,7 @@ class FeatureKind:
     """One kind of feature."""
 
     length: int
-    """Elements of a descriptor."""
+    """Number of elements of a descriptor of this kind."""
     like: float
     """Largest distance of two descriptors of one feature: bits, or Euclidean."""
 
@@ -69,7 +69,7 @@ class Extractor:
 
 
 def nothing(kind: Kind) -> FoundFeatures:
-    """Return no features."""
+    """Return features of this kind of an image in which none was found."""
     return FoundFeatures(np.zeros((0, 2)), np.zeros((0, KINDS[kind].length), np.uint8 if kind == "orb" else np.float32))
 
 

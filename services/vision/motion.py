@@ -67,7 +67,7 @@ class MotionHistory:
 
     @property
     def now(self) -> OdometryAt | None:
-        """The last odometry."""
+        """Last odometry that was received."""
         return self._moments[-1] if self._moments else None
 
     def at(self, stamp_ns: int) -> tuple[OdometryAt, FloorPose] | None:

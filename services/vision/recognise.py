@@ -29,7 +29,7 @@ FEWEST_AGREE = 3
 
 @dataclass(frozen=True)
 class RecogniseParams:
-    """Limits of recognition."""
+    """Limits within which the floor of an image is recognised on the map."""
 
     chi2: float = 9.21
     """Square of the gate in standard deviations, chi^2_2(.99)."""
@@ -69,7 +69,7 @@ class Believed(NamedTuple):
     pose: Array
     """x, y m and heading rad in the map, (3,)."""
     covariance: Array
-    """(3, 3)."""
+    """Covariance of the believed pose x, y, yaw, (3, 3) in m and rad."""
 
 
 class Recognised(NamedTuple):

@@ -33,7 +33,7 @@ class FloorPose(NamedTuple):
     rot: Array
     """Roll and pitch: rot_heading_from_base, (3, 3)."""
     height: float
-    """Of base_link over the floor, m."""
+    """Height of base_link over the floor, m."""
 
 
 @dataclass(frozen=True)

@@ -98,5 +98,5 @@ class Stopper:
                 return found
 
     def close(self) -> None:
-        """Leave the network."""
+        """Close the connection to the network."""
         self._session.close()

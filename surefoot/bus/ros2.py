@@ -187,5 +187,5 @@ class Ros2Node:
         ]
 
     def close(self) -> None:
-        """Leave the network."""
+        """Close the node and its connection to the network."""
         self._session.close()  # pyright: ignore[reportUnusedCoroutine, reportUnusedCallResult]

@@ -49,7 +49,7 @@ class HeightMap:
     z: NDArray[np.float32]
     """Heights, (ny, nx), m, NaN = unknown, row 0 = y-min; stored as a read-only contiguous copy."""
     cell: float
-    """Edge of a cell, m."""
+    """Edge of a cell of the map, m."""
     origin: tuple[float, float] = (0.0, 0.0)
     """x and y of the centre of cell [0, 0], m, frame `map`."""
     version: int = 0

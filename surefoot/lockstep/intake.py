@@ -43,7 +43,7 @@ class ForceContact(NamedTuple):
     off: float
 
     def force(self, raw: Numbers) -> tuple[float, ...]:
-        """Return forces (F,) N."""
+        """Return the measured forces of the feet, (F,) N."""
         return tuple(scale * (float(x) - zero) for x, zero, scale in zip(raw, self.zero, self.scale, strict=True))
 
     def touch(self, force: Numbers, before: Sequence[bool]) -> tuple[bool, ...]:
@@ -99,7 +99,7 @@ class Intake:
         return self._origin is not None and self._newest["imu"] >= end and joints
 
     def refuse(self, code: str, text: str) -> None:
-        """Count a refused sample."""
+        """Count a refused sample under its code, and log the reason."""
         self.refused[code] += 1
         if self.refused[code] == 1 and self._report is not None:
             self._report(code, text)

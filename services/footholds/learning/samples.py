@@ -33,9 +33,9 @@ class StanceSample:
     k1: float
     """Coefficient K1 of the chosen cell on the map of the choice, m."""
     k2: float
-    """Coefficient K2, m."""
+    """Coefficient K2 (curvature) of the ground under the foot, m."""
     cos_k3: float
-    """Cosine of K3."""
+    """Cosine of K3, the angle between the stroke and the slope of the ground."""
     k4: float
     """Distance from the nominal foothold, m."""
     stroke: tuple[float, float, float]
@@ -49,7 +49,7 @@ class StanceSample:
     friction: float
     """Coefficient of friction, in simulation; NaN = not known."""
     cell: float
-    """Edge of a cell, m."""
+    """Edge of a cell of the map that the coefficients come from, m."""
     smooth: bool
     """True if the map went through the 3 x 3 median."""
     foot_radius: float
@@ -78,7 +78,7 @@ class StanceSample:
 
     @property
     def slip(self) -> float:
-        """Slip r = sliding / |f|."""
+        """Slip per stroke of the stance: way slid over the length of the stroke f, no unit."""
         return self.sliding / self.length
 
     @property
@@ -96,12 +96,12 @@ class StanceSample:
 
 @dataclass(frozen=True, eq=False)
 class SampleSet:
-    """Samples as arrays."""
+    """Samples of stances as arrays, a row each."""
 
     x: Array
     """Points on the axes of the lattice, (n, 3)."""
     r: Array
-    """Slip per stroke, (n,)."""
+    """Slip per stroke of each stance, (n,), no unit."""
     trial: NDArray[np.int64]
     """Number of each sample's trial, (n,)."""
     kept: tuple[StanceSample, ...]

@@ -51,7 +51,7 @@ class MapInfo:
     image: Path
     """Path of the image; `load` checks that it exists."""
     resolution: float
-    """Edge of a pixel, m."""
+    """Edge of a pixel of the map's image, m."""
     origin: tuple[float, float]
     """Lower-left corner of the lower-left pixel, x and y in m, frame map."""
     occupied_thresh: float = OCCUPIED_THRESH

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Point = tuple[float, float]
 
 FARTHEST = 1e6
-"""Largest coordinate, m."""
+"""Largest coordinate of a start, goal or waypoint, m."""
 
 
 class RouteError(Refusal):

@@ -55,7 +55,7 @@ def read_depth_camera(name: str) -> DepthCamera:
 
 
 class DepthFrame(NamedTuple):
-    """One image."""
+    """One image of a depth camera."""
 
     seq: int
     depths: NDArray[np.float32]

@@ -29,17 +29,17 @@ UPRIGHT = np.eye(3)
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """Gravity alone."""
+    """Mode of a region: gravity is the only acceleration."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """A CoM that accelerates."""
+    """Mode of a region: the centre of mass accelerates by a known vector."""
 
     acceleration: Array
-    """(3,) m/s^2, frame world."""
+    """Acceleration of the centre of mass, (3,) m/s^2, frame world."""
     height: float
-    """m, z of the CoM."""
+    """Height of the centre of mass, z in frame world, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +47,11 @@ class Tilted:
     """Gravity that may lean to any of eight sides, or not."""
 
     angle: float
-    """rad, > 0."""
+    """Largest angle between gravity and its stated direction, rad, above 0."""
     acceleration: Array
-    """(3,) m/s^2, frame world."""
+    """Acceleration of the centre of mass, (3,) m/s^2, frame world."""
     height: float
-    """m, z of the CoM."""
+    """Height of the centre of mass, z in frame world, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Refinement(NamedTuple):
     """Directions in which a region is solved for."""
 
     directions: Array | None = None
-    """(k, 2) unit; None = adaptive."""
+    """Directions to solve for, (k, 2), unit length; None = chosen adaptively."""
     adaptive: bool | None = None
     """Refine until outer is within `tolerance` of inner; None = when no directions are given."""
     tolerance: float = 1e-4
@@ -77,7 +77,7 @@ class Refinement(NamedTuple):
     limit: int = 128
     """Most directions of an adaptive region."""
     proofs: bool = True
-    """With an acceleration: turn forces and certificates into the frame world."""
+    """True if the forces and certificates of an accelerated robot are turned back into frame world."""
 
 
 def regions_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> list[Region]:
@@ -130,9 +130,9 @@ class Leaning:
     contacts: ContactSet
     """In the leaning frame: z against g_eff."""
     rot: Array
-    """rot_leaning_from_world, (3, 3)."""
+    """Rotation from frame world into the frame whose z is against the effective gravity, (3, 3)."""
     strength: float
-    """|g_eff|, m/s2."""
+    """Magnitude of the effective gravity, m/s^2."""
 
     def directions(self, given: Array | None) -> Array | None:
         """Unit directions (k, 2) of a horizontal plane of the world as those of the leaning frame."""

@@ -20,11 +20,11 @@ class Check:
     """Margins of a movement over a region."""
 
     com_after: Array
-    """(2,) m, c1 = com + movement + shift."""
+    """Centre of mass after the movement, com + movement + shift, (2,) m."""
     margin_now: Margin
-    """Of the CoM now."""
+    """Static margin of the centre of mass before the movement."""
     margin: Margin
-    """Of c1."""
+    """Static margin of the centre of mass after the movement."""
     extent: Extent | None
     """From the CoM now along the movement; None without horizontal movement."""
     gsm: Extent | None
@@ -90,7 +90,7 @@ class Movement:
     """Planned movement of the trunk over the feet, frame world."""
 
     contacts: ContactSet
-    """Contacts that stay."""
+    """Contacts that stay on the ground during the movement."""
     mode: Mode
     """Mode before the movement."""
     after: Mode
@@ -98,11 +98,11 @@ class Movement:
     wanted: Refinement
     """Directions of the region that is returned."""
     com: Array
-    """(2,) m, CoM now."""
+    """Centre of mass before the movement, (2,) m."""
     way: Array
-    """r_M, (3,) m."""
+    """Commanded movement of the trunk, (3,) m (r_M of the paper)."""
     shift: Array
-    """r_KIN, (3,) m."""
+    """Further shift of the centre of mass by the legs, (3,) m (r_KIN of the paper)."""
     uncertainty: Uncertainty | None = None
     """Asks for the margin that allows for it; at rest only."""
     gradient: bool = False
@@ -116,7 +116,7 @@ class CheckedMovement:
     region: Region
     """Region after the movement."""
     check: Check
-    """Margins and ways; with an acceleration or a tilt the worst of every possible gravity."""
+    """Margins and ways of the movement; under an acceleration or a tilt, those of the worst possible gravity."""
     robust: float | None = None
     """m, margin with the uncertainty; None: not asked for, or nothing is left."""
     gradient: MarginSlope | None = None

@@ -39,9 +39,9 @@ class MarginSlope:
     com: Array
     """(2,) d margin / d com = - a, no unit."""
     mu: Array
-    """(n,) m."""
+    """Change of the margin by the friction coefficient of each contact, (n,) m."""
     position: Array
-    """(n, 3) no unit."""
+    """Change of the margin by the position of each contact, (n, 3), m per m."""
 
 
 def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tuple[Array, Array]:

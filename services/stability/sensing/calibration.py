@@ -36,13 +36,13 @@ class SweptPose:
     """Pose of the robot at rest."""
 
     joints: Array
-    """(nj,) rad."""
+    """Joint angles of the pose, (nj,) rad."""
     torque: Array
     """(nj,) Nm, as reported: current times the constant that the driver believes in."""
     g_up: Array
     """(3,) m/s2, upward specific force, base_link."""
     stance: Flags
-    """(L,) feet that stand."""
+    """Feet that stand in the pose, (L,)."""
 
 
 class PoseCollector:

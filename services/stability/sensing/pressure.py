@@ -24,11 +24,11 @@ class PressureSensor:
     resistance_1n: float = 60e3
     """Ohm, R_1 at 1 N: typical of a sensing area of 1 cm^2."""
     exponent: float = 0.9
-    """p, no unit."""
+    """Exponent of the sensor's resistance over force, no unit (p of the paper)."""
     fixed: float = 1e3
-    """Ohm, R_f."""
+    """Fixed resistor in series with the sensor, Ohm (R_f of the paper)."""
     supply: float = 5.0
-    """V, V_s."""
+    """Supply voltage of the divider, V (V_s of the paper)."""
     least: float = 0.5 * KILOGRAM
     """N, begin of the range (paper: 0.5 kg)."""
     most: float = 2.0 * KILOGRAM
@@ -39,7 +39,7 @@ class PressureSensor:
     """Standard deviation as a share of the force: place and shape of the contact."""
 
     def voltage(self, force: Array) -> Array:
-        """V for forces F >= 0 in N."""
+        """Return the output of the divider, V, under forces F >= 0 in N."""
         with np.errstate(divide="ignore"):
             return self.supply * self.fixed / (self.fixed + self.resistance_1n * force**-self.exponent)
 

@@ -206,7 +206,7 @@ class Session:
         return tuple(sorted(name for name in dict(self._alive) if name != DRIVER))
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:
-        """Note a heartbeat."""
+        """Note a heartbeat of a service's process."""
         self.system.heard(service, pid, well=well)
 
     def ticked(self, owner: str) -> None:

@@ -43,7 +43,7 @@ class Process(Protocol):
         """Ask it to end."""
 
     def kill(self) -> None:
-        """End it."""
+        """End the process at once (SIGKILL)."""
 
     def starved_s(self) -> float:
         """Seconds it has waited for a processor since its start."""

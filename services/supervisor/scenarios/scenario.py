@@ -95,7 +95,7 @@ class Step:
     __pydantic_config__ = _FILE
 
     do: Literal[(*COMMANDS, "kill")]  # pyright: ignore[reportInvalidTypeForm] - a key of COMMANDS, or kill
-    """Command, or `kill`."""
+    """Action of the step: a command, or `kill` of a service."""
     at_tick: Annotated[Whole, Field(ge=0, le=10**9)] | None = None
     """Control tick it takes effect in; null when it waits for a moment."""
     when: Moment | None = None
@@ -172,7 +172,7 @@ class Scenario:
     name: Annotated[Text, Field(pattern="^[a-z0-9][a-z0-9-]*$")]
     """Name for `surefoot run <name>` [that of the file]."""
     description: Text
-    """One sentence."""
+    """Purpose of the scenario in one sentence."""
     compose: Text = "ragno"
     """Name or path of the compose file."""
     robot: Text | None = None

@@ -20,7 +20,7 @@ class BipedParams:
     """
 
     step_s: float
-    """Duration of a step, s."""
+    """Duration of a step of the biped, s."""
     step_m: float
     """Advance of the body in one step at the gait's own speed, m; a foot moves twice as far."""
     lift_m: float
@@ -66,7 +66,7 @@ class BipedParams:
     falling_rad: float = math.radians(30.0)
     """Unplanned tilt from which on the robot is lost and folds, rad."""
     fold_s: float = 0.4
-    """Time of folding, s."""
+    """Duration of folding the legs at the start of a walk, s."""
     learn: float = 0.5
     """Part of the difference between odometry and plan learned in each step, 0..1; 0 = none."""
     learn_limit: float = 0.3

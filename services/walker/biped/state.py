@@ -103,7 +103,7 @@ class BipedState:
     command: Array | None = None
     contacts: Flags = field(default_factory=lambda: np.ones(2, dtype=np.bool_))
     seen: Array = field(default_factory=lambda: np.zeros(3))
-    """Odometry now, (3,) x, y, yaw."""
+    """Odometry of the present tick, (3,): x, y in m, yaw in rad."""
     seen_then: Array | None = None
     """Odometry at the last touch-down of this walk, (3,); None before it."""
     planned_way: Array = field(default_factory=lambda: np.zeros(2))
