@@ -25,8 +25,8 @@ class Mesh:
     Args:
         linked: returns the names of the peers with a link to this one.
         visible: returns the names of the processes that show it a token of liveliness.
-        introduce: has all processes linked to all, and returns the names of those that show a token. It takes a while,
-            and ends early when the event is set that it gets.
+        introduce: has all processes linked to all, and returns the names of those that show a token, this one among
+            them; fewer on a busy machine. It takes a while, and ends early when the event is set that it gets.
     """
 
     def __init__(
@@ -72,7 +72,8 @@ class Mesh:
             before, self._lost = self._lost, self._known - linked
             if again := before & self._lost:
                 alive = self._introduce(self._over)
-                self._known -= again - alive
+                if alive and self._known & self._linked() <= alive:  # else it saw too little to know who has ended
+                    self._known -= again - alive
                 self._named = sorted(again & alive)
 
 

@@ -2,6 +2,8 @@
 
 import threading
 
+import pytest
+
 from surefoot.bus.mesh import Mesh
 
 
@@ -15,6 +17,8 @@ class Network:
 
     def __init__(self, names: str, *, heals: bool = True) -> None:
         self.linked, self.alive, self.heals, self.introduced = set(names), set(names), heals, 0
+        self.unseen = set[str]()
+        """Processes whose tokens an introduction does not get in time."""
         self.mesh = Mesh(lambda: set(self.linked), lambda: self.alive & self.linked, self.introduce)
         self.look()
 
@@ -22,7 +26,7 @@ class Network:
         self.introduced += 1
         if self.heals:
             self.linked |= self.alive
-        return set(self.alive)
+        return self.alive - self.unseen
 
     def look(self, times: int = 1) -> list[list[str]]:
         """Return the results of looks, whose threads have ended before the next."""
@@ -57,6 +61,18 @@ def test_a_process_that_ended_is_asked_for_once() -> None:
     network.alive -= {"b"}
     assert network.look(6) == [[]] * 6
     assert network.introduced == 1
+
+
+@pytest.mark.parametrize("unseen", ["abc", "bc"])
+def test_an_introduction_that_is_starved_forgets_nobody(unseen: str) -> None:
+    network = Network("abc", heals=False)
+    network.linked -= {"b"}
+    network.unseen = set(unseen)
+    network.look(3)
+    assert network.introduced == 2
+    network.heals, network.unseen = True, set()
+    network.look()
+    assert network.linked == set("abc")
 
 
 def test_a_link_that_stays_away_is_asked_for_until_it_is_back() -> None:
