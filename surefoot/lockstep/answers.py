@@ -82,8 +82,8 @@ class Answers:
     def settle(self, incoming: Incoming, make: Callable[[], Any], request: Request | None = None) -> None:
         """Answers with what ``make`` returns or raises; where that is a future, once it is done.
 
-        A participant that repeats its last request of a tick gets the same answer: the first was lost on the way, and
-        what a service learns from a request is learned once.
+        A participant that repeats its last request of a tick, or order for a tick, gets the same answer: the first was
+        lost on the way. What a service learns from a request is learned once, and a walk begins once.
         """
         key = incoming.query.key
         try:
@@ -93,7 +93,7 @@ class Answers:
                 known, answer = self._last.get(key, (None, None))
             if known is None or known != request:
                 answer = make()
-                if incoming.participant and isinstance(request, TickRequest) and request.tick is not None:
+                if incoming.participant and _tick_of(request) is not None:
                     self._last[key] = (request, answer)
             if not isinstance(answer, Future):
                 incoming.reply(answer)
@@ -111,3 +111,8 @@ class Answers:
         """A future is done."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)
+
+
+def _tick_of(request: Request | None) -> int | None:
+    """Return the tick whose state a request is about or in which its order takes effect; None: it names none."""
+    return request.tick if isinstance(request, TickRequest) else getattr(request, "at_tick", None)

@@ -8,7 +8,7 @@ from surefoot.bus.interface import Bus
 from surefoot.errors import CallError
 from surefoot.lockstep.binding import Bindings
 from surefoot.lockstep.join import DRIVER
-from surefoot.lockstep.patience import LOCKSTEP_ANSWER_S, Patience
+from surefoot.lockstep.patience import TRY_S, Patience
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.system import JoinRequest
@@ -66,14 +66,14 @@ class Links:
 
         In lockstep simulated time waits for the answer, see `patience`, where others act while this service waits.
         """
-        if within is None or query.owner == DRIVER:
+        if within is None:
             return self._ask(query, request, timeout_s)
-        if query.owner not in within.roster:
+        if query.owner not in (DRIVER, *within.roster):
             raise CallError("absent", f"{query.owner} is not on the roster")
         if within.mode != "lockstep" or not self._bus.apart:
             return self._ask(query, request, timeout_s)
         look = partial(self._patience.look, query.owner, within)
-        return self._patience.ask(lambda: self._ask(query, request, LOCKSTEP_ANSWER_S, look), look)
+        return self._patience.ask(lambda: self._ask(query, request, TRY_S, look), look)
 
     def _ask(
         self, query: Query[Req, Rep], request: Req, timeout_s: float | None, meanwhile: Callable[[], Any] | None = None

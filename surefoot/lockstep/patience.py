@@ -22,6 +22,8 @@ Rep = TypeVar("Rep")
 LOCKSTEP_ANSWER_S = 30.0
 """Limit on the wait, s: longer than a partition after which Zenoh links two hosts anew, and than the start of a
 service. Meanwhile the inbox has room for what the driver repeats."""
+TRY_S = 5.0
+"""Limit on one try of it, s: the network may forget a query, so it is sent again; the same one is handled once."""
 AGAIN_S = 0.1
 """Pause before a process that was out of reach is asked again, s."""
 
@@ -64,7 +66,7 @@ class Patience:
             return
         if tick.epoch != within.epoch:
             raise CallError("absent", f"run {tick.epoch} begins")
-        if tick.tick >= 0 and owner not in tick.roster:
+        if tick.tick >= 0 and owner not in (DRIVER, *tick.roster):
             raise CallError("absent", f"{owner} has left the roster")
 
     def ask(self, once: Callable[[], Rep], look: Callable[[], None]) -> Rep:

@@ -15,10 +15,11 @@ from surefoot.lockstep import patience
 from surefoot.lockstep.binding import Bindings
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.links import Links
-from surefoot.lockstep.patience import LOCKSTEP_ANSWER_S, Patience
+from surefoot.lockstep.patience import LOCKSTEP_ANSWER_S, TRY_S, Patience
 from surefoot.schemas.hw import Tick
+from surefoot.schemas.sim import PauseRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
-from surefoot.schemas.topics import HW_TICK, STABILITY_REGION
+from surefoot.schemas.topics import HW_TICK, SIM_PAUSE, STABILITY_REGION
 from tests.surefoot.expect import expect_error
 
 REQUEST = RegionRequest(contacts=(), directions=16)
@@ -83,8 +84,21 @@ def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_in_lockstep_a_process_out_of_reach_or_behind_is_asked_until_it_answers(code: str) -> None:
     bus, beats = Slow(code, failures=3), list[int]()
     assert links(bus, beats).call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability")) == REPLY
-    assert bus.limits == [LOCKSTEP_ANSWER_S] * 4, "not the second that the caller would wait"
+    assert bus.limits == [TRY_S] * 4, "not the second that the caller would wait"
     assert len(beats) >= 4, "it gives signs of life meanwhile"
+
+
+def test_a_query_that_the_network_forgot_is_sent_again_before_patience_ends() -> None:
+    assert TRY_S <= LOCKSTEP_ANSWER_S / 3
+
+
+def test_the_driver_is_asked_again_though_it_is_on_no_roster() -> None:
+    bus = Slow("absent", failures=3)
+    bus.serve(SIM_PAUSE, lambda incoming: None, instance="s")
+    asking, inbox = patient(bus, [])
+    inbox.put(frame_of(tick("lockstep", "stability", number=4)))
+    assert asking.call(SIM_PAUSE, PauseRequest(at_tick=9), None, tick("lockstep", "stability")) == REPLY
+    assert len(bus.limits) == 4
 
 
 def test_a_refusal_is_an_answer() -> None:

@@ -11,10 +11,19 @@ from surefoot.bus.memory import MemoryBus, MemoryIncoming
 from surefoot.errors import CallError, Refusal
 from surefoot.lockstep import answers
 from surefoot.lockstep.answers import Answers
+from surefoot.schemas.cmd import WalkCommand, WalkReply
 from surefoot.schemas.footholds import AssessRequest, SelectReply, SelectRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
 from surefoot.schemas.system import Health, HealthRequest
-from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, HEALTH_GET, HW_IMU, STABILITY_REGION, Query
+from surefoot.schemas.topics import (
+    CMD_WALK,
+    FOOTHOLDS_ASSESS,
+    FOOTHOLDS_SELECT,
+    HEALTH_GET,
+    HW_IMU,
+    STABILITY_REGION,
+    Query,
+)
 from tests.surefoot.expect import expect_error
 from tests.surefoot.lockstep.node_bench import MEGABYTE, SELECT, Bench
 
@@ -146,6 +155,23 @@ def test_the_same_request_of_a_tick_is_handled_once(bench: Bench, monkeypatch: p
     for fields in ({"tick": 1, "epoch": 1}, {"tick": 0, "epoch": 1}, {}, {}):
         assert ask(**fields) is not None
     assert len(handled) == 7
+
+
+def test_the_same_order_for_a_tick_is_carried_out_once() -> None:
+    """Its first answer was lost on the way; one that names no tick, or of a client, is another order."""
+    found, made = Answers(lambda late: None, lambda reason, detail: None), list[int]()
+
+    def order(participant: bool, at_tick: int | None) -> Any:
+        request = WalkCommand(action="walk", distance=0.1, at_tick=at_tick)
+        asked = MemoryIncoming(CMD_WALK, request, participant=participant)
+        found.settle(asked, lambda: (made.append(1), WalkReply(accepted=True, id=len(made)))[1], request)
+        return asked.answer
+
+    assert order(True, 50) == order(True, 50)
+    assert len(made) == 1
+    for participant, at_tick in ((True, 60), (True, None), (True, None), (False, 60), (False, 60)):
+        order(participant, at_tick)
+    assert len(made) == 6
 
 
 def test_an_answer_of_the_last_run_is_not_given_again() -> None:
