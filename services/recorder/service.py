@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from surefoot.bus.codec import encode, encoding_of
-from surefoot.bus.interface import Raw
+from surefoot.bus.interface import Delivery, Raw
 from surefoot.errors import Refusal
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
@@ -12,7 +12,6 @@ from surefoot.logline import sendable
 from surefoot.record.runhash import RunHash
 from surefoot.schemas.base import Message
 from surefoot.schemas.system import RecorderReply, RecorderRequest, SaveReply, SaveRequest
-from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
 from surefoot.schemas.topics import (
     FOOTHOLDS_CHOSEN,
     HW_DEPTH,
@@ -40,8 +39,8 @@ class Recorder(Service[RecorderConfig]):
 
     name = "recorder"
     Config = RecorderConfig
-    inputs = (*JOINED, *IMAGES)
-    observes = (*LATCHED, FOOTHOLDS_CHOSEN, SIM_STATUS, LOG)
+    inputs = (*JOINED, *IMAGES, *LATCHED)
+    observes = (FOOTHOLDS_CHOSEN, SIM_STATUS, LOG)
     serves = (RECORDER_STATUS, RECORDER_SAVE)
     raw = batched = True
 
@@ -49,6 +48,8 @@ class Recorder(Service[RecorderConfig]):
         self._output = output_of(self.config)
         self._hash = RunHash()
         self._pending: list[tuple[Topic[Any], Message]] = []
+        self._latched: dict[str, Delivery] = {}
+        """Newest message of each latched key."""
         self._known: set[tuple[str, int, int]] = set()
         self._tick, self._epoch = -1, 0
         self._finished, self._failed = False, False
@@ -60,18 +61,31 @@ class Recorder(Service[RecorderConfig]):
         self._hash, self._finished, self._failed = RunHash(), False, False
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        if isinstance(message, HeightMapMessage | LandmarkMap):  # published again for every new participant: kept once
-            identity = (topic.key, message.epoch, message.version)
-            if identity in self._known:
-                return
-            self._known.add(identity)
         self._pending.append((topic, message))
+
+    def _take_latched(self, inputs: TickInputs) -> None:
+        """Keep a map once, though it is published again for every new participant."""
+        for topic in LATCHED:
+            delivery: Delivery | None = inputs.messages.get(topic.key)
+            if delivery is None or delivery is self._latched.get(topic.key):
+                continue
+            self._latched[topic.key] = delivery
+            try:
+                message: Any = delivery.message()
+            except Refusal as refusal:
+                self.log("error", f"{topic.key} is not recorded: {refusal.message}")
+                continue
+            identity = (topic.key, message.epoch, message.version)
+            if identity not in self._known:
+                self._known.add(identity)
+                self._pending.append((topic, message))
 
     def on_tick(self, inputs: TickInputs) -> None:
         tick = inputs.tick
         self._epoch, self._tick = tick.epoch, tick.tick
         if self._output is not None and not self._finished and not self._failed:
             self._try(lambda output: output.begin(tick.epoch, tick.seed, begun=tick.tick > 0))
+        self._take_latched(inputs)
         self._flush()
         self._write(HW_TICK, tick, Raw(*encode(tick), encoding_of(type(tick))))
         for topic in (*JOINED, *IMAGES) if self.config.images else JOINED:
@@ -119,12 +133,9 @@ class Recorder(Service[RecorderConfig]):
     def _flush(self) -> None:
         pending, self._pending = self._pending, []
         for topic, message in pending:
-            if topic.deterministic and message.epoch > self._epoch:
-                self._pending.append((topic, message))  # early: of the run to come
-                continue
             raw = Raw(*encode(message), encoding_of(type(message)))
             self._write(topic, message, raw)
-            if topic.deterministic and message.epoch == self._epoch:
+            if topic.deterministic:
                 self._hash.update(topic.key, message.epoch, 0, message.seq, raw.payload, raw.attachment)
 
     def _write(self, topic: Topic[Any], header: Any, raw: Raw) -> None:

@@ -116,6 +116,7 @@ class DriverNode(Node):
         self.pace.begin(rtf if mode == "paced" else 0.0)
         self.commands, self.held, self.gave_up = Commands(), False, ""
         self._outbox.clear()
+        self._answers.begin()
         leader.begin(leader.epoch + 1)
         self._since, self._resends = self.clock(), 0
         self.state = "ready"
@@ -245,9 +246,9 @@ class DriverNode(Node):
         self.bus.flush()
 
     def _tell_latched(self) -> None:
+        """Publish latched messages, again under the same header: they count in the hash of the run."""
         for topic, message in self.driver.latched():
-            tick = max(0, self.leader.tick)
-            self._publishers[topic.key].put(message.relabelled(tick * TICK_NS, tick, self.leader.epoch, 0, self.name))
+            self._publishers[topic.key].put(message.relabelled(0, 0, self.leader.epoch, 0, self.name))
 
     def _hold(self) -> bool:
         leader = self.leader
@@ -335,8 +336,7 @@ class DriverNode(Node):
         self._unrevealed.clear()
 
     def _notify(self, sample: DueSample, tick: int) -> tuple[Publisher[Any], Any]:
-        made = sample.message
-        message = made() if callable(made) else made
+        message = sample.message() if callable(sample.message) else sample.message
         publisher = self._publishers[sample.topic.key]
         header = (sample.stamp_ns, tick, self.leader.epoch, sample.seq, self.name)
         return publisher, publisher.put(message.stamped(*header))
@@ -346,8 +346,7 @@ class DriverNode(Node):
             self.bus.cork()
             for publisher, token in self._outbox.get((self.leader.epoch, tick), ()):
                 publisher.resend(token)
-            manifest = self.leader.again(tick)
-            if manifest is not None:
+            if (manifest := self.leader.again(tick)) is not None:
                 self._publishers[HW_TICK.key].put(manifest)
             self.bus.flush()
         self._since = self._since if self.leader.state == "holding" else self.clock()
@@ -365,10 +364,11 @@ class DriverNode(Node):
         self._resends += 1
         if over or self._resends <= RESENDS:
             self.refused["resent_ticks"] += 1
+            if any(member.done < member.admitted for member in leader.members.values()):
+                self._tell_latched()  # one of them may be what a member's first tick lacks
             self._repeat_all()
             return
-        silent = leader.slowest()
-        if silent:
+        if silent := leader.slowest():
             self.log("error", f"{silent} is silent in tick {leader.tick}; it counts as lost")
             leader.drop(silent, f"{silent} is silent")
         self._resends = 0

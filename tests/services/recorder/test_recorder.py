@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 
 from surefoot.bus.codec import decode, encode
+from surefoot.bus.interface import Delivery, Raw
+from surefoot.lockstep import driver as driver_module
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
@@ -40,7 +42,7 @@ MAP = HeightMapMessage(rows=1, cols=1, cell=0.1, origin=(0.0, 0.0), version=1, d
 class ToyRecorder(Recorder):
     """Joins what the toys publish; otherwise the real one."""
 
-    inputs = (HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS)
+    inputs = (HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS, TERRAIN_MAP)
 
 
 class MappedDriver(ToyDriver):
@@ -148,7 +150,7 @@ def test_a_map_of_the_coming_epoch_that_is_early_belongs_to_its_own_run() -> Non
     first = status(system).run_hash
     driver.x = 0.0
     early = MAP.relabelled(0, 0, 2, 0, "simulator")
-    system.nodes[3].service.on_message(TERRAIN_MAP, early)  # before the last tick of the run before is worked on
+    system.nodes[3].handle(Delivery(TERRAIN_MAP, early, None, None, driver.node.instance))  # before its prime
     begin(driver, 10)
     finish(system, driver)
     second = status(system)
@@ -157,6 +159,29 @@ def test_a_map_of_the_coming_epoch_that_is_early_belongs_to_its_own_run() -> Non
     begin(other, 10)
     finish(again, other)
     assert second.run_hash == status(again).run_hash != first
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_map_that_is_lost_comes_again_and_changes_no_hash(damaged: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recorder that began a run without it would give the run another hash."""
+    monkeypatch.setattr(driver_module, "SILENCE_S", 1e-6)
+    system, driver = begun(None)
+    node, lost = system.nodes[3], list[Delivery]()
+    handle = node.handle
+
+    def lose_one(item: Any) -> None:
+        if isinstance(item, Delivery) and item.key == TERRAIN_MAP.key and not item.prime and not lost:
+            lost.append(item)
+            if damaged:
+                handle(Delivery(TERRAIN_MAP, None, Raw(b"\0" * 3, None, ""), None, item.sender))
+            return
+        handle(item)
+
+    monkeypatch.setattr(node, "handle", lose_one)
+    finish(system, driver)
+    assert lost
+    assert driver.node.leader.tick == 29
+    assert status(system).run_hash == status(record(None)[0]).run_hash
 
 
 def test_no_hash_before_the_end() -> None:

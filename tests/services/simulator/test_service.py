@@ -237,6 +237,16 @@ def test_pause_step_and_end(bench: Bench) -> None:
     assert len(bench.finish()) == 10
 
 
+def test_the_same_order_of_a_participant_is_carried_out_in_the_next_run_too(bench: Bench) -> None:
+    for _ in range(2):
+        bench.run(ticks=20, paused=True)
+        end = sim.PauseRequest(at_tick=9, end=True)
+        for _ in range(2):  # the answer to the first is lost on the way
+            bench.system.bus.call(topics.SIM_PAUSE, end, instance=bench.simulator.node.instance)
+        bench.ask(topics.SIM_STEP, sim.StepRequest())
+        assert len(bench.finish()) == 10
+
+
 def test_restore_repeats_the_run_under_a_new_epoch(bench: Bench) -> None:
     bench.run(ticks=100, paused=True, world=sim.World(terrain="demo"))
     bench.ask(topics.SIM_STEP, sim.StepRequest(ticks=17))
