@@ -93,7 +93,7 @@ def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, obj
     """Read a file (raises `error` with code `syntax` when it is not TOML)."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as err:
         raise error("syntax", path.name, f"is not valid TOML: {err}") from err
 
 

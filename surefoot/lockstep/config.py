@@ -147,7 +147,7 @@ def value_of(text: str) -> Any:
     """Return a value written as in a configuration file; what is no TOML is text."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return text
 
 

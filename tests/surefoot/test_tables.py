@@ -106,7 +106,7 @@ def test_validators_raise_the_codes_of_fields() -> None:
         assert refused(code, "sentence").type == code
 
 
-@pytest.mark.parametrize("content", [b"a = ", b"a = 1\na = 2", b"\xff\xfe"])
+@pytest.mark.parametrize("content", [b"a = ", b"a = 1\na = 2", b"\xff\xfe", b"a = " + b"[" * 100_000])
 def test_a_file_that_is_no_toml_is_refused_by_its_name(tmp_path: Any, content: bytes) -> None:
     path = tmp_path / "x.toml"
     path.write_bytes(content)

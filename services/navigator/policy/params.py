@@ -336,5 +336,5 @@ def _put(values: dict[str, Any], keys: list[str], value: Any, item: str) -> None
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return text

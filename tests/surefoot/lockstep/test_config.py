@@ -55,6 +55,7 @@ def test_own_variable_beats_that_of_all_services() -> None:
         ("path=/tmp/x = y.mcap", "/tmp/x = y.mcap"),
         ("path=", ""),
         ('path="7"', "7"),
+        ("path=" + "[" * 100_000, "[" * 100_000),
     ],
 )
 def test_values_are_read_as_toml_where_they_can_be(override: str, value: object) -> None:
