@@ -5,6 +5,8 @@ Recordings are runs of the Nao (`surefoot run nao-corridor`); their motion is se
 
 import math
 import time
+from base64 import b64encode
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +14,14 @@ import numpy as np
 from benchmarks.bench import Bench, table, words_of
 from surefoot.lab.statistics import wilson
 from surefoot.lab.vision.blur import MatchCount, StillCamera, along, by_speed, map_by_grid, share, still_camera
-from surefoot.lab.vision.replay import Published, RecordedMotion, WalkReplay, floor, images_of, read_motion
+from surefoot.lab.vision.replay import Published, RecordedMotion, TakenAt, WalkReplay, floor, images_of, read_motion
 from surefoot.services.simulator.physics.faults import Fault
+from surefoot.services.vision.conditions import Greys
 from surefoot.services.vision.eye import Eye
 from surefoot.services.vision.feature_map import FeatureMap
 from surefoot.services.vision.features import Extractor, Kind
 from surefoot.services.vision.recognise import Believed
+from surefoot.services.vision.view import greys
 
 BENCH = Bench("vision")
 
@@ -202,9 +206,44 @@ FAULTS: dict[str, tuple[Fault, ...]] = {
     "late 1 s": (Fault("camera_late", 150, 100.0, value=100.0),),
     "zoom -10 %": (Fault("camera_zoom", 150, 100.0, value=-0.1),),
     "zoom +10 %": (Fault("camera_zoom", 150, 100.0, value=0.1),),
+    "zoom -20 %": (Fault("camera_zoom", 150, 100.0, value=-0.2),),
+    "zoom +20 %": (Fault("camera_zoom", 150, 100.0, value=0.2),),
     "other floor": (),
     "other texture": (),
+    "mirrored": (),
+    "half dirty": (),
+    "torn": (),
 }
+
+
+def dirty(pixels: Greys) -> Greys:
+    """Return an image through a lens whose right half is smeared (an eighth of the width) and takes half the light."""
+    half, width = pixels.shape[1] // 2, pixels.shape[1] // 16
+    sums = np.cumsum(np.pad(pixels[:, half:].astype(np.float64), ((0, 0), (width, width)), mode="edge"), axis=1)
+    smeared = (sums[:, 2 * width :] - sums[:, : -2 * width]) / (2.0 * width)
+    return np.hstack((pixels[:, :half], (0.5 * smeared).astype(np.uint8)))
+
+
+def torn(pixels: Greys) -> Greys:
+    """Return an image whose bands of rows, a sixth of it each, came in another order."""
+    return np.vstack([np.array_split(pixels, 6)[i] for i in (3, 0, 5, 2, 1, 4)])
+
+
+SPOILT: dict[str, Callable[[Greys], Greys]] = {
+    "mirrored": lambda pixels: pixels[:, ::-1], "half dirty": dirty, "torn": torn,
+}  # fmt: skip
+"""Faults of pixels that the simulator does not have."""
+
+
+def spoilt(images: Iterable[TakenAt | None], case: str, begin: int) -> Iterable[TakenAt | None]:
+    """Yield images, from a tick on with the fault of a case of `SPOILT`."""
+    for tick, taken in enumerate(images):
+        if taken is None or tick < begin or case not in SPOILT:
+            yield taken
+            continue
+        pixels = np.ascontiguousarray(SPOILT[case](greys(taken.image)))
+        text = b64encode(pixels.tobytes()).decode()
+        yield taken._replace(image=taken.image.model_copy(update={"pixels": text, "format": "gray8"}))
 
 
 @BENCH.part()
@@ -215,6 +254,7 @@ def blind(
     texture: str = "parquet",
     runs: int = 1,
     cases: str = ",".join(FAULTS),
+    params: str = "nao-eyes",
     seconds: float = math.inf,
 ) -> None:
     """Blind cases along a recorded walk: wrong certain poses, and time until the flag, of floors from the first image.
@@ -226,6 +266,7 @@ def blind(
         texture: of the floor.
         runs: seeds of each case.
         cases: by commas.
+        params: model of the navigator.
         seconds: of the recording, from its begin.
     """
     motion = read_motion(Path(recording), seconds)
@@ -235,7 +276,8 @@ def blind(
         wrong, times, first, last, lost = 0, list[float](), list[float](), list[float](), 0
         for seed in range(runs):
             shown = floor("carpet" if case == "other texture" else texture, 5 if case.startswith("other f") else 0)
-            found = WalkReplay(world).run(motion, images_of(motion, shown, seed, None, FAULTS[case]))
+            images = spoilt(images_of(motion, shown, seed, None, FAULTS[case]), case, 150)
+            found = WalkReplay(world, params).run(motion, images)
             read = next((each.tick for each in found if each.seen.features), 0)  # the first image
             begin = read if case.startswith("other") else 150
             sds = [math.sqrt(each.covariance[0, 0] + each.covariance[1, 1]) for each in found]

@@ -10,12 +10,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
+from surefoot.geometry.linear import product
 from surefoot.record.recording import read_recording
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.topics import HW_IMAGE, HW_JOINTS, SIM_TRUTH, STATE_ODOMETRY, STATE_POSE
@@ -28,6 +29,7 @@ from surefoot.services.vision.view import Patch
 
 from .build import BuildOptions, build_map
 from .sightings import Sightings
+from .turned import ALL, TILTS, FloorLook, camera_error, effects, set_right
 
 Array = NDArray[np.float64]
 
@@ -39,18 +41,12 @@ PER_M2 = 150.0
 """Largest density of a map, features per m^2."""
 MOST_OF_IMAGE, MOST_OF_TILE = 250, 4000
 """Features of an image and of a part of a photograph, at most."""
+AHEAD, SMALLEST = np.array([[0.75, 0.0], [0.75, 0.3]]), 1e-3
+"""Points of the floor and least way by which an error of the camera moves them that is taken off, m."""
+PASSAGE = 0.3
+"""m walked without a sight of a feature, after which the next one is of another passage."""
 TILE, OVERLAP = 1000, 60
 """px, parts of a photograph."""
-
-
-class FloorLook(NamedTuple):
-    """Features of one image, and the pose it was taken from."""
-
-    pose: tuple[float, float, float]
-    """x, y in m and heading in rad."""
-    places: Array
-    """In heading axes of base_link, (n, 2) m."""
-    descriptors: NDArray[Any]
 
 
 @dataclass
@@ -141,7 +137,7 @@ def _assigned(at: Array, descriptors: NDArray[Any], found: Tracks, slack: Array)
 def map_of(
     looks: list[FloorLook], eye: Eye, camera: str, source: str, exact: bool, least: int = 3, per_m2: float = PER_M2
 ) -> FeatureMap:
-    """Return the map of images.
+    """Return the map of images; what all images of the walk have wrong in common is taken off first, see `turned`.
 
     Args:
         looks: features and poses of the images, in order.
@@ -162,6 +158,10 @@ def map_of(
         else BuildOptions(range_share=0.01, range_sd=0.012, bearing_sd=math.radians(1.2), look_sd=1e-3, least=least)
     )
     found, mine = track(looks, kind, options)
+    error = camera_error(looks, mine if exact else passages(looks, mine), ALL if exact else TILTS)
+    if np.hypot(*(effects(looks[0]._replace(places=AHEAD)) @ error).T).max() > SMALLEST:
+        looks = set_right(looks, error)
+        found, mine = track(looks, kind, options)
     kept = np.flatnonzero(found.count >= least)
     if len(kept) < 2:
         most = int(found.count.max(initial=0))
@@ -176,6 +176,17 @@ def map_of(
         opencv().__version__,
     )  # fmt: skip
     return whole.chosen(kept).pruned(least, per_m2)
+
+
+def passages(looks: list[FloorLook], tracks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return a number for the sightings of each feature in one passage, in which poses hold together, (n,)."""
+    ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
+    way = np.repeat(ways, [len(look.places) for look in looks])
+    order = np.lexsort((np.arange(len(tracks)), tracks))
+    begins = (np.diff(tracks[order]) > 0) | (np.diff(way[order]) > PASSAGE)
+    found = np.empty(len(tracks), dtype=np.int64)
+    found[order] = np.cumsum(np.concatenate(([False], begins)))
+    return found
 
 
 def _improved(
@@ -243,7 +254,9 @@ def looks_of(messages: Iterable[tuple[str, Any]], eye: Eye, source: str, robot: 
             if not flags:
                 x, y = (float(np.interp(message.stamp_ns, stamps, [pose[i] for pose in poses])) for i in (0, 1))
                 turn = float(np.interp(message.stamp_ns, stamps, heading))
-                looks.append(FloorLook((x, y, turn), eye.patch.place(found.pixels), found.descriptors))
+                at = product(here[1].rot, np.array(message.position))
+                camera = (float(at[0]), float(at[1]), here[1].height + float(at[2]))
+                looks.append(FloorLook((x, y, turn), eye.patch.place(found.pixels), found.descriptors, camera))
     return looks
 
 

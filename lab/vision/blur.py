@@ -31,7 +31,8 @@ from surefoot.services.vision.motion import MotionHistory
 from surefoot.services.vision.recognise import Believed, RecogniseParams
 from surefoot.services.vision.view import FloorPose, Patch
 
-from ..maps.images import FloorLook, map_of
+from ..maps.images import map_of
+from ..maps.turned import FloorLook
 from .replay import RecordedMotion, TakenAt
 
 Array = NDArray[np.float64]

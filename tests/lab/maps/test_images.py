@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from surefoot.errors import SurefootError
-from surefoot.lab.maps.images import FloorLook, map_of, map_of_photograph, map_of_source
+from surefoot.lab.maps.images import map_of, map_of_photograph, map_of_source
+from surefoot.lab.maps.turned import FloorLook
 from surefoot.services.vision.eye import Eye
 from surefoot.services.vision.features import Extractor
 from surefoot.services.vision.view import Patch

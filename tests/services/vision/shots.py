@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 
 from surefoot.geometry.rotations import matrix_from_rpy
-from surefoot.lab.maps.images import FloorLook, map_of
+from surefoot.lab.maps.images import map_of
+from surefoot.lab.maps.turned import FloorLook
 from surefoot.schemas.hw import CameraImage
 from surefoot.services.simulator.messages import image_message
 from surefoot.services.simulator.sensors import floors, images

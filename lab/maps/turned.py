@@ -1,0 +1,106 @@
+"""Errors of the camera of a walk and of its floor that all images share, by the features that they show.
+
+A camera pitched by p and rolled by q too far, on a floor that leans by (f, g) about the axes of the map, turned aside
+by s and set off by (u, v), shows a feature at
+
+    z = d + T(d) ((p, q) + R^T (f, g)) + s J d + (u, v),        T(d) = h I + d d^T / h
+
+in heading axes, d the true place there, h the height of the camera. With X the place of the feature in the map and a
+pose of position t and rotation R, R z + t less its mean over the sightings of a feature is linear in the seven. The
+same way there and back shows all of them; along one way a tilt shows itself as a feature that moves while the robot
+nears it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+HEIGHT = 0.45
+"""Height of a camera over the floor where it is not stated, m."""
+LIKELY = (*np.radians((3.0, 3.0, 1.0, 1.0, 3.0)), 0.02, 0.02)
+"""Standard deviations of p, q, f, g, s, rad, and of u, v, m, before anything was seen."""
+ALL, TILTS = 7, 4
+"""Number of the errors, and of those that a walk shows whose poses drift."""
+PLACE_SD, HUBER, ROUNDS = 0.01, 0.02, 5
+"""Noise of a sighting, m; residual from which on it counts less, m; solutions with weights of the one before."""
+
+
+class FloorLook(NamedTuple):
+    """Features of one image, and the pose it was taken from."""
+
+    pose: tuple[float, float, float]
+    """x, y in m and heading in rad."""
+    places: Array
+    """In heading axes of base_link, (n, 2) m."""
+    descriptors: NDArray[np.generic]
+    camera: tuple[float, float, float] = (0.0, 0.0, HEIGHT)
+    """Camera in heading axes of base_link, origin on the floor, m."""
+
+
+def tilts(places: Array, camera: tuple[float, float, float]) -> Array:
+    """Return how far points of the floor seem to move by a pitch and a roll of one radian, (n, 2, 2) m, columns P, Q.
+
+    Args:
+        places: points, (n, 2) m.
+        camera: x, y and height, m, in the same axes.
+    """
+    d, h = places - camera[:2], camera[2]
+    eye = h * np.eye(2)
+    return eye + d[:, :, None] * d[:, None, :] / h
+
+
+def effects(look: FloorLook, free: int = ALL) -> Array:
+    """Return the effect of p, q, f, g, s, u, v on the places of a look, (n, 2, 7); that of those beyond `free` is 0."""
+    found, places = np.zeros((len(look.places), 2, ALL)), look.places
+    found[:, :, :2] = tilts(places, look.camera)
+    found[:, :, 2:4] = found[:, :, :2] @ turn_of(look.pose[2]).T
+    found[:, 0, 4], found[:, 1, 4] = -places[:, 1], places[:, 0]
+    found[:, 0, 5] = found[:, 1, 6] = 1.0
+    found[:, :, free:] = 0.0
+    return found
+
+
+def turn_of(heading: float) -> Array:
+    """Return rot_map_from_heading, (2, 2)."""
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([[c, -s], [s, c]])
+
+
+def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = ALL) -> Array:
+    """Return p, q, f, g, s, rad, and u, v, m, of a camera, (7,).
+
+    Args:
+        looks: of a walk.
+        tracks: feature of each sighting in order, (n,); sightings of one feature lie where poses hold together.
+        free: how many of the seven are looked for, the others are 0.
+    """
+    placed, moved = list[Array](), list[Array]()
+    for look in looks:
+        rot = turn_of(look.pose[2])
+        placed.append(look.places @ rot.T + look.pose[:2])
+        moved.append(np.einsum("ij,njk->nik", rot, effects(look, free)))
+    _, group, count = np.unique(tracks, return_inverse=True, return_counts=True)
+    rows = _centred(np.concatenate(moved).reshape(len(group), -1), group, count).reshape(-1, ALL)
+    right = _centred(np.concatenate(placed), group, count)
+    found, weight = np.zeros(ALL), np.ones(len(group))
+    for _ in range(ROUNDS):
+        scaled = rows * np.repeat(weight / PLACE_SD**2, 2)[:, None]
+        found = np.linalg.solve(rows.T @ scaled + np.diag(1.0 / np.square(LIKELY)), scaled.T @ right.ravel())
+        left = np.hypot(*(right - (rows @ found).reshape(-1, 2)).T)
+        weight = np.minimum(1.0, HUBER / np.maximum(left, 1e-9))
+    return found
+
+
+def _centred(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
+    """Return values (n, k) less the mean of their group."""
+    means = np.stack([np.bincount(group, column) for column in values.T], axis=1) / count[:, None]
+    return values - means[group]
+
+
+def set_right(looks: list[FloorLook], error: Array) -> list[FloorLook]:
+    """Return looks as a camera without errors (7,) has them."""
+    return [look._replace(places=look.places - effects(look) @ error) for look in looks]
