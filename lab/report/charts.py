@@ -47,6 +47,20 @@ def charts(
         found.append(_odometry(truth, odometry))
     if traces.stances:
         found.append(_sliding(traces, feet, limits, worst))
+    if len(sight := traces.series("state/landmarks")):
+        found.append(
+            _chart(
+                "Features of an image",
+                "",
+                [
+                    _series(name, colour, sight[:, 0], sight[:, i])
+                    for i, (name, colour) in enumerate(
+                        (("found", GREY), ("with a candidate in the gate", ORANGE), ("recognised", GREEN)), start=1
+                    )
+                ],
+                zero=True,
+            )
+        )
     if len(velocity):
         found += _consistency(traces)
     return [chart for chart in found if any(len(series["t"]) for series in chart["series"])]

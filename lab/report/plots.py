@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from . import navigation_plots
 from .drawing import BLUE, GREEN, INK, ORANGE, PAPER, STYLE, svg_of
+from .sights import figure_of
 from .traces import Array, Traces
 
 MAX_POINTS = 1500  # of one curve: more cannot be seen and only makes the page heavy
@@ -36,6 +37,7 @@ def draw(traces: Traces, timings: Mapping[str, Timing]) -> dict[str, str]:
             (lambda: navigation_plots.top_view(traces)) if len(traces.series("state/pose")) else None
         ),
         "What it decided": (lambda: navigation_plots.decisions(traces)) if traces.choices else None,
+        "What it saw": (lambda: figure_of(traces.sights.by_action)) if traces.sights.by_action else None,
         "Height along the way": (lambda: _profile(traces)) if len(truth) else None,
         "Time in a tick": (lambda: _timing(timings)) if timings else None,
     }

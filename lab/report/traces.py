@@ -15,6 +15,8 @@ from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.recording import read_recording
 
+from .sights import SightKeeper
+
 Array = NDArray[np.float64]
 
 VARIANTS = ("imu", "kinematics", "kinematics_gyro", "ekf", "best")
@@ -27,6 +29,8 @@ KEYS = (
     "state/stability",
     "state/pose",
     "navigator/feedback",
+    "hw/image",
+    "state/landmarks",
 )
 """Keys with data on a run; others are ignored."""
 
@@ -87,6 +91,7 @@ class Traces:
     events: list[Mark] = field(default_factory=list)
     choices: list[DecisionTrace] = field(default_factory=list)
     goals: list[GoalEnd] = field(default_factory=list)
+    sights: SightKeeper = field(default_factory=SightKeeper)
     ground: tuple[Array, float, tuple[float, float]] | None = None
     """Heights (ny, nx) m, cell m, centre of cell [0, 0] (x, y) m of the map that the robot was given."""
     fallen_at: float | None = None
@@ -123,6 +128,7 @@ class Traces:
         self.events.clear()
         self.choices.clear()
         self.goals.clear()
+        self.sights = SightKeeper()
         self._decided, self._goal = 0, ("", "")
         self.fallen_at, self.last_tick, self._finished, self._gait = None, -1, (), ("", "")
 
@@ -158,6 +164,8 @@ class Traces:
         """Columns: time, position 3 (odom), yaw, standard deviations of x and y, initialised."""
         variance = np.maximum(np.array(m.covariance).reshape(4, 4).diagonal(), 0.0)
         time = self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
+        if "state/landmarks" in self.rows:
+            self.sights.moved(m.stamp_ns, m.position, m.yaw, matrix_from_quat(np.array(m.quat_wxyz)))
         if "sim/truth" not in self.rows:  # what the robot measured itself is all there is
             self.stances += [StanceTrace(time, s.foot, s.slip, tuple(s.begin[:2])) for s in m.stances]
 
@@ -181,6 +189,7 @@ class Traces:
         """Columns: time, x, y, yaw (map), covariance 9 of them, entropy, drift, its sd, matched, lost probability."""
         lost = m.lost_probability
         time = self._row(key, m, *m.pose, *m.covariance, m.entropy, m.drift, m.drift_sd, m.matched, lost)
+        self.sights.believed(m)
         if m.lost and m.lost_reason and m.lost_reason not in {event.text for event in self.events}:
             self.note(time, m.lost_reason)
 
@@ -201,6 +210,15 @@ class Traces:
             )
         self._goal = now
 
+    def _image(self, key: str, m: Any) -> None:
+        self.sights.image(m)
+
+    def _landmarks(self, key: str, m: Any) -> None:
+        """Columns: time, features, those with a candidate, recognised; of new images only."""
+        if m.fresh:
+            self._row(key, m, m.features, m.compared, m.recognised)
+            self.sights.landmarks(m, self.choices[-1].action if self.choices else "")
+
     def _map(self, key: str, m: Any) -> None:
         heights = np.frombuffer(m.data, dtype="<f4").reshape(m.rows, m.cols).astype(np.float64)
         self.ground = (heights, m.cell, tuple(m.origin))
@@ -213,6 +231,8 @@ _READERS = {
     "state/stability": Traces._stability,
     "state/pose": Traces._pose,
     "navigator/feedback": Traces._feedback,
+    "hw/image": Traces._image,
+    "state/landmarks": Traces._landmarks,
     "terrain/map": Traces._map,
     **{key: Traces._velocity for key in KEYS if key.startswith("state/velocity")},
 }

@@ -19,12 +19,15 @@ from surefoot.robot.kinematics import forward
 from surefoot.services.footholds.learning.quality import slip_interval
 from surefoot.services.stability.programs.contacts import ContactSet, StabilityError
 from surefoot.services.stability.regions.equilibrium import least_forces
+from surefoot.services.vision.messages import places_of
+from surefoot.services.vision.recognise import RecogniseParams, gate_radius
 
 from .shapes import Array, DrawnGround, body_of
 
 KEYS = (
     "sim/truth", "hw/joints", "hw/contacts", "hw/imu", "state/velocity", "state/odometry", "state/gait",
-    "state/stability", "footholds/chosen", "state/pose", "navigator/feedback", "terrain/map", "terrain/landmarks",
+    "state/stability", "footholds/chosen", "state/pose", "state/landmarks", "navigator/feedback", "terrain/map",
+    "terrain/landmarks",
 )  # fmt: skip
 """Keys that a scene is made of; others are ignored."""
 
@@ -161,6 +164,8 @@ class RobotScene:
             self.marks.clear()
         if message.epoch < self.epoch and not key.startswith("terrain/"):
             return
+        if key == "state/landmarks" and not message.fresh:
+            return  # of no image: the last one stays
         self._latest[key] = message
         if key == "terrain/map":
             heights = np.frombuffer(message.data, dtype="<f4").reshape(message.rows, message.cols)
@@ -219,6 +224,9 @@ class RobotScene:
             items.append(self._ghost(*estimate))
         truth, gait = self._latest.get("sim/truth"), self._latest.get("state/gait")
         text = "" if gait is None else f"{gait.state}: {gait.reason}" if gait.reason else gait.state
+        feedback = self._latest.get("navigator/feedback")
+        if feedback is not None and feedback.decision is not None:
+            text += f", action {feedback.decision.action}"
         posture = next(m for key in POSTURE if (m := self._latest.get(key)) is not None)
         return Snapshot(
             posture.stamp_ns * 1e-9, position, rot, q, link_rot, links, points, estimate, tuple(items),
@@ -333,10 +341,25 @@ class RobotScene:
             circle = np.column_stack((np.cos(ELLIPSE), np.sin(ELLIPSE)))
             around = CONFIDENCE_95 * circle * np.sqrt(np.maximum(values, 0.0)) @ axes.T
             items.append(Item("belief", self._on_ground(np.array(pose.pose[:2]) + around)))
+            items += self._matches(pose)
         if feedback is not None and feedback.goal_pose is not None:
             foot = self._on_ground(np.array(feedback.goal_pose)[None])[0]
             items.append(Item("goal", np.array([foot + self.body.extent * UP, foot])))
         return items
+
+    def _matches(self, pose: Any) -> list[Item]:
+        """Return the landmarks that vision recognised, by the believed pose, and the gate of the farthest."""
+        seen = self._latest.get("state/landmarks")
+        if seen is None or not seen.landmarks:
+            return []
+        x, y, yaw = pose.pose
+        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        places = places_of(seen)
+        reach = gate_radius(places, np.array(pose.covariance).reshape(3, 3), RecogniseParams())
+        at, i = np.array([x, y]) + places @ turn.T, int(reach.argmax())
+        around = at[i] + reach[i] * np.column_stack((np.cos(ELLIPSE), np.sin(ELLIPSE)))
+        gate = [] if seen.anywhere else [Item("gate", self._on_ground(np.vstack((around, around[:1]))))]
+        return [Item("match", self._on_ground(at)), *gate]
 
     def _values(self, rot: Array, estimate: tuple[Array, Array] | None) -> dict[str, float]:
         """Return the numbers beside the picture; those without data are left out."""
@@ -355,6 +378,10 @@ class RobotScene:
             found["margin_measured"] = None if measured is None else 1000.0 * measured
         if gait is not None:
             found["remaining"] = gait.remaining
+        if (pose := self._latest.get("state/pose")) is not None:
+            found["entropy"] = pose.entropy
+        if (seen := self._latest.get("state/landmarks")) is not None:
+            found |= {"features": seen.features, "matches": len(seen.landmarks)}
         return {name: value for name, value in found.items() if value is not None}
 
 

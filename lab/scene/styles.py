@@ -41,6 +41,8 @@ STYLES: dict[str, Style] = {
     "ghost": Style("estimate", "line", "#7a4fb5", 0.007, "estimated pose"),
     "belief": Style("belief", "fill", "#e07b1a", 0.006, "pose in the map, 95 %"),
     "goal": Style("belief", "arrow", "#2a9d63", 0.02, "goal"),
+    "match": Style("landmarks", "ring", "#2a9d63", 0.016, "landmark recognised in the image"),
+    "gate": Style("landmarks", "line", "#2a9d63", 0.004, "gate of the farthest of them"),
     "landmark": Style("landmarks", "dot", "#b08d2e", 0.012, "landmark"),
 }  # fmt: skip
 """Looks of all items, by name."""
@@ -54,5 +56,8 @@ VALUES: dict[str, tuple[str, str, int]] = {
     "drift": ("odometry error", "cm", 2),
     "remaining": ("still to go", "m", 2),
     "nis": ("NIS", "", 2),
+    "entropy": ("entropy of the pose", "nats", 2),
+    "features": ("features of the image", "", 0),
+    "matches": ("matches with the map", "", 0),
 }
 """Numbers of a snapshot: title, unit, decimals."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import wrap_angle
-from surefoot.schemas.hw import Landmark
+from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import PoseBelief
 from surefoot.schemas.state import SeenLandmarks
 
@@ -32,6 +32,13 @@ def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:
     c, s = math.cos(turn), math.sin(turn)
     place = product(np.array([[c, -s], [s, c]]), np.array(then.pose[:2]))
     return Believed(np.array([x + place[0], y + place[1], wrap_angle(turn + then.pose[2])]), covariance)
+
+
+def places_of(message: LandmarkDetections) -> Array:
+    """Return the landmarks of a message in heading axes of base_link at its stamp, (k, 2) m."""
+    return np.array(
+        [(m.range * math.cos(m.bearing), m.range * math.sin(m.bearing)) for m in message.landmarks]
+    ).reshape(-1, 2)  # fmt: skip
 
 
 def landmarks_message(places: Array, seen: Seen, codes: Array, stamp_ns: int, flags: tuple[str, ...]) -> SeenLandmarks:

@@ -125,6 +125,13 @@ def recognise(
     return Recognised(found[order], mark[order], belief is None, int(agree.sum()), compared, scale)
 
 
+def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
+    """Return how far from places (n, 2) m, heading axes, features of the map are candidates, (n,) m; p (3, 3)."""
+    half, bend = 0.5 * (p[0, 0] + p[1, 1]), math.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
+    away = np.hypot(places[:, 0], places[:, 1])
+    return params.slack + math.sqrt(params.chi2) * np.sqrt(half + bend + away**2 * p[2, 2])
+
+
 def _gate(
     places: Array, world: FeatureMap, belief: Believed | None, params: RecogniseParams
 ) -> tuple[NDArray[np.bool_], Index]:
@@ -134,11 +141,7 @@ def _gate(
     x, y, heading = belief.pose
     c, s = math.cos(heading), math.sin(heading)
     at = np.stack((x + c * places[:, 0] - s * places[:, 1], y + s * places[:, 0] + c * places[:, 1]), axis=1)
-    p = belief.covariance
-    half, bend = 0.5 * (p[0, 0] + p[1, 1]), math.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
-    sds = math.sqrt(params.chi2)
-    away = np.hypot(places[:, 0], places[:, 1])
-    reach = params.slack + sds * np.sqrt(half + bend + away**2 * p[2, 2])  # (n,)
+    reach = gate_radius(places, belief.covariance, params)
     if len(at) == 0:
         return np.zeros((0, 0), dtype=np.bool_), np.zeros(0, dtype=np.int64)
     low, high = (at - reach[:, None]).min(axis=0), (at + reach[:, None]).max(axis=0)

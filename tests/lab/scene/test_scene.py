@@ -14,6 +14,9 @@ from surefoot.lab.scene.styles import STYLES, VALUES
 from surefoot.record.recording import open_readable, read_recording
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot, robot_names
+from surefoot.schemas.hw import Landmark
+from surefoot.schemas.navigation import PoseBelief
+from surefoot.schemas.state import SeenLandmarks
 from surefoot.services.footholds.learning.quality import LEAST
 
 
@@ -100,6 +103,30 @@ def test_a_centre_of_mass_outside_has_no_forces_that_hold_it(recorded):
     away = last["state/stability"].message().model_copy(update={"com_planned": (0.5, 0.0), "margin_planned": None})
     scene.feed("state/stability", lambda: away)
     assert "holding" not in styles(scene.snapshot())
+
+
+def test_recognised_landmarks_lie_where_the_belief_places_them_within_one_gate(recorded):
+    scene = RobotScene(load_robot("ragno"))
+    for item in read_recording(recorded, ("hw/joints", "sim/truth")):
+        scene.feed(item.key, item.message)
+    truth = decoded(recorded, "sim/truth")[-1]
+    cov = np.diag([1e-4, 1e-4, 4e-4])
+    pose = PoseBelief(
+        pose=(1.0, 2.0, np.pi / 2), covariance=tuple(cov.ravel().tolist()), entropy=-8.0, drift=0.0, drift_sd=0.1,
+        map_from_odom=(0.0, 0.0, 0.0), initialised=True, control="odometry", matched=2,
+    ).stamped(truth.stamp_ns, truth.tick, truth.epoch, 0, "navigator")  # fmt: skip
+    marks = (Landmark(range=1.0, bearing=0.0, descriptor=()), Landmark(range=0.5, bearing=np.pi / 2, descriptor=()))
+    seen = SeenLandmarks(landmarks=marks, fresh=True, features=40)
+    seen = seen.stamped(truth.stamp_ns, truth.tick, truth.epoch, 0, "vision")
+    scene.feed("state/pose", lambda: pose)
+    scene.feed("state/landmarks", lambda: seen)
+    shown = scene.snapshot()
+    items = {item.style: item.points[:, :2] for item in shown.items}
+    assert items["match"] == pytest.approx(np.array([[1.0, 3.0], [0.5, 2.0]]), abs=1e-9)
+    assert np.hypot(*(items["gate"] - [1.0, 3.0]).T) == pytest.approx(0.04 + np.sqrt(9.21 * 5e-4))
+    assert (shown.values["entropy"], shown.values["features"], shown.values["matches"]) == (-8.0, 40, 2)
+    scene.feed("state/landmarks", lambda: seen.model_copy(update={"fresh": False, "landmarks": ()}))
+    assert "match" in styles(scene.snapshot())
 
 
 def test_labels_are_score_slip_and_interval_of_the_choice_whose_foothold_is_stepped_to(film, recorded):
