@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.errors import Refusal
+from surefoot.errors import Refusal, SurefootError
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.recording import read_recording
@@ -265,6 +265,17 @@ def read_traces(kept: Iterable[KeptMessage], notes: Iterable[tuple[float, str]] 
     for time_s, text in notes:
         traces.note(time_s, text)
     return traces
+
+
+def sights_of(file: Path) -> SightKeeper:
+    """Return the images of a recording with what was recognised in them; none where it cannot be read or has none."""
+    keys = ("hw/image", "state/landmarks", "state/odometry", "state/pose", "navigator/feedback")
+    try:
+        if next(iter(read_recording(file, keys[:1])), None) is None:
+            return SightKeeper()
+        return read_traces(read_recording(file, keys)).sights
+    except SurefootError:
+        return SightKeeper()
 
 
 def traces_of(file: Path) -> Traces:

@@ -29,7 +29,7 @@ from ..report.judge import RunVerdict, judge
 from ..report.page import About, write_report
 from ..report.plots import Timing
 from ..report.recorded import filmed
-from ..report.traces import Traces, read_traces
+from ..report.traces import Traces, read_traces, sights_of
 from ..report.why import explain
 from ..scene.film import Film
 from .attached import attached
@@ -272,6 +272,8 @@ def _reported(
     """Write the report; return its path, None where it cannot be written, which then is a note of the verdict."""
     verdict = _explained(verdict, recording)
     about, film = _filmed(recording, about)
+    if recording is not None:  # the supervisor, whose messages the traces are, receives no images
+        traces.sights = sights_of(recording)
     try:
         return write_report(path, about, traces, verdict, film), verdict
     except OSError as error:

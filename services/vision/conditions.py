@@ -27,6 +27,8 @@ def conditions(pixels: Greys, before: Greys | None) -> tuple[str, ...]:
         return (*found, "dark")
     if np.count_nonzero(pixels >= WHITE_FROM) > MOST_WHITE * pixels.size:
         found.append("bright")
+    if min(pixels.shape) < BLOCKS:
+        return tuple(found)
     height, width = (n // BLOCKS * BLOCKS for n in pixels.shape)
     parts = pixels[:height, :width].reshape(BLOCKS, height // BLOCKS, BLOCKS, width // BLOCKS)
     blocks = np.mean(parts, axis=(1, 3), dtype=np.float64)

@@ -18,7 +18,7 @@ from surefoot.disk import regular_size
 from surefoot.errors import Refusal
 from surefoot.npz import BROKEN_NPZ, damage_of
 
-from .features import KINDS, MOST_COMPARED, Kind, distances
+from .features import KINDS, MOST_COMPARED, Kind, distances, nothing
 
 Array = NDArray[np.float64]
 
@@ -170,6 +170,8 @@ def _checked(table: dict[str, Any], name: str) -> FeatureMap:
     shapes = (table["positions"].shape, looks.shape, table["seen"].shape, table["sd"].shape)
     if shapes != ((n, 2), (n, KINDS[cast(Kind, kind)].length), (n,), (n,)) or not 1 <= n <= MOST_COMPARED:
         raise Refusal("malformed", f"{name}: arrays of {shapes} do not make a map of {kind} features", "map")
+    if looks.dtype != nothing(cast(Kind, kind)).descriptors.dtype:
+        raise Refusal("malformed", f"{name}: descriptors of {looks.dtype} are none of {kind}", "map")
     if not np.isfinite(table["positions"]).all() or not np.isfinite(table["sd"]).all():
         raise Refusal("malformed", f"{name}: places are not finite", "map")
     return FeatureMap(

@@ -43,6 +43,9 @@ Turn = tuple[float, float, float]
 STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12
 """First states of the strain, the turn, the errors that fade, the pose; number of states."""
 RIGHT, STRAINED, TILTED, ASIDE = 0, 1, 2, 3
+NOTABLE = 2.0
+"""Least turn that is corrected, in standard deviations of a camera that looks where it should: a precise camera shows
+less than that with certainty."""
 LEAST, MOST = 2, 20
 """Least matches of a frame that is looked at, and most that count."""
 
@@ -299,11 +302,14 @@ class MapStrain:
     def sure_turn(self) -> Turn | None:
         """Pitch, roll and s of the camera, rad, as far as they are believed and known; None = they are not."""
         probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
-        for number, parts in ((TILTED, (0, 1)), (ASIDE, (2,))):
+        for number, parts, small in ((TILTED, (0, 1), self.model.small[1]), (ASIDE, (2,), self.model.small[2])):
             case = self._cases[number]
             for i in parts if probabilities[number] >= self.model.turn_sure else ():
                 if case.cov[TURN + i, TURN + i] < self.model.known_sd**2:
                     found[i] = float(case.mean[TURN + i])
+            if math.hypot(*(found[i] for i in parts)) < NOTABLE * small:
+                for i in parts:
+                    found[i] = 0.0
         return (found[0], found[1], found[2]) if any(found) else None
 
     @property

@@ -97,6 +97,7 @@ def test_a_wrong_focal_length_is_noticed_by_the_scale():
 
 
 def test_conditions_of_pixels():
+    assert conditions(np.full((1, 1), 90, np.uint8), None) == ()
     rng = np.random.default_rng(0)
     good = rng.integers(60, 200, (48, 64)).astype(np.uint8)
     assert conditions(good, None) == conditions(good, good + 1) == ()

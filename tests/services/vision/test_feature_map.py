@@ -49,9 +49,10 @@ def test_what_is_no_map_of_features_is_refused(tmp_path):
     (tmp_path / "cut.npz").write_bytes(path.read_bytes()[:300])
     np.savez(tmp_path / "other.npz", positions=world.positions)
     save(replace(world, descriptors=world.descriptors[:, :16]), tmp_path / "short.npz")
+    save(replace(world, descriptors=world.descriptors.astype(np.float32)), tmp_path / "float.npz")
     with np.errstate(invalid="ignore"):
         save(replace(world, positions=world.positions * np.nan), tmp_path / "nan.npz")
-        for name in ("cut", "other", "short", "nan", "absent"):
+        for name in ("cut", "other", "short", "float", "nan", "absent"):
             with pytest.raises(Refusal, match=f"{name}.npz"):
                 load(tmp_path / f"{name}.npz")
     assert not has_features(tmp_path / "absent.npz")

@@ -72,6 +72,14 @@ def test_a_tilted_camera_is_measured(turn):
     assert np.degrees(check.sure_turn) == pytest.approx(turn, abs=1.0)
 
 
+def test_a_turn_that_a_right_camera_may_have_is_not_corrected():
+    check = looked(4, turn=np.radians((3.0, 0.0, 0.0)))
+    case = check._cases[TILTED]
+    case.mean[strain.TURN : strain.TURN + 2] *= 0.3 / 3.0
+    assert check.probabilities[TILTED] > 0.99
+    assert check.sure_turn is None
+
+
 def test_a_camera_turned_aside_shows_itself_over_a_way_only():
     aside = (0.0, 0.0, math.radians(6.0))
     standing = looked(5, turn=aside, frames=80)
