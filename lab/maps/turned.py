@@ -86,10 +86,14 @@ def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = 
     _, group, count = np.unique(tracks, return_inverse=True, return_counts=True)
     rows = _centred(np.concatenate(moved).reshape(len(group), -1), group, count).reshape(-1, ALL)
     right = _centred(np.concatenate(placed), group, count)
-    found, weight = np.zeros(ALL), np.ones(len(group))
+    found: Array = np.zeros(ALL)
+    weight: Array = np.ones(len(group))
     for _ in range(ROUNDS):
         scaled = rows * np.repeat(weight / PLACE_SD**2, 2)[:, None]
-        found = np.linalg.solve(rows.T @ scaled + np.diag(1.0 / np.square(LIKELY)), scaled.T @ right.ravel())
+        found = np.asarray(
+            np.linalg.solve(rows.T @ scaled + np.diag(1.0 / np.square(LIKELY)), scaled.T @ right.ravel()),
+            dtype=np.float64,
+        )
         left = np.hypot(*(right - (rows @ found).reshape(-1, 2)).T)
         weight = np.minimum(1.0, HUBER / np.maximum(left, 1e-9))
     return found
