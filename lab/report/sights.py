@@ -33,7 +33,7 @@ ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 COLUMNS = 2
 
 
-class Sight(NamedTuple):
+class SeenImage(NamedTuple):
     """One image and what was recognised in it."""
 
     time: float
@@ -59,7 +59,7 @@ class SightKeeper:
         by_action: last sight of each action.
     """
 
-    by_action: dict[str, Sight] = field(default_factory=dict[str, Sight])
+    by_action: dict[str, SeenImage] = field(default_factory=dict[str, SeenImage])
     _images: deque[Any] = field(default_factory=lambda: deque[Any](maxlen=IMAGES))
     _moments: deque[tuple[OdometryAt, FloorPose]] = field(
         default_factory=lambda: deque[tuple[OdometryAt, FloorPose]](maxlen=MOMENTS)
@@ -92,7 +92,7 @@ class SightKeeper:
         places = since(places_of(message), now, then)
         entropy = math.nan if self._belief is None else self._belief.entropy
         reach = np.full(len(places), math.nan) if message.anywhere else self._reach(places)
-        sight = Sight(image.stamp_ns * 1e-9, image, base, places, message, reach, entropy)
+        sight = SeenImage(image.stamp_ns * 1e-9, image, base, places, message, reach, entropy)
         self.by_action[action] = sight
 
     def _reach(self, places: Array) -> Array:
@@ -102,7 +102,7 @@ class SightKeeper:
         return gate_radius(places, np.array(self._belief.covariance).reshape(3, 3), RecogniseParams())
 
 
-def in_image(places: Array, sight: Sight) -> Array:
+def in_image(places: Array, sight: SeenImage) -> Array:
     """Return where an image shows points of the floor, heading axes of base_link, (n, 2) px."""
     patch = Patch()
     above = np.stack(
@@ -112,7 +112,7 @@ def in_image(places: Array, sight: Sight) -> Array:
     return found[:, :2] / found[:, 2:]
 
 
-def features(sight: Sight, pixels: NDArray[np.uint8]) -> Array:
+def features(sight: SeenImage, pixels: NDArray[np.uint8]) -> Array:
     """Return the features of an image, (n, 2) px; none without OpenCV."""
     try:
         found = Extractor("orb", COUNT).find(*from_above(sight.image, pixels, sight.base, Patch()))
@@ -121,7 +121,7 @@ def features(sight: Sight, pixels: NDArray[np.uint8]) -> Array:
     return in_image(Patch().place(found.pixels), sight)
 
 
-def figure_of(sights: dict[str, Sight]) -> Figure:
+def figure_of(sights: dict[str, SeenImage]) -> Figure:
     """Return the images of actions: features, matches with their gates, entropy of the pose."""
     rows = -(-len(sights) // COLUMNS)
     figure = Figure(figsize=(7.6, 3.1 * rows), layout="constrained", facecolor=PAPER)
@@ -131,7 +131,7 @@ def figure_of(sights: dict[str, Sight]) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, action: str, sight: Sight) -> None:
+def _draw(axes: Axes, action: str, sight: SeenImage) -> None:
     axes.set_axis_off()
     seen, where = sight.seen, "whole map" if sight.seen.anywhere else "gates"
     axes.set_title(

@@ -90,8 +90,9 @@ class EstimatorService(Service[EstimatorConfig]):
         e = self.estimator
         e.silent = {key: age for key, age in inputs.late.items() if key != HW_EXTERNAL.key}  # it may come and go
         self.publish(STATE_VELOCITY, velocity_message(e.estimate(self.config.mode)), e.stamp_ns)
-        self.publish(STATE_ODOMETRY, odometry_message(e.pose(), e.initialised, self._stances), e.stamp_ns)
-        self._stances = []
+        if STATE_ODOMETRY.due(inputs.number):
+            self.publish(STATE_ODOMETRY, odometry_message(e.pose(), e.initialised, self._stances), e.stamp_ns)
+            self._stances = []
         for name, topic in VARIANTS.items():
             if topic.due(inputs.number):
                 self.publish(topic, velocity_message(e.estimate(name)), e.stamp_ns)

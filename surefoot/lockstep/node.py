@@ -376,12 +376,11 @@ class Node:
         if topic.key not in self._publishers:
             raise ValueError(f"{self.name} publishes {topic.key!r} but does not declare it in outputs")
         if self._tick is None:
-            self._publishers[topic.key].put(message.model_copy(update={"source": self.name}))
-            return
+            return self._publishers[topic.key].put(message.model_copy(update={"source": self.name}))
         tick = self._tick.tick
-        stamp = tick.stamp_ns if stamp_ns is None else stamp_ns
-        seq = tick.tick // max(1, topic.period_ticks)
-        self._send(topic, message.stamped(stamp, tick.tick, tick.epoch, seq, self.name))
+        stamp, seq = tick.stamp_ns if stamp_ns is None else stamp_ns, tick.tick // max(1, topic.period_ticks)
+        if topic.period_ticks == 0 or topic.due(tick.tick):
+            self._send(topic, message.stamped(stamp, tick.tick, tick.epoch, seq, self.name))
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
         if query not in self.service.calls:

@@ -115,7 +115,16 @@ class Service(Generic[C]):
         self.handlers[query.key] = handler
 
     def publish(self, topic: Topic[M], message: M, stamp_ns: int | None = None) -> None:
-        """Publishes a declared output; ``stamp_ns`` is the time of the sample, default the tick's."""
+        """Publish a declared output, unless its row has a rate at which the present tick has none.
+
+        Args:
+            topic: of `outputs`.
+            message: its header is filled in.
+            stamp_ns: time of the sample, ns; default: that of the tick.
+
+        Raises:
+            ValueError: the service does not declare the topic.
+        """
         self.runtime.publish(topic, message, stamp_ns)
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:

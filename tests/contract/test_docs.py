@@ -114,6 +114,17 @@ def test_names_are_in_their_modules(path: Path) -> None:
 
 
 @each_page()
+def test_names_are_in_the_files_beside_them(path: Path) -> None:
+    found = re.findall(r"`(\w+)` in `([\w/]+\.py)`|`([\w/]+\.py)`: `(\w+)`", path.read_text(encoding="utf-8"))
+    for before, file, other, after in found:
+        if (place := ROOT / (file or other)).is_file():  # else it is beside the file that is named before it
+            assert re.search(rf"\b{before or after}\b", place.read_text(encoding="utf-8")), (
+                place.name,
+                before or after,
+            )
+
+
+@each_page()
 def test_targets_of_make_exist(path: Path) -> None:
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     in_blocks = "\n".join(text for _, text in BLOCK.findall(path.read_text(encoding="utf-8")))

@@ -59,7 +59,7 @@ class MovedLandmarks:
             matches: of the frame at the believed pose.
             seen: its detections.
             sight: its circumstances.
-            sure: the pose is not in doubt: other places are remembered.
+            sure: the pose is certain: other places are remembered.
         """
         away = np.flatnonzero((matches.fates == FAR) | (matches.fates == UNLIKE))
         learns = sure and len(matches.detections) >= HERE

@@ -172,6 +172,14 @@ def test_headers_are_filled_in_by_the_runtime(bench: Bench) -> None:
     )  # fmt: skip
 
 
+def test_a_topic_is_published_at_the_rate_of_its_row(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(vars(STATE_VELOCITY), "period_ticks", 2)
+    for tick in range(6):
+        bench.both(tick)
+    assert bench.subject.ticks == list(range(6))
+    assert [(m.tick, m.seq) for m in bench.sent(VelocityEstimate)] == [(0, 0), (2, 1), (4, 2)]
+
+
 def test_prime_is_answered_once_every_link_is_proved(bench: Bench) -> None:
     primes: list[str] = []
     bench.bus.subscribe(STATE_VELOCITY, lambda d: primes.append(d.topic.key) if d.prime else None)
