@@ -59,6 +59,7 @@ class Recorder(Service[RecorderConfig]):
     def on_reset(self) -> None:
         self._close()
         self._hash, self._finished, self._failed = RunHash(), False, False
+        self._latched, self._known = {}, set()  # a driver that was started again counts its epochs from 1
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
         self._pending.append((topic, message))

@@ -17,6 +17,8 @@ from surefoot.bus.unread import LinkTrouble
 
 INTRODUCE_S = 1.0
 """Time for which the session that introduces stays; processes of one machine or network link in some milliseconds."""
+LOOKS = 5
+"""Introductions in a row that do not see a process after which it has ended, however little they saw."""
 
 
 class Mesh:
@@ -38,6 +40,7 @@ class Mesh:
         self._linked, self._visible, self._introduce = linked, visible, introduce
         self._before, self._known, self._lost = set[str](), set[str](), set[str]()
         self._named: list[str] = []
+        self._looks = 0
         self._busy: threading.Thread | None = None
         self._over = threading.Event()
 
@@ -72,8 +75,10 @@ class Mesh:
             before, self._lost = self._lost, self._known - linked
             if again := before & self._lost:
                 alive = self._introduce(self._over)
-                if alive and self._known & self._linked() <= alive:  # else it saw too little to know who has ended
-                    self._known -= again - alive
+                self._looks = self._looks + 1 if again - alive else 0
+                if self._looks >= LOOKS or (alive and self._known & self._linked() <= alive):
+                    self._known -= again - alive  # else it saw too little to know who has ended
+                    self._looks = 0
                 self._named = sorted(again & alive)
 
 

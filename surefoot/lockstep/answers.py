@@ -1,6 +1,7 @@
 """Ends of queries: with the handler's reply, a typed error, or later, with the result of another thread."""
 
 import time
+from collections import defaultdict, deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NamedTuple, cast
@@ -11,6 +12,9 @@ from surefoot.schemas.base import Request, TickRequest
 
 NOT_READY_S = 2.0
 """A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
+
+SENDERS = 4
+"""Requests of one key whose answers are kept for a repetition: of the processes that may ask at the same time."""
 
 
 class LateAnswer(NamedTuple):
@@ -38,8 +42,8 @@ class Answers:
         self._put, self._refuse, self._clock = put, refuse, clock
         self.late = 0
         """Queries whose answer is being worked out on another thread."""
-        self._last: dict[str, tuple[Request | None, Any]] = {}
-        """Last request of a participant and its answer, by key."""
+        self._last: dict[str, deque[tuple[Request | None, Any]]] = defaultdict(lambda: deque(maxlen=SENDERS))
+        """Last requests of participants and their answers, by key."""
         self.waiting: list[tuple[float, Incoming, TickRequest]] = []
         """Queries about ticks that have not come, and since when, s."""
 
@@ -87,14 +91,11 @@ class Answers:
         """
         key = incoming.query.key
         try:
-            known: Request | None = None
-            answer: Any = None
-            if incoming.participant:
-                known, answer = self._last.get(key, (None, None))
-            if known is None or known != request:
-                answer = make()
-                if incoming.participant and _tick_of(request) is not None:
-                    self._last[key] = (request, answer)
+            known = self._last[key] if incoming.participant and _tick_of(request) is not None else None
+            answers = [answer for earlier, answer in known or () if earlier == request]
+            answer: Any = answers[-1] if answers else make()
+            if known is not None and not answers:
+                known.append((request, answer))
             if not isinstance(answer, Future):
                 incoming.reply(answer)
                 return

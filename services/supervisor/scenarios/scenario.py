@@ -196,6 +196,16 @@ class Scenario:
     limits: Limits = field(default_factory=dict[str, float])
     """Acceptance limits, by name; 0.0 for a limit that is a flag."""
 
+    @model_validator(mode="after")
+    def _no_step_twice(self) -> Self:
+        """A command for a tick that comes twice is taken for one whose answer was lost."""
+        for number, step in enumerate(self.steps):
+            if step.at_tick is not None and step in self.steps[:number]:
+                raise refused(
+                    "value", f"step {number + 1} is the same as an earlier one; give one of another tick", "step"
+                )
+        return self
+
     @property
     def environment(self) -> dict[str, str]:
         """The variables that carry `config` to the services: SUREFOOT_<SERVICE>_<FIELD>, values as TOML."""

@@ -184,6 +184,21 @@ def test_a_map_that_is_lost_comes_again_and_changes_no_hash(damaged: bool, monke
     assert status(system).run_hash == status(record(None)[0]).run_hash
 
 
+def test_a_driver_that_counts_its_epochs_from_one_again_has_its_map_recorded() -> None:
+    recorder = ToyRecorder(RecorderConfig())
+    LocalSystem([MappedDriver(0), recorder])
+    terrain = Delivery(TERRAIN_MAP, MAP.stamped(0, 0, 1, 0, "driver"), None, None, "driver")
+    last = Tick(tick=0, epoch=1, roster=("recorder",), due=(), mode="paced", roster_version=1, end=True)
+    found = list[tuple[int, str]]()
+    for _ in range(2):
+        recorder.on_reset()
+        recorder.on_tick(TickInputs(last, {TERRAIN_MAP.key: terrain}))
+        reply = recorder.status(RecorderRequest())
+        found.append((reply.messages, reply.run_hash))
+    assert found[0] == found[1]
+    assert found[0][0] == 1
+
+
 def test_no_hash_before_the_end() -> None:
     system, driver = begun(None)
     system.run_until(lambda: driver.node.leader.tick > 10)

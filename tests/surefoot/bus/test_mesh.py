@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from surefoot.bus.mesh import Mesh
+from surefoot.bus.mesh import LOOKS, Mesh
 
 
 class Network:
@@ -73,6 +73,14 @@ def test_an_introduction_that_is_starved_forgets_nobody(unseen: str) -> None:
     network.heals, network.unseen = True, set()
     network.look()
     assert network.linked == set("abc")
+
+
+def test_a_process_that_ended_is_forgotten_though_another_shows_no_token() -> None:
+    network = Network("abc", heals=False)
+    network.linked -= {"b"}
+    network.unseen = {"b", "c"}
+    network.look(20)
+    assert network.introduced == LOOKS
 
 
 def test_a_link_that_stays_away_is_asked_for_until_it_is_back() -> None:

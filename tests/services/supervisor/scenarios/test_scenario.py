@@ -109,6 +109,7 @@ def test_reads_every_part():
         (HEAD + "[[step]]\ndo = 'walk'\nat_tick = 1000000001", "value", "step[0].at_tick"),
         (HEAD + "[[step]]\ndo = 'walk'\nwhen = 'ready'\nafter_s = -0.1", "value", "step[0].after_s"),
         (HEAD + "[[step]]\ndo = 'walk'\nwhen = 'ready'\nafter_s = 1e9", "value", "step[0].after_s"),
+        (HEAD + 2 * "[[step]]\ndo = 'push'\nat_tick = 1\nforce = [1.0, 0.0, 0.0]\nduration = 1.0\n", "value", "step"),
         ("description = ", "syntax", "file"),
     ],
 )
