@@ -54,7 +54,7 @@ class CalibrateRequest(Request):
 
 
 class CalibrateReply(Reply):
-    """Progress or result."""
+    """Progress of a calibration, or its result."""
 
     accepted: bool = Field(description="false: nothing changes")
     reason: str = Field(default="", description="why it was refused, or what came of it, in words")

@@ -172,7 +172,7 @@ class SetPoseRequest(Request):
 
 
 class NavigatorReply(Reply):
-    """Acceptance of a request."""
+    """Reply of the navigator: whether it accepted the request, and why not."""
 
     accepted: bool = Field(description="false: nothing changes")
     reason: str = Field(default="", description="why not, in words")

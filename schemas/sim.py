@@ -59,7 +59,7 @@ class Truth(Message):
 
 
 class World(Request):
-    """World to build."""
+    """World that the simulator builds: ground, friction, sensors, landmarks."""
 
     terrain: str = Field(default="flat", max_length=64, description="kind of terrain, or path of a terrain file")
     amplitude: float | None = Field(
@@ -144,7 +144,7 @@ class ResetRequest(Request):
 
 
 class ResetReply(Reply):
-    """The new epoch."""
+    """Reply to `sim/reset`: number of the run (epoch) that begins."""
 
     epoch: int = Field(ge=0, description="every message of the new run carries it")
     run_id: str = Field(description="seed, world and epoch in one word")
@@ -163,7 +163,7 @@ class SpeedRequest(Request):
 
 
 class PauseRequest(Request):
-    """Stops simulated time."""
+    """Request that stops simulated time."""
 
     at_tick: int | None = Field(default=None, ge=0, description="tick to stop after (reproducible); null = now")
     end: bool = Field(default=False, description="true: that tick is the last of the run")

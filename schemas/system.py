@@ -112,7 +112,7 @@ class RecorderRequest(Request):
 
 
 class RecorderReply(Reply):
-    """The present recording."""
+    """Reply of the recorder: file and state of the present recording."""
 
     path: str = Field(description="file that is written")
     epoch: int = Field(ge=0, description="epoch of the recording")

@@ -35,7 +35,7 @@ class TrueMotion:
 
     @cached_property
     def v(self) -> Array:
-        """Velocity, (n, 3) m/s, IMU axes."""
+        """True velocity at each row, (n, 3) m/s, axes of the inertial unit."""
         return np.einsum("nji,nj->ni", self.rot, self.v_world)
 
     @property
@@ -81,7 +81,7 @@ class Log:
 
     @property
     def feet_count(self) -> int:
-        """Number of feet F."""
+        """Number of feet F in the log."""
         return self.foot_position.shape[1]
 
     @cached_property

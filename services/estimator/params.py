@@ -23,11 +23,11 @@ class StartPose(NamedTuple):
     """Pose of base_link in map when the robot starts; it lays odom over map."""
 
     x: float = 0.0
-    """m."""
+    """x of base_link when the robot starts, m, frame map."""
     y: float = 0.0
-    """m."""
+    """y of base_link when the robot starts, m, frame map."""
     yaw: float = 0.0
-    """rad."""
+    """Heading of base_link when the robot starts, rad, frame map."""
     ground: float = 0.0
     """Mean height of the ground under the feet, m."""
 

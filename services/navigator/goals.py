@@ -22,7 +22,7 @@ class GaitView:
     """State of the walker."""
 
     state: str
-    """As in `state/gait`."""
+    """State of the gait by the topic `state/gait`."""
     walk_id: int = 0
     """Number of its present command, of any client."""
     order: int = 0
@@ -63,7 +63,7 @@ class Searching:
     waited: float = 0.0
     """Time of waiting for a way, s."""
     turns: int = 0
-    """Turns so far."""
+    """Number of turns made so far while searching."""
 
 
 @dataclass
@@ -72,7 +72,7 @@ class NavigationGoal:
 
     id: str
     route: tuple[Point, ...]
-    """Waypoints, m, frame map."""
+    """Waypoints of the route, m, frame map."""
     policy: str
     """Name of the policy."""
     began: float
@@ -175,7 +175,7 @@ class NavigationGoal:
 
     @property
     def waypoint(self) -> Point:
-        """The present waypoint, m."""
+        """Waypoint that the robot walks to at present, m, frame map."""
         return self.route[min(self.index, len(self.route) - 1)]
 
     def left(self, x: float, y: float) -> float:

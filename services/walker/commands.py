@@ -13,7 +13,7 @@ class ArcLimits:
     step_m: float
     """Length of a step at the usual speed, m."""
     step_s: float
-    """Duration of a step, s."""
+    """Duration of a step along an arc, s."""
     max_turn_rad: float
     """Largest turn of a step, rad."""
 
@@ -25,11 +25,11 @@ class Abilities:
     gaits: tuple[str, ...]
     """Names a command may ask for."""
     fastest: float
-    """Largest speed, m/s."""
+    """Largest speed of the robot's walk, m/s."""
     shifts: bool = False
     """True if the trunk can be shifted over the standing feet."""
     arcs: ArcLimits | None = None
-    """None: the robot turns on the spot only."""
+    """Limits of walking along arcs; None = the robot turns on the spot only."""
 
 
 def refusal_of(

@@ -25,9 +25,9 @@ class WalkerInputs:
     stamp: float
     """Simulated time of the tick, s."""
     roll: float = 0.0
-    """Estimated roll, rad."""
+    """Estimated roll of base_link, rad."""
     pitch: float = 0.0
-    """Estimated pitch, rad."""
+    """Estimated pitch of base_link, rad."""
     rate: Vec3 = (0.0, 0.0, 0.0)
     """Estimated angular velocity, rad/s, base_link axes; bipeds use it."""
     x: float = 0.0
@@ -113,7 +113,7 @@ class CommandReply:
     field: str | None = None
     """Name of the field that was refused; None = the state of the robot is the cause."""
     reason: str = ""
-    """Reason in words."""
+    """Reason of a refusal in words, empty when the command was accepted."""
 
 
 def refused(code: str, field: str | None, reason: str) -> CommandReply:
@@ -123,7 +123,7 @@ def refused(code: str, field: str | None, reason: str) -> CommandReply:
 
 @dataclass(frozen=True, slots=True)
 class FootholdRequest:
-    """One leg's landing."""
+    """Request of one leg for a place to land."""
 
     leg: int
     nominal: Vec3
@@ -145,13 +145,13 @@ class LandingRequest:
 
 @dataclass(frozen=True, slots=True)
 class FootholdReply:
-    """One leg's foothold."""
+    """Place to land that was chosen for one leg."""
 
     status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
     foothold: Vec3 | None = None
     """Chosen landing of the foot CENTRE, map frame, m."""
     trunk_shift: float = 0.0
-    """With raise_trunk: signed change of trunk height that makes a foothold reachable, m."""
+    """Change of the trunk's height that makes the foothold reachable, m, up positive; used with raise_trunk."""
     reason: str = ""
 
 
@@ -167,7 +167,7 @@ class StanceCheck:
     joints: Array
     """Planned joint angles, (nj,) rad."""
     base_position: Array
-    """(3,) m, map frame."""
+    """Position of base_link, (3,) m, map frame."""
     base_quat: Array
     """(4,) quat_wxyz, world from base."""
     movement: Vec3

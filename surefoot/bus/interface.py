@@ -96,7 +96,7 @@ class Delivery:
         return self._message
 
     def under(self, topic: Topic[Any]) -> "Delivery":
-        """The same message under the row that was subscribed to, of its family."""
+        """Return the same message as of another topic of its family: the one that was subscribed to."""
         return self if topic is self.topic else Delivery(topic, self._message, self._raw, self._stamp, self.sender)
 
     def header(self) -> Any:
@@ -136,7 +136,7 @@ class Incoming(Protocol):
         ...
 
     def reply(self, reply: Wire) -> None:
-        """Answers."""
+        """Send the reply to the client that asked."""
         ...
 
     def fail(self, error: SurefootError) -> None:
@@ -144,7 +144,7 @@ class Incoming(Protocol):
         ...
 
     def accept_probe(self) -> None:
-        """Answers a probe."""
+        """Answer a probe, by which a participant tests its link, with an empty reply."""
         ...
 
 

@@ -97,7 +97,7 @@ class Framer:
         self._batches = _declare(session, BATCH.format(owner), _JSON, *_FRAMES)
 
     def flush(self, batch: bool) -> None:
-        """Publishes what waits."""
+        """Publish the messages that wait, as one frame."""
         self.corked = False
         if self.frame:
             payload, index = pack(self.frame, self._instance)

@@ -37,7 +37,7 @@ Rep = TypeVar("Rep", bound=Wire)
 KEEP = 10_000
 """Newest messages of a key that are kept for an observer that does not read."""
 BOUNDED_KEEP = 64
-"""The same for a service, and queries of a key that are kept until it looks."""
+"""Most messages of a topic that wait for a service, and most queries of a key that are kept until it takes them."""
 PROBE = b"probe"
 CLOSE_S = 1.0  # s, how long a reader that works may delay the end
 PROBE_S = 0.2

@@ -109,7 +109,7 @@ class Answers:
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
 
     def arrived(self, late: LateAnswer) -> None:
-        """A future is done."""
+        """Take a late answer whose future is done."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)
 

@@ -61,4 +61,4 @@ def _nothing(number: int, frame: object) -> None:
 
 
 ENDING = Ending()
-"""Of this process."""
+"""Flag of this process that it has been asked to end."""

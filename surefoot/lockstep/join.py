@@ -67,7 +67,7 @@ class TickInputs:
 
     @property
     def number(self) -> int:
-        """The control tick."""
+        """Number of the control tick that these inputs belong to."""
         return self.tick.tick
 
     def get(self, topic: Topic[M]) -> M | None:

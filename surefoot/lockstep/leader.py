@@ -55,7 +55,7 @@ class Leader:
     epoch: int = 0
     state: State = "idle"
     tick: int = -1
-    """Last tick published."""
+    """Number of the last tick published by the driver, -1 = none."""
     end_tick: int | None = None
     pause_tick: int | None = None
     comparable: bool = True
@@ -98,7 +98,7 @@ class Leader:
             member.done = tick
 
     def on_gone(self, service: str, instance: str) -> None:
-        """A process vanished."""
+        """Note that the process of a service has vanished."""
         if self.ready.get(service) == instance:
             del self.ready[service]
         member = self.members.get(service)
@@ -170,7 +170,7 @@ class Leader:
         return self.state == "joining" and not self.missing()
 
     def start(self) -> None:
-        """Tick 0 comes next."""
+        """Begin the run: the next tick published is tick 0."""
         self._admit()
         self.state = "running"
 

@@ -47,7 +47,7 @@ class LocalSystem:
                 raise BusError("stalled", f"nothing moves any more; waiting: {waiting}")
 
     def close(self) -> None:
-        """Ends all services."""
+        """End all services of the system and release the bus."""
         for node in self.nodes:
             node.service.on_stop()
         self.bus.close()

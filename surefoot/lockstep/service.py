@@ -48,7 +48,7 @@ class Service(Generic[C]):
     observes: ClassVar[tuple[Topic[Any], ...]] = ()
     """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
     batched: bool = False
-    """Its ticks may come some at a time: for services whose output no participant awaits within a tick."""
+    """True if ticks may come several at a time: for services whose output no participant awaits within a tick."""
     limits: Mapping[str, int] = {}
     """Ages beyond which an input is late, ns of simulated time, by key, 0 = never; the others: three of its periods,
     at least 100 ms (``surefoot.lockstep.ages``). Read at the begin of each epoch. ``TickInputs.late`` names the late
@@ -75,7 +75,7 @@ class Service(Generic[C]):
         """
 
     def rehearse_rare(self) -> None:
-        """As ``rehearse``, for kernels that only rare queries need: `surefoot warm --all` runs it, no start does."""
+        """Call what rare queries need, to compile their kernels: `surefoot warm --all` runs it, a start does not."""
 
     def on_reset(self) -> None:
         """A new epoch: drop all state."""

@@ -58,7 +58,7 @@ class StoredMessage(NamedTuple):
 
 @dataclass
 class Findings:
-    """Content of a file."""
+    """Readable and damaged parts of a recording, chunk by chunk."""
 
     chunks: int = 0
     damaged: int = 0

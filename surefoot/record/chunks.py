@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 1 << 18
 LEVEL = 1
-"""Of zstd: on our JSON 2.5 times as fast as level 3, and the files are no larger."""
+"""Compression level of zstd: on JSON messages 2.5 times as fast as level 3, and files are no larger."""
 
 _message_head = struct.Struct("<BQHIQQ").pack  # opcode, length of the rest, channel, sequence, log and publish time
 _REST = 22  # bytes of a message's record besides opcode, length and data

@@ -71,7 +71,7 @@ class Servo:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """One hinge."""
+    """Hinge between two links: axis, limits, servo."""
 
     name: str
     link: int  # that it moves; the first one where one motor moves several
@@ -178,7 +178,7 @@ class ContactSensor:
 
 @dataclass(frozen=True, eq=False)
 class Encoder:
-    """Joint position sensor."""
+    """Sensor of a joint's position: resolution and noise."""
 
     resolution: float  # rad, 0 = exact
     zero_sigma: float  # rad, standard deviation of the zero error
@@ -231,12 +231,12 @@ class Robot:
 
     @property
     def nj(self) -> int:
-        """Number of joints."""
+        """Number of joints of the robot."""
         return len(self.joints)
 
     @property
     def nlegs(self) -> int:
-        """Number of legs."""
+        """Number of legs of the robot."""
         return len(self.legs)
 
     @property

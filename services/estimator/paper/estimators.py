@@ -57,7 +57,7 @@ class VelocityEstimator(Protocol):
 
     @property
     def p(self) -> Array:
-        """Covariance of (g, v), (6, 6)."""
+        """Covariance of gravity and velocity (g, v), (6, 6), axes of the inertial unit."""
         ...
 
 

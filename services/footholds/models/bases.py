@@ -19,7 +19,7 @@ class Basis(Protocol):
     """Terms phi_q with their parameters, as functions of the inputs."""
 
     def columns(self, u: Array) -> Array:
-        """Return phi_q(u_b), (n, m)."""
+        """Return the values of the m basis functions at inputs u (n, d), (n, m)."""
         ...
 
 
@@ -28,14 +28,14 @@ class Gaussians:
     """Gaussian terms (15): phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2), and a constant term if wanted."""
 
     centres: Array
-    """Centres a, (m, d)."""
+    """Centres of the Gaussians in the space of the inputs, (m, d)."""
     widths: Array
     """Rates lambda >= 0, (m, d); 0 takes an input out of a term."""
     constant: bool = False
     """True adds a last column of ones."""
 
     def columns(self, u: Array) -> Array:
-        """Return phi_q(u_b), (n, m) or (n, m + 1)."""
+        """Return the values of the Gaussians at inputs u (n, d), (n, m), or (n, m + 1) with a constant."""
         power = np.zeros((len(u), len(self.centres)))
         for seen, centre, width in zip(u.T, self.centres.T, self.widths.T, strict=True):  # each input
             away = seen[:, None] - centre

@@ -68,7 +68,7 @@ class Bin:
 
     @property
     def m2(self) -> float:
-        """Sum of (r - mean)^2."""
+        """Sum of squared deviations of the bin's slips from their mean."""
         return max(0.0, (self.squares * UNIT * UNIT) - self.total * UNIT * self.mean)
 
     @property

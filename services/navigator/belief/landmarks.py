@@ -51,9 +51,9 @@ class FloorLandmarks:
     """
 
     positions: Array
-    """Places, (n, 2) m, frame map."""
+    """Positions of the landmarks on the floor, (n, 2) m, frame map."""
     descriptors: Array
-    """Looks, (n, k)."""
+    """Descriptors of the landmarks, (n, k)."""
     version: int = 0
     """Number that rises with every change of content."""
     source: str = ""
@@ -96,7 +96,7 @@ class FloorLandmarks:
 
     @cached_property
     def buckets(self) -> Buckets:
-        """Index of places."""
+        """Index of the landmarks by the cell that they lie in."""
         return _sorted_by_place(self.positions)
 
     @cached_property
@@ -107,7 +107,7 @@ class FloorLandmarks:
 
     @cached_property
     def columns(self) -> Array:
-        """Descriptors transposed, (k, n)."""
+        """Descriptors of the landmarks, transposed, (k, n)."""
         return np.ascontiguousarray(self.descriptors.T)
 
     @cached_property

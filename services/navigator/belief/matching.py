@@ -79,7 +79,7 @@ class SightNoise:
 
 @dataclass(frozen=True)
 class MatchLimits:
-    """Limits of a match."""
+    """Limits within which a detection is matched with a landmark."""
 
     gate: float = 9.21
     """Largest normalised innovation squared, chi^2_2(.99)."""
@@ -124,7 +124,7 @@ class Detections:
     bearings: Array
     """Directions, rad, left positive, (m,)."""
     looks: Array
-    """Descriptors, (m, k)."""
+    """Descriptors of the detections, (m, k)."""
 
     def __post_init__(self) -> None:
         ranges, bearings = _floats(self.ranges), _floats(self.bearings)
@@ -144,7 +144,7 @@ class Detections:
 
     @property
     def tables(self) -> FrameTables:
-        """Arrays for kernels."""
+        """The detections as the arrays that kernels take."""
         return FrameTables(self.ranges, self.bearings, self.looks)
 
 

@@ -78,7 +78,7 @@ class RelocaliseLimits:
 
 @dataclass(frozen=True, eq=False)
 class Relocation:
-    """Result of a relocalisation."""
+    """Result of a search for the pose of a lost robot."""
 
     pose: tuple[float, float, float] | None
     """Pose of the reference frame, x, y in m and heading in rad, frame map; None = none is sure."""
@@ -175,7 +175,7 @@ class Relocaliser:
 
 @dataclass(frozen=True, eq=False)
 class PlaceSearch:
-    """A search under way."""
+    """Search for the pose of a lost robot that is under way, a part of it in each tick."""
 
     here: Pose
     """Pose that is searched for, in the frame of the frames' poses, m and rad."""

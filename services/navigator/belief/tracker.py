@@ -56,11 +56,11 @@ class StartUncertainty:
     """Standard deviations of the start pose."""
 
     position: float = 0.05
-    """x and y each, m."""
+    """Standard deviation of x and of y at the start, m."""
     heading: float = math.radians(5.0)
-    """Heading, rad."""
+    """Standard deviation of the heading at the start, rad."""
     drift: float = 0.76
-    """Drift, rad per m."""
+    """Standard deviation of the drift at the start, rad per m."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class FrameResult:
     """Result of one frame of the camera."""
 
     seen: int
-    """Number of detections."""
+    """Number of detections in the frame."""
     matched: int
     """Number of matched detections."""
     nis: float

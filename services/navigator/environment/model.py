@@ -35,11 +35,11 @@ class EpisodeState(NamedTuple):
     mean: Array
     """Belief after the last frame, (n,), see `ukf`."""
     cov: Array
-    """Its covariance, (n, n)."""
+    """Covariance of the believed state of the robot, (n, n)."""
     ahead_mean: Array
     """Belief at the next decision, which may come before the last frames of an action, (n,)."""
     ahead_cov: Array
-    """Its covariance, (n, n)."""
+    """Covariance of the state predicted for the end of the action, (n, n)."""
     status: Array
     """(STATUS,), see `arrays`."""
 

@@ -22,9 +22,9 @@ class TerrainBox:
     """One solid box of the ground."""
 
     position: tuple[float, float, float]
-    """Centre, m, frame `map`."""
+    """Centre of a box of the ground, m, frame `map`."""
     half_size: tuple[float, float, float]
-    """Half edges, m."""
+    """Half edges of a box of the ground along x, y, z, m."""
     quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     """rot_map_from_box."""
 

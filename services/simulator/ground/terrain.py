@@ -52,7 +52,7 @@ class TerrainError(InvalidField):
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """Ground of a world."""
+    """Ground of a simulated world: height field, boxes, map, friction."""
 
     kind: str
     seed: int

@@ -45,7 +45,7 @@ class Push:
     end: int
     body: int
     force: tuple[float, float, float]
-    """Force, N, world axes."""
+    """Force of the push on the trunk, (3,) N, world axes."""
 
 
 class Disturbances:

@@ -40,7 +40,7 @@ class Fault:
     kind: str
     start_tick: int
     duration: float
-    """Duration, s."""
+    """Time that the fault lasts, s of simulated time."""
     target: str = ""
     """Joint, leg, IMU axis (or `acc`, `gyro`), channel or sensor; "" = all."""
     value: float = 0.0

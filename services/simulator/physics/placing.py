@@ -89,9 +89,9 @@ class Displacement(NamedTuple):
     centre: NDArray[np.float64]
     """(2,) m, origin of base_link before."""
     move: NDArray[np.float64]
-    """(3,) m, map axes."""
+    """Shift of the robot, (3,) m, map axes."""
     turn: float
-    """rad, left positive."""
+    """Turn of the robot about the vertical, rad, left positive."""
 
     def of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where points (n, 3) m come to, (n, 3)."""

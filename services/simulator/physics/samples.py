@@ -14,7 +14,7 @@ class ServoCommand(NamedTuple):
     """Set-points of the servos."""
 
     position: Array
-    """(nj,), rad."""
+    """Commanded joint angles, (nj,) rad."""
     torque_limit: Array | None = None
     """(nj,), Nm, the most they may give; None = what they can."""
 
@@ -25,9 +25,9 @@ class ImuSample(NamedTuple):
     stamp_ns: int
     seq: int
     acc: Array
-    """Specific force, (3,), m/s2."""
+    """Specific force in the axes of the inertial unit, (3,) m/s^2."""
     gyro: Array
-    """Angular rate, (3,), rad/s."""
+    """Angular rate in the axes of the inertial unit, (3,) rad/s."""
     saturated: bool
 
 
@@ -37,9 +37,9 @@ class JointSample(NamedTuple):
     stamp_ns: int
     seq: int
     position: Array
-    """(nj,), rad."""
+    """Measured joint angles, (nj,) rad."""
     current: Array
-    """(nj,), A."""
+    """Measured currents of the servos, (nj,) A."""
     torque: Array
     """(nj,), Nm, from the current."""
 
@@ -52,7 +52,7 @@ class ContactSample(NamedTuple):
     touch: tuple[tuple[bool, ...], ...]
     """States of the one to four switches of each foot."""
     normal_force: Array | None
-    """(L,), N; None = switches only."""
+    """Measured normal forces of the feet, (L,) N; None = the feet have switches only."""
 
 
 class Samples(NamedTuple):
@@ -122,13 +122,13 @@ class ExactState(NamedTuple):
     com: Array
     """(3,), m, centre of mass in the world."""
     joints: Array
-    """(nj,), rad."""
+    """True joint angles, (nj,) rad."""
     foot_position: Array
     """(L, 3), m, foot centres in the world."""
     foot_force: Array
     """(L, 3), N, contact force on each foot, world axes."""
     foot_force_n: Array
-    """(L,), N, normal part."""
+    """True normal forces of the feet, (L,) N."""
     foot_displacement: Array
     """(L,), m, horizontal way of the foot centre since touch-down."""
     contact_sliding: Array
@@ -138,7 +138,7 @@ class ExactState(NamedTuple):
     stance_displacement: Array
     """(L,), m, displacement of the last finished stance."""
     stances: NDArray[np.int64]
-    """(L,), finished stances."""
+    """Number of finished stances of each foot, (L,)."""
     tilt: float
     """rad, of the trunk's z axis against the vertical."""
     fallen: bool
@@ -154,7 +154,7 @@ class Checkpoint:
     """Everything that decides the future of a world."""
 
     physics: Array
-    """MuJoCo's integration state."""
+    """Integration state of MuJoCo, as `mj_getState` returns it."""
     meta: str
     """JSON: random streams, biases, dividers, faults, pushes, changes to the model."""
 

@@ -32,13 +32,13 @@ class ServoLegs:
     """Servos of the standing legs, world axes."""
 
     jacobian: Array
-    """(n, 3, 3) d contact point / d joints."""
+    """Derivatives of the contact points by the joint angles of their legs, (n, 3, 3) m/rad."""
     own: Array
     """(n, 3) G_i, Nm: torques that hold the legs' own weight."""
     limit: Array
-    """(n, 3) Nm."""
+    """Largest torques of the servos of each leg, (n, 3) Nm."""
     weight: float
-    """m g, N."""
+    """Weight of the robot, m g, N."""
 
 
 class _Cones(NamedTuple):

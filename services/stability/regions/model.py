@@ -21,7 +21,7 @@ class Support:
     """Support values h(a) of a region in k directions a, with proof."""
 
     direction: Array
-    """(k, 2) unit."""
+    """Directions in which the region was bounded, (k, 2), unit length."""
     value: Array
     """(k,) m, h(a); NaN unless status is ok."""
     point: Array
@@ -44,9 +44,9 @@ class Plane:
     """Place of a leaning frame in a horizontal plane of the world: c = matrix p + zero for points p of the frame."""
 
     matrix: Array
-    """(2, 2), determinant > 0."""
+    """Linear part of the map from the scaled plane to the ground, (2, 2) m, determinant > 0."""
     zero: Array
-    """(2,) m."""
+    """Origin of the scaled plane on the ground, (2,) m."""
 
     def back(self, c: Array) -> Array:
         """The point (2,) of the leaning frame that lies at c (2,) in the plane."""
@@ -60,9 +60,9 @@ class Solved:
     reduced: Reduced
     """Programs of the contacts, scaled frame."""
     fan: Fan
-    """Answers, scaled frame."""
+    """Answers of all directions, in the scaled frame."""
     count: int
-    """Number of answers."""
+    """Number of directions that were answered."""
     anchor: Array
     """(2,) m: position = anchor + length * scaled."""
     drift: Array | None = None
@@ -103,7 +103,7 @@ class Region:
     exact: bool
     """inner is the region itself, to rounding (hull, segment, point)."""
     calls: int
-    """Directions solved for."""
+    """Number of directions that were solved for."""
     sinking: Array | None = None
     """(4,) twist (v m, w_z) with v_z < 0, or (6,) (v m, Om) with an acceleration, about the origin of the frame, that
     proves infeasibility."""

@@ -104,7 +104,7 @@ class WalkerParams:
     stale_s: float = 0.1
     """Age of estimates and samples beyond which no new step begins, s."""
     swing: SwingShape = SwingShape()  # noqa: RUF009 - a named tuple
-    """Phases of a swing."""
+    """Shape of a swing over its phases: lift, way, touch-down."""
 
     @classmethod
     def for_robot(cls, robot: Robot, **changes: object) -> "WalkerParams":

@@ -41,7 +41,7 @@ class StepPlan:
     """A step ready to be taken."""
 
     swing: Flags
-    """Legs that swing, (L,)."""
+    """Legs that swing in the step, (L,)."""
     begin: BodyPose
     end: BodyPose
     feet_from: Array

@@ -32,7 +32,7 @@ class WalkerState:
     joints: int
     stage: Stage = Stage.WAIT
     gait: GaitPattern = TRIPOD
-    """Gait in use."""
+    """Order in which legs swing, of the walk under way."""
     usual: GaitPattern = TRIPOD
     """Gait of the command; another one is in use after a step that was not safe."""
     swung: tuple[int, ...] = ()
@@ -53,7 +53,7 @@ class WalkerState:
     held: bool = False
     """True while inputs are stale: no new step begins."""
     now: float = 0.0
-    """Simulated time, s."""
+    """Simulated time of the present tick, s."""
     lost: bool = False
     """True while the estimator begins anew."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
