@@ -149,7 +149,7 @@ def map_of(
         per_m2: largest density.
 
     Raises:
-        SurefootError: no feature was seen often enough.
+        SurefootError: no feature was seen often enough, or a camera is not above the floor.
     """
     kind = eye.extractor.kind
     options = (
@@ -158,16 +158,12 @@ def map_of(
         else BuildOptions(range_share=0.01, range_sd=0.012, bearing_sd=math.radians(1.2), look_sd=1e-3, least=least)
     )
     found, mine = track(looks, kind, options)
+    kept = _often_seen(found, least)
     error = camera_error(looks, mine if exact else passages(looks, mine), ALL if exact else TILTS)
     if np.hypot(*(effects(looks[0]._replace(places=AHEAD)) @ error).T).max() > SMALLEST:
         looks = set_right(looks, error)
         found, mine = track(looks, kind, options)
-    kept = np.flatnonzero(found.count >= least)
-    if len(kept) < 2:
-        most = int(found.count.max(initial=0))
-        raise SurefootError(
-            "no_landmarks", f"no two features were seen {least} times, the most often seen {most} times"
-        )
+        kept = _often_seen(found, least)
     positions, sd = found.positions.copy(), np.sqrt(0.5 * found.scatter / found.count) / np.sqrt(found.count)
     if options is not None:
         kept, positions[kept], sd[kept] = _improved(looks, found, mine, kept, options, source)
@@ -176,6 +172,17 @@ def map_of(
         opencv().__version__,
     )  # fmt: skip
     return whole.chosen(kept).pruned(least, per_m2)
+
+
+def _often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
+    """Return the features of `least` sightings or more (raises SurefootError: there are no two)."""
+    kept = np.flatnonzero(found.count >= least)
+    if len(kept) < 2:
+        most = int(found.count.max(initial=0))
+        raise SurefootError(
+            "no_landmarks", f"no two features were seen {least} times, the most often seen {most} times"
+        )
+    return kept
 
 
 def passages(looks: list[FloorLook], tracks: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.errors import InvalidField
+
 Array = NDArray[np.float64]
 
 HEIGHT = 0.45
@@ -77,9 +79,14 @@ def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = 
         looks: of a walk.
         tracks: feature of each sighting in order, (n,); sightings of one feature lie where poses hold together.
         free: how many of the seven are looked for, the others are 0.
+
+    Raises:
+        InvalidField: a camera is not above the floor.
     """
     placed, moved = list[Array](), list[Array]()
-    for look in looks:
+    for number, look in enumerate(looks):
+        if not 0.0 < look.camera[2] < math.inf:
+            raise InvalidField("camera", f"got height {look.camera[2]:g} m in look {number}, allowed is > 0")
         rot = turn_of(look.pose[2])
         placed.append(look.places @ rot.T + look.pose[:2])
         moved.append(np.einsum("ij,njk->nik", rot, effects(look, free)))

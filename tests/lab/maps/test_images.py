@@ -13,6 +13,7 @@ from surefoot.services.vision.eye import Eye
 from surefoot.services.vision.features import Extractor
 from surefoot.services.vision.view import Patch
 from tests.services.vision.shots import extractor
+from tests.surefoot.expect import expect_error
 
 N = 160
 
@@ -65,6 +66,14 @@ def test_a_feature_that_is_seen_once_is_no_landmark():
     made, *_ = looks_of([(0.0, 0.0, 0.0), (0.05, 0.0, 0.0)])
     with pytest.raises(SurefootError, match="seen 3 times"):
         map_of(made, Eye(extractor(), None), "c", "s", exact=True)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("images", [0, 3])
+def test_images_without_features_show_no_landmark(images, exact):
+    blank = FloorLook((0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros((0, 32), np.uint8))
+    with expect_error(SurefootError, "no_landmarks", None):
+        map_of([blank] * images, Eye(extractor(), None), "c", "s", exact=exact)
 
 
 def test_a_photograph_has_its_features_where_its_scale_puts_them(tmp_path):

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.lab.maps.images import map_of, passages
 from surefoot.lab.maps.turned import TILTS, FloorLook, camera_error, effects, tilts, turn_of
 from surefoot.services.vision.eye import Eye
 from tests.services.vision.shots import extractor
+from tests.surefoot.expect import expect_error
 
 from .test_images import OUT_AND_BACK, looks_of, nearest
 
@@ -71,6 +73,15 @@ def test_a_map_of_a_tilted_camera_is_that_of_a_level_one(exact):
     assert np.median(plain) > 0.02
     assert len(world) > 50
     assert np.median(nearest(world, places, looks)) < 0.006
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("height", [0.0, -0.47, np.nan, np.inf])
+def test_a_camera_that_is_not_above_the_floor_is_refused(height, exact):
+    made, *_ = walk((0.0,) * 7)
+    made[4] = made[4]._replace(camera=(*CAMERA[:2], height))
+    with expect_error(SurefootError, "invalid", "camera"):
+        map_of(made, Eye(extractor(), None), "c", "s", exact=exact)
 
 
 def test_passages_part_where_a_feature_was_out_of_sight():
