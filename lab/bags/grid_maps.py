@@ -12,7 +12,7 @@ import numpy as np
 
 from surefoot.bus.ros2 import GRID_MAP
 from surefoot.errors import SurefootError
-from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
 
 from .ros import bag_messages, reader_of
 
@@ -48,6 +48,8 @@ def _heights(m: Any) -> HeightMap:
     info, turn = m.info, m.info.pose.orientation
     if not math.isclose(abs(turn.w), 1.0, abs_tol=1e-6):
         raise SurefootError("invalid", "the grid_map is turned against its frame, wanted is one along x and y", "map")
+    if len(m.layers) > len(m.data):
+        raise HeightMapError("data", f"got {len(m.layers)} layers and {len(m.data)} arrays, allowed is one for each")
     array = m.data[list(m.layers).index(LAYER)]
     sizes = [dim.size for dim in array.layout.dim]
     if len(sizes) != 2 or sizes[0] * sizes[1] != len(array.data):

@@ -10,7 +10,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from surefoot.bus.ros2 import types
 from surefoot.bus.ros_messages import map_message
 from surefoot.errors import SurefootError
-from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.lab.bags.grid_maps import last_heights
 from surefoot.lab.footholds.scored import read_map
 from surefoot.schemas.terrain import HeightMapMessage
 from tests.surefoot.expect import expect_error
@@ -77,6 +78,13 @@ def changed(field: str) -> Any:
 def test_maps_that_are_none_are_refused(tmp_path: Path, field: str) -> None:
     with expect_error(SurefootError, "invalid", "map"):
         read_map(bag(tmp_path / "run", changed(field)))
+
+
+def test_layers_without_data_are_refused(tmp_path: Path) -> None:
+    m = message(given())
+    m.layers.insert(0, "variance")
+    with expect_error(HeightMapError, "invalid", "data", "got 2 layers and 1 arrays"):
+        last_heights(bag(tmp_path / "run", m))
 
 
 def test_a_bag_without_a_map_is_refused(tmp_path: Path) -> None:
