@@ -28,6 +28,12 @@ MAX_CELLS = 16_000_000
 """Largest number of cells, 4000 x 4000 or 64 MB: a larger map is taken for a mistake."""
 
 
+def _integer(value: object) -> object:
+    """Return a float that is a whole number as an integer, and anything else as it is."""
+    real = float(cast("float", value)) if isinstance(value, float | np.floating) else math.nan
+    return int(real) if real.is_integer() else value
+
+
 class HeightMapError(InvalidField):
     """Content that makes no height map; `field` names the wrong part."""
 
@@ -64,7 +70,7 @@ class HeightMap:
         try:
             cell = number(self.cell, "cell", "m", low=SMALLEST_CELL, high=WIDEST_CELL)
             x, y = array(self.origin, "origin", (2,), "m").tolist()
-            version = whole(self.version, "version", low=0)
+            version = whole(_integer(self.version), "version", low=0)
         except FieldError as error:
             raise HeightMapError(error.field, error.message) from None
         z.flags.writeable = False

@@ -2,6 +2,7 @@
 
 import json
 import math
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -154,12 +155,20 @@ def test_median_filters_spikes_keeps_edges_and_fills_drop_outs() -> None:
         ("cell", {"cell": NAN}),
         ("origin", {"origin": (NAN, 0.0)}),
         ("version", {"version": -1}),
+        ("version", {"version": 1.5}),
+        ("version", {"version": np.inf}),
     ],
 )
 def test_wrong_maps_are_refused_by_field(field: str, changes: dict[str, object]) -> None:
     good: dict[str, object] = {"z": np.zeros((2, 2)), "cell": CELL, "origin": (0.0, 0.0), "version": 0}
     with expect_error(HeightMapError, field=field):
         HeightMap(**(good | changes))
+
+
+@pytest.mark.parametrize("version", [3, 3.0, np.float32(3.0), np.uint8(3)])
+def test_versions_may_be_floats_that_are_whole(version: Any) -> None:
+    found = HeightMap(np.zeros((2, 2), np.float32), CELL, version=version).version
+    assert (type(found), found) == (int, 3)
 
 
 def test_maps_do_not_change() -> None:
