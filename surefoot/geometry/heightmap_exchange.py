@@ -19,6 +19,8 @@ PIXEL_SCALE, TIE_POINT, GEO_KEYS, NO_DATA = 33550, 33922, 34735, 42113
 """Tags of GeoTIFF 1.1 (OGC 19-008), and that of GDAL for heights that are none."""
 MODEL_TYPE, RASTER_TYPE = 1024, 1025
 """Keys of the tag `GEO_KEYS`: 2 = degrees of latitude and longitude; 2 = a pixel is a point, not an area."""
+UNITS, METRE = {3076: "ProjLinearUnits", 4099: "VerticalUnits"}, 9001
+"""Keys of the units of coordinates and of heights, and the unit that both must have."""
 
 
 def load_any(path: str | Path) -> HeightMap:
@@ -90,7 +92,9 @@ def load_geotiff(path: str | Path) -> HeightMap:
     cell, corner = _geometry(tags, source.name)
     z = pixels.astype(np.float32)
     if NO_DATA in tags:
-        z[z == np.float32(_numbers((str(tags[NO_DATA]).strip("\0 "),), "GDAL_NODATA")[0])] = np.nan
+        none = _numbers((str(tags[NO_DATA]).strip("\0 "),), "GDAL_NODATA", inf=True)
+        with np.errstate(over="ignore"):  # -1.8e308 is -inf in pixels of 32 bits
+            z[z == np.float32(none[0])] = np.nan
     return HeightMap(z=z[::-1], cell=cell, origin=(corner[0], corner[1] - (len(z) - 1) * cell))
 
 
@@ -102,10 +106,13 @@ def _geometry(tags: dict[int, Any], name: str) -> tuple[float, tuple[float, floa
     """Return the edge of a pixel and the centre of the upper left one, m."""
     if PIXEL_SCALE not in tags or TIE_POINT not in tags:
         raise HeightMapError("file", f"{name} has no ModelPixelScale and ModelTiepoint: it is no GeoTIFF, or is turned")
-    entries = tags.get(GEO_KEYS, ())
+    entries = _numbers(tags[GEO_KEYS], "GeoKeyDirectory", 4) if GEO_KEYS in tags else []
     keys = {entries[i]: entries[i + 3] for i in range(4, len(entries) - 3, 4)}
     if keys.get(MODEL_TYPE) == 2:
         raise HeightMapError("file", f"{name} is in degrees of latitude and longitude, wanted is m")
+    for key, field in UNITS.items():
+        if (unit := keys.get(key, METRE)) != METRE:
+            raise HeightMapError(field, f"{name} is not in m: got {unit:g}, allowed is {METRE} (m), or no such key")
     dx, dy, *_ = _numbers(tags[PIXEL_SCALE], "ModelPixelScale", 2)
     column, row, _, x, y, *_ = _numbers(tags[TIE_POINT], "ModelTiepoint", 6)
     if not math.isclose(dx, dy, rel_tol=1e-6):
@@ -114,12 +121,12 @@ def _geometry(tags: dict[int, Any], name: str) -> tuple[float, tuple[float, floa
     return dx, (x + (half - column) * dx, y - (half - row) * dx)
 
 
-def _numbers(values: Any, field: str, least: int = 1) -> list[float]:
-    """Return the finite numbers of a tag; `nan` is one."""
+def _numbers(values: Any, field: str, least: int = 1, inf: bool = False) -> list[float]:
+    """Return the finite numbers of a tag; `nan` is one, and so are infinite ones if `inf`."""
     try:
         found = [float(value) for value in values]
     except (TypeError, ValueError):
         found = []
-    if len(found) < least or any(map(math.isinf, found)):
+    if len(found) < least or (not inf and any(map(math.isinf, found))):
         raise HeightMapError(field, f"must be {least} finite numbers or more, got {values!r}")
     return found

@@ -18,11 +18,13 @@ SCALE, TIE, KEYS, NONE, DOUBLE, SHORT, ASCII = 33550, 33922, 34735, 42113, 12, 3
 def geotiff(
     path: Path, pixels: np.ndarray, scale: tuple[float, ...] = (0.5, 0.5, 0.0),
     tie: tuple[float, ...] = (0.0, 0.0, 0.0, 100.0, 200.0, 0.0), keys: tuple[int, ...] = (), none: str = "",
+    directory: tuple[int, ...] = (),
 ) -> Path:  # fmt: skip
     """Write an image, row 0 = north, with the tags of its place."""
     tags = ImageFileDirectory_v2()
     for number, kind, value in (
-        (SCALE, DOUBLE, scale), (TIE, DOUBLE, tie), (KEYS, SHORT, (1, 1, 0, len(keys) // 4, *keys)), (NONE, ASCII, none)
+        (SCALE, DOUBLE, scale), (TIE, DOUBLE, tie), (NONE, ASCII, none),
+        (KEYS, SHORT, directory or (1, 1, 0, len(keys) // 4, *keys)),
     ):  # fmt: skip
         if value:
             tags.tagtype[number] = kind
@@ -50,7 +52,19 @@ def test_a_pixel_may_be_a_point_and_the_tie_point_any_pixel(tmp_path: Path) -> N
     assert load(path).centre(3, 3) == (10.0, 20.0)  # row 1 from the north, column 3
 
 
-@pytest.mark.parametrize(("none", "value"), [("-9999", -9999.0), ("-3.4e+38", -3.4e38), ("nan", np.nan)])
+def test_units_that_are_not_metres_are_named(tmp_path: Path) -> None:
+    with pytest.raises(HeightMapError, match=r"got 9003, allowed is 9001"):
+        load_any(geotiff(tmp_path / "m.tif", heights(), keys=(3076, 0, 1, 9003)))
+    assert load_any(geotiff(tmp_path / "n.tif", heights(), keys=(3076, 0, 1, 9001, 4099, 0, 1, 9001))).cell == 0.5
+
+
+@pytest.mark.parametrize(
+    ("none", "value"),
+    [
+        ("-9999", -9999.0), ("-3.4e+38", -3.4e38), ("nan", np.nan), ("-inf", -np.inf), ("inf", np.inf),
+        ("-1.7976931348623157e+308", -np.inf),
+    ],
+)  # fmt: skip
 def test_heights_that_are_none_are_unknown(tmp_path: Path, none: str, value: float) -> None:
     pixels = heights()
     pixels[1, 2] = value
@@ -64,6 +78,8 @@ def test_heights_that_are_none_are_unknown(tmp_path: Path, none: str, value: flo
         ({"scale": ()}, "file"), ({"tie": ()}, "file"), ({"keys": (1024, 0, 1, 2)}, "file"),
         ({"scale": (0.5, 0.25, 0.0)}, "cell"), ({"scale": (0.0, 0.0, 0.0)}, "cell"), ({"none": "none"}, "GDAL_NODATA"),
         ({"scale": (0.5,)}, "ModelPixelScale"), ({"tie": (0.0, 1.0)}, "ModelTiepoint"),
+        ({"directory": (1,)}, "GeoKeyDirectory"), ({"keys": (3076, 0, 1, 9003)}, "ProjLinearUnits"),
+        ({"keys": (3076, 0, 1, 9001, 4099, 0, 1, 9002)}, "VerticalUnits"),
     ],
 )  # fmt: skip
 def test_images_without_a_place_in_metres_are_refused(tmp_path: Path, more: dict[str, Any], field: str) -> None:
