@@ -23,6 +23,8 @@ Control = Literal["commands", "odometry"]
 STATES = 4
 USED_S = 30.0
 """Time constant with which the use of a landmark is forgotten, s."""
+ALL = 50.0
+"""Growth of a log variance that leaves nothing of the information before, nats."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,12 @@ class PoseTracker:
         self._faded_at = 0.0
         self.world: FloorLandmarks | None = None
         self._used_of: FloorLandmarks | None = None
-        self._used = np.zeros((0, 2))
-        """Uses of late and time of the last one, s, of each landmark of `_used_of`."""
+        self._used = np.zeros((0, 5))
+        """Of each landmark of `_used_of`: uses of its range and of its bearing that the belief still holds, time of the
+        last one, s, and `_lost` then."""
+        self._lost = np.zeros(2)
+        """Information on position and on pose that motions and doubts took from the belief so far: growth of the log
+        variance, nats."""
         self.strain: MapStrain | None = None
         """Check of map and camera; None = there is none."""
         self.frames = 0
@@ -138,19 +144,30 @@ class PoseTracker:
             self.mean[STATES] = self.shared.pitch
         for i in range(STATES, self.n):
             self.cov[i, i] = float(self._sds[i - STATES]) ** 2
+        self._used[:] = 0.0
         if self.strain is not None:
             self.strain.place()
 
     def widen(self, factor: float) -> None:
         """Multiply the standard deviations of x, y and heading by a factor; correlations stay."""
+        before = log_variances(self.cov)
         self.cov[:3, :] *= factor
         self.cov[:, :3] *= factor
+        self._lose(before)
 
     def loosen(self, tilt: float, aside: float) -> None:
         """Allow for a camera that was tilted and turned aside by these angles, rad, unnoticed."""
-        h = self.shared.height
+        h, before = self.shared.height, log_variances(self.cov)
         self.cov[[0, 1], [0, 1]] += (tilt * (h * h + TYPICAL**2) / h) ** 2
         self.cov[2, 2] += aside**2
+        self._lose(before)
+
+    def _lose(self, before: tuple[float, float]) -> None:
+        """Count the information that the belief lost since its log variances were `before`."""
+        now = log_variances(self.cov)
+        for i in range(2):
+            if before[i] < now[i]:
+                self._lost[i] += min(now[i] - before[i], ALL)
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -174,8 +191,9 @@ class PoseTracker:
 
     def move(self, motion: Motion) -> None:
         """Predict the belief over a motion of the body."""
-        before = self.pose
+        before, sure = self.pose, log_variances(self.cov)
         self._carry(self.mean, self.cov, motion)
+        self._lose(sure)
         if self.strain is not None:
             way = float(self.mean[0]) - before[0], float(self.mean[1]) - before[1]
             heading = motion.heading + float(self.cov[3, 3]) * motion.walked**2
@@ -216,9 +234,11 @@ class PoseTracker:
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             x, y = self.world.positions[landmark]
             self._linearise(x, y)
-            own, n = float(self.world.sd[landmark]) ** 2, self._times_used(self.world, landmark, time)
-            var_r = of_sight(noise.range_sd**2 + (noise.range_share * r) ** 2, own, n)
-            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, of_sight(noise.bearing_sd**2, own / (r * r), n))
+            own = float(self.world.sd[landmark]) ** 2
+            var_r, var_a = noise.range_sd**2 + (noise.range_share * r) ** 2, noise.bearing_sd**2
+            if own > 0.0:
+                var_r, var_a = self._of_sight(self.world, landmark, time, (var_r, var_a), (own, own / (r * r)))
+            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, var_a)
             total += ukf.update(self.mean, self.cov, sighting, self._gain, self._work)
         if self.strain is not None:
             change = self.mean[:3] - before
@@ -227,14 +247,26 @@ class PoseTracker:
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
 
-    def _times_used(self, world: FloorLandmarks, landmark: int, time: float) -> float:
-        """Count a use of a landmark, and return how often it was used of late."""
+    def _of_sight(
+        self, world: FloorLandmarks, landmark: int, time: float, own: tuple[float, float], common: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Count a use of a landmark, and return the variances of range and bearing to take for it.
+
+        Args:
+            world: the map.
+            landmark: row.
+            time: of the frame, s.
+            own: variances of one sight by itself.
+            common: variances by the place in the map, alike in every sight.
+        """
         if world is not self._used_of:
-            self._used_of, self._used = world, np.zeros((len(world), 2))
-        count, last = self._used[landmark].tolist()
-        count = 1.0 + count * math.exp(-max(0.0, time - last) / USED_S)
-        self._used[landmark] = count, time
-        return count
+            self._used_of, self._used = world, np.zeros((len(world), 5))
+        used = self._used[landmark]
+        old, last, taken = used[:2].tolist(), float(used[2]), (self._lost - used[3:]).tolist()
+        forgotten = math.exp(-max(0.0, time - last) / USED_S)
+        counts = [1.0 + held(forgotten * old[i], common[i] / own[i] if own[i] else 0.0, taken[i]) for i in range(2)]
+        used[:2], used[2], used[3:] = counts, time, self._lost
+        return of_sight(own[0], common[0], counts[0]), of_sight(own[1], common[1], counts[1])
 
     def _linearise(self, x: float, y: float) -> None:
         """Write the effect of the common errors on a landmark at (x, y) m; the bearing seen is noisy and not used."""
@@ -258,3 +290,29 @@ def of_sight(variance: float, common: float, n: float) -> float:
     if common == 0.0 or variance == 0.0:
         return variance + common
     return (variance + n * common) * (variance + (n - 1.0) * common) / variance
+
+
+def held(n: float, ratio: float, lost: float) -> float:
+    """Return the number of sights that hold what is left of the information of n.
+
+    n sights hold n / (1 + n c) in units of one sight, c = `ratio` the variance in common over that of one sight. A
+    variance of the belief grown by a factor leaves that share of it: for one landmark alone, a variance q added between
+    two sights leaves 1 / (1 / n + q), as exact.
+
+    Args:
+        n: sights.
+        ratio: c.
+        lost: growth of the log variance of the belief since, nats.
+    """
+    share = math.exp(-max(0.0, lost))
+    return n * share / (1.0 + n * ratio * (1.0 - share))
+
+
+def log_variances(cov: Array) -> tuple[float, float]:
+    """Return the log of the mean (geometric) variance of the position and of the pose, nats; -inf where one is zero.
+
+    A motion without noise leaves both.
+    """
+    area = float(cov[0, 0] * cov[1, 1] - cov[0, 1] * cov[1, 0])
+    pose = float(ukf.entropy(cov)) - ukf.ENTROPY_OF_UNIT
+    return (0.5 * math.log(area) if area > 0.0 else -math.inf), pose / 1.5

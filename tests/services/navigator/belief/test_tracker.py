@@ -10,7 +10,7 @@ from surefoot.services.navigator.belief import common_errors
 from surefoot.services.navigator.belief.common_errors import CommonErrors
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
-from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty, of_sight
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty, held, of_sight
 
 TILT = CommonErrors(math.radians(2.5), sway=0.02, tilt_fade=5.0, height=0.45)
 NOISE = SightNoise(0.0, 0.03, math.radians(1.5))
@@ -149,3 +149,83 @@ def test_a_robot_that_stands_is_no_surer_than_the_places_of_its_map() -> None:
         nees.append(float(tracker.mean[:3] @ np.linalg.solve(tracker.cov[:3, :3], tracker.mean[:3])))
     low, high = band(0.99)
     assert 0.3 * low < np.mean(nees) < high
+
+
+def near_floor(sd: float) -> tuple[np.ndarray, Detections, FloorLandmarks]:
+    """Return five landmarks ahead of the origin, a frame of them without noise, and the map."""
+    rng = np.random.default_rng(3)
+    places, looks = rng.uniform((0.5, -0.3), (1.0, 0.3), (5, 2)), np.eye(5)
+    seen = Detections(np.hypot(*places.T), np.arctan2(places[:, 1], places[:, 0]), looks)
+    return places, seen, FloorLandmarks(places, looks, sd=np.full(5, sd))
+
+
+def stood(seconds: float = 60.0) -> tuple[PoseTracker, Detections]:
+    """Return a tracker that saw five landmarks in every frame for a while, 10 frames a second."""
+    _, seen, world = near_floor(0.02)
+    tracker = PoseTracker(StartUncertainty(), NOISE, NOISE)
+    tracker.world = world
+    for k in range(round(10 * seconds)):
+        tracker.look(seen, 0.1 * (k + 1), standing=True)
+    return tracker, seen
+
+
+@pytest.mark.parametrize("way", ["place", "widen", "loosen", "move"])
+def test_a_belief_made_unsure_anew_converges_as_a_fresh_one(way: str) -> None:
+    tracker, seen = stood()
+    sure = tracker.entropy
+    if way == "place":
+        tracker.place((0.15, 0.1, 0.15), 0.15**2 * np.eye(3), keep_drift=True)
+    elif way == "widen":
+        tracker.widen(20.0)
+    elif way == "loosen":
+        tracker.loosen(0.08, 0.15)
+    else:
+        tracker.move(Motion(along=0.15**2, across=0.15**2, heading=0.15**2))
+    assert tracker.entropy > sure + 5.0
+    fresh = PoseTracker(StartUncertainty(), NOISE, NOISE)
+    fresh.world = tracker.world
+    if way != "place":
+        tracker.mean[:3] += np.linalg.cholesky(tracker.cov[:3, :3]) @ (1.0, -1.0, 0.5)
+    fresh.mean[:], fresh.cov[:] = tracker.mean, tracker.cov
+    for k in range(50):
+        for one in (tracker, fresh):
+            one.look(seen, 60.1 + 0.1 * k, standing=True)
+        assert math.dist(tracker.pose[:2], fresh.pose[:2]) < 0.01
+        assert tracker.entropy == pytest.approx(fresh.entropy, abs=0.3)
+    assert math.hypot(*tracker.pose[:2]) < 0.03
+
+
+def test_a_robot_that_follows_a_landmark_stays_right() -> None:
+    """Its steps take from the belief what many sights gave: those of the same landmarks count anew."""
+    found = []
+    for moves in (False, True):
+        rng, (places, _, world) = np.random.default_rng(7), near_floor(0.005)
+        tracker, true, errors = PoseTracker(StartUncertainty(), NOISE, NOISE), np.zeros(2), []
+        tracker.world = world
+        for k in range(600):
+            if moves:
+                true = true + 0.01 * rng.standard_normal(2)
+                true = np.clip(true, -0.25, 0.25)
+                tracker.move(Motion(along=1e-4, across=1e-4, heading=1e-5))
+            d = places - true
+            r = np.hypot(*d.T) * (1.0 + 0.03 * rng.standard_normal(5))
+            a = np.arctan2(d[:, 1], d[:, 0]) + NOISE.bearing_sd * rng.standard_normal(5)
+            tracker.look(Detections(r, a, np.eye(5)), 0.1 * (k + 1), standing=True)
+            errors.append(math.dist(tracker.pose[:2], true))
+        found.append(np.mean(errors[100:]))
+    assert found[1] < 0.02
+
+
+def test_sights_left_of_one_landmark_are_as_of_an_exact_filter() -> None:
+    """One landmark, one axis: state and place in the map estimated together give the same variance at every step."""
+    v, c, prior, rng = 0.7, 0.3, 1e9, np.random.default_rng(0)
+    variance, cov, count = prior, np.diag([prior, c]), 0.0
+    h = np.array([1.0, -1.0])
+    for q in np.where(rng.random(60) < 0.5, 0.0, rng.exponential(0.05, 60)):
+        before, variance = variance, variance + q
+        count = 1.0 + held(count, c / v, math.log(variance / before))
+        variance = 1.0 / (1.0 / variance + 1.0 / of_sight(v, c, count))
+        cov = cov + np.diag([q, 0.0])
+        gain = cov @ h / (h @ cov @ h + v)
+        cov = cov - np.outer(gain, h @ cov)
+        assert variance == pytest.approx(cov[0, 0], rel=1e-5)
