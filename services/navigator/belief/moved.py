@@ -2,7 +2,8 @@
 
 A robot that is sure of its pose and sees a landmark of the map at another place remembers that place. Seen there again
 a second later, the landmark has moved: it counts no more as one that belongs elsewhere, which a displaced robot sees
-everywhere. A displaced robot sees it at a third place, where it counts.
+everywhere. A displaced robot sees it at a third place, where it counts. Both frames show more landmarks here than
+elsewhere: one that was just displaced is sure still, but has chance matches only.
 """
 
 import math
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 AFTER_S = 1.0
 """Least time between the first sight of a landmark at another place and the one that shows that it has moved, s."""
 HERE = 2
-"""Least matches of a frame in which a robot is sure of its pose."""
+"""Least matches of a frame in which a robot is sure of its pose; they outnumber the landmarks elsewhere, too."""
 NEAR_SDS = 3.0
 """Standard deviations of the way between two sights within which they show one place."""
 
@@ -40,6 +41,19 @@ class Sight(NamedTuple):
     """Time of the frame, s."""
 
 
+class _Place(NamedTuple):
+    """Place where a landmark is seen."""
+
+    detection: int
+    landmark: int
+    x: float
+    """m, frame map."""
+    y: float
+    """m, frame map."""
+    slack: float
+    """Way to another sight within which both show one place, m."""
+
+
 class MovedLandmarks:
     """Places where landmarks were seen that are elsewhere in the map.
 
@@ -50,6 +64,7 @@ class MovedLandmarks:
     def __init__(self, world: FloorLandmarks) -> None:
         self.world = world
         self._seen = np.full((len(world), 3), np.nan)  # x, y, m, frame map, and time of the first sight there, s
+        self._known = np.zeros(len(world), dtype=bool)  # seen there again
         self._gaps = np.empty(len(world))
 
     def left_out(self, matches: Matches, seen: Detections, sight: Sight, *, sure: bool) -> Matches:
@@ -61,9 +76,12 @@ class MovedLandmarks:
             sight: its circumstances.
             sure: the pose is certain: other places are remembered.
         """
-        away = np.flatnonzero((matches.fates == FAR) | (matches.fates == UNLIKE))
-        learns = sure and len(matches.detections) >= HERE
-        gone = [d for d in away.tolist() if self._has_moved(seen, d, sight, learns)]
+        away = np.flatnonzero((matches.fates == FAR) | (matches.fates == UNLIKE)).tolist()
+        places = [place for place in (self._place(seen, d, sight) for d in away) if place is not None]
+        gone = [place.detection for place in places if self._again(place) and self._known[place.landmark]]
+        here, others = len(matches.detections), len(places) - len(gone)
+        if sure and here >= HERE and here > others:
+            gone = [place.detection for place in places if self._learned(place, sight.time)]
         if not gone:
             return matches
         fates = matches.fates.copy()
@@ -71,19 +89,27 @@ class MovedLandmarks:
         counts = np.bincount(fates, minlength=len(FATES)).tolist()
         return replace(matches, fates=fates, counts=dict(zip(FATES, counts, strict=True)))
 
-    def _has_moved(self, seen: Detections, d: int, sight: Sight, learns: bool) -> bool:
-        """Return whether detection d shows a landmark again where it was seen before; remember where it is seen."""
+    def _place(self, seen: Detections, d: int, sight: Sight) -> _Place | None:
+        """Return where detection d shows the landmark that it looks like; None = it looks like none."""
         noise, (x, y, heading) = sight.noise, sight.pose
         association.likeness(seen.looks[d], self.world.columns, self._gaps)
         landmark = int(self._gaps.argmin())
         if self._gaps[landmark] >= MatchLimits().look(noise, self.world.descriptor_length) ** 2:
-            return False
+            return None
         r, bearing = float(seen.ranges[d]), heading + float(seen.bearings[d])
-        there = (x + r * math.cos(bearing), y + r * math.sin(bearing))
-        before = self._seen[landmark].tolist()
         own = noise.range_sd**2 + (noise.range_share * r) ** 2 + (r * noise.bearing_sd) ** 2
-        if math.dist(before[:2], there) < NEAR_SDS * math.sqrt(2.0 * own + float(sight.cov[0, 0] + sight.cov[1, 1])):
-            return sight.time - before[2] >= AFTER_S
-        if learns:
-            self._seen[landmark] = (*there, sight.time)
-        return False
+        slack = NEAR_SDS * math.sqrt(2.0 * own + float(sight.cov[0, 0] + sight.cov[1, 1]))
+        return _Place(d, landmark, x + r * math.cos(bearing), y + r * math.sin(bearing), slack)
+
+    def _again(self, place: _Place) -> bool:
+        """Return whether a landmark is where it was first seen away from the map."""
+        before = self._seen[place.landmark].tolist()
+        return math.dist(before[:2], (place.x, place.y)) < place.slack
+
+    def _learned(self, place: _Place, time: float) -> bool:
+        """Return whether a landmark is known to have moved to a place; remember the place."""
+        if not self._again(place):
+            self._seen[place.landmark], self._known[place.landmark] = (place.x, place.y, time), False
+        elif time - self._seen[place.landmark, 2] >= AFTER_S:
+            self._known[place.landmark] = True
+        return bool(self._known[place.landmark])
