@@ -267,7 +267,7 @@ def bare_reader(domain: int) -> None:
         time.sleep(POLL_S)
 
 
-@BENCH.part("lupo --seconds 2")
+@BENCH.part()
 def load(robot: str = f"{GYM}/go2", /, *, seconds: float = 20.0) -> None:
     """Processor shares of driver, estimator, stability, recorder and supervisor beside a Go2 over DDS at 500 Hz.
 
