@@ -28,10 +28,13 @@ MAX_CELLS = 16_000_000
 """Largest number of cells, 4000 x 4000 or 64 MB: a larger map is taken for a mistake."""
 
 
-def _integer(value: object) -> object:
+FLOATS: tuple[type[Any], ...] = (float, np.floating)
+"""Types of floating-point numbers."""
+
+
+def _integer(value: Any) -> Any:
     """Return a float that is a whole number as an integer, and anything else as it is."""
-    real = float(cast("float", value)) if isinstance(value, float | np.floating) else math.nan
-    return int(real) if real.is_integer() else value
+    return int(value) if isinstance(value, FLOATS) and float(value).is_integer() else value
 
 
 class HeightMapError(InvalidField):

@@ -63,7 +63,7 @@ def _scale(text: str, source: str) -> _Scale:
         numbers = [float(entries[name]) for name in ("cell", "z_low", "z_high")]
         numbers += [float(value) for value in entries.get("origin", (0.0, 0.0))]
         version = int(entries.get("version", 0))
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise HeightMapError("file", f"{source} cannot be read: {error!r}") from error
     if not all(map(math.isfinite, numbers)) or len(numbers) != 5:
         raise HeightMapError("file", f"{source} must hold finite numbers, got {entries!r}")

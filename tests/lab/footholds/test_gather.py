@@ -9,7 +9,7 @@ def test_another_robots_recording_is_refused(complaint, recorded, tmp_path):
     out = tmp_path / "samples.jsonl"
     for other in ("messor", "nao"):
         shown = complaint("footholds", "gather", recorded, "--robot", other, "--out", out).splitlines()[-1]
-        assert shown == f"surefoot: got {other!r}, allowed is that of {recorded}: 'ragno'"
+        assert shown == f"surefoot: robot: got {other!r}, allowed is that of {recorded}: 'ragno'"
     assert not out.exists()
 
 
