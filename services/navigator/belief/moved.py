@@ -41,8 +41,8 @@ class Sight(NamedTuple):
     """Time of the frame, s."""
 
 
-class _Elsewhere(NamedTuple):
-    """Place where a landmark is seen."""
+class SeenElsewhere(NamedTuple):
+    """Place where a landmark of the map is seen, other than its own."""
 
     detection: int
     landmark: int
@@ -89,7 +89,7 @@ class MovedLandmarks:
         counts = np.bincount(fates, minlength=len(FATES)).tolist()
         return replace(matches, fates=fates, counts=dict(zip(FATES, counts, strict=True)))
 
-    def _place(self, seen: Detections, d: int, sight: Sight) -> _Elsewhere | None:
+    def _place(self, seen: Detections, d: int, sight: Sight) -> SeenElsewhere | None:
         """Return where detection d shows the landmark that it looks like; None = it looks like none."""
         noise, (x, y, heading) = sight.noise, sight.pose
         association.likeness(seen.looks[d], self.world.columns, self._gaps)
@@ -99,14 +99,14 @@ class MovedLandmarks:
         r, bearing = float(seen.ranges[d]), heading + float(seen.bearings[d])
         own = noise.range_sd**2 + (noise.range_share * r) ** 2 + (r * noise.bearing_sd) ** 2
         slack = NEAR_SDS * math.sqrt(2.0 * own + float(sight.cov[0, 0] + sight.cov[1, 1]))
-        return _Elsewhere(d, landmark, x + r * math.cos(bearing), y + r * math.sin(bearing), slack)
+        return SeenElsewhere(d, landmark, x + r * math.cos(bearing), y + r * math.sin(bearing), slack)
 
-    def _again(self, place: _Elsewhere) -> bool:
+    def _again(self, place: SeenElsewhere) -> bool:
         """Return whether a landmark is where it was first seen away from the map."""
         before = self._seen[place.landmark].tolist()
         return math.dist(before[:2], (place.x, place.y)) < place.slack
 
-    def _learned(self, place: _Elsewhere, time: float) -> bool:
+    def _learned(self, place: SeenElsewhere, time: float) -> bool:
         """Return whether a landmark is known to have moved to a place; remember the place."""
         if not self._again(place):
             self._seen[place.landmark], self._known[place.landmark] = (place.x, place.y, time), False

@@ -58,11 +58,11 @@ class StartUncertainty:
     """Standard deviations of the start pose."""
 
     position: float = 0.05
-    """Standard deviation of x and of y at the start, m."""
+    """x and y each, m."""
     heading: float = math.radians(5.0)
-    """Standard deviation of the heading at the start, rad."""
+    """Heading, rad."""
     drift: float = 0.76
-    """Standard deviation of the drift at the start, rad per m."""
+    """Drift, rad per m."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class FrameResult:
     """Result of one frame of the camera."""
 
     seen: int
-    """Number of detections in the frame."""
+    """Number of detections."""
     matched: int
     """Number of matched detections."""
     nis: float
@@ -115,7 +115,7 @@ class PoseTracker:
         """Of each landmark of `_used_of`: uses of its range and of its bearing that the belief still holds, time of the
         last one, s, and `_lost` then."""
         self._lost = np.zeros(2)
-        """Information on position and on pose that motion and `loosen` took from the belief so far: growth of the log
+        """Information on position and on pose that motions and wider beliefs took from the belief so far: growth of the log
         variance, nats."""
         self.strain: MapStrain | None = None
         """Check of map and camera; None = there is none."""
