@@ -115,7 +115,7 @@ class PoseTracker:
         """Of each landmark of `_used_of`: uses of its range and of its bearing that the belief still holds, time of the
         last one, s, and `_lost` then."""
         self._lost = np.zeros(2)
-        """Information on position and on pose that motions and wider beliefs took from the belief so far: growth of the log
+        """Information on position and on pose that motion and `loosen` took from the belief so far: growth of the log
         variance, nats."""
         self.strain: MapStrain | None = None
         """Check of map and camera; None = there is none."""
