@@ -38,7 +38,7 @@ def here(monkeypatch, tmp_path):
         ("footholds judge ragno missing", "cannot be read"),
         ("footholds show ragno --picture x.xyz", "known are .png"),
         ("footholds score missing.npz -m ragno -o s.npz", "cannot be read: No such file"),
-        ("footholds score file.mcap -m ragno -o s.npz", "is no .npz height map, or damaged"),
+        ("footholds score file.mcap -m ragno -o s.npz", "is cut off, damaged or of an unknown encoding"),
         ("footholds score file.mcap -m ragno -o s.npz --heading nan", "--heading"),
         ("footholds collect -o s.jsonl --robot missing", "no robot 'missing'"),
         ("footholds collect -o s.jsonl --model missing", "cannot be read"),

@@ -12,7 +12,7 @@ def test_few_stops_between_a_request_and_its_reply(trip: str, most: int) -> None
 
 @pytest.mark.e2e
 @pytest.mark.parametrize(
-    ("command", "most", "end"), [("run", 29, "judge.py:judge"), ("up", 16, "session.py:Session.call")]
+    ("command", "most", "end"), [("run", 30, "judge.py:judge"), ("up", 17, "session.py:Session.call")]
 )
 def test_few_stops_from_a_command_to_its_end(command: str, most: int, end: str) -> None:
     found = stops(command)
