@@ -133,7 +133,8 @@ def test_papers_are_a_distribution_of_their_own(
     words = ("-m", "surefoot.lab.cli.main", "reproduce", "walas")
     done = run(installed, tmp_path, *words)
     assert done.returncode == 2
-    assert done.stderr == "surefoot: reproduce: the papers are not installed; in a checkout of surefoot: pip install ./papers\n"
+    missing = "the papers are not installed; in a checkout of surefoot: pip install ./papers"
+    assert done.stderr == f"surefoot: reproduce: {missing}\n"
     done = run(installed, tmp_path, *words, "--json")
     assert json.loads(done.stdout)["error"]["code"] == "not_installed"
     (site,) = installed.glob("lib/python*/site-packages")
