@@ -71,7 +71,8 @@ class BestNoise(NamedTuple):
     """Motion of that edge or corner, m/s."""
     most_excess: float = 15.0
     """Largest factor of the inertial noise."""
-    most_shaken: float = 0.1  # m/s^2/sqrt(Hz), of an accelerometer by that factor, unless more is stated
+    most_shaken: float = 0.1
+    """Largest noise of an accelerometer by that factor, m/s^2/sqrt(Hz), unless more is stated: no trunk hides more."""
     lag_s: float = 5.0
     """Time over which corrections of the position are averaged, s."""
 
@@ -225,9 +226,9 @@ class FixedNumbers(NamedTuple):
     delay_least_s: float = 0.5
     """Least time on the ground, of all feet together, from which late stamps are looked for, s."""
     delay_period: float = 0.012
-    """Longest step between two inertial samples that show late stamps of the feet, s: at 55 Hz those of a Go1 show its
-    legs 23 ms late, and its legs fit each other better where they are left as they are."""
-    delay_vertical: float = 0.15  # weight of vertical beside level motion in that search: feet land along it
+    """Longest step between inertial samples that show late stamps of the feet, s: a Go1 at 55 Hz shows wrong ones."""
+    delay_vertical: float = 0.15
+    """Weight of vertical beside level motion in the search for late stamps: feet land along it."""
     delay_share: float = 0.3
     """Share of what feet show beside the inertial unit that late stamps explain, from which they are late."""
     delay_lasts_s: float = 0.15
