@@ -197,8 +197,7 @@ class FixedNumbers(NamedTuple):
     usual_s: float = 1.0
     """Time over which the gyro's mean is taken, s: no offset of a gyro, known or not, turns beside it."""
     most_repeated: float = 0.03
-    """Turning of the IMU, rad, while a foot on the ground repeats one sample and others do not: its encoders stand
-    still. Clean logs of others show 0.009 at most."""
+    """Turning of the IMU while only one foot on the ground repeats its sample, rad: frozen. Clean logs: 0.009."""
     longest_repeat: float = 0.1
     """Longest step between two samples of the feet that counts in it, s."""
     longest_held: float = 0.25
