@@ -185,7 +185,7 @@ def test_a_map_that_is_lost_comes_again_and_changes_no_hash(damaged: bool, monke
 
 
 def test_a_driver_that_counts_its_epochs_from_one_again_has_its_map_recorded() -> None:
-    recorder = ToyRecorder(RecorderConfig())
+    recorder = ToyRecorder(RecorderConfig(path=None))
     LocalSystem([MappedDriver(0), recorder])
     terrain = Delivery(TERRAIN_MAP, MAP.stamped(0, 0, 1, 0, "driver"), None, None, "driver")
     last = Tick(tick=0, epoch=1, roster=("recorder",), due=(), mode="paced", roster_version=1, end=True)
