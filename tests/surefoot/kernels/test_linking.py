@@ -99,7 +99,9 @@ def limbs(tmp_path: Path) -> Path:
 
 
 def run(folder: Path, program: str, **settings: str) -> str:
-    environment = {**os.environ, "PYTHONPATH": f"{folder}:{Path(__file__).parents[3]}", **settings}
+    # No bytecode is kept: Python would take that of a file of equal size that was written in the same second.
+    paths = f"{folder}:{Path(__file__).parents[3]}"
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", **settings}
     command = [sys.executable, "-c", program]
     return run_process(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
 
