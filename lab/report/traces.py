@@ -15,7 +15,7 @@ from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.recording import read_recording
 
-from .sights import SightKeeper
+from ..scene.sights import SightKeeper
 
 Array = NDArray[np.float64]
 
@@ -165,7 +165,7 @@ class Traces:
         variance = np.maximum(np.array(m.covariance).reshape(4, 4).diagonal(), 0.0)
         time = self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
         if "state/landmarks" in self.rows:
-            self.sights.moved(m.stamp_ns, m.position, m.yaw, matrix_from_quat(np.array(m.quat_wxyz)))
+            self.sights.moved(m)
         if "sim/truth" not in self.rows:  # what the robot measured itself is all there is
             self.stances += [StanceTrace(time, s.foot, s.slip, tuple(s.begin[:2])) for s in m.stances]
 

@@ -23,6 +23,7 @@ from surefoot.services.supervisor.processes.status import health_row, time_row
 
 from ..scene.film import frame, header, mark
 from .newest import ASK_S, FRAME_S, NewestScene
+from .sight import LiveSight
 
 STATUS_S, STALE_S = 0.5, 3.0
 """Wall time between two reports on health, and after which a service without a report counts as silent."""
@@ -48,6 +49,7 @@ class Shown:
         world: counts changes of the ground and of the services that live; a page asks for the head again.
         frame: the frame, JSON; "null" before the first joint angles.
         report: number of the report on health, with its JSON.
+        sight: number of the last image that vision read, with its JSON.
         at_ms: wall time at which it was made, ms since 1970.
     """
 
@@ -57,6 +59,7 @@ class Shown:
     world: int = 0
     frame: str = "null"
     report: tuple[int, str] = (0, "null")
+    sight: tuple[int, str] = (0, "null")
     at_ms: float = 0.0
 
 
@@ -70,7 +73,8 @@ class LiveFrames:
     """
 
     def __init__(self, client: Client, robot: Robot, stop: Stop) -> None:
-        self.client, self._newest, self._stop = client, NewestScene(client, robot), stop
+        self.client, self._stop, self._sight = client, stop, LiveSight(client)
+        self._newest = NewestScene(client, robot, self._sight.take)
         self._news = threading.Condition()
         self._health: dict[str, tuple[float, Delivery]] = {}
         self._log: deque[tuple[str, str]] = deque(maxlen=LOG_LINES)
@@ -173,6 +177,7 @@ class LiveFrames:
         if now - self._reported_s >= STATUS_S:
             self._reported_s = now
             reported = reported[0] + 1, _json(self._report(now))
+        self._sight.images()
         with self._newest.lock:
             came, snapshot = self._newest.look()
             if not came and reported is before.report:
@@ -184,7 +189,10 @@ class LiveFrames:
         if snapshot is not None:
             self._heading = math.atan2(snapshot.rot[1, 0], snapshot.rot[0, 0])
         content = "null" if snapshot is None else _json(frame(snapshot))
-        return Shown(before.number + 1, epoch, len(self._marks), self._world(), content, reported, 1000.0 * time.time())
+        return Shown(
+            before.number + 1, epoch, len(self._marks), self._world(), content, reported, self._sight.look(),
+            1000.0 * time.time(),
+        )  # fmt: skip
 
     def _report(self, now: float) -> dict[str, Any]:
         """Return services, time and log in words."""
@@ -248,9 +256,10 @@ class Reader:
         same = shown.epoch == seen.epoch and shown.marks >= seen.marks
         fresh = ",".join(self._live.marks(seen.marks if same else 0, shown.marks))
         report = shown.report[1] if shown.report[0] != seen.report[0] else "null"
+        sight = shown.sight[1] if shown.sight[0] != seen.sight[0] else "null"
         return (
             f'{{"epoch":{shown.epoch},"world":{shown.world},"at":{shown.at_ms:.1f},"new":[{fresh}],'
-            f'"status":{report},"frame":{shown.frame}}}'
+            f'"status":{report},"sight":{sight},"frame":{shown.frame}}}'
         )
 
 

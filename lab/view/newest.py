@@ -55,8 +55,9 @@ class NewestScene:
         runs: counts the runs: epochs of a driver, and drivers that were started anew.
     """
 
-    def __init__(self, client: Client, robot: Robot) -> None:
-        self.client, self.scene, self.lock = client, RobotScene(robot), threading.Lock()
+    def __init__(self, client: Client, robot: Robot, also: Callable[[Delivery], object] = lambda _: None) -> None:
+        """Subscribe; `also` gets each message that a look takes."""
+        self.client, self.scene, self.lock, self._also = client, RobotScene(robot), threading.Lock(), also
         self.grounds, self._ground = 0, self.scene.ground
         self.runs, self._stamp = 0, (-1, 0)
         self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
@@ -79,6 +80,7 @@ class NewestScene:
             if delivery is not None and not delivery.prime:
                 self._count_runs(delivery)
                 self.scene.feed(delivery.key, delivery.message)
+                self._also(delivery)
                 came = True
         snapshot = self.scene.snapshot()
         if self.scene.ground is not self._ground:

@@ -26,7 +26,8 @@ def live_page(title: str) -> str:
     """Return the page that shows a running system."""
     body = (
         '<main><header><span class="chip" id="state">...</span><h1></h1><p id="time"></p></header>'
-        f'{stage("live", BAR)}<div id="charts" class="plots"></div>'
+        f'{stage("live", BAR)}<figure id="sight" hidden><figcaption></figcaption><canvas></canvas></figure>'
+        '<div id="charts" class="plots"></div>'
         '<section class="columns"><div><h2>Services</h2><table id="services"></table></div>'
         '<div><h2>Log</h2><ul class="events" id="log"></ul></div></section>'
         '<section><p class="note">In other viewers: <code>surefoot bridge foxglove</code> live, '

@@ -19,8 +19,21 @@ async function startLive() {
   };
   const sized = () => { $("size").hidden = !data.sized.includes($("kind").value); }; $("kind").onchange = sized;
   const renew = async number => { world = number; data = await asked(); world = data.world; stage.view.setHead(data.head); offer(); fresh = true; }; // another ground or driver
-  const take = ({ epoch: now, world: ground, at, new: more, status, frame: f }) => {
-    if (epoch !== now) { forget(); epoch = now; }
+  const sight = s => { // the last image that vision read: features orange, matches and their gates green
+    const home = $("sight"), canvas = home.querySelector("canvas"), pen = canvas.getContext("2d"), picture = new Image();
+    picture.onload = () => {
+      canvas.width = s.width; canvas.height = s.height; pen.drawImage(picture, 0, 0); pen.fillStyle = "#e07b1a"; pen.strokeStyle = "#2a9d63";
+      const line = p => { pen.beginPath(); for (let i = 0; i < p.length; i += 2) pen.lineTo(p[i], p[i + 1]); pen.closePath(); pen.stroke(); };
+      for (let i = 0; i < s.features.length; i += 2) pen.fillRect(s.features[i] - 1, s.features[i + 1] - 1, 2, 2);
+      pen.lineWidth = 0.5; for (const gate of s.gates) line(gate);
+      pen.lineWidth = 1.2; for (let i = 0; i < s.matches.length; i += 2) { pen.beginPath(); pen.arc(s.matches[i], s.matches[i + 1], 3, 0, 7); pen.stroke(); }
+      home.querySelector("figcaption").textContent = `What it saw, ${s.text}`; home.hidden = false; window.live.sight = s;
+    };
+    picture.src = `data:image/jpeg;base64,${s.jpeg}`;
+  };
+  const take = ({ epoch: now, world: ground, at, new: more, status, sight: seen, frame: f }) => {
+    if (epoch !== now) { forget(); epoch = now; $("sight").hidden = true; }
+    if (seen) sight(seen);
     if (ground !== world) renew(ground);
     marks = marks.concat(more).slice(-KEPT_MARKS); if (status) report(status); if (!f) return;
     const fall = stage.view.height(f.base[0], f.base[1]), g = ghostOf(f, data.head.styles); trail.base.push(f.base[0], f.base[1], fall); if (g) trail.ghost.push(g[0], g[1], fall);

@@ -1,0 +1,135 @@
+"""Images of a run with what was recognised in them: features, matches with the map, and the gate of each match.
+
+One image is kept of each action, the last one, with the belief that restricted the search in it.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.services.vision.features import Extractor
+from surefoot.services.vision.messages import places_of
+from surefoot.services.vision.motion import OdometryAt, since
+from surefoot.services.vision.recognise import RecogniseParams, gate_radius
+from surefoot.services.vision.view import FloorPose, Patch, from_above, homography
+
+Array = NDArray[np.float64]
+
+MOST_ACTIONS, COUNT = 4, 250
+"""Actions of which an image is shown; most features of an image."""
+IMAGES, MOMENTS = 6, 100
+"""Images and messages of odometry that are kept until the landmarks of an image come."""
+ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
+
+
+class SeenImage(NamedTuple):
+    """One image and what was recognised in it."""
+
+    time: float
+    """s, middle of the exposure."""
+    image: Any
+    """Message `hw/image`."""
+    base: FloorPose
+    places: Array
+    """Recognised landmarks in heading axes of base_link at that time, (k, 2) m."""
+    seen: Any
+    """Message `state/landmarks`."""
+    reach: Array
+    """Gate of each landmark, (k,) m; NaN where the whole map was compared."""
+    entropy: float
+    """Of the pose, nats."""
+
+
+@dataclass
+class SightKeeper:
+    """Gathers the sights of a run from its messages.
+
+    Attributes:
+        by_action: last sight of each action.
+    """
+
+    by_action: dict[str, SeenImage] = field(default_factory=dict[str, SeenImage])
+    _images: deque[Any] = field(default_factory=lambda: deque[Any](maxlen=IMAGES))
+    _moments: deque[tuple[OdometryAt, FloorPose]] = field(
+        default_factory=lambda: deque[tuple[OdometryAt, FloorPose]](maxlen=MOMENTS)
+    )
+    _belief: Any = None
+
+    def image(self, message: Any) -> None:
+        """Take a message `hw/image`."""
+        self._images.append(message)
+
+    def believed(self, message: Any) -> None:
+        """Take a message `state/pose`."""
+        self._belief = message
+
+    def moved(self, message: Any) -> None:
+        """Take a message `state/odometry`, whose floor is at height 0."""
+        (x, y, z), yaw = message.position, message.yaw
+        c, s = math.cos(yaw), math.sin(yaw)
+        level = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        rot = level @ matrix_from_quat(np.array(message.quat_wxyz))
+        self._moments.append((OdometryAt(message.stamp_ns, (x, y, yaw), rot), FloorPose(rot, z)))
+
+    def landmarks(self, message: Any, action: str) -> None:
+        """Take a message `state/landmarks` while an action is under way."""
+        image = next((each for each in self._images if each.stamp_ns == message.image_stamp_ns), None)
+        if not message.fresh or image is None or not self._moments:
+            return
+        if action not in self.by_action and len(self.by_action) == MOST_ACTIONS:
+            return
+        then, base = min(self._moments, key=lambda each: abs(each[0].stamp_ns - image.stamp_ns))
+        now = min(self._moments, key=lambda each: abs(each[0].stamp_ns - message.stamp_ns))[0]
+        places = since(places_of(message), now, then)
+        entropy = math.nan if self._belief is None else self._belief.entropy
+        reach = np.full(len(places), math.nan) if message.anywhere else self._reach(places)
+        sight = SeenImage(image.stamp_ns * 1e-9, image, base, places, message, reach, entropy)
+        self.by_action[action] = sight
+
+    def _reach(self, places: Array) -> Array:
+        """Return the radius within which features of the map were candidates, (k,) m."""
+        if self._belief is None:
+            return np.full(len(places), math.nan)
+        return gate_radius(places, np.array(self._belief.covariance).reshape(3, 3), RecogniseParams())
+
+
+def in_image(places: Array, sight: SeenImage) -> Array:
+    """Return where an image shows points of the floor, heading axes of base_link, (n, 2) px."""
+    patch = Patch()
+    above = np.stack(
+        ((patch.beside - places[:, 1]) / patch.pixel - 0.5, (patch.farthest - places[:, 0]) / patch.pixel - 0.5), axis=1
+    )
+    found = np.hstack((above, np.ones((len(places), 1)))) @ homography(sight.image, sight.base, patch).T
+    return found[:, :2] / found[:, 2:]
+
+
+def features(sight: SeenImage, pixels: NDArray[np.uint8]) -> Array:
+    """Return the features of an image, (n, 2) px; none without OpenCV."""
+    try:
+        found = Extractor("orb", COUNT).find(*from_above(sight.image, pixels, sight.base, Patch()))
+    except SurefootError:
+        return np.zeros((0, 2))
+    return in_image(Patch().place(found.pixels), sight)
+
+
+def gates(sight: SeenImage) -> list[Array]:
+    """Return the outline of the gate of each match in the image, (25, 2) px; none where the whole map was compared."""
+    ring = np.stack((np.cos(ROUND), np.sin(ROUND)), axis=1)
+    pairs = zip(sight.places, sight.reach, strict=True)
+    return [in_image(place + reach * ring, sight) for place, reach in pairs if math.isfinite(reach)]
+
+
+def words(sight: SeenImage) -> str:
+    """Return what was seen in an image, in words."""
+    seen, where = sight.seen, "whole map" if sight.seen.anywhere else "gates"
+    flags = "".join(f", {flag}" for flag in seen.flags)
+    return (
+        f"{sight.time:.1f} s: {seen.features} features, {len(seen.landmarks)} matches ({where}), "
+        f"entropy {sight.entropy:.1f} nats{flags}"
+    )

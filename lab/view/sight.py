@@ -1,0 +1,94 @@
+"""The last image that a running system read, with features, matches and gates, for the page; only where vision runs."""
+
+import base64
+import json
+from contextlib import suppress
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from surefoot.bus.interface import Delivery
+from surefoot.client import Client
+from surefoot.errors import SurefootError
+from surefoot.schemas.topics import HW_IMAGE, STATE_LANDMARKS, STATE_ODOMETRY, STATE_POSE
+from surefoot.services.vision.view import greys
+
+from ..scene.sights import SeenImage, SightKeeper, features, gates, in_image, words
+
+WIDEST, QUALITY = 480, 60
+"""px, largest side of an image on the page; quality of its JPEG: about 10 kB."""
+
+
+class LiveSight:
+    """Gathers what an image showed from the newest messages; asks for images once vision has published landmarks.
+
+    Attributes:
+        shown: number of the sight, which counts up, and its JSON; "null" = there is none in this run.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._images = client, lambda: None
+        self._asked, self._epoch = False, -1
+        self._keeper, self._last = SightKeeper(), 0
+        self.shown = (0, "null")
+
+    def images(self) -> None:
+        """Take the newest image; before the other messages of a look, which may refer to it."""
+        delivery: Delivery | None = self._images()
+        if delivery is not None and not delivery.prime:
+            with suppress(SurefootError):
+                self._keeper.image(delivery.message())
+
+    def take(self, delivery: Delivery) -> None:
+        """Take the newest message of any key."""
+        if delivery.key == STATE_LANDMARKS.key and not self._asked:
+            self._asked, self._images = True, self._client.bus.newest(HW_IMAGE)
+        if not self._asked or delivery.key not in (STATE_ODOMETRY.key, STATE_POSE.key, STATE_LANDMARKS.key):
+            return
+        with suppress(SurefootError):
+            message: Any = delivery.message()
+            if message.epoch != self._epoch:
+                self._epoch, self._keeper, self._last = message.epoch, SightKeeper(), 0
+                self.shown = (self.shown[0] + 1, "null")
+            if delivery.key == STATE_ODOMETRY.key:
+                self._keeper.moved(message)
+            elif delivery.key == STATE_POSE.key:
+                self._keeper.believed(message)
+            else:
+                self._keeper.landmarks(message, "")
+
+    def look(self) -> tuple[int, str]:
+        """Return `shown`, made anew where an image was read since."""
+        sight = self._keeper.by_action.get("")
+        if sight is not None and sight.image.stamp_ns != self._last:
+            self._last = sight.image.stamp_ns
+            with suppress(SurefootError):  # what came is no image
+                self.shown = (self.shown[0] + 1, json.dumps(drawn(sight), separators=(",", ":"), allow_nan=False))
+        return self.shown
+
+
+def drawn(sight: SeenImage) -> dict[str, Any]:
+    """Return a sight as the page draws it, places in pixels of the picture.
+
+    Raises:
+        SurefootError: what came is no image.
+    """
+    pixels = greys(sight.image)
+    picture = Image.fromarray(pixels)
+    picture.thumbnail((WIDEST, WIDEST))
+    scale, file = picture.width / pixels.shape[1], BytesIO()
+    picture.save(file, "JPEG", quality=QUALITY)
+    found: dict[str, list[Any]] = {"features": [], "matches": [], "gates": []}
+    with suppress(SurefootError):  # the camera does not look at the floor
+        found["matches"] = _px(in_image(sight.places, sight), scale)
+        found["gates"] = [_px(outline, scale) for outline in gates(sight)]
+        found["features"] = _px(features(sight, pixels), scale)
+    jpeg = base64.b64encode(file.getvalue()).decode()
+    return {"width": picture.width, "height": picture.height, "jpeg": jpeg, "text": words(sight), **found}
+
+
+def _px(places: Any, scale: float) -> list[float]:
+    finite = np.nan_to_num(np.asarray(places) * scale, nan=-1e3, posinf=-1e3, neginf=-1e3)
+    return np.round(finite.clip(-1e4, 1e4), 1).ravel().tolist()
