@@ -184,15 +184,19 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float) -> N
         contact: probability that each foot touches the ground, (L,).
         dt: time since it was looked at last, s.
     """
-    sound, total = 0, 0.0
     for f in range(size.size):
-        if not math.isnan(size[f]):
-            sound, total = sound + 1, total + size[f]
-    for f in range(size.size):
+        # a foot that stands is like the others that do, beside which those in the air count half
+        stands, others, closed, total, firm = contact[f] >= 0.5, 0, 0, 0.0, 0.0
+        for g in range(size.size):
+            if g != f and not math.isnan(size[g]):
+                others, total = others + 1, total + size[g]
+                if contact[g] >= 0.5:
+                    closed, firm = closed + 1, firm + size[g]
         more = 0.0
-        if sound > 1 and not (math.isnan(contact[f]) or math.isnan(size[f])):
-            more = size[f] - (total - size[f]) / (sound - 1)
-            more = min(more if contact[f] >= 0.5 else -more, FIXED.most_more)
+        if others > 0 and not (math.isnan(contact[f]) or math.isnan(size[f])):
+            usual = total / others
+            more = size[f] - (0.5 * (usual + firm / closed) if stands and closed > 0 else usual)
+            more = min(more if stands else -more, FIXED.most_more)
         sensors[f, S.against] += min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
         if sensors[f, S.against] > FIXED.most_against:
             sensors[f, S.switch] = 1.0
