@@ -41,7 +41,7 @@ class MetricSummary(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """Rate of good verdicts."""
+    """Share of good verdicts of a study, with its 95 % interval."""
 
     good: int
     runs: int

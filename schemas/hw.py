@@ -181,7 +181,7 @@ class DescriptionRequest(Request):
 
 
 class DescriptionReply(Reply):
-    """The driver's robot description; another hash than ours means not ready."""
+    """Robot description that the driver was built from; a service that has another hash is not ready."""
 
     robot: str = Field(description="name of the robot")
     hash: str = Field(description="sha256 of the canonical robot description")

@@ -20,7 +20,7 @@ AHEAD_S = 10.0
 
 
 class Stream(NamedTuple):
-    """Rows of one source."""
+    """Rows of one source with their stamps."""
 
     stamp_ns: Ints  # (n,)
     values: Array  # (n, k)

@@ -34,7 +34,7 @@ _EXAMPLES: dict[str, dict[str, Any]] = {
     "CalibrateRequest": {"action": "status"},
     "ConfigureRequest": {"values": {"mu": "0.5"}},
 }
-"""Of requests whose fields have to fit each other, or the robot."""
+"""Examples of requests whose fields have to fit each other, or the robot."""
 
 
 def describe(model: type[BaseModel]) -> dict[str, list[dict[str, str]]]:

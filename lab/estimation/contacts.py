@@ -20,8 +20,8 @@ of a person, they carry less."""
 ALIKE_ON, ALIKE_OFF = 0.9, 0.6
 """Share of the force of the most loaded foot from which a foot stands with it, and below which it does not any more."""
 LEAST_ON, LEAST_OFF = 0.5, 0.3
-"""Likewise, from which a foot may stand, and below which it does not, however low the thresholds are: as one lands or
-lifts it creeps and turns."""
+"""Share of that force from which a foot may stand, and below which it does not, however low the thresholds are: as a
+foot lands or lifts it creeps and turns."""
 UP_S = 0.5
 """Time over which the mean accelerometer shows the direction of gravity, s."""
 

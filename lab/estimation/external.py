@@ -128,7 +128,7 @@ def _covariance(columns: Columns, name: str, count: int) -> Array:
 
 
 def _variance(columns: Columns, count: int) -> Array:
-    """Return variances (e,) rad^2 of the heading, likewise."""
+    """Return variances of the heading, (e,) rad^2, from its own column, or from one standard deviation."""
     if "external_yaw_variance" in columns:
         return np.asarray(columns["external_yaw_variance"], dtype=np.float64)
     return np.full(count, _number(columns, "external_yaw_sd") ** 2)

@@ -39,19 +39,19 @@ class BuildOptions:
     range_share: float = 0.03
     """Standard deviation of a range, part of it."""
     range_sd: float = 0.005
-    """m, standard deviation of a range beside that."""
+    """Standard deviation of a range beside the share that grows with it, m."""
     bearing_sd: float = math.radians(1.5)
-    """rad, standard deviation of a bearing."""
+    """Standard deviation of a bearing, rad."""
     walk_share: float = 0.02
     """Error of odometry, part of the way walked."""
     turn_share: float = 0.05
     """Error of odometry's heading, part of the turn."""
     turn_per_m: float = math.radians(1.0)
-    """rad/m, error of odometry's heading by the way walked."""
+    """Error of odometry's heading by the way walked, rad/m."""
     still_m: float = 0.0005
-    """m, error of odometry from frame to frame of a robot that stands."""
+    """Error of odometry from frame to frame of a robot that stands, m."""
     still_rad: float = 0.0005
-    """rad, error of the heading from frame to frame of a robot that stands."""
+    """Error of the heading from frame to frame of a robot that stands, rad."""
     look_sd: float | None = None
     """Noise of each number of a descriptor; None = estimated from the recording."""
     least: int = 3

@@ -34,7 +34,7 @@ from .turned import ALL, TILTS, FloorLook, camera_error, effects, set_right
 Array = NDArray[np.float64]
 
 SAME = 0.03
-"""m, two sightings of a feature lie within this, and what odometry drifts in between."""
+"""Distance within which two sightings of a feature lie, beside what odometry drifts in between, m."""
 LOOK = 0.85
 """Part of the largest distance of two looks within which a sighting belongs to a feature."""
 PER_M2 = 150.0

@@ -1,4 +1,4 @@
-"""Worst moments of a run."""
+"""Worst moments of a run, by margin, slip, tilt, velocity error and fall."""
 
 from dataclasses import dataclass
 

@@ -35,7 +35,7 @@ class Signals:
     joints: tuple[str, ...] = ()
     """Names of the joints, where the robot is known."""
     feet: tuple[str, ...] = ()
-    """Names of the legs likewise."""
+    """Names of the legs, where the robot is known."""
     damage: str = ""
     """Why not all of the recording can be read; empty = it is whole."""
 

@@ -181,12 +181,12 @@ class Traces:
             self._gait = now
 
     def _stability(self, key: str, m: Any) -> None:
-        """Columns: time, margin of the planned CoM, margin of the measured CoM (NaN = none)."""
+        """Add a row of stability: time, s, margins of the planned and of the measured CoM, m (NaN = none)."""
         planned, measured = (np.nan if margin is None else margin for margin in (m.margin_planned, m.margin_measured))
         self._row(key, m, planned, measured)
 
     def _pose(self, key: str, m: Any) -> None:
-        """Columns: time, x, y, yaw (map), covariance 9 of them, entropy, drift, its sd, matched, lost probability."""
+        """Add a row: time, x, y, yaw (map), covariance 9 of them, entropy, drift, its sd, matched, lost probability."""
         lost = m.lost_probability
         time = self._row(key, m, *m.pose, *m.covariance, m.entropy, m.drift, m.drift_sd, m.matched, lost)
         self.sights.believed(m)
@@ -194,7 +194,7 @@ class Traces:
             self.note(time, m.lost_reason)
 
     def _feedback(self, key: str, m: Any) -> None:
-        """Columns: time, distance remaining, m."""
+        """Add a row of a goal's feedback: time, s, and distance remaining, m; note its decisions and its end."""
         time = self._row(key, m, m.distance_remaining)
         d = m.decision
         if d is not None and d.number != self._decided:

@@ -94,7 +94,7 @@ class RunOutcome:
     timings: Mapping[str, Timing]
     """Time in a tick by service."""
     interrupted: bool = False
-    """It was ended from outside, by SIGINT or SIGTERM."""
+    """True if the run was ended from outside, by SIGINT or SIGTERM."""
 
 
 class Beside(AbstractContextManager[Any], Protocol):
@@ -113,7 +113,8 @@ def run_scenario(
     show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> RunOutcome:
-    """Start the system of a scenario and conduct it; see `conduct`."""
+    """Start the system of a scenario, conduct it, write the report and stop everything; arguments and errors as
+    `conduct`."""
     return conduct(scenario, system_of(scenario), options, notify, show, meddle)
 
 

@@ -202,7 +202,7 @@ class RobotScene:
         return np.array([0.0, 0.0, -float(points[:, 2].min())]), np.eye(3)
 
     def _odom(self) -> tuple[Array, Array]:
-        """Return translation (3,) m and rotation (3, 3) of the odom frame in the world, since it is initialised."""
+        """Return translation (3,) m and rotation (3, 3) of odom in the world, as they were when the estimate began."""
         truth, odometry = self._latest.get("sim/truth"), self._latest.get("state/odometry")
         if self._world_from_odom is None and truth is not None and odometry is not None and odometry.initialised:
             real = matrix_from_quat(np.array(truth.quat_wxyz))

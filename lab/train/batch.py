@@ -50,7 +50,7 @@ class BatchRoom(NamedTuple):
     renew: Flags
     """Episodes that begin anew instead of acting, (count,)."""
     observation: Array
-    """(count, OBSERVATION)."""
+    """Observations of the episodes, (count, OBSERVATION)."""
     mask: Flags
     """Actions that are allowed, (count, A)."""
     reward: Array

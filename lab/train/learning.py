@@ -89,7 +89,7 @@ class Lessons(NamedTuple):
     grid: Array
     """Axes of the table, (GRID,), see `grids`."""
     settings: Array
-    """(SETTINGS,)."""
+    """Numbers of the training, (SETTINGS,)."""
     seconds: Array
     """Time of each episode, s, (episodes,)."""
 
@@ -110,7 +110,7 @@ class EligibilityTraces(NamedTuple):
 
 
 class LearningRoom(NamedTuple):
-    """Scratch of `learn`."""
+    """Arrays that the kernel `learn` writes its intermediate results into."""
 
     state: EpisodeState
     room: EpisodeRoom

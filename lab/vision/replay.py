@@ -159,7 +159,7 @@ class _Outlet:
         raise NotImplementedError
 
     def log(self, level: str, text: str) -> None:
-        """Drop it."""
+        """Drop the line: a replay has no log."""
 
 
 @dataclass

@@ -16,7 +16,7 @@ WALK_FLOW = 48.0
 LOSS = 0.8
 """Share of the features that the paper's blur takes away."""
 EXPOSURES = (0.033, 0.066, 0.1, 0.15, 0.2)
-"""s."""
+"""Exposure times of the images of the study, s."""
 TRIALS = 12
 TEXTURE = "parquet"
 

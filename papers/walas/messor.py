@@ -112,13 +112,14 @@ class Sweep:
 
     @property
     def gain_by_trunk(self) -> float:
-        """4.7 as printed: 20 cm of the trunk over the measured ways."""
+        """Return the torque gain by 4.7 as printed: 20 cm of the trunk over the ways of the printed CoM."""
         moved = self.ways(np.array([r.trunk - self.readings[0].trunk for r in self.readings]))
         return gain_of_47(sum(moved), self.ways(self.printed))
 
     @property
     def gain_by_com(self) -> float:
-        """The same with the CoM's way by kinematics: the legs stay behind."""
+        """Return the torque gain by 4.7 with the CoM's way by kinematics in place of the trunk's: the legs stay
+        behind."""
         return gain_of_47(sum(self.ways(self.kinematic)), self.ways(self.printed))
 
 
@@ -145,7 +146,7 @@ def sweep(robot: Robot, seed: int = 0, reach: float = 0.10, stops: int = 4) -> S
 
 
 TILTS = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15), (0.1, 0.1))
-"""rad, roll and pitch of the trunk for the measured CoM."""
+"""Roll and pitch of the trunk in the postures of the measured CoM, rad."""
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class Slope:
     """Without kinematic correction."""
     corrected: Check
     printed: float
-    """m, (28) as it is printed: a norm, from the support point."""
+    """Stability by (28) as it is printed, m: a norm, from the support point."""
     printed_plain: float
 
     @property
@@ -125,7 +125,7 @@ def gsm(found: Check) -> float:
 
 
 def figure_15(robot: Robot, found: tuple[Posture, ...]) -> list[Finding]:
-    """Section 4.2."""
+    """Return the findings of section 4.2, Fig. 15: the CoM's displacement."""
     neutral, forward_, backward = (posture.com[0] for posture in found)
     legs = sum(robot.links[k].mass for leg in robot.legs for k in leg.links) / robot.mass
     box = CM * np.ptp(found[0].feet, axis=0)

@@ -45,7 +45,7 @@ class Reading:
         return level_from_up(self.g_up / np.linalg.norm(self.g_up))
 
     def pose(self, nm_per_a: float = DATA_SHEET) -> SweptPose:
-        """For the calibration."""
+        """Return the present pose and torques as a sample for the calibration."""
         return SweptPose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
 
 

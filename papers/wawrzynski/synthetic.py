@@ -276,7 +276,7 @@ def _lie_of_joints(feet: _Ankles) -> None:
 
 
 def _false_contacts(walk: WalkParams, feet: _Ankles, rng: np.random.Generator) -> None:
-    """Close the switches for `false_s` in some swings."""
+    """Close the switch of a foot in the air for `walk.false_s` s, in a share `walk.false_share` of its swings."""
     for contact in feet.contact:
         air = np.flatnonzero(np.diff(np.concatenate([[False], ~contact, [False]]).astype(np.int8)))
         for first, last in zip(air[::2], air[1::2], strict=True):

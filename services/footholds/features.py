@@ -70,15 +70,15 @@ class _Rows(NamedTuple):
     """Heights that one row of coefficients is made of, (nx,) m each."""
 
     up: Layer
-    """Row y - 1."""
+    """Heights of the row y - 1."""
     mid: Layer
-    """Row y."""
+    """Heights of the row y itself."""
     down: Layer
-    """Row y + 1."""
+    """Heights of the row y + 1."""
     near: Layer
     """Row on the side that the push points to."""
     far: Layer
-    """Row on the other side."""
+    """Row on the side that the push points away from."""
 
 
 class _PushTerms(NamedTuple):
@@ -87,17 +87,17 @@ class _PushTerms(NamedTuple):
     fx: np.float32
     """x of the unit vector, map axes."""
     fy: np.float32
-    """y of the unit vector."""
+    """y of the push's unit vector, map axes."""
     n_z: np.float32
     """z of the ground normal as in (3) over the edge of a cell: four edges, m."""
     lift: np.float32
     """n_z times z of the unit vector, m."""
     ahead: bool
-    """The push points to +x."""
+    """True if the push points to +x."""
     sx: np.float32
-    """1 or -1, sign of fx."""
+    """Sign of `fx`, 1 or -1."""
     sy: np.float32
-    """1 or -1, sign of fy."""
+    """Sign of `fy`, 1 or -1."""
 
 
 @row_kernel

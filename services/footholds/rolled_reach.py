@@ -58,7 +58,10 @@ def rolled_table(model: KinematicModel, leg: int) -> LegTable:
 
 @row_kernel
 def _within(c: float, s: float, cos_low: float, sin_low: float, cos_high: float, sin_high: float, wide: float) -> bool:
-    """Return whether the direction (c, s) lies between two directions, counted from the lower one."""
+    """Return whether a direction lies from a lower to a higher one, all as cosine and sine.
+
+    `wide`: 0 = the sector is up to half a turn, 1 = more, 2 = a whole turn.
+    """
     after, before = cos_low * s - sin_low * c, sin_high * c - cos_high * s
     if wide > 1.5:
         return True

@@ -40,28 +40,29 @@ class OdometryDrift(NamedTuple):
     """Growth of the odometry's variances since its beginning."""
 
     z: float = 0.0
-    """m^2."""
+    """Growth of the variance of z, m^2."""
     xy: float = 0.0
-    """m^2, of each axis."""
+    """Growth of the variance of x and of that of y, m^2."""
     yaw: float = 0.0
-    """rad^2."""
+    """Growth of the variance of yaw, rad^2."""
 
 
 class Elevation(NamedTuple):
     """Layers of the grid, (n, n), row along y."""
 
     height: Array
-    """m, NaN = not seen."""
+    """Height of each cell, frame of the odometry, m; NaN = not seen."""
     variance: Array
-    """m^2, of independent errors."""
+    """Variance of each height by independent errors, m^2."""
     drift_z: Array
-    """m^2, drift when the cell was seen last; the same of the two others."""
+    """Drift of the odometry when the cell was seen last, as in `OdometryDrift`: z, m^2; below x and y, m^2; yaw,
+    rad^2."""
     drift_xy: Array
     drift_yaw: Array
 
 
 class Grid(NamedTuple):
-    """Place of the layers."""
+    """Place of the layers in the frame of the odometry."""
 
     cell: float
     """Edge of a cell, m."""
@@ -75,22 +76,22 @@ class GroundPoints(NamedTuple):
     """Measured points of the ground, frame of the odometry."""
 
     place: Array
-    """(n, 3) m."""
+    """Places of the points, (n, 3) m."""
     variance: Array
-    """(n,) m^2, of the height, independent between points."""
+    """Variances of their heights, independent between points, (n,) m^2."""
     common: Array
-    """(n,) m, deviation of the height's error that all points of the image share."""
+    """Deviation of the error of each height that all points of the image share, (n,) m."""
 
 
 class GroundMeans(NamedTuple):
     """Means of the points of one image in each cell, (n, n), NaN = none."""
 
     height: Array
-    """m."""
+    """Mean height of the points in each cell, m."""
     variance: Array
-    """m^2: of the points, and how far they lie apart."""
+    """Variance of that mean, m^2: of the points, and how far they lie apart."""
     common: Array
-    """m, deviation that all points of the image share."""
+    """Deviation of the error that all points of the image share, m."""
 
 
 def empty(n: int) -> Elevation:

@@ -18,7 +18,7 @@ from surefoot.geometry.rotations import matrix_from_rpy
 Array = NDArray[np.float64]
 
 LEAST_FEET = 2
-"""Feet that have to stand before and after; with fewer the trunk is taken to rest."""
+"""Least number of feet that stand both before and after a tick; with fewer the trunk is taken to rest."""
 
 
 class TrunkOverFeet:

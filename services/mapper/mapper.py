@@ -66,7 +66,7 @@ SURE_ALIKE = 0.9
 SAME_TURN, SAME_SCALE = 0.01, 0.01
 """Angle, rad, and share within which the turns and the scales that two images in a row show are one."""
 UNKNOWN_TILT = 0.01**2
-"""rad^2, variance of roll and pitch of an odometry that states none."""
+"""Variance of roll and of pitch of an odometry that states none, rad^2."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class MapParams:
     cell: float = 0.005
     """Edge of a cell of the elevation map, m."""
     cells: int = 201
-    """Cells along an edge."""
+    """Cells along an edge of the map."""
     farthest: float = 1.2
     """Depths beyond are not used, m: a point there is less sure than the ground is rough."""
     late_s: float = 0.3
@@ -94,9 +94,9 @@ class MapPose(NamedTuple):
     position: Array
     """Position of base_link, (3,) m, frame of the map."""
     rot: Array
-    """(3, 3) rot_odom_from_base."""
+    """rot_odom_from_base, (3, 3)."""
     covariance: Array
-    """(6, 6) since the start: x, y, z, m, and rotation about them, rad."""
+    """Covariance of the pose since the start, (6, 6): x, y, z, m, and rotation about them, rad."""
 
     @property
     def tilt(self) -> float:
@@ -118,11 +118,11 @@ class MapPose(NamedTuple):
 
 
 class DepthView(NamedTuple):
-    """Depths of an image."""
+    """One image of the depth camera."""
 
     stamp_ns: int
     depths: Array
-    """(height, width) m along the optical axis; NaN = none."""
+    """Depths along the optical axis, (height, width) m; NaN = none."""
     focal: float
     """Focal length of the depth camera, px."""
     center: tuple[float, float]
@@ -135,7 +135,7 @@ class DepthView(NamedTuple):
     position: Array
     """Position of the depth camera, (3,) m, frame base_link."""
     quat_wxyz: Array
-    """rot_base_from_camera."""
+    """rot_base_from_camera as a quaternion w, x, y, z, (4,)."""
 
 
 @dataclass

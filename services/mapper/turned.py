@@ -45,14 +45,14 @@ class CameraError(NamedTuple):
 
 
 class _Residuals(NamedTuple):
-    """Points over a map."""
+    """Points of the ground seen by the camera, beside the map below them."""
 
     arm: Array
-    """From the camera, (n, 3) m."""
+    """Vectors from the camera to the points, (n, 3) m."""
     slope: Array
-    """Of the map along x and y, (n, 2)."""
+    """Slopes of the map below the points along x and y, (n, 2), no unit."""
     off: Array
-    """Height over the map, (n,) m."""
+    """Heights of the points over the map, (n,) m."""
     weight: Array
     """Share with which each point counts, (n,)."""
 

@@ -47,7 +47,7 @@ class Act:
     name: str
     kind: Literal["stand", "turn", "walk"]
     motion: Motion
-    """Motion of the whole action; its forward and turn are ordered."""
+    """Expected motion of the whole action: way forward and turn as ordered, and their variances."""
     duration: float
     """Duration of its steps, or of standing, s."""
     match: float | None = None

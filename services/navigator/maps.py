@@ -21,7 +21,7 @@ from .policy.settings import Conduct
 Point = tuple[float, float]
 
 FARTHEST = 1e4
-"""m, of a goal from the origin."""
+"""Largest distance of a goal from the origin of the map, m."""
 INSIDE = 0.8
 """Part of the robot's radius within which a mark closes a route; less than 1, for routes pass at the radius."""
 

@@ -23,7 +23,7 @@ class RecorderConfig(ServiceConfig):
 
     @property
     def tables(self) -> dict[str, dict[str, str]]:
-        """Tables of `about` by name; none of a text that is no such object."""
+        """Return the tables of `about` by name; none of a text that is no JSON object of tables."""
         try:
             found = TypeAdapter(dict[str, dict[str, str]]).validate_json(self.about) if self.about else {}
         except ValidationError:

@@ -168,7 +168,7 @@ class LastSeconds:
         """Do nothing: an end is no event."""
 
     def save(self, reason: str) -> tuple[str, int]:
-        """Write what is kept."""
+        """Write the messages of the ring to a file; return its path and their number."""
         path = _free(self._path.with_stem(f"{self._path.stem}-{reason}"), 1)
         facts = {"reason": reason, "ring_s": f"{self._ring_s:g}", "epoch": str(self._epoch), "seed": str(self._seed)}
         writer = self._description.writer(path, **facts)

@@ -21,7 +21,7 @@ MOST = 10_000
 
 
 class RosRobotConfig(SensedConfig):
-    """Topics of the robot."""
+    """ROS 2 topics by which the robot's driver is reached."""
 
     router: str = Field(default="tcp/127.0.0.1:7447", description="endpoint of rmw_zenohd, or of our own router")
     domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID")

@@ -102,7 +102,7 @@ class SimulatorQueries:
     # -- time --------------------------------------------------------------------------------------------------
 
     def step(self, request: sim.StepRequest) -> sim.SimReply:
-        """Go on after a pause."""
+        """Let a number of ticks pass after a pause, or go on without end."""
         self.run.driver.node.resume(request.ticks)
         return self._accepted(self.run.driver.node.leader.tick)
 

@@ -27,7 +27,7 @@ class CalibrationJob:
         self.collector: PoseCollector | None = None
         self.result: Calibration | None = None
         self.gain: Array | None = None
-        """(nj,) factors in use; None = torques as reported."""
+        """Factors on the torques in use, (nj,); None = torques as reported."""
         self._planned: list[tuple[int, CalibrateRequest]] = []
         self._tick = -1
 

@@ -36,7 +36,7 @@ class RegionQuestion(NamedTuple):
     """Region that a request asks for."""
 
     mode: Mode
-    """Mode of the robot."""
+    """Mode of the robot: at rest, moving, tilted, or held by its servos."""
     contacts: ContactSet
     """Contacts of the robot with the ground, frame world."""
     wanted: Refinement
@@ -182,7 +182,7 @@ class EquilibriumQuestion:
     com: Array
     """Centre of mass, (2,) m, frame world."""
     weight: float
-    """N, mass times effective gravity."""
+    """Weight that the contacts carry, N: mass times effective gravity."""
     back: Array
     """rot_world_from_leaning, (3, 3)."""
 

@@ -33,18 +33,18 @@ ELSEWHERE_EVERY = 3
 
 
 class Seen(NamedTuple):
-    """Result of one image."""
+    """Features and matches found in one image."""
 
     places: Array
     """Recognised landmarks in heading axes of base_link at the middle of the exposure, (k, 2) m."""
     landmarks: NDArray[np.int64]
     """Numbers in the map of the landmarks that were recognised, (k,)."""
     features: int
-    """FoundFeatures of the image."""
+    """Number of features found in the image."""
     compared: int
-    """FoundFeatures with a candidate in the map."""
+    """Number of features with a candidate in the map."""
     recognised: int
-    """Map features found, of which `landmarks` are the likest."""
+    """Number of landmarks of the map that were found, of which `landmarks` are the likeliest."""
     anywhere: bool
     """True if the whole map was searched."""
     flags: tuple[str, ...]

@@ -26,9 +26,9 @@ SCHEMA, CONTENT = "surefoot.landmarks/1", "surefoot.features/1"
 CODE = 8
 """Numbers of the code of a landmark."""
 SAME_PLACE = 0.03
-"""m, features of two maps that look alike and lie so near each other are one."""
+"""Distance, m, within which features of two maps that look alike are one."""
 PLACE_GRID = 1e-4
-"""m, places that a code is drawn from are rounded to this."""
+"""Step, m, to which the places that a code is drawn from are rounded."""
 
 
 @dataclass(frozen=True, eq=False)

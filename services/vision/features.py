@@ -23,7 +23,7 @@ class FoundFeatures(NamedTuple):
     pixels: Array
     """Places of the features in the image, column and row, (n, 2) px."""
     descriptors: NDArray[Any]
-    """(n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
+    """Descriptors of the features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
 
 
 @dataclass(frozen=True)

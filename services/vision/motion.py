@@ -28,7 +28,7 @@ READ_WITHIN_NS = 100_000_000
 
 
 class OdometryAt(NamedTuple):
-    """Odometry at one time."""
+    """Pose of the odometry and attitude of the trunk at one time."""
 
     stamp_ns: int
     pose: tuple[float, float, float]

@@ -34,7 +34,7 @@ class RecogniseParams:
     chi2: float = 9.21
     """Square of the gate in standard deviations, chi^2_2(.99)."""
     slack: float = 0.04
-    """m, gate of an exact pose: noise of a place and tilt."""
+    """Gate of an exact pose, m: noise of a place and tilt."""
     ratio: float = 0.85
     """Largest distance to the nearest candidate over that to the second."""
     beside: float = 0.02
@@ -42,13 +42,13 @@ class RecogniseParams:
     alone: float = 0.8
     """Part of the largest distance that a match without a second candidate may have."""
     apart: float = 0.1
-    """m, least distance of the pairs that motions are drawn from."""
+    """Least distance of the pairs that motions are drawn from, m."""
     turn: float = 0.15
-    """rad, largest deviation of the heading of an exact pose: noise of places that lie near each other."""
+    """Largest deviation of the heading of an exact pose, rad: noise of places that lie near each other."""
     inlier: float = 0.025
-    """m, largest residual of a match under the common motion."""
+    """Largest residual of a match under the common motion, m."""
     pairs: int = 300
-    """Motions that are tried."""
+    """Number of pairs of matches from each of which a motion is tried."""
     fewest_anywhere: int = 8
     """Least number of matches of a motion found without a belief."""
     share_compared: float = 0.08

@@ -28,7 +28,7 @@ SILENT_NS = 900_000_000
 
 
 class ImageJob(NamedTuple):
-    """An image under way."""
+    """Image on its way through a worker thread."""
 
     result: Future[Seen]
     stamp_ns: int

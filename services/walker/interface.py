@@ -169,7 +169,7 @@ class StanceCheck:
     base_position: Array
     """Position of base_link, (3,) m, map frame."""
     base_quat: Array
-    """(4,) quat_wxyz, world from base."""
+    """rot_world_from_base as a quaternion w, x, y, z, (4,)."""
     movement: Vec3
     """Planned movement of the trunk in the step, map axes, m."""
     legs: tuple[str, ...] = ()

@@ -146,7 +146,7 @@ class Inbox:
         raise Empty
 
     def empty(self) -> bool:
-        """Return whether nothing is there."""
+        """Return whether no item waits in the inbox."""
         return not (self.tick.items or self.heartbeats.items or self.queries.items or self.observed.items)
 
     def dropped(self) -> dict[str, int]:

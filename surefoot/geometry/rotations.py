@@ -58,7 +58,7 @@ def rotate(q_a_from_b: Array, v_b: Array) -> Array:
 
 @kernel
 def matrix_from_quat(q: Array) -> Array:
-    """Rotation matrix of a unit quaternion, (3, 3)."""
+    """Return the rotation matrix (3, 3) of a unit quaternion w, x, y, z, (4,)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     m = np.empty((3, 3))
     m[0, 0] = 1.0 - 2.0 * (y * y + z * z)
@@ -143,7 +143,7 @@ def matrix_from_axis_angle(axis: Array, angle: float) -> Array:
 
 @kernel
 def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
-    """`matrix_from_axis_angle` into `out` (3, 3), for loops over many joints."""
+    """Write the rotation matrix about an axis by an angle, rad, into `out` (3, 3), for loops over many joints."""
     c, s = math.cos(angle), math.sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
     k = 1.0 - c
@@ -191,5 +191,5 @@ def rpy_from_matrix(rot_world_from_base: Array) -> Array:
 
 @kernel
 def wrap_angle(angle: float) -> float:
-    """Angle in (-pi, pi]."""
+    """Return an angle, rad, as the equal one in (-pi, pi]."""
     return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)

@@ -55,4 +55,4 @@ class Compiling:
 
 
 COMPILING = Compiling()
-"""Of this process."""
+"""Compilation of kernels in this process, and who listens to it."""

@@ -31,7 +31,7 @@ SILENCE_S, RESENDS, REPEAT_S = 0.25, 8, 1.0
 """Without progress for so long the last ticks are sent again; after so many repetitions (2 s) the slowest member counts
 as lost although its process lives (frozen). In a hold they are sent every ``REPEAT_S`` only: inboxes may be full."""
 STATUS_S = 1.0
-"""``Driver.on_status`` is called at least so often in wall time, whether simulated time runs or not."""
+"""Longest wall time between two calls of ``Driver.on_status``, s, whether simulated time runs or not."""
 
 
 class Driver(Service[C]):

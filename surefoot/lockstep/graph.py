@@ -1,4 +1,4 @@
-"""The dataflow as the services declare it: who is upstream of whom within a tick, and whether that ends."""
+"""Dataflow as the services declare it: services upstream of each other within a tick, and whether that ends."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from surefoot.schemas.topics import CMD_JOINTS, Kind
 
 @dataclass(frozen=True)
 class Edge:
-    """``source`` is needed by ``target``; ``delayed`` edges do not bind the order within a tick."""
+    """Dependence of the service ``target`` on ``source``; ``delayed`` edges do not bind the order within a tick."""
 
     source: str
     target: str

@@ -198,7 +198,7 @@ class Node:
     # -- what arrives ------------------------------------------------------------------------------------------
 
     def handle(self, item: Any) -> None:
-        """One item of the inbox."""
+        """Handle one item of the inbox: message, request, or change of participants."""
         if isinstance(item, Delivery):
             owner, by = item.topic.owner, item.sender
             if not by or self._bound.get(owner) == by or not item.topic.signed or self._speaks(owner, by, item):
@@ -292,7 +292,7 @@ class Node:
         self._publishers[self._done.key].put(self._done_with(-1, prime.epoch, ready=True))
 
     def on_life(self, life: Life) -> None:
-        """A process came or went."""
+        """Take in that a process came or went."""
         if bound := self.bindings.on_life(life):
             self.refuse("second", f"process {life.instance!r} is {life.service}, too; {bound!r} is bound", life.service)
 

@@ -81,7 +81,7 @@ class Service(Generic[C]):
         """A new epoch: drop all state."""
 
     def on_config(self) -> None:
-        """``config`` was changed between two ticks: renew what was made of its live parameters."""
+        """Renew what was made of the live parameters: ``config`` was changed between two ticks."""
 
     def on_tick(self, inputs: TickInputs) -> None:
         """All due inputs of a tick are here: compute and publish."""

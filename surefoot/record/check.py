@@ -64,11 +64,11 @@ class Findings:
     damaged: int = 0
     """Chunks that cannot be read."""
     messages: Counter[str] = field(default_factory=Counter[str])
-    """Those that can be read, by key."""
+    """Number of messages that can be read, by key."""
     lost: int = 0
-    """Messages that cannot; the least number when ``uncounted``."""
+    """Number of messages that cannot be read; the least when ``uncounted``."""
     uncounted: bool = False
-    """There is no summary: messages after the last byte are unknown."""
+    """True if there is no summary: messages after the last byte are unknown."""
     problems: list[str] = field(default_factory=list[str])
     size: int = 0
     """Bytes of the file."""
@@ -108,7 +108,8 @@ class _FileCheck:
         self.names: dict[int, str] = {}
         self.counts: Counter[int] = Counter()
         self.index: dict[int, list[tuple[int, int]]] | None = {}
-        """Of the last chunk, per channel; None when it could not be read: the index after it counts its messages."""
+        """Index of the last chunk by channel; None when it could not be read: the index after it counts its
+        messages."""
         self.starts: list[int] = []
         self.total = self._summary()
 

@@ -53,7 +53,7 @@ class ChunkWriter:
         return number
 
     def add_message(self, channel: int, stamp_ns: int, seq: int, data: bytes) -> None:
-        """Adds a message; a full chunk goes to the file."""
+        """Add a message; a full chunk goes to the file."""
         places = self._places.get(channel)
         if places is None:
             places = self._places[channel] = []
@@ -63,13 +63,13 @@ class ChunkWriter:
             self._end_chunk()
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Adds a named table of texts."""
+        """Add a named table of texts to the metadata of the recording."""
         data, start = _encoded(records.Metadata(name=name, metadata=dict(values))), self._position
         self._write(data)
         self._metadata.append(records.MetadataIndex(offset=start, length=len(data), name=name))
 
     def add_attachment(self, name: str, kind: str, data: bytes) -> None:
-        """Adds a file as it is, with its media type."""
+        """Attach a file as it is to the recording, with its media type."""
         record = _encoded(records.Attachment(create_time=0, log_time=0, name=name, media_type=kind, data=data))
         index = records.AttachmentIndex(
             offset=self._position, length=len(record), create_time=0, log_time=0, data_size=len(data), name=name,

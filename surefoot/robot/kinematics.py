@@ -59,14 +59,14 @@ def _point_into(out: Array, rot: Array, pos: Array, point: Array) -> None:
 
 @kernel
 def foot_positions(model: KinematicModel, q: Array) -> Array:
-    """Foot centres in base_link, (L, 3)."""
+    """Return the foot centres in base_link, (L, 3) m, at joint angles q, (nj,) rad."""
     rot, pos = forward(model, q)
     return foot_positions_of(model, rot, pos)
 
 
 @kernel
 def foot_positions_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """`foot_positions` from the links' poses of `forward`: so that who asks for several things computes them once."""
+    """Return the foot centres in base_link, (L, 3) m, from the links' poses `rot`, `pos` that `forward` returns."""
     n = model.foot_link.size
     feet = np.empty((n, 3))
     for i in range(n):
@@ -84,7 +84,8 @@ def foot_jacobians(model: KinematicModel, q: Array) -> Array:
 
 @kernel
 def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """`foot_jacobians` from the links' poses of `forward`."""
+    """Return d foot_i / d (joints of leg i), (L, 3, n) m/rad, as `foot_jacobians`, from the links' poses of
+    `forward`."""
     legs, width = model.leg_joints.shape
     jac = np.zeros((legs, 3, width))
     foot, arm, column = np.empty(3), np.empty(3), np.empty(3)
@@ -105,7 +106,7 @@ def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
 
 @kernel
 def _moved_link(model: KinematicModel, joint: int, tip: int) -> int:
-    """The link between the trunk and `tip` that a joint moves, -1 = none."""
+    """Return the link between the trunk and the link `tip` that a joint moves, -1 = none."""
     while tip >= 0 and joint >= 0:
         if model.joint[tip] == joint:
             return tip
@@ -125,7 +126,7 @@ def _cross_into(out: Array, rot: Array, axis: Array, arm: Array) -> None:
 
 @kernel
 def total_mass(model: KinematicModel) -> float:
-    """Mass of all links, kg."""
+    """Return the mass of all links, kg."""
     mass = 0.0
     for i in range(model.mass.size):
         mass += model.mass[i]
@@ -134,14 +135,14 @@ def total_mass(model: KinematicModel) -> float:
 
 @kernel
 def com(model: KinematicModel, q: Array) -> Array:
-    """Centre of mass of all links in base_link, (3,)."""
+    """Return the centre of mass of all links in base_link, (3,) m, at joint angles q, (nj,) rad."""
     rot, pos = forward(model, q)
     return com_of(model, rot, pos)
 
 
 @kernel
 def com_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """`com` from the links' poses of `forward`."""
+    """Return the centre of mass of all links in base_link, (3,) m, from the links' poses of `forward`."""
     total, c = np.zeros(3), np.empty(3)
     for i in range(model.mass.size):
         _point_into(c, rot[i], pos[i], model.com[i])
@@ -162,7 +163,7 @@ def com_jacobian(model: KinematicModel, q: Array) -> Array:
 
 @kernel
 def com_jacobian_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """`com_jacobian` from the links' poses of `forward`."""
+    """Return d com / d q, (3, nj) m/rad, as `com_jacobian`, from the links' poses of `forward`."""
     n = model.mass.size
     mass, moment = np.empty(n), np.empty((n, 3))
     for i in range(n):
@@ -203,7 +204,8 @@ def gravity_torques(model: KinematicModel, q: Array, g_up: Array) -> Array:
 
 @kernel
 def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Array) -> Array:
-    """`gravity_torques` from the links' poses of `forward`."""
+    """Return the torques that hold the links' weight, (nj,) Nm, as `gravity_torques`, from the links' poses of
+    `forward`."""
     jac, weight = com_jacobian_of(model, rot, pos), total_mass(model)
     torques = np.empty(model.lower.size)
     for j in range(model.lower.size):

@@ -13,7 +13,8 @@ from .description import RolledLegs
 Array = NDArray[np.float64]
 
 REACH_SLACK = 1e-9
-"""Of the knee's cosine, and of the foot's distance from the first axis in m: a leg on its edge counts as reaching."""
+"""Slack of the knee's cosine, and of the foot's distance from the first axis in m: a leg on its edge counts as
+reaching."""
 
 
 @kernel

@@ -30,7 +30,7 @@ from .state import BestState, isolate, rotation
 Array = NDArray[np.float64]
 
 POSITION, YAW, VELOCITY = range(3)
-"""Parts of a sample."""
+"""Parts of a sample from elsewhere by number."""
 
 
 @kernel

@@ -77,9 +77,9 @@ class SensorLayout(NamedTuple):
     switch: int = 8
     """Mistrust in its switch, 0 to 1; it fades."""
     jump: int = 9
-    """Mistrust in its encoders since they jumped, likewise."""
+    """Mistrust in the foot's encoders since they jumped, 0 to 1; it fades."""
     still: int = 10
-    """Mistrust in its encoders since they stood still, likewise."""
+    """Mistrust in the foot's encoders since they stood still, 0 to 1; it fades."""
     held: int = 11
     """Time for which its samples have repeated one, s."""
     repeated: int = 12
@@ -151,13 +151,13 @@ class MemoryLayout(NamedTuple):
     stood: int = 29
     """Points that stood at the last sample of the feet if they are of several feet, bit k for point k."""
     stood_since: int = 30
-    """`age` when they came to stand together."""
+    """`age` when the points of `stood` came to stand together, s."""
     apart: int = 31
-    """Their mean square distance from their middle then, m^2."""
+    """Mean square distance of the points of `stood` from their middle at that time, m^2."""
     rate: int = 32
     """Rate at which they have parted since, 1/s; see `parting.learn_parting`."""
     parting: int = 33
-    """Mean square of such rates, 1/s^2."""
+    """Mean square of the rates at which standing points have parted, 1/s^2."""
     framed: int = 34
     """1 while the frame of poses from elsewhere is known, else 0."""
     jumps: int = 35
@@ -167,7 +167,7 @@ class MemoryLayout(NamedTuple):
     externals: int = 37
     """Samples from elsewhere so far."""
     externals_out: int = 38
-    """Those of them that were left out."""
+    """Samples from elsewhere that were left out so far."""
     frames: int = 39
     """Frames of poses from elsewhere that were found."""
     pose_extra: int = 40
@@ -175,7 +175,7 @@ class MemoryLayout(NamedTuple):
     uneven: int = 47
     """Mean square distance in height of feet that stand on one level, m^2; see `level`."""
     slope: int = 48
-    """Weighted sums x^2, x y, y^2, x z, y z over pairs of such feet, (5,) m^2; see `level`."""
+    """Weighted sums x^2, x y, y^2, x z, y z over pairs of feet that stand on one level, (5,) m^2; see `level`."""
     watched: int = 53
     """Samples of the feet since the motion of the feet was compared with their switches."""
     usual_gyro: int = 54

@@ -67,7 +67,8 @@ def _height(state: BestState, geometry: BestGeometry, f: int, by: Array) -> tupl
 
 @kernel
 def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
-    """Return the covariance with the height of foot f of what has the covariances by (n,) with the errors."""
+    """Return the covariance of a quantity with the height of foot f; `by` (n,): its covariances with the errors of the
+    state."""
     r, count = _middle(state, foot, f)
     out = by[E.pos + 2] + r[1] * by[E.rot] - r[0] * by[E.rot + 1]
     for k in range(foot.size):

@@ -34,7 +34,7 @@ class BestNoise(NamedTuple):
     gyro_jerk: float = 0.15
     """Share of the change between two gyro samples that is error: a trunk that shakes bends."""
     turn_jerk: float = 0.05
-    """The same about the vertical: what a trunk bends it bends back, and the heading adds up over many steps."""
+    """Share of the change about the vertical that is error: a trunk bends back, and the heading adds up over steps."""
     acc_jerk: float = 0.05
     """Share of the change between two accelerometer samples that is error, times sqrt(e^2 - 1), e = excess."""
     stay: float = 0.0002
@@ -107,7 +107,7 @@ class BestLimits(NamedTuple):
     level_sd: float
     """Standard deviation of a point over level ground, m per sample of the feet; infinite: any ground."""
     hypotheses: bool
-    """False: no point slides."""
+    """True if points may slide, by hypotheses."""
     levels: bool
     """Levels on which feet have stood correct the height."""
     creep: float = 0.0025
@@ -350,7 +350,7 @@ class FixedNumbers(NamedTuple):
     frame_sd: float = 100.0
     """Standard deviation of the shift of a frame that is unknown, m; it is laid so that its first pose fits."""
     frame_turn_sd: float = 3.0
-    """Standard deviation of the turn of such a frame, rad; likewise."""
+    """Standard deviation of the turn of a frame that is unknown, rad; it is laid so that its first pose fits."""
     most_jumps: float = 10.0
     """Poses in a row that do not fit after which their frame has jumped: 1 s of a camera."""
     length_sd: float = 0.01

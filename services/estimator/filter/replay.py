@@ -20,7 +20,7 @@ SNAPSHOT_NS = 50_000_000
 SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
 """Snapshots that are kept: those of the window in which samples may be late."""
 NOTHING = 2**62
-"""`DIRTY_NS` without late samples."""
+"""Value of `DIRTY_NS` without late samples, ns."""
 IMU_END, FEET_END, DONE_NS, DIRTY_NS, FIRST, COUNT, EXTERNAL_END = range(7)
 """Parts of `Replay.marks`: number of inertial samples and of samples of the feet; stamp of the last inertial sample in
 the state; oldest stamp of the samples that came after their time; first snapshot in the ring, and their number;
@@ -36,7 +36,7 @@ class Replay(NamedTuple):
     snapshot_ns: Stamps
     """Stamp of the last inertial sample in each snapshot, (S,) ns."""
     snapshots: BestState
-    """Arrays of S states."""
+    """Filter states at S times: each array of `BestState` has the axis S in front."""
 
 
 def new_replay(feet: int, points: int, modes: int = 0, frame: int = 0) -> Replay:

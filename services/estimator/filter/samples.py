@@ -32,11 +32,11 @@ class ExternalLayout(NamedTuple):
     velocity: int = 4
     """Velocity of the IMU, IMU axes, (3,) m/s."""
     position_covariance: int = 7
-    """By rows, (9,) m^2."""
+    """Covariance of the position by rows, frame of the source, (9,) m^2."""
     yaw_variance: int = 16
-    """rad^2."""
+    """Variance of the heading, rad^2."""
     velocity_covariance: int = 17
-    """By rows, (9,) (m/s)^2."""
+    """Covariance of the velocity by rows, IMU axes, (9,) (m/s)^2."""
 
 
 EX = ExternalLayout()
@@ -48,11 +48,11 @@ class SampleStore(NamedTuple):
     """Samples of both sources by rising stamps; the first n and m of N rows are filled."""
 
     imu_stamps: Stamps
-    """(N,) ns."""
+    """Stamps of the inertial samples, (N,) ns."""
     imu: Array
     """Gyro rad/s and accelerometer m/s^2, IMU axes, means up to their stamps, (N, 6)."""
     feet_stamps: Stamps
-    """(N,) ns."""
+    """Stamps of the samples of the feet, (N,) ns."""
     feet: Array
     """Positions of the feet, (N, L, 3) m, IMU axes."""
     foot_rots: Array
@@ -62,9 +62,9 @@ class SampleStore(NamedTuple):
     closed: Stamps
     """Closed switches of each foot, (N, L), bit s for switch s."""
     external_stamps: Stamps = np.zeros(0, dtype=np.int64)
-    """Of samples from elsewhere, (M,) ns."""
+    """Stamps of the samples from elsewhere, (M,) ns."""
     external: Array = np.zeros((0, EXTERNAL_WIDTH))
-    """Those samples, (M, 26), see `ExternalLayout`."""
+    """Samples from elsewhere, (M, 26), see `ExternalLayout`."""
 
 
 def new_samples(feet: int, points: int) -> SampleStore:

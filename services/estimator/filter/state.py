@@ -37,11 +37,11 @@ class Felt(NamedTuple):
     """Variances of one inertial sample beyond the noise of its sensors, by the jerk of the moment."""
 
     gyro: float
-    """About level axes, (rad/s)^2."""
+    """Variance of the gyro's sample about level axes, (rad/s)^2."""
     turn: float
-    """About the vertical, (rad/s)^2."""
+    """Variance of the gyro's sample about the vertical, (rad/s)^2."""
     acc: float
-    """(m/s^2)^2."""
+    """Variance of the accelerometer's sample, (m/s^2)^2."""
 
 
 class BestState(NamedTuple):
@@ -58,15 +58,15 @@ class BestState(NamedTuple):
     memory: Array
     """Numbers beside the state, (104,), see `MemoryLayout`."""
     mode_x: Array
-    """`x` of each hypothesis, (H, 21 + 3 K)."""
+    """States of the hypotheses as in `x`, (H, 21 + 3 K)."""
     mode_cov: Array
-    """`cov` of each hypothesis, (H, 15 + 3 K, 15 + 3 K)."""
+    """Covariances of the hypotheses as in `cov`, (H, 15 + 3 K, 15 + 3 K)."""
     mode_points: Array
-    """`points` of each hypothesis, (H, K, 11)."""
+    """Contact points of the hypotheses as in `points`, (H, K, 11)."""
     mode_turn: Array
-    """`turn` of each hypothesis, (H, K, 3, 3)."""
+    """rot_odom_from_foot of the hypotheses at the last sample of the feet, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 104)."""
+    """Numbers beside the state of each hypothesis as in `memory`, (H, 104)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array

@@ -37,9 +37,9 @@ class RowLayout(NamedTuple):
     v_odom: int = 3
     """Velocity of base_link, m/s, odom axes."""
     gyro_bias: int = 4
-    """rad/s, IMU axes."""
+    """Bias of the gyro, rad/s, IMU axes."""
     acc_bias: int = 5
-    """m/s^2, IMU axes."""
+    """Bias of the accelerometer, m/s^2, IMU axes."""
     start: int = 6
     """Heading of base_link in odom, rad; 1 if the start has settled, else 0; inertial samples at rest in a row."""
     fit: int = 7

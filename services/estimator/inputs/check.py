@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 IMU, KINEMATICS = 0, 1
-"""Sources."""
+"""Numbers of the sources of samples."""
 SOURCES = ("imu", "kinematics")
 """Names of the sources."""
 ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
@@ -77,7 +77,7 @@ class CheckState(NamedTuple):
 
 
 class CheckLimits(NamedTuple):
-    """Limits of inputs."""
+    """Limits from which an input is refused."""
 
     max_gyro: float  # rad/s
     max_acc: float  # m/s^2

@@ -165,7 +165,7 @@ class GyroBias:
         self.reset()
 
     def reset(self) -> None:
-        """Unknown bias."""
+        """Forget the bias of the gyro."""
         self.value = np.zeros(3)  # (3,) rad/s, IMU axes
         self.samples = 0
         self._against = 0

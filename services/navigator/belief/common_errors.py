@@ -49,7 +49,7 @@ class CommonErrors:
 
     @property
     def any(self) -> bool:
-        """True if there are such errors."""
+        """True if the landmarks of a frame share any error."""
         return self.tilt > 0.0 or self.sway > 0.0
 
     def array(self) -> Array:

@@ -40,16 +40,16 @@ class FrameTables(NamedTuple):
     bearings: Array
     """Direction, rad, left positive, (m,)."""
     looks: Array
-    """Descriptors, (m, k)."""
+    """Descriptors of the detections, (m, k)."""
 
 
 class MapTables(NamedTuple):
     """Landmarks of a map with an index of places."""
 
     positions: Array
-    """(n, 2) m, frame map."""
+    """Places of the landmarks, (n, 2) m, frame map."""
     looks: Array
-    """Descriptors, (n, k)."""
+    """Descriptors of the landmarks, (n, k)."""
     grid: Array
     """Cells of the index, (5,), see `landmarks.Buckets`."""
     starts: Index

@@ -97,17 +97,17 @@ class LostModel:
     scale: float = 1.2
     """Mean of half the normalised innovation squared of a right pose."""
     misfit_scale: float = 4.0
-    """The same of a map that does not fit."""
+    """Mean of half the normalised innovation squared where the map does not fit."""
     most: float = 4.0
     """Largest logarithm of the likelihood ratio of one frame 0.1 s after the last, nats."""
     most_apart: float = 8.0
-    """The same of a frame 1 s or more after the last."""
+    """Largest logarithm of the likelihood ratio of one frame 1 s or more after the last, nats."""
     whole: float = 0.82
     """Share of here of a displaced robot where chance always fills the gate."""
     echoes: Shares = (0.90, 0.08, 0.02)
     """Shares of echoes of a right pose: as by the map, nearer (something unknown), farther."""
     echoes_displaced: Shares = (0.40, 0.30, 0.30)
-    """The same of a displaced robot."""
+    """Shares of echoes of a displaced robot: as by the map, nearer, farther."""
     echo_most: float = 3.0
     """Largest logarithm of the likelihood ratio of all echoes, nats: alone they do not decide."""
     echo_s: float = 1.0

@@ -47,9 +47,9 @@ class SeenElsewhere(NamedTuple):
     detection: int
     landmark: int
     x: float
-    """m, frame map."""
+    """x of the place where it is seen, m, frame map."""
     y: float
-    """m, frame map."""
+    """y of the place where it is seen, m, frame map."""
     slack: float
     """Way to another sight within which both show one place, m."""
 

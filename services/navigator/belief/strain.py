@@ -61,7 +61,7 @@ class StrainModel:
     prior: float = 0.02
     """Probability of each wrong case before anything was seen."""
     wrong: float = 0.05
-    """Share of wrong matches."""
+    """Share of the matches of landmarks that are wrong."""
     width: float = 0.6
     """Width of the strip in which wrong matches lie, m."""
     wider: tuple[float, float] = (0.10, 0.05)
@@ -77,7 +77,7 @@ class StrainModel:
 
 
 class Case(NamedTuple):
-    """Filter of one case."""
+    """Kalman filter of one hypothesis about map and camera; its state u are the parts of E, and p, q, s."""
 
     mean: Array
     """Mean of u, (12,)."""

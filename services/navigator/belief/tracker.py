@@ -58,11 +58,11 @@ class StartUncertainty:
     """Standard deviations of the start pose."""
 
     position: float = 0.05
-    """x and y each, m."""
+    """Standard deviation of x and of y, m."""
     heading: float = math.radians(5.0)
-    """Heading, rad."""
+    """Standard deviation of the heading, rad."""
     drift: float = 0.76
-    """Drift, rad per m."""
+    """Standard deviation of the drift of the heading by the way walked, rad/m."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class FrameResult:
     """Result of one frame of the camera."""
 
     seen: int
-    """Number of detections."""
+    """Number of landmarks that the camera detected in the frame."""
     matched: int
     """Number of matched detections."""
     nis: float

@@ -41,7 +41,7 @@ class EpisodeState(NamedTuple):
     ahead_cov: Array
     """Covariance of the state predicted for the end of the action, (n, n)."""
     status: Array
-    """(STATUS,), see `arrays`."""
+    """Counters and flags of the episode, (STATUS,), in the columns that `arrays` names."""
 
 
 class EpisodeRoom(NamedTuple):

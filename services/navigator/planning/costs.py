@@ -76,15 +76,14 @@ class Costs:
     clearance: Clearance
     """Distances that it was made with."""
     weight: Bytes
-    """(rows + 2, cols + 2) cost factors, UNIT far from obstacles, 0 = not to be entered; with the bit EVEN, see
-    `astar`."""
+    """Cost factors of the padded cells, (rows + 2, cols + 2): UNIT far from obstacles, 0 = not to be entered; with the
+    bit EVEN, see `astar`."""
     region: Ints
-    """(rows + 2, cols + 2) connected regions of free cells from 1 on, 0 = blocked."""
+    """Connected regions of free cells, numbered from 1 on, (rows + 2, cols + 2); 0 = blocked."""
     distance2: Ints
-    """(rows + 2, cols + 2) squared distance of cell centres to the nearest obstacle's, cells^2, bounded."""
+    """Squared distance of cell centres to the nearest obstacle's, (rows + 2, cols + 2) cells^2, bounded."""
     marks: Ints
-    """(cells, marks) costs between cells that lie far apart and all others, see `astar`; no marks in a small
-    map."""
+    """Costs between cells that lie far apart and all others, (cells, marks), see `astar`; no marks in a small map."""
     marked: int
     """Region the marks are in."""
 

@@ -42,11 +42,11 @@ class ModelTables(NamedTuple):
     """Arrays of a navigation model that kernels read."""
 
     actions: Array
-    """(A, COLUMNS), one row per action, SI units, angles in rad."""
+    """Columns `COLUMNS` of each action, (A, COLUMNS), one row per action, SI units, angles in rad."""
     scene: Array
-    """(ELEMENTS,): floor, start, goal, noises and guards; m, rad, s."""
+    """Floor, start, goal, noises and guards, (ELEMENTS,); m, rad, s."""
     switching: Array
-    """s, extra time of an action of kind j after kind i, (3, 3), order STAND, TURNING, WALK."""
+    """Extra time of an action of kind j after kind i, (3, 3) s, order STAND, TURNING, WALK."""
 
 
 @dataclass(frozen=True)

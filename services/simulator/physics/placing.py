@@ -87,7 +87,7 @@ class Displacement(NamedTuple):
     """A rigid motion over the floor: p' = Rz(turn) (p - centre) + centre + move."""
 
     centre: NDArray[np.float64]
-    """(2,) m, origin of base_link before."""
+    """Origin of base_link before the motion, x and y, (2,) m, map axes."""
     move: NDArray[np.float64]
     """Shift of the robot, (3,) m, map axes."""
     turn: float

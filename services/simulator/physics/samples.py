@@ -16,7 +16,7 @@ class ServoCommand(NamedTuple):
     position: Array
     """Commanded joint angles, (nj,) rad."""
     torque_limit: Array | None = None
-    """(nj,), Nm, the most they may give; None = what they can."""
+    """Largest torque that each servo may give, (nj,) Nm; None = what it can."""
 
 
 class ImuSample(NamedTuple):
@@ -41,7 +41,7 @@ class JointSample(NamedTuple):
     current: Array
     """Measured currents of the servos, (nj,) A."""
     torque: Array
-    """(nj,), Nm, from the current."""
+    """Torques of the servos by their currents, (nj,) Nm."""
 
 
 class ContactSample(NamedTuple):
@@ -112,41 +112,41 @@ class ExactState(NamedTuple):
 
     stamp_ns: int
     position: Array
-    """(3,), m, origin of base_link in the world."""
+    """Origin of base_link in the world, (3,) m."""
     quat_wxyz: Array
-    """(4,), rot_world_from_base."""
+    """rot_world_from_base as a quaternion w, x, y, z, (4,)."""
     velocity: Array
-    """(3,), m/s, of that origin, world axes."""
+    """Velocity of the origin of base_link, world axes, (3,) m/s."""
     angular_velocity: Array
-    """(3,), rad/s, base_link axes."""
+    """Angular velocity of the trunk, base_link axes, (3,) rad/s."""
     com: Array
-    """(3,), m, centre of mass in the world."""
+    """Centre of mass in the world, (3,) m."""
     joints: Array
     """True joint angles, (nj,) rad."""
     foot_position: Array
-    """(L, 3), m, foot centres in the world."""
+    """Foot centres in the world, (L, 3) m."""
     foot_force: Array
-    """(L, 3), N, contact force on each foot, world axes."""
+    """Contact force of the ground on each foot, world axes, (L, 3) N."""
     foot_force_n: Array
     """True normal forces of the feet, (L,) N."""
     foot_displacement: Array
-    """(L,), m, horizontal way of the foot centre since touch-down."""
+    """Horizontal way of each foot centre since touch-down, (L,) m."""
     contact_sliding: Array
-    """(L,), m, way slid by the contact point in this stance."""
+    """Way slid by the contact point of each foot in this stance, (L,) m."""
     stance_sliding: Array
-    """(L,), m, sliding of the last finished stance."""
+    """Way slid by the contact point of each foot in its last finished stance, (L,) m."""
     stance_displacement: Array
-    """(L,), m, displacement of the last finished stance."""
+    """Horizontal way of each foot centre in its last finished stance, (L,) m."""
     stances: NDArray[np.int64]
     """Number of finished stances of each foot, (L,)."""
     tilt: float
-    """rad, of the trunk's z axis against the vertical."""
+    """Angle between the trunk's z axis and the vertical, rad."""
     fallen: bool
     """Tilt above 45 deg or trunk contact, now or earlier."""
     foot_twist: Array
-    """(L,), rad, turn of each sole since its touch-down; empty for point feet."""
+    """Turn of each sole about the vertical since its touch-down, (L,) rad; empty for point feet."""
     stance_twist: Array
-    """(L,), rad, turn in the last finished stance; empty for point feet."""
+    """Turn of each sole in its last finished stance, (L,) rad; empty for point feet."""
 
 
 @dataclass(frozen=True, eq=False)

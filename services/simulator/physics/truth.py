@@ -82,7 +82,7 @@ class GeomRoles(NamedTuple):
 
 
 class FootBodies(NamedTuple):
-    """Feet in their links."""
+    """Places of the feet in the links that carry them."""
 
     body: Ints  # (L,) body ids
     local: Array  # (L, 3) m, foot centre in the link

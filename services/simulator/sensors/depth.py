@@ -59,7 +59,7 @@ class DepthFrame(NamedTuple):
 
     seq: int
     depths: NDArray[np.float32]
-    """(height, width) m along the optical axis, NaN = none."""
+    """Depths along the optical axis, (height, width) m; NaN = none."""
 
 
 class DepthSensor:

@@ -30,7 +30,7 @@ from .rate import period_ms
 Array = NDArray[np.float64]
 
 SUBFRAMES = 8
-"""Parts of an exposure."""
+"""Number of moments of an exposure whose pictures are averaged."""
 JPEG_QUALITY = 85
 WHITE = 255.0
 SOFT_HORIZON = -1e-3
@@ -77,19 +77,19 @@ class TakenImage(NamedTuple):
 
     seq: int
     stamp_ns: int
-    """Middle of the exposure."""
+    """Time of the middle of the exposure, simulated, ns."""
     pixels: NDArray[np.uint8]
-    """Greys, (height, width)."""
+    """Grey values of the pixels, (height, width)."""
     position: Array
-    """(3,) m, the camera in base_link, by kinematics."""
+    """Position of the camera in base_link by kinematics, (3,) m."""
     look: Array
-    """(3, 3) rot_base_from_camera, by kinematics."""
+    """rot_base_from_camera by kinematics, (3, 3)."""
     focal: float
     """Focal length that the driver states, px."""
     exposure: float
-    """s."""
+    """Exposure time, s."""
     readout: float
-    """s."""
+    """Time between the reading of the first and of the last row, s."""
     format: Literal["gray8", "jpeg"]
 
 

@@ -42,11 +42,11 @@ class ContactSet:
     """Points of contact in a gravity-aligned frame."""
 
     position: Array
-    """(n, 3) m."""
+    """Points of contact, (n, 3) m."""
     normal: Array
-    """(n, 3) unit, from the ground towards the robot."""
+    """Unit normals of the contacts, from the ground towards the robot, (n, 3)."""
     mu: Array
-    """(n,) static friction coefficient; inf = unlimited."""
+    """Coefficients of static friction, (n,); inf = unlimited."""
 
     def __len__(self) -> int:
         return self.mu.size

@@ -55,7 +55,7 @@ class FanGoal(NamedTuple):
     """Distance of outer from inner polygon (ENCLOSE), or of the best value from its bound (APPROACH)."""
     x: float
     y: float
-    """The point to approach."""
+    """x and y of the point to approach, in the scaled frame (APPROACH)."""
 
 
 class Outlook(NamedTuple):
@@ -66,7 +66,7 @@ class Outlook(NamedTuple):
     bound: float
     """Lower bound of the smallest h(a) - a'p over all directions."""
     arg: int
-    """Direction of the best."""
+    """Index of the direction to which `best` belongs."""
 
 
 ASKED = FanGoal(ANSWER, 0.0, 0.0, 0.0)
@@ -74,7 +74,7 @@ ASKED = FanGoal(ANSWER, 0.0, 0.0, 0.0)
 
 @row_kernel
 def new_fan(capacity: int, contacts: int) -> Fan:
-    """An empty fan."""
+    """Return a fan with room for `capacity` directions of so many contacts, without answers."""
     return Fan(
         np.empty((capacity, 2)),
         np.empty(capacity),

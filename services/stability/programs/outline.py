@@ -25,25 +25,25 @@ class Outline(NamedTuple):
     fine: bool
     """The directions have answers and the region has an area; False: the rest holds nothing."""
     fan: Fan
-    """Answers, scaled frame."""
+    """Answers of all directions, in the scaled frame."""
     answers: int
     """Number of answers in the fan."""
     gap: float
-    """m, largest distance of outer from inner, or a bound on it."""
+    """Largest distance of outer from inner polygon, m, or a bound on it."""
     inner: Array
-    """(p, 2) m."""
+    """Corners of the polygon inside the region, (p, 2) m."""
     outer: Array
-    """(q, 2) m."""
+    """Corners of the polygon around the region, (q, 2) m."""
     direction: Array
-    """(k, 2) unit; sorted by angle with the goal ENCLOSE."""
+    """Unit directions that were solved for, (k, 2); sorted by angle with the goal ENCLOSE."""
     point: Array
-    """(k, 2) m."""
+    """Points of the region that lie farthest in each direction, (k, 2) m."""
     twist: Array
-    """(k, 4) (v m, w_z)."""
+    """Certificate of each direction, (k, 4): v in m and w_z."""
     force: Array
-    """(k, n, 3) in units of the weight."""
+    """Contact forces that hold the CoM at each point, (k, n, 3) in units of the weight."""
     slack: Array
-    """(k,) m, duality gap."""
+    """Duality gap of each direction, (k,) m."""
 
 
 @row_kernel

@@ -34,7 +34,7 @@ class ServoLegs:
     jacobian: Array
     """Derivatives of the contact points by the joint angles of their legs, (n, 3, 3) m/rad."""
     own: Array
-    """(n, 3) G_i, Nm: torques that hold the legs' own weight."""
+    """Torques G_i that hold the legs' own weight, (n, 3) Nm."""
     limit: Array
     """Largest torques of the servos of each leg, (n, 3) Nm."""
     weight: float
@@ -45,13 +45,13 @@ class _Cones(NamedTuple):
     """Cone program of a set, all but its objective."""
 
     a: Array
-    """(n, 3, 4) columns of the balance; its forces are a[:, :, :3]."""
+    """Columns of the balance per cone coordinate, (n, 3, 4); its forces are a[:, :, :3]."""
     h: Array
-    """(n, 3, 2) position of the CoM, scaled, per cone coordinate."""
+    """Position of the CoM per cone coordinate, scaled, (n, 3, 2)."""
     origin: Array
-    """(3,) m."""
+    """Origin of the scaled frame, (3,) m."""
     length: float
-    """m, unit of length."""
+    """Unit of length of the scaled frame, m."""
     rows: Any
     """Sparse matrix of the constraints."""
     right: Array

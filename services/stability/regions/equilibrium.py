@@ -25,10 +25,10 @@ class Equilibrium:
 
     held: bool
     force: Array | None
-    """(n, 3) forces in units of the weight, well inside the cones; None if not held."""
+    """Contact forces in units of the weight, well inside the cones, (n, 3); None if the robot is not held."""
     twist: Array | None
-    """(6,) twist (v m, Om) about the origin with n'u >= mu |u_t| at every contact and v_z + (Om x c)_z < 0: the CoM
-    sinks; proves that it is not held. None if it is."""
+    """Twist (v m, Om) about the origin, (6,), with n'u >= mu |u_t| at every contact and v_z + (Om x c)_z < 0: the CoM
+    sinks; proves that the robot is not held. None if it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,8 @@ class LeastFriction:
     share: float
     """Smallest share of every friction coefficient that still holds, 0 to 1; unlimited friction does not count."""
     force: Array
-    """(n, 3) forces in units of the weight that need no more: |f_t,i| <= share mu_i n'f_i; of many such, one."""
+    """Contact forces in units of the weight that need least friction, (n, 3): |f_t,i| <= share mu_i n'f_i; of many
+    such, one."""
 
 
 def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:

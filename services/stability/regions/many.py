@@ -55,26 +55,18 @@ class Variants:
     """Answers in the order of the sets."""
 
     status: Ints
-    """(s,) index into STATUSES."""
+    """Status of each set as index into STATUSES, (s,)."""
     margin: Array
-    """(s,) m, signed distance of the CoM to the edge; NaN: there is no region, or no edge."""
+    """Signed distance of each CoM to the edge of its region, (s,) m; NaN: there is no region, or no edge."""
 
     @property
     def stable(self) -> NDArray[np.bool_]:
-        """(s,) the region has an area and the CoM lies in it."""
+        """True for each set whose region has an area in which the CoM lies, (s,)."""
         return (self.status == _OK) & (self.margin >= 0.0)
 
 
 def assess(contacts: ContactSet, index: Ints, begin: Ints, com: Array, *, threads: int = 1) -> Variants:
-    """Status and margin of many sets of contacts.
-
-    Args:
-        contacts: pool of any number of contacts that the sets share.
-        index: (k,) contacts of all sets, one set after the other.
-        begin: (s + 1,) where each set begins in `member`, and the end.
-        com: (s, 2) m, one for each set.
-        threads: how many share the work.
-    """
+    """Return status and margin of many sets of contacts."""
     count = len(com)
     out = Variants(np.empty(count, dtype=np.int64), np.empty(count))
     shares = [(first, min(first + SHARE, count)) for first in range(0, count, SHARE)]
@@ -116,17 +108,17 @@ class Pool(NamedTuple):
     """Sets of contacts for the kernel."""
 
     position: Array
-    """(n, 3) m."""
+    """Points of contact, (n, 3) m."""
     normal: Array
-    """(n, 3) unit."""
+    """Unit normals of the contacts, (n, 3)."""
     mu: Array
-    """(n,)"""
+    """Coefficients of static friction, (n,)."""
     member: Ints
-    """(k,) contacts of all sets, one set after the other."""
+    """Indices of the contacts of all sets, one set after the other, (k,)."""
     begin: Ints
-    """(s + 1,) where each set begins in `member`, and the end."""
+    """Places in `member` where each set begins, and the end, (s + 1,)."""
     com: Array
-    """(s, 2) m."""
+    """CoM of each set, (s, 2) m."""
 
 
 @free_kernel
@@ -206,11 +198,11 @@ class PackedSets:
     """Contact sets laid one after the other, each with its CoM."""
 
     contacts: ContactSet
-    """All contacts."""
+    """Contacts of all sets, one set after the other."""
     begin: Ints
-    """(s + 1,) where each set begins, and the end."""
+    """Places in `contacts` where each set begins, and the end, (s + 1,)."""
     com: Array
-    """(s, 2) m."""
+    """CoM of each set, (s, 2) m."""
 
 
 def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLike, com: ArrayLike) -> PackedSets:
@@ -246,7 +238,7 @@ def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLik
 
 
 def _place(field: str, begin: Ints) -> str:
-    """`contacts.17.normal` of the pool as a field of the set it belongs to."""
+    """Return the field of one set for a field of the pool: `contacts.17.normal` becomes `sets.3.contacts.2.normal`."""
     parts = field.split(".")
     if len(parts) < 2:
         return field
@@ -256,7 +248,8 @@ def _place(field: str, begin: Ints) -> str:
 
 
 def batch(sets: PackedSets, threads: int | None = None) -> Variants:
-    """Status and margin of every set, on all cores or on `threads` of them; the answers do not depend on the number."""
+    """Return status and margin of every set, on all cores or on `threads` of them; answers do not depend on the
+    number."""
     index = np.arange(len(sets.contacts))
     return assess(sets.contacts, index, sets.begin, sets.com, threads=threads or os.cpu_count() or 1)
 

@@ -25,9 +25,9 @@ class Margin:
     """Signed distance of a point from the edge of a region."""
 
     value: float | None
-    """m, positive inside; None: there is no region, or no edge."""
+    """Signed distance, m, positive inside; None: there is no region, or no edge."""
     direction: Array | None = None
-    """(2,) unit direction in which the edge is nearest, when known."""
+    """Unit direction in which the edge is nearest, (2,); None: it is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +35,13 @@ class Extent:
     """Way from a point along a direction to the edge of a region."""
 
     value: float | None
-    """m, signed: negative when the region ends behind the point; None unless status is ok."""
+    """Signed way, m, negative when the region ends behind the point; None unless status is ok."""
     status: ExtentStatus
-    """`missed`: the line does not meet the region."""
+    """Status of the way; `missed`: the line does not meet the region."""
 
 
 def margin(region: Region, point: Array) -> Margin:
-    """min over unit a of h(a) - a'c: the distance to the edge inside, minus the distance to the region outside.
-
-    Raises:
-        StabilityError: no_convergence, by field `contacts`.
-    """
+    """Return the signed distance of a point c from the edge: min over unit a of h(a) - a'c, m, inside positive."""
     if region.status in ("infeasible", "unbounded"):
         return Margin(None)
     if region.solved is not None:

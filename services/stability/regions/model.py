@@ -23,20 +23,21 @@ class Support:
     direction: Array
     """Directions in which the region was bounded, (k, 2), unit length."""
     value: Array
-    """(k,) m, h(a); NaN unless status is ok."""
+    """Support values h(a), (k,) m; NaN unless status is ok."""
     point: Array
-    """(k, 2) m, where it is reached."""
+    """Points of the region where they are reached, (k, 2) m."""
     status: tuple[SupportStatus, ...]
-    """(k,) status of each direction."""
+    """Status of each direction, k of them."""
     gap: Array
-    """(k,) m, value - a'point >= 0 up to rounding."""
+    """Value less a'point, (k,) m: >= 0 up to rounding."""
     twist: Array
-    """(k, 4) certificate (v m, w_z) of the value, or (k, 6) (v m, Om) with an acceleration, about the origin of the
-    frame; NaN unless ok; (k, 0) with torque limits, which have none."""
+    """Certificate of each value about the origin of the frame, (k, 4) (v m, w_z), or (k, 6) (v m, Om) with an
+    acceleration; NaN unless ok; (k, 0) with torque limits, which have none."""
     force: Array
-    """(k, n, 3) forces at `point`, in units of the weight; unbounded: forces that shift the CoM and hold nothing."""
+    """Contact forces at `point` in units of the weight, (k, n, 3); unbounded: forces that shift the CoM and hold
+    nothing."""
     torque: Array | None = None
-    """(k, n, 3) Nm, of the joints of each contact's leg, with torque limits only."""
+    """Torques of the joints of each contact's leg, (k, n, 3) Nm, with torque limits only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class Plane:
     """Origin of the scaled plane on the ground, (2,) m."""
 
     def back(self, c: Array) -> Array:
-        """The point (2,) of the leaning frame that lies at c (2,) in the plane."""
+        """Return the point (2,) of the leaning frame that lies at c (2,) m in the plane."""
         return solve(self.matrix, (c - self.zero)[:, None])[:, 0]
 
 
@@ -64,9 +65,9 @@ class Solved:
     count: int
     """Number of directions that were answered."""
     anchor: Array
-    """(2,) m: position = anchor + length * scaled."""
+    """Origin of the scaled frame, (2,) m: position = anchor + length * scaled."""
     drift: Array | None = None
-    """(k, 2) gain of free tangential forces per direction, of an unbounded region; None if there are none."""
+    """Gain of free tangential forces per direction of an unbounded region, (k, 2); None if there are none."""
     plane: Plane | None = None
     """Plane of the region, where the programs are those of a leaning frame."""
 
@@ -91,22 +92,22 @@ class Region:
     contacts: ContactSet
     """Contacts of the region, in its frame."""
     status: RegionStatus
-    """ok: it has an area."""
+    """Status of the region; ok: it has an area."""
     inner: Array
-    """(p, 2) m: polygon inside the region, or its point or segment."""
+    """Corners of the polygon inside the region, or its point or segment, (p, 2) m."""
     outer: Array
-    """(q, 2) m: polygon around the region; empty if there is none."""
+    """Corners of the polygon around the region, (q, 2) m; empty if there is none."""
     support: Support
     """Support values in the directions asked for, else in those solved for."""
     gap: float
-    """m, largest distance of outer from inner; NaN if there is no outer."""
+    """Largest distance of outer from inner, m; NaN if there is no outer."""
     exact: bool
     """inner is the region itself, to rounding (hull, segment, point)."""
     calls: int
     """Number of directions that were solved for."""
     sinking: Array | None = None
-    """(4,) twist (v m, w_z) with v_z < 0, or (6,) (v m, Om) with an acceleration, about the origin of the frame, that
-    proves infeasibility."""
+    """Twist about the origin of the frame that proves infeasibility, (4,) (v m, w_z) with v_z < 0, or (6,) (v m, Om)
+    with an acceleration."""
     solved: Solved | None = None
     """Programs and fan for margins and extents, where the region is neither exact nor empty."""
 

@@ -59,7 +59,7 @@ class Actuated:
     """Servos of limited torque that hold the robot in a posture."""
 
     legs: ServoLegs
-    """Legs on the contacts."""
+    """Legs that stand on the contacts, with their limits of torque."""
 
 
 Mode = AtRest | Moving | Tilted | Actuated
@@ -73,7 +73,7 @@ class Refinement(NamedTuple):
     adaptive: bool | None = None
     """Refine until outer is within `tolerance` of inner; None = when no directions are given."""
     tolerance: float = 1e-4
-    """m, of the region along the effective gravity."""
+    """Largest distance of outer from inner of an adaptive region, measured along the effective gravity, m."""
     limit: int = 128
     """Most directions of an adaptive region."""
     proofs: bool = True
@@ -188,7 +188,8 @@ class Leaning:
         )
 
     def _twist(self, twist: Array, a: Array) -> Array:
-        """(v, Om) (6,) in the world from (v, w_z) (4,) of the leaning frame and a direction (2,)."""
+        """Return the twist (v, Om), (6,), in the world for (v, w_z), (4,), of the leaning frame and a direction a,
+        (2,)."""
         spin = np.array([-a[1], a[0], twist[3]])
         return np.concatenate((product(self.rot.T, twist[:3]), product(self.rot.T, spin)))
 

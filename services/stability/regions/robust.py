@@ -22,9 +22,9 @@ class Uncertainty:
     """Uncertainty of the inputs; standard deviations count `kappa` times, bounds fully."""
 
     com: Array
-    """(2, 2) m^2, covariance of the CoM."""
+    """Covariance of the CoM, (2, 2) m^2."""
     foot: Array
-    """(n, 3, 3) m^2, covariance of each contact point."""
+    """Covariance of each contact point, (n, 3, 3) m^2."""
     friction: float = 0.0
     """Bound by which every coefficient may be less, no unit."""
     normal: float = 0.0
@@ -37,7 +37,7 @@ class MarginSlope:
     """Gradient of the signed margin of a CoM."""
 
     com: Array
-    """(2,) d margin / d com = - a, no unit."""
+    """Derivative of the margin by the CoM, (2,) = - a, no unit."""
     mu: Array
     """Change of the margin by the friction coefficient of each contact, (n,) m."""
     position: Array

@@ -38,9 +38,9 @@ class SweptPose:
     joints: Array
     """Joint angles of the pose, (nj,) rad."""
     torque: Array
-    """(nj,) Nm, as reported: current times the constant that the driver believes in."""
+    """Torques as reported, (nj,) Nm: current times the constant that the driver believes in."""
     g_up: Array
-    """(3,) m/s2, upward specific force, base_link."""
+    """Upward specific force at rest, base_link, (3,) m/s^2."""
     stance: Flags
     """Feet that stand in the pose, (L,)."""
 
@@ -82,12 +82,12 @@ class Calibration:
     """One factor for all joints."""
     common_sd: float
     gain: Array
-    """(nj,) factor of each joint."""
+    """Factor of each joint, (nj,)."""
     gain_sd: Array
     offset: Array
-    """(2,) m, where the CoM lies beside the one by kinematics, x forward, y left."""
+    """Displacement of the CoM from the one by kinematics, (2,) m, x forward, y left."""
     residual: float
-    """N, root mean square of the force equations that remain."""
+    """Root mean square of the force equations that remain, N."""
     poses: int
 
 
@@ -145,7 +145,7 @@ def calibrate(
 
 
 def _used(robot: Robot, poses: Sequence[SweptPose]) -> Array:
-    """(nj,) mean square of each torque: what a common factor is the mean over."""
+    """Return the mean square of each torque, (nj,) Nm^2: the weights of the mean that a common factor is."""
     square = np.mean([pose.torque**2 for pose in poses], axis=0)
     return square + 1e-12 * np.ones(robot.nj)
 

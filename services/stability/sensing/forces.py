@@ -28,23 +28,23 @@ class FootForces:
     """Force of the ground on each foot; base_link, unless it has been turned."""
 
     force: Array
-    """(L, 3) N, base_link."""
+    """Force of the ground on each foot, base_link, (L, 3) N."""
     covariance: Array
-    """(L, 3, 3) N^2, base_link."""
+    """Covariance of each force, base_link, (L, 3, 3) N^2."""
     observed: Flags
-    """(L,) True where torques (a leg of three joints, not stretched) or a sensor determine the force."""
+    """True where torques (a leg of three joints, not stretched) or a sensor determine the force, (L,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredCom:
-    """CoM by the foot forces."""
+    """Centre of mass by the forces on the feet."""
 
     com: Array
-    """(2,) m, frame of the forces."""
+    """x and y of the CoM, (2,) m, frame of the forces."""
     covariance: Array
-    """(2, 2) m^2."""
+    """Covariance of the CoM, (2, 2) m^2."""
     weight: float
-    """N, sum of the vertical forces."""
+    """Sum of the vertical forces, N."""
     misfit: float
     """Squared, normalised violation of the three equations that hold at rest: chi-square with 3 degrees of freedom."""
 
@@ -71,11 +71,11 @@ class LegInverses(NamedTuple):
     """Maps from joint torques to foot forces in one posture."""
 
     inverse: Array
-    """(L, 3, 3) J^-T of each leg, base_link; zero where not observed."""
+    """J^-T of each leg, base_link, (L, 3, 3); zero where the force is not observed."""
     own: Array
-    """(nj,) G(q), Nm: what the servos hold against the links' own weight."""
+    """Torques G(q) by which the servos hold the legs' own weight, (nj,) Nm."""
     observed: Flags
-    """(L,)"""
+    """True where the leg determines its force, (L,)."""
 
 
 def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
@@ -169,7 +169,8 @@ def _leg_inverses_of(
 def leg_forces_of(
     model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array, torque: Array, variance: float
 ) -> tuple[Array, Array, Flags]:
-    """`forces_from_torques` from the links' poses of `forward`: force, covariance, observed."""
+    """Return force (L, 3) N, covariance (L, 3, 3) N^2, base_link, and observed (L,), from the links' poses of
+    `forward`."""
     inverse, own, observed = _leg_inverses_of(model, rot, pos, g_up, radius)
     force, covariance = _leg_forces(model, inverse, own, torque, variance)
     return force, covariance, observed

@@ -40,7 +40,7 @@ class Shift:
     """Effect of a movement of the trunk over its standing feet."""
 
     vector: Array
-    """(3,) m, CoM after minus CoM now, seen from the trunk, axes of the world."""
+    """Displacement of the CoM by the movement, seen from the trunk, axes of the world, (3,) m."""
     after: "PosedRobot"
     """Robot after the movement."""
     reachable: bool
@@ -101,9 +101,9 @@ class PosedRobot:
     robot: Robot
     """The robot."""
     joints: Array
-    """(nj,) rad."""
+    """Joint angles, (nj,) rad."""
     base: Array
-    """(3,) m, origin of base_link."""
+    """Origin of base_link in the world, (3,) m."""
     rot: Array
     """rot_world_from_base, (3, 3)."""
 
@@ -178,7 +178,7 @@ class HeldRobot(NamedTuple):
     legs: list[int]
     """Leg on each contact."""
     limit: Array
-    """(nj,) Nm, torque limits."""
+    """Torque limits of the servos, (nj,) Nm."""
     servos: ServoLegs
     """Servos of the legs, in the order of the contacts."""
 
@@ -208,9 +208,9 @@ class SteppedRobot(NamedTuple):
     """Movement of a robot's trunk over its standing legs, as a check of the movement needs it; frame world."""
 
     com: tuple[float, float]
-    """m, x and y of the centre of mass before the movement, by kinematics."""
+    """x and y of the centre of mass before the movement, by kinematics, m."""
     shift: Array
-    """(3,) m, shift of the centre of mass in the trunk."""
+    """Shift of the centre of mass in the trunk, (3,) m."""
     reachable: bool
     """Every standing leg reaches its foot after the movement."""
     legs: tuple[str, ...]
@@ -336,7 +336,7 @@ def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: A
 
 @row_kernel
 def contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
-    """`contact_jacobians` from the links' poses of `forward`."""
+    """Return the derivatives of `contact_jacobians`, (L, 3, n) m/rad, from the links' poses of `forward`."""
     jacobian = foot_jacobians_of(model, rot, pos)
     for i in range(model.leg_joints.shape[0]):
         k = model.foot_link[i]

@@ -22,7 +22,7 @@ class PressureSensor:
     """Characteristic of one sensor with its resistor and converter."""
 
     resistance_1n: float = 60e3
-    """Ohm, R_1 at 1 N: typical of a sensing area of 1 cm^2."""
+    """Resistance R_1 at 1 N, Ohm: typical of a sensing area of 1 cm^2."""
     exponent: float = 0.9
     """Exponent of the sensor's resistance over force, no unit (p of the paper)."""
     fixed: float = 1e3
@@ -30,11 +30,11 @@ class PressureSensor:
     supply: float = 5.0
     """Supply voltage of the divider, V (V_s of the paper)."""
     least: float = 0.5 * KILOGRAM
-    """N, begin of the range (paper: 0.5 kg)."""
+    """Least force of the sensor's range, N (paper: 0.5 kg)."""
     most: float = 2.0 * KILOGRAM
-    """N, its end (paper: 2 kg)."""
+    """Largest force of the sensor's range, N (paper: 2 kg)."""
     step: float = 5.0 / 1024.0
-    """V, of the converter (10 bits)."""
+    """Step of the converter, V (10 bits)."""
     repeatability: float = 0.02
     """Standard deviation as a share of the force: place and shape of the contact."""
 
@@ -44,41 +44,35 @@ class PressureSensor:
             return self.supply * self.fixed / (self.fixed + self.resistance_1n * force**-self.exponent)
 
     def force(self, voltage: Array) -> Array:
-        """F in N for 0 <= V < V_s: the characteristic turned round."""
+        """Return the forces in N for voltages 0 <= V < V_s: the inverse of the characteristic."""
         return (self.resistance_1n * voltage / (self.fixed * (self.supply - voltage))) ** (1.0 / self.exponent)
 
     def line(self) -> tuple[float, float]:
-        """Offset N and slope N/V of the straight line that fits best, in least squares, inside the range."""
+        """Return offset N and slope N/V of the straight line that fits best, in least squares, inside the range."""
         force = np.linspace(self.least, self.most, 101)
         slope, offset = np.polyfit(self.voltage(force), force, 1)
         return float(offset), float(slope)
 
     def linearised(self, voltage: Array) -> Array:
-        """F by the straight line: what a small controller computes."""
+        """Return the forces in N that the straight line of `line` gives for voltages in V, as a small controller
+        computes."""
         offset, slope = self.line()
         return offset + slope * voltage
 
     def linearity_error(self) -> float:
-        """N, largest error of the straight line inside the range."""
+        """Return the largest error of the straight line inside the range, N."""
         force = np.linspace(self.least, self.most, 401)
         return float(np.abs(self.linearised(self.voltage(force)) - force).max())
 
     def variance(self, force: Array) -> Array:
-        """N^2, of a force read by the characteristic: repeatability and one step of the converter."""
+        """Return the variance of a force read by the characteristic, N^2: repeatability and one step of the
+        converter."""
         slope = (self.voltage(force * 1.001) - self.voltage(force * 0.999)) / (0.002 * force)
         return (self.repeatability * force) ** 2 + (self.step / slope) ** 2 / 12.0
 
 
 def read_loads(load: Array, sensor: PressureSensor) -> tuple[Array, Array]:
-    """Loads and variances for a fusion from what sensors report, (L,) N each.
-
-    Below the range a sensor reports nothing but "less": a load anywhere between 0 and `least`; at its end it
-    saturates (NaN).
-
-    Args:
-        load: reported forces, N: 0 = below the range, `most` = saturated, NaN = no sensor.
-        sensor: its characteristic.
-    """
+    """Return loads and variances for a fusion from what sensors report, (L,) N and N^2."""
     below, inside = load < sensor.least, (load >= sensor.least) & (load < sensor.most)
     value = np.where(inside, load, np.where(below, 0.5 * sensor.least, np.nan))
     variance = np.where(below, sensor.least**2 / 12.0, sensor.variance(np.where(inside, load, sensor.least)))

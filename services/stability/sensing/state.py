@@ -28,15 +28,15 @@ class WatchParams:
     mu: float = 0.6
     """Friction coefficient of every foot."""
     tolerance: float = 1e-3
-    """m, distance of outer from inner polygon."""
+    """Largest distance of outer from inner polygon of a region, m."""
     directions: int = 24
     """At most so many directions a region."""
     torque_variance: float = 4e-4
-    """Nm^2, of a measured joint torque (servo friction 0.02 Nm)."""
+    """Variance of a measured joint torque, Nm^2 (servo friction 0.02 Nm)."""
     hold_s: float = 0.4
-    """s, an open switch of a foot that is planned to stand is bridged so long. 68 gaps in 16 walks over rough ground:
-    one sample of 33 ms 49 times, two to four 13 times, the longest, 0.37 s, of a foot that touched down and carried
-    nothing until the other feet were lifted."""
+    """Time for which an open switch of a foot that is planned to stand is bridged, s. 68 gaps in 16 walks over rough
+    ground: one sample of 33 ms 49 times, two to four 13 times, the longest, 0.37 s, of a foot that touched down and
+    carried nothing until the other feet were lifted."""
     least_load: float = 0.5
     """Share of the weight the measured forces must carry before their CoM is believed."""
 
@@ -67,7 +67,7 @@ class StandingFeet:
 
 @row_kernel
 def _standing(touched: Array, hold_s: float, stamp: float, touch: Flags, planned: Flags, alone: bool) -> Flags:
-    """`StandingFeet.update`; notes in `touched` (L,) when each foot touched last."""
+    """Return the feet (L,) that stand, as `StandingFeet.update`; note in `touched`, (L,) s, when each touched last."""
     standing = touch.copy()
     for i in range(touch.size):
         if touch[i]:
@@ -86,16 +86,16 @@ class Status:
     region: Region
     stance: Flags
     com_planned: Array
-    """(2,) m, from kinematics."""
+    """Centre of mass by kinematics, x and y, (2,) m."""
     com_measured: MeasuredCom | None
-    """From foot forces."""
+    """Centre of mass by the forces on the feet; None without measured torques or forces."""
     margin_planned: Margin
     margin_measured: Margin | None
 
 
 @row_kernel
 def level_from_base(g_up: Array) -> Array:
-    """rot_level_from_base (3, 3): z along g_up, x the horizontal part of the trunk's x axis."""
+    """Return rot_level_from_base, (3, 3): z along g_up, x the horizontal part of the trunk's x axis."""
     rot = np.empty((3, 3))
     size = math.sqrt(g_up[0] * g_up[0] + g_up[1] * g_up[1] + g_up[2] * g_up[2])
     ux, uy, uz = g_up[0] / size, g_up[1] / size, g_up[2] / size
@@ -114,21 +114,21 @@ class Footing(NamedTuple):
     """Contacts, forces and CoM of the n feet that stand, from joints, tilt and torques."""
 
     position: Array
-    """(n, 3) m, frame level: where they touch the ground."""
+    """Points where the feet touch the ground, (n, 3) m, frame level."""
     normal: Array
-    """(n, 3) vertical: a foot does not know the ground's slope."""
+    """Vertical normals, (n, 3): a foot does not know the ground's slope."""
     mu: Array
-    """(n,)"""
+    """Coefficients of static friction, (n,)."""
     force: Array
-    """(n, 3) N, ground on foot, base_link."""
+    """Force of the ground on each foot, base_link, (n, 3) N."""
     covariance: Array
-    """(n, 3, 3) N^2, base_link."""
+    """Covariance of each force, base_link, (n, 3, 3) N^2."""
     observed: bool
     """True if the torques determine the force on every one of them."""
     com: Array
-    """(3,) m, frame level."""
+    """Centre of mass by kinematics, (3,) m, frame level."""
     rot: Array
-    """(3, 3) rot_level_from_base."""
+    """rot_level_from_base, (3, 3)."""
 
 
 @row_kernel

@@ -40,7 +40,7 @@ class Process(Protocol):
         """Exit code, None while it runs."""
 
     def terminate(self) -> None:
-        """Ask it to end."""
+        """Request the end of the process (SIGTERM)."""
 
     def kill(self) -> None:
         """End the process at once (SIGKILL)."""

@@ -39,7 +39,7 @@ class WalkerParams:
     full_speed_fall_m: float = 0.045
     """Fall of a foot from its top to the ground up to which a step has its usual duration, m."""
     longest_step: float = 2.0
-    """Largest factor on the duration of a step with a longer fall."""
+    """Largest factor by which a step lasts longer when its foot falls farther than `full_speed_fall_m`."""
     touch_speed: float = 0.040
     """Downward speed of a foot that expects the ground, m/s."""
     margin_m: float = 0.006
@@ -87,18 +87,18 @@ class WalkerParams:
     wanted_margin_m: float = 0.020
     """Static margin of a step below which the trunk first moves over its feet, m."""
     shift_limit_m: float = 0.030
-    """Longest such movement of the trunk, m."""
+    """Longest movement of the trunk over its feet before a step, m."""
     max_shifts: int = 2
-    """Largest number of such movements for one step."""
+    """Largest number of movements of the trunk before one step."""
     least_margin_m: float = 0.005
     """Static margin after these movements below which a gait that lifts fewer legs is taken, m."""
     lean_margin_m: float = 0.040
     """Static margin for which the trunk of a crawling robot moves before a foot lifts, m."""
     lean_s: float = 0.4
-    """Least duration of such a movement, s."""
+    """Least duration of a movement of the trunk before a foot lifts, s."""
     lean_acceleration: float = 0.6
-    """Largest acceleration of the trunk in such a movement, m/s^2: 0.3 m over the ground that moves the point of zero
-    moment by 18 mm."""
+    """Largest acceleration of the trunk in a movement before a foot lifts, m/s^2: 0.3 m over the ground that moves the
+    point of zero moment by 18 mm."""
     max_attempts: int = 8
     """Plans tried for one step before it is refused."""
     stale_s: float = 0.1

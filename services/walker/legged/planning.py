@@ -58,7 +58,7 @@ class StepPlan:
     status: tuple[str, ...]
     """Status of each foot's foothold, see `WalkerOutputs.foothold_status`."""
     duration: float
-    """s, longer than half a period when a foot has far to fall."""
+    """Duration of the step, s; longer than half a period when a foot has far to fall."""
     shape: SwingShape
     """Phases of the swings, with the height of the slow part."""
     lean: float = 0.0
@@ -103,10 +103,8 @@ def foothold_request(
 
 
 def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float) -> float:
-    """Height of base_link: mean ground under the feet + hip height, and the trunk clear of the highest ground below.
-
-    Walas & Belter's rule over the last six footholds, here the six feet at the end of the step.
-    """
+    """Return the height of base_link, m: mean ground under the feet + hip height, the trunk clear of the ground
+    below."""
     robot, params = frame.robot, frame.params
     z = float(np.mean(feet[:, 2])) - robot.foot_radius + params.hip_height_m + shift
     if frame.ground is not None:

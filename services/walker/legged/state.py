@@ -71,10 +71,10 @@ class WalkerState:
     support: Array = field(default_factory=lambda: np.zeros(0))
     """Share of each foot in the planned load, 0..1, (L,)."""
     q: Array = field(default_factory=lambda: np.zeros(0))
-    """Planned joint angles without sag compensation, (nj,)."""
+    """Planned joint angles without compensation of sag, (nj,) rad."""
     command: Array | None = None
     measured: Array | None = None
-    """Last joint sample, (nj,)."""
+    """Joint angles of the last sample, (nj,) rad; None before the first."""
     measured_stamp: float = -1.0
     contacts: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     contacts_stamp: float = -1.0

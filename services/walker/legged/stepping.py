@@ -20,12 +20,12 @@ LOAD_S = 0.1  # s, in which a standing foot takes its load
 
 
 def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
-    """Move trunk and feet by one tick of the planned step; returns whether the step is done.
+    """Move trunk and feet by one tick of the planned step; return whether the step is done.
 
-    The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the
-    feet that will lift give their load to the others on the way, or the trunk would tip when they do. Feet
-    that find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that
-    touches nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear.
+    The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
+    that will lift give their load to the others on the way, or the trunk would tip when they do. Feet that find no
+    ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches nothing
+    when the trunk has come over it, and none lifts before: three feet carry only if all of them bear.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
