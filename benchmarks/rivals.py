@@ -9,42 +9,21 @@ from surefoot.lab.footholds.walks import Rule
 from surefoot.robot.description import Robot
 from surefoot.services.footholds.features import Features, Layer
 from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.models.score import AnywhereModel
 from surefoot.services.footholds.select import Foothold, Landing, TrunkPose
 
 
-class _AnywhereModel:
-    """Common part of rules from the literature: they hold anywhere, without spread or landing error."""
+class _NoWeight(AnywhereModel):
+    """Common part of rules from the literature: a walk states the weight of the way."""
 
     @property
     def distance_weight(self) -> float:
         """Weight k of Q = P + k K4, 1/m: 0, a walk states its own."""
         return 0.0
 
-    @property
-    def landing_error(self) -> float:
-        """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
-        return 0.0
-
-    @property
-    def relief(self) -> bool:
-        """Return False: the rules are made of K1 and K2."""
-        return False
-
-    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
-        """Return nothing: the rule holds for any cell, filter and foot."""
-        return ""
-
-    def spread(self, features: Features, cell: float) -> Layer:
-        """Return NaN for every cell, (ny, nx) float32."""
-        return np.full(features.k1.shape, np.nan, dtype=np.float32)
-
-    def support_of(self, features: Features, cell: float) -> Layer:
-        """Return 0 for every cell: nothing was learned."""
-        return np.zeros(features.k1.shape, dtype=np.float32)
-
 
 @dataclass(frozen=True, slots=True)
-class MinK2(_AnywhereModel):
+class MinK2(_NoWeight):
     """Rule of the flattest cell: P is K2 / (8 cell), the mean rise per way."""
 
     @property
@@ -58,7 +37,7 @@ class MinK2(_AnywhereModel):
 
 
 @dataclass(frozen=True, slots=True)
-class GridMapRule(_AnywhereModel):
+class GridMapRule(_NoWeight):
     """Rule of grid_map's example filters, traversability 1 - [.5 (1 - slope / .6) + .5 (1 - roughness / .1)].
 
     The slope is in rad. Only K1 and K2 are at hand: the slope of a plane is K2 / (7 cell) within 15 % in any

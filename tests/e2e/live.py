@@ -37,6 +37,19 @@ SERVICES = tuple(
     name for name in load_compose(find("compose", "ragno", ".yaml", ComposeError)).services if name != Supervisor.name
 )
 """What the compose file starts beside the supervisor."""
+SHORT = """
+description = "Ragno stands up and walks two steps over rough ground"
+max_duration_s = 10.0
+seed = 5
+[world]
+terrain = "rough"
+[[step]]
+when = "ready"
+do = "walk"
+distance = 0.05
+[limits]
+no_fall = true
+"""
 
 
 def environment(folder: Path, **more: str) -> dict[str, str]:

@@ -14,23 +14,10 @@ from surefoot.schemas.sim import ResetRequest
 from surefoot.schemas.topics import SIM_RESET
 from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 from tests.e2e.hosts import Hosts
-from tests.e2e.live import SERVICES, START_S, Live, wait_until
+from tests.e2e.live import SERVICES, SHORT, START_S, Live, wait_until
 
 pytestmark = pytest.mark.e2e
 
-WALK = """
-description = "Ragno walks two steps over rough ground, its services on three hosts"
-max_duration_s = 10.0
-seed = 5
-[world]
-terrain = "rough"
-[[step]]
-when = "ready"
-do = "walk"
-distance = 0.05
-[limits]
-no_fall = true
-"""
 AT_TICK = 100
 """Tick of a run in which something happens to the network, while the robot walks."""
 PLACES = {"simulator": 0, "stability": 0, "estimator": 1, "walker": 1}
@@ -53,7 +40,7 @@ class Spread(Live):
 
 
 def scenario() -> Scenario:
-    return parse_scenario(WALK, Path("walk.toml"))
+    return parse_scenario(SHORT, Path("walk.toml"))
 
 
 @cache

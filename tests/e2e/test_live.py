@@ -15,23 +15,10 @@ from surefoot.lockstep.join import DRIVER, Delayed
 from surefoot.record.recording import read_recording, recording_info
 from surefoot.schemas.topics import HW_EXTERNAL, HW_LANDMARKS, HW_MAKER, HW_RANGE, TERRAIN_LANDMARKS, Kind
 from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
-from tests.e2e.live import SERVICES, Conducted, Live
+from tests.e2e.live import SERVICES, SHORT, Conducted, Live
 
 pytestmark = pytest.mark.e2e
 
-SHORT = """
-description = "Ragno stands up and walks two steps over rough ground"
-max_duration_s = 10.0
-seed = 5
-[world]
-terrain = "rough"
-[[step]]
-when = "ready"
-do = "walk"
-distance = 0.05
-[limits]
-no_fall = true
-"""
 ORDERS = {"reversed, one by one": (SERVICES[::-1], True), "shuffled, at once": (SERVICES[3:] + SERVICES[:3], False)}
 ENDS = dict(zip(ORDERS, (signal.SIGTERM, signal.SIGINT), strict=True))
 """Signal that ends the services of each system."""

@@ -97,12 +97,6 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
     return BestState(*one, some[0], some[1], some[2], some[3], some[4], np.zeros(modes), sensors)
 
 
-def copy_state(source: BestState, target: BestState) -> None:
-    """Copy every array of a state into those of another."""
-    for a, b in zip(source, target, strict=True):
-        b[...] = a
-
-
 def fit_in(source: BestState, target: BestState) -> None:
     """Copy every array of a state into the first part of the larger one of another."""
     for a, b in zip(source, target, strict=True):

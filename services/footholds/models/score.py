@@ -23,8 +23,34 @@ from surefoot.kernels.jit import row_kernel
 from ..features import Features, Layer
 
 
+class AnywhereModel:
+    """Common part of slip models that were not learned: they hold anywhere, without spread or landing error."""
+
+    @property
+    def landing_error(self) -> float:
+        """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
+        return 0.0
+
+    @property
+    def relief(self) -> bool:
+        """Return False: the model is made of K1, K2 and K3."""
+        return False
+
+    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
+        """Return nothing: the model holds for any cell, filter and foot."""
+        return ""
+
+    def spread(self, features: Features, cell: float) -> Layer:
+        """Return NaN for every cell, (ny, nx) float32: the model knows no spread."""
+        return np.full(features.k1.shape, np.nan, dtype=np.float32)
+
+    def support_of(self, features: Features, cell: float) -> Layer:
+        """Return 0 for every cell, (ny, nx) float32: nothing was learned."""
+        return np.zeros(features.k1.shape, dtype=np.float32)
+
+
 @dataclass(frozen=True, slots=True)
-class HandScore:
+class HandScore(AnywhereModel):
     """Weights of the hand-made score; none has a unit."""
 
     flat: float = 0.04
@@ -60,28 +86,6 @@ class HandScore:
     def distance_weight(self) -> float:
         """Weight k of Q = P + k K4, 1/m (paper 3.3, Eq. 18)."""
         return 8.0
-
-    @property
-    def landing_error(self) -> float:
-        """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
-        return 0.0
-
-    @property
-    def relief(self) -> bool:
-        """Return False: the score is made of the paper's coefficients."""
-        return False
-
-    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
-        """Return nothing: the score holds for any cell, filter and foot."""
-        return ""
-
-    def spread(self, features: Features, cell: float) -> Layer:
-        """Return NaN for every cell: the score knows no spread."""
-        return np.full(features.k1.shape, np.nan, dtype=np.float32)
-
-    def support_of(self, features: Features, cell: float) -> Layer:
-        """Return 0 for every cell: nothing was learned."""
-        return np.zeros(features.k1.shape, dtype=np.float32)
 
     def predict(self, features: Features, cell: float) -> Layer:
         """Return P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; any cell size."""

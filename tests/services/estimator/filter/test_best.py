@@ -14,7 +14,7 @@ from surefoot.services.estimator.filter.layout import E, M, P, X
 from surefoot.services.estimator.filter.noise import FIXED, BestNoise, best_limits, best_noise
 from surefoot.services.estimator.filter.point import lift, observe, put_down, retract
 from surefoot.services.estimator.filter.rest import learn_gyro_bias
-from surefoot.services.estimator.filter.state import Felt, copy_state, forget_velocity, new_state, predict, rotation
+from surefoot.services.estimator.filter.state import Felt, fit_in, forget_velocity, new_state, predict, rotation
 from surefoot.services.estimator.filter.update import follow, take_points
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from surefoot.services.estimator.stream import Estimator
@@ -44,7 +44,7 @@ def random_state(seed=0):
 def copied(state):
     """A state with the same values."""
     other = new_state(FEET)
-    copy_state(state, other)
+    fit_in(state, other)
     return other
 
 

@@ -22,7 +22,7 @@ from surefoot.services.estimator.filter.hypotheses import (
 from surefoot.services.estimator.filter.layout import E, M, P, X
 from surefoot.services.estimator.filter.noise import FIXED, best_noise
 from surefoot.services.estimator.filter.point import retract
-from surefoot.services.estimator.filter.state import copy_state, new_state, rotation, turn_matrix
+from surefoot.services.estimator.filter.state import fit_in, new_state, rotation, turn_matrix
 from surefoot.services.estimator.filter.update import persistence, remember_slides, take_points
 from surefoot.services.estimator.params import EstimatorParams
 from tests.services.estimator.mounts import OPEN, balls
@@ -42,7 +42,7 @@ def standing(seed=0):
     state.cov[...] = root @ root.T
     for h in range(4):
         one = mode(state, h)
-        copy_state(mode(replace_modes(state), 0), one)
+        fit_in(mode(replace_modes(state), 0), one)
         retract(one, 0.05 * rng.normal(size=len(state.cov)))
         one.cov[...] = state.cov * rng.uniform(0.5, 2.0)
     return state
@@ -51,7 +51,7 @@ def standing(seed=0):
 def replace_modes(state):
     """A state whose first hypothesis is the state itself."""
     out = new_state(2, 4)
-    copy_state(state, out)
+    fit_in(state, out)
     for name in ("x", "cov", "points", "turn", "memory"):
         getattr(out, f"mode_{name}")[0] = getattr(state, name)
     return out
