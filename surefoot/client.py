@@ -28,7 +28,7 @@ M = TypeVar("M", bound=Message)
 
 
 def topic_named(key: str) -> Topic[Any]:
-    """The row of a topic key (raises SurefootError with the near ones)."""
+    """Return the row of a topic key (raises SurefootError with the near ones)."""
     for topic in TOPICS:
         if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1]) and key != topic.key):
             return topic if topic.key == key else topic.of(key[len(topic.key) - 1 :])
@@ -37,7 +37,7 @@ def topic_named(key: str) -> Topic[Any]:
 
 
 def query_named(key: str) -> Query[Any, Any]:
-    """The row of a query key (raises SurefootError with the known ones)."""
+    """Return the row of a query key (raises SurefootError with the known ones)."""
     for query in QUERIES:
         if query.key == key or (query.key.endswith("/*") and key.startswith(query.key[:-1]) and key != query.key):
             return query if query.key == key else query.of(key[len(query.key) - 1 :])
@@ -119,7 +119,7 @@ class Client:
             end()
 
     def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
-        """The next message of a topic (raises CallError when none comes; its message names paused simulated time)."""
+        """Return the next message of a topic (raises CallError when none comes; it names paused simulated time)."""
         topic = topic_named(topic) if isinstance(topic, str) else topic
         for message in self.messages(topic, timeout_s):
             return message
@@ -135,7 +135,7 @@ class Client:
 
 
 def make_request(query: Query[Any, Any], fields: dict[str, Any]) -> Wire:
-    """The validated request of a query (raises SurefootError naming the field)."""
+    """Return the validated request of a query (raises SurefootError naming the field)."""
     from pydantic import ValidationError
 
     try:

@@ -24,14 +24,14 @@ class LogLine:
 
 
 def log_line(level: str, service: str, text: str, tick: int | None = None) -> str:
-    """The line that says so now; what is longer than a line is folded into one."""
+    """Return the line of a log entry at the present time; a text of several lines is folded into one."""
     now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     when = f" tick {tick}" if tick is not None and tick >= 0 else ""
     return f"{now} {level:<7} {service}{when}: {' | '.join(text.splitlines())}"
 
 
 def read_log_line(line: str) -> LogLine | None:
-    """A line taken apart; None for one that something else has written (a library, an interpreter that ends)."""
+    """Return a line taken apart; None for one that something else has written (a library, an interpreter that ends)."""
     match = _FORM.fullmatch(line)
     if match is None:
         return None
@@ -40,7 +40,7 @@ def read_log_line(line: str) -> LogLine | None:
 
 
 def sendable(text: str) -> str:
-    """The text with what is no UTF-8 in it, as names of files may hold, written as escapes."""
+    """Return the text with what is no UTF-8 in it, as names of files may hold, written as escapes."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 

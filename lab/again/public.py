@@ -14,7 +14,7 @@ LIST = Path(__file__).with_name("hashes.csv")
 
 
 class PublicRun(NamedTuple):
-    """A row of the list.
+    """A shipped scenario with the hash that its run has on every machine.
 
     Attributes:
         scenario: name of a shipped one.

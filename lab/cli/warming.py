@@ -200,7 +200,7 @@ class _WarmProgress:
         notify(f"compiling numeric kernels: {total} services, takes half a minute or more, only this once")
 
     def another(self) -> None:
-        """A service is done."""
+        """Count one more service whose kernels are compiled."""
         with self._lock:
             self._done += 1
             self._notify(f"  {self._done} of {self._total} after {time.monotonic() - self._began:.0f} s")

@@ -152,7 +152,7 @@ def _turned(seconds: Array, rot: Array, at: Array) -> Rotation:
 
 
 def _by_gyro(log: Log) -> tuple[Found, Found, float]:
-    """Return offset, rotation and the correlation of the rates of turn."""
+    """Return time offset, rotation and the correlation of the rates of turn that truth and gyro show."""
     seconds = log.seconds
     period = max(float(np.median(np.diff(seconds))), GRID_S)
     half = 0.5 * max(WINDOW_S, 2.0 * period)

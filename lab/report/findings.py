@@ -85,13 +85,13 @@ def with_known(findings: Iterable[Finding], known: Mapping[str, str]) -> tuple[F
 
 
 def near(where: str, what: str, paper: float, ours: float, within: float, digits: int = 2) -> Finding:
-    """A number that must lie within so much of the paper's."""
+    """Return the finding of a number that must lie within so much of the paper's."""
     ok = abs(ours - paper) <= within
     return Finding(where, what, f"{paper:.{digits}f}", f"{ours:.{digits}f}", ok, f"within {within:g}")
 
 
 def at_most(where: str, what: str, ours: float, limit: float, paper: str = "", form: str = ".3g") -> Finding:
-    """A number that must not be larger."""
+    """Return the finding of a number that must not be larger than a limit."""
     return Finding(where, what, paper, f"{ours:{form}}", abs(ours) <= limit, f"<= {limit:g}")
 
 

@@ -97,7 +97,7 @@ def slope_contacts(robot: Robot, mu: float) -> ContactSet:
 
 
 def slope(robot: Robot, mu: float) -> Slope:
-    """The three phases of 4.3 for the movement of 4.3 cm."""
+    """Return the three phases of 4.3 for the movement of 4.3 cm: stability, m, by the norm and by the margin."""
     contacts = slope_contacts(robot, mu)
     q = legs_ik(robot.model, contacts.position - [0.0, 0.0, TRUNK_Z])[0]
     now = com(robot.model, q)[:2]

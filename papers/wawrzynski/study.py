@@ -75,7 +75,7 @@ class Experiment:
 
 
 def estimators() -> tuple[str, ...]:
-    """The paper's four, and ours beside them."""
+    """Return the names of the estimators compared: the paper's four, and ours beside them."""
     return (*PAPER, "ekf", *(("best",) if "best" in names() else ()))
 
 

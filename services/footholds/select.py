@@ -180,7 +180,7 @@ class WindowCosts(NamedTuple):
     slip: Layer
     """P of the cell itself, which the masks use."""
     mean: Layer
-    """P over the cells the foot may land on; that of the cell where there is no landing error."""
+    """Mean of P over the cells on which the foot may land; P of the cell itself where there is no landing error."""
     away: Layer
     """K4, distance from the nominal foothold, m."""
     weight: float

@@ -77,7 +77,7 @@ class Ros2Bridge(Service[Ros2Config]):
         self.on_reset()
 
     def on_reset(self) -> None:
-        """A new epoch: stand, and measure the clock anew."""
+        """Begin a new epoch: stand, and measure the clock anew."""
         self.steering, self._offset_ns, self._wall = Steering(), 0, WallOffset()
         self._twists.clear()  # velocities of before are of another run
         self._map: HeightMapMessage | None = None

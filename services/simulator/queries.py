@@ -150,7 +150,7 @@ class SimulatorQueries:
         return self._at(request.at_tick, lambda: self.run.world.set(request.quantity, request.value))
 
     def fault(self, request: sim.FaultRequest) -> sim.SimReply:
-        """Break something for a while."""
+        """Begin a fault of sensors, servos or feet that ends after its duration."""
         tick = self.run.tick_of(request.at_tick)
         # The world counts ticks from its own reset: after a restore it is ahead of the lockstep tick.
         ahead = self.run.world.tick - max(0, self.run.driver.node.leader.tick)

@@ -78,7 +78,7 @@ class Stability(Service[StabilityConfig]):
         rehearse_rare(self.robot)
 
     def on_reset(self) -> None:
-        """A new epoch: forget joints, contacts, tilt."""
+        """Begin a new epoch: forget joints, contacts, tilt."""
         self._joints: JointState | None = None
         self._contacts: FootContacts | None = None
         self._velocity: VelocityEstimate | None = None

@@ -76,7 +76,7 @@ def validate_json(model: type[W], payload: bytes) -> W:
 
 
 def refusal_of(error: ValidationError, what: str) -> Refusal:
-    """The first complaint of pydantic as one sentence with the field and the received value."""
+    """Return the first complaint of pydantic as one sentence with the field and the received value."""
     first = first_complaint(error)
     field = ".".join(str(part) for part in first["loc"]) or None
     if first["type"] == "json_invalid":
@@ -87,7 +87,7 @@ def refusal_of(error: ValidationError, what: str) -> Refusal:
 
 
 def first_complaint(error: ValidationError) -> ErrorDetails:
-    """The first complaint, ``loc`` without pydantic's names of a union's members, which no sender used.
+    """Return the first complaint, ``loc`` without pydantic's names of a union's members, which no sender used.
 
     Of several complaints about one union (a number or a list of directions) it is that of the member that was
     understood furthest: the sender of a list gets the error of its third row, not that it is no number.
@@ -101,7 +101,7 @@ def first_complaint(error: ValidationError) -> ErrorDetails:
 
 
 def _sent(complaint: ErrorDetails) -> tuple[int | str, ...]:
-    """The path of a complaint as it was sent: members of unions are called ``constrained-int``, ``tuple[...]``."""
+    """Return the path of a complaint as it was sent: union members are called ``constrained-int``, ``tuple[...]``."""
     loc = complaint["loc"]
     last = len(loc) - 1 if complaint["type"] == "extra_forbidden" else len(loc)
     return tuple(part for i, part in enumerate(loc) if i >= last or isinstance(part, int) or part.isidentifier())

@@ -18,7 +18,7 @@ _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
 
 
 def checked(source: str, endpoint: str, *, any_port: bool = False) -> str:
-    """The endpoint itself (raises ConfigError naming ``source``, what came and the form expected).
+    """Return the endpoint itself (raises ConfigError naming ``source``, what came and the form expected).
 
     ``any_port``: port 0 will do, for a listener that no other process has to find.
     """
@@ -29,13 +29,13 @@ def checked(source: str, endpoint: str, *, any_port: bool = False) -> str:
 
 
 def from_environment(names: tuple[str, ...], environ: Mapping[str, str] | None = None) -> str | None:
-    """The first of these variables that is set and not empty, checked; None when there is none."""
+    """Return the first of these variables that is set and not empty, checked; None when there is none."""
     environ = os.environ if environ is None else environ
     return next((checked(name, environ[name]) for name in names if environ.get(name)), None)
 
 
 def checked_namespace(namespace: str) -> str:
-    """The prefix of a robot's keys itself (raises ConfigError naming what came and the form expected)."""
+    """Return the prefix of a robot's keys itself (raises ConfigError naming what came and the form expected)."""
     if not _NAMESPACE.fullmatch(namespace):
         expected = "expected <fleet>/<robot> without *, $, # and ?"
         raise ConfigError("invalid", f"namespace: got {namespace!r}, {expected}", "namespace")
@@ -56,7 +56,7 @@ def to_connect() -> str:
 
 
 def without_source(text: str) -> str:
-    """A message of the network library without the places in its own source code."""
+    """Return a message of the network library without the places in its own source code."""
     return _SOURCE.sub("", text)
 
 

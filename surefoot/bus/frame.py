@@ -52,7 +52,7 @@ class Frame:
         self.size = len(payload)
 
     def deliveries(self) -> list[Delivery]:
-        """The messages in it that the reader takes, in the order they were published.
+        """Return the messages of the frame that the reader takes, in the order they were published.
 
         Raises:
             Refusal: malformed, the index is not one or does not fit the payload; too_large, the frame or a message is.

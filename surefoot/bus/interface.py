@@ -85,7 +85,7 @@ class Delivery:
         return self._message is None and (self._raw is None or not self._raw.payload)
 
     def message(self) -> Message:
-        """The decoded message.
+        """Return the decoded message.
 
         Raises:
             Refusal: the payload is not what the topic carries.
@@ -100,7 +100,7 @@ class Delivery:
         return self if topic is self.topic else Delivery(topic, self._message, self._raw, self._stamp, self.sender)
 
     def header(self) -> Any:
-        """The header alone, without reading the rest (raises as ``message``)."""
+        """Return the header alone, without reading the rest (raises as ``message``)."""
         if self._message is not None:
             return self._message
         if self._stamp is not None:
@@ -112,7 +112,7 @@ class Delivery:
         return read_header(self._raw.payload, self._raw.attachment)
 
     def raw(self) -> Raw:
-        """The bytes on the wire, encoded here when the message came as an object."""
+        """Return the bytes on the wire, encoded here when the message came as an object."""
         if self._raw is None:
             assert self._message is not None
             self._raw = Raw(*encode(self._message), encoding_of(self.topic.model))
@@ -132,7 +132,7 @@ class Incoming(Protocol):
         ...
 
     def request(self) -> Request:
-        """The decoded request (raises Refusal)."""
+        """Return the decoded request (raises Refusal)."""
         ...
 
     def reply(self, reply: Wire) -> None:

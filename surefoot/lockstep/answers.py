@@ -48,7 +48,7 @@ class Answers:
         """Queries about ticks that have not come, and since when, s."""
 
     def begin(self) -> None:
-        """A new run: what was answered in the last one is of no use, though its ticks have the same numbers."""
+        """Begin a new run: what was answered in the last one is of no use, though its ticks have the same numbers."""
         self._last.clear()
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:

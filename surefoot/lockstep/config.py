@@ -44,7 +44,7 @@ def load_config(
     environ: Mapping[str, str] | None = None,
     overrides: Iterable[str] = (),
 ) -> C:
-    """The validated configuration of a service.
+    """Return the validated configuration of a service.
 
     Args:
         model: its configuration model.

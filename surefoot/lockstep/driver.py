@@ -299,7 +299,7 @@ class DriverNode(Node):
         return not self.commands.answered(wanted)
 
     def _command(self) -> JointCommand | None:
-        """The command of tick t - delay; in paced mode the newest until then that was not obeyed yet."""
+        """Return the command of tick t - delay; in paced mode the newest until then that was not obeyed yet."""
         leader = self.leader
         command = self.commands.take(leader.tick - leader.delay, exact=leader.mode == "lockstep")
         lost = self.commands.lost(leader.tick)

@@ -48,7 +48,7 @@ def memory_mb() -> float:
 
 
 def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
-    """The heartbeat of a service that lacks the keys in ``waiting_for``."""
+    """Return the heartbeat of a service that lacks the keys in ``waiting_for``."""
     times = sorted(node.tick_us)
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return Health(

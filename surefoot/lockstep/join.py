@@ -71,7 +71,8 @@ class TickInputs:
         return self.tick.tick
 
     def get(self, topic: Topic[M]) -> M | None:
-        """The message of this tick (of the tick before for a delayed input, the latest for a latched one), or None."""
+        """Return the message of this tick (of a delayed input that of the tick before, of a latched one the latest), or
+        None."""
         return cast(M | None, self.messages.get(topic.key))
 
 
@@ -336,7 +337,7 @@ class Join:
         return owners
 
     def take(self) -> TickInputs | None:
-        """The next tick if its inputs are complete (in paced mode: or if later ticks have overtaken it)."""
+        """Return the next tick if its inputs are complete (in paced mode: or if later ticks have overtaken it)."""
         if not self._ticks or not self.on_roster:
             return None
         tick = self._ticks.get(self.last + 1)

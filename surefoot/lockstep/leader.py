@@ -80,19 +80,19 @@ class Leader:
     # -- events ------------------------------------------------------------------------------------------------
 
     def on_ready(self, service: str, instance: str) -> None:
-        """A service proved its links (done of tick -1)."""
+        """Note that a service proved its links (done of tick -1)."""
         member = self.members.get(service)
         if member is None or member.instance != instance or service in self.lost:
             self.ready[service] = instance
 
     def on_done(self, service: str, instance: str, tick: int) -> None:
-        """A member finished a tick; a late done of a dead instance does not count."""
+        """Note that a member finished a tick; a late done of a dead instance does not count."""
         member = self.members.get(service)
         if member is not None and member.instance == instance and tick > member.done:
             member.done = tick
 
     def on_command(self, tick: int) -> None:
-        """The commander's command of a tick is also its done."""
+        """Take the commander's command of a tick also as its done."""
         member = self.members.get(COMMANDER)
         if member is not None and tick > member.done:
             member.done = tick
@@ -107,7 +107,7 @@ class Leader:
         self.drop(service, f"{service} died")
 
     def on_back(self, service: str, instance: str) -> bool:
-        """A process is visible again; returns whether that ends the wait for it: it goes on where it was."""
+        """Note that a process is visible again; return whether that ends the wait for it: it goes on where it was."""
         member = self.members.get(service)
         if service not in self.lost or member is None or member.instance != instance:
             return False
@@ -187,7 +187,7 @@ class Leader:
         return all(member.done >= self.tick for member in self.members.values())
 
     def slowest(self) -> str:
-        """The member that lags most, of several the first in the order of ``expect``; empty: none lags."""
+        """Return the member that lags most, of several the first in the order of ``expect``; empty: none lags."""
         order = {name: place for place, name in enumerate(self.expect)}
         behind = [name for name, member in self.members.items() if member.done < self.tick]
         return min(behind, key=lambda n: (self.members[n].done, order.get(n, len(order))), default="")
@@ -233,7 +233,7 @@ class Leader:
         )  # fmt: skip
 
     def advance(self, stamp_ns: int, due: tuple[str, ...], *, held: bool = False) -> Tick:
-        """The manifest of the next tick; new participants are admitted here and nowhere else."""
+        """Return the manifest of the next tick; new participants are admitted here and nowhere else."""
         if self.state == "running":
             self._admit()
         self.tick += 1
@@ -253,7 +253,7 @@ class Leader:
         return manifest
 
     def again(self, tick: int) -> Tick | None:
-        """The manifest of an earlier tick under the present roster, to be sent again."""
+        """Return the manifest of an earlier tick under the present roster, to be sent again."""
         manifest = self._manifests.get(tick)
         if manifest is None:
             return None

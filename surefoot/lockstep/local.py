@@ -15,7 +15,7 @@ from surefoot.lockstep.service import Service
 
 
 def node_of(service: Service[Any], bus: Any, clock: Callable[[], float] = time.monotonic) -> Node:
-    """The runtime a service runs in."""
+    """Return the runtime in which a service runs."""
     return DriverNode(service, bus, clock) if isinstance(service, Driver) else Node(service, bus, clock)
 
 

@@ -101,14 +101,14 @@ class Node:
         self.bus.announce(self.name, self.instance)
 
     def _early(self, incoming: Incoming) -> None:
-        """A question about health; while kernels compile it is answered at once, on the thread of the bus."""
+        """Answer a question about health; while kernels compile it is answered at once, on the thread of the bus."""
         if self.state in ("starting", "compiling") and not incoming.probe:
             incoming.reply(HealthReply(health=self.health()))
         else:
             self.inbox.put_query(incoming)
 
     def _on_compile(self, name: str) -> None:
-        """A kernel is not in the cache while the service prepares."""
+        """Log that a kernel is not in the cache while the service prepares."""
         if self.state == "starting":
             self.state = "compiling"
             self.log("info", f"compiling kernels, {name} first; `surefoot warm` does so ahead of time")
@@ -274,7 +274,7 @@ class Node:
             self.log("warning", f"refused ({reason}): {detail}")
 
     def _on_prime(self, prime: Tick) -> None:
-        """The driver proves its links before tick 0: answer in kind; report when those from the roster are proved."""
+        """Answer the driver's proof of links before tick 0 in kind; report when those from the roster are proved."""
         self._primed_at = self.clock()
         if not self.join.announce(prime):
             self.refuse("misled", f"tick {self.join.last} of epoch {prime.epoch}, which the driver has yet to begin")
@@ -323,7 +323,7 @@ class Node:
     # -- ticks -------------------------------------------------------------------------------------------------
 
     def work(self) -> bool:
-        """Does the next tick if its inputs are complete."""
+        """Do the next tick if its inputs are complete; return whether it was done."""
         inputs = self.join.take()
         if inputs is None:
             return False
@@ -361,7 +361,8 @@ class Node:
             box.append((publisher, token))
 
     def _replay(self, epoch: int, tick: int) -> None:
-        """A repeated tick: the same bytes again, and how far this service is, so that the driver sees who is silent."""
+        """Answer a repeated tick: the same bytes, and how far this service is, so that the driver sees who is
+        silent."""
         self.bus.cork()
         for publisher, token in self._outbox.get((epoch, tick), ()):
             publisher.resend(token)

@@ -78,7 +78,7 @@ class Service(Generic[C]):
         """Call what rare queries need, to compile their kernels: `surefoot warm --all` runs it, a start does not."""
 
     def on_reset(self) -> None:
-        """A new epoch: drop all state."""
+        """Begin a new epoch: drop all state."""
 
     def on_config(self) -> None:
         """Renew what was made of the live parameters: ``config`` was changed between two ticks."""
@@ -87,7 +87,7 @@ class Service(Generic[C]):
         """All due inputs of a tick are here: compute and publish."""
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """A message of an observed topic."""
+        """Take a message of an observed topic."""
 
     def on_stop(self) -> None:
         """Once, at the end: close files."""

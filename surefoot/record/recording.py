@@ -102,14 +102,14 @@ class Recorded:
     data: bytes
 
     def raw(self) -> Raw:
-        """The bytes on the wire."""
+        """Return the bytes on the wire."""
         if self.model is not None and issubclass(self.model, Bulk):
             (length,) = struct.unpack_from("<I", self.data)
             return Raw(self.data[4 + length :], self.data[4 : 4 + length], encoding_of(self.model))
         return Raw(self.data, None, "" if self.model is None else encoding_of(self.model))
 
     def message(self) -> Message:
-        """The decoded message (raises Refusal; SurefootError for a key this version does not know)."""
+        """Return the decoded message (raises Refusal; SurefootError for a key this version does not know)."""
         if self.model is None:
             raise SurefootError("unknown_key", f"{self.key!r} is not a topic of this version")
         return decode(self.model, *self.raw())
@@ -121,7 +121,7 @@ def media_type(name: str) -> str:
 
 
 def topic_of(key: str) -> Topic[Any] | None:
-    """The row of the table a key belongs to."""
+    """Return the row of the table a key belongs to."""
     for topic in TOPICS:
         if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1])):
             return topic
@@ -131,7 +131,7 @@ def topic_of(key: str) -> Topic[Any] | None:
 def read_recording(
     path: Path, keys: tuple[str, ...] | None = None, progress: Callable[[float], None] | None = None
 ) -> Iterator[Recorded]:
-    """The messages of a recording in the order of their stamps.
+    """Yield the messages of a recording in the order of their stamps.
 
     Args:
         path: MCAP file.

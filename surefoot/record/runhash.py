@@ -30,7 +30,7 @@ class RunHash:
         return {key: digest.hexdigest() for key, digest in sorted(self._digests.items())}
 
     def hexdigest(self) -> str:
-        """The run's hash so far."""
+        """Return the hash of the run so far, hexadecimal."""
         total = hashlib.sha256()
         for key, digest in self.keys().items():
             total.update(f"{key}={digest}\n".encode())

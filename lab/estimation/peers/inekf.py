@@ -285,7 +285,7 @@ def readings(log: Log, several: bool) -> Readings:
 
 
 def inekf(log: Log, noise: InekfNoise) -> PeerTrack:
-    """Run over a log."""
+    """Return the track of the contact-aided invariant filter over a log."""
     cut, out = segments(log), new_track(len(log.stamp_ns))
     bias, sd_g = np.zeros(6), 0.02
     w, q, begin = at_rest(log)

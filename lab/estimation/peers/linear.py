@@ -163,7 +163,7 @@ def run(
 
 
 def linear(log: Log, noise: LinearNoise) -> PeerTrack:
-    """Run over a log."""
+    """Return the track of the linear filter over a log."""
     cut, out = segments(log), new_track(len(log.stamp_ns))
     bias, q, begin = at_rest(log)
     bias = np.zeros(3) if bias is None else bias

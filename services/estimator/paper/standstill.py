@@ -87,7 +87,7 @@ class Standstill:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all samples, as before the first."""
         self._ring = np.zeros((self.length, 6))
         self._count = 0
         self._still_since = 0

@@ -51,7 +51,7 @@ class PolicyTables(NamedTuple):
     kind: int
     """HAND, STEER, PLANNER or SARSA."""
     numbers: Array
-    """Parameters, (NUMBERS,)."""
+    """Parameters of the policy, (NUMBERS,), in the order of the names in this module."""
     table: Array
     """Action values, (layers, nd, nphi, A), see `grids`."""
     grid: Array

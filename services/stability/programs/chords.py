@@ -65,7 +65,7 @@ def beyond_chords(
 
 @row_kernel
 def _place(h: Array, x: Array) -> tuple[float, float]:
-    """The CoM that forces hold, scaled."""
+    """Return the CoM that forces hold, x and y in the scaled frame."""
     px, py = 0.0, 0.0
     for i in range(x.shape[0]):
         for q in range(3):

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def clarabel_and_sparse() -> tuple[Any, Any]:
-    """The modules `clarabel` and `scipy.sparse`."""
+    """Return the modules `clarabel` and `scipy.sparse`, imported at the first call."""
     import clarabel
     from scipy import sparse
 

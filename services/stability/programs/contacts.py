@@ -52,7 +52,7 @@ class ContactSet:
         return self.mu.size
 
     def without(self, index: int) -> "ContactSet":
-        """The set with one contact lifted."""
+        """Return the set without one contact."""
         keep = np.arange(len(self)) != index
         return ContactSet(self.position[keep], self.normal[keep], self.mu[keep])
 

@@ -130,7 +130,7 @@ def evaluate(r: Reduced, fan: Fan, begin: int, end: int) -> bool:
 
 @row_kernel
 def _between(fan: Fan, solved: int, s: int, lam: Array, x: Array, lane: int) -> bool:
-    """A feasible pair for direction s from the answers on both sides of it; False if it has no such neighbours.
+    """Write a feasible pair for direction s from the answers on both sides of it; False if it has no such neighbours.
 
     b of the program is linear in the direction: a = p a_k + q a_m, p, q >= 0, makes p lam_k + q lam_m feasible, as
     any mean of forces is.
@@ -199,7 +199,7 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
 
 @row_kernel
 def wide_triangles(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tuple[int, Outlook]:
-    """The edges of the inner polygon with the largest triangles over them; outlook: the largest height."""
+    """Return the edges of the inner polygon with the largest triangles over them; outlook: the largest height."""
     rank, gap, wanted = np.empty(LANES), 0.0, 0
     for i in range(count):
         nx, ny, height, size = triangle(fan, fan.order[i], fan.order[(i + 1) % count])

@@ -361,7 +361,7 @@ def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int)
 
 @row_kernel
 def copy_rhs(w: Array, o: int, lanes: int) -> None:
-    """SECOND = RHS_S."""
+    """Copy the right-hand side RHS_S into SECOND, in every lane."""
     o &= MASK
     for k in range(lanes):
         w[o + SECOND + k] = w[o + RHS_S + k]

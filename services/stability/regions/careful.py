@@ -96,7 +96,7 @@ class Oracle:
         return r.origin[:2] if self.subspace is None else r.origin[:2] + r.length * self.subspace.point
 
     def support(self, fan: Fan, chosen: Ints) -> Support:
-        """The chosen answers of a fan in metres; directions in which free forces drift are unbounded."""
+        """Return the chosen answers of a fan in metres; directions in which free forces drift are unbounded."""
         r, n = self.reduced, len(self.contacts)
         direction = fan.direction[chosen]
         drift = self.drift(direction)

@@ -255,7 +255,7 @@ def batch(sets: PackedSets, threads: int | None = None) -> Variants:
 
 
 def what_if(contacts: ContactSet, com: Array, candidates: ContactSet | None = None) -> Variants:
-    """The set as it is, without each of its contacts, and with each of the candidates added, in this order.
+    """Return the answers of a set as it is, without each contact, and with each candidate added, in this order.
 
     Args:
         contacts: n contacts now.

@@ -72,7 +72,7 @@ class Solved:
     """Plane of the region, where the programs are those of a leaning frame."""
 
     def level(self) -> "Solved":
-        """The answers of a bounded region in its plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
+        """Return the answers of a bounded region in its plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
         if self.plane is None:
             return self
         fan, count, matrix = with_room(self.fan, self.count, self.count), self.count, self.plane.matrix

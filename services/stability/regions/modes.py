@@ -154,7 +154,7 @@ class Leaning:
         return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
 
     def seen(self, com: Array) -> Array:
-        """The CoM (3,) m, world, as (2,) in the leaning frame."""
+        """Return the CoM, (3,) m in the world, as (2,) in the leaning frame."""
         return product(self.rot[:2], com)
 
     def level(self, found: Region, height: float, proofs: bool) -> Region:
@@ -272,7 +272,7 @@ def _common(polygons: list[Array]) -> Array:
 
 
 def _thinned(polygon: Array) -> Array:
-    """A polygon (n, 2), or its ends (2, 2) where it is thinner than THIN, its middle (1, 2) where it is shorter."""
+    """Return a polygon (n, 2), or its ends (2, 2) if it is thinner than THIN, its middle (1, 2) if it is shorter."""
     if len(polygon) < 2:
         return polygon
     span = polygon[:, None] - polygon[None]

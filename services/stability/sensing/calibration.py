@@ -190,5 +190,6 @@ def level_from_up(up: Array) -> Array:
 
 
 def gain_of_47(moved: float, measured: Sequence[float]) -> float:
-    """The paper's single gain: way moved over way measured, both summed over the movements (20 / 26.59 = 0.752)."""
+    """Return the paper's single gain: way moved over way measured, each summed over the movements (20 / 26.59 =
+    0.752)."""
     return moved / float(np.sum(measured))

@@ -198,7 +198,7 @@ class Scenario:
 
     @model_validator(mode="after")
     def _no_step_twice(self) -> Self:
-        """A command for a tick that comes twice is taken for one whose answer was lost."""
+        """Refuse a command that comes twice for one tick: the second would be taken for one whose answer was lost."""
         for number, step in enumerate(self.steps):
             if step.at_tick is not None and step in self.steps[:number]:
                 raise refused(

@@ -54,7 +54,7 @@ class BipedParams:
     lag: float = 1.0
     """Part of the servos' velocity lag that the set-points lead by, 0..1."""
     lag_limit: float = 6.0
-    """Joint rate up to which the lag is led, rad/s."""
+    """Largest joint rate for which the servos' lag is made up in advance, rad/s."""
     gyro_s: float = 0.05
     """Gain from the trunk's rate to the ankle's set-point, rad per rad/s."""
     gyro_smooth: float = 0.5
