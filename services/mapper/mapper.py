@@ -84,7 +84,7 @@ class MapParams:
     start_deviation: float = 0.01
     """Deviation of the ground about the robot from the plane under its feet, before it has seen any, m."""
     start_margin: float = 0.08
-    """Way by which that plane goes beyond the feet, m."""
+    """Way by which the plane under the feet goes on beyond them at the start, m."""
 
 
 class MapPose(NamedTuple):

@@ -38,7 +38,7 @@ def _plain(model: type[Wire]) -> bool:
 
 
 def encode(message: Wire) -> tuple[bytes, bytes | None]:
-    """Payload and attachment of a message."""
+    """Return payload and attachment of a message."""
     text = message.__pydantic_serializer__.to_json(message)
     if _plain(type(message)):
         return text, None

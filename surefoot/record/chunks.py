@@ -79,7 +79,7 @@ class ChunkWriter:
         self._attachments.append(index)
 
     def finish(self) -> None:
-        """Writes the last chunk, the summary and the index; the file stays open."""
+        """Write the last chunk, the summary and the index; the file stays open."""
         self._end_chunk()
         self._write(_encoded(records.DataEnd(data_section_crc=0)))
         start = self._position

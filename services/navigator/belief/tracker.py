@@ -309,7 +309,7 @@ def held(n: float, ratio: float, lost: float) -> float:
 
 
 def log_variances(cov: Array) -> tuple[float, float]:
-    """Return the log of the mean (geometric) variance of the position and of the pose, nats; -inf where one is zero.
+    """Return the log of the mean (geometric) variance of position, and of pose, nats; -inf: one is zero.
 
     A motion without noise leaves both.
     """

@@ -141,7 +141,8 @@ def _weighed(x: Array, v0: float, v1: float, v2: float) -> tuple[float, float, f
 
 @row_kernel
 def _solved(equations: Array) -> tuple[float, float, float, float]:
-    """Solution of four symmetric equations, upper triangle given, right-hand side last; 0 in null directions."""
+    """Return the solution of four symmetric equations, upper triangle given, right-hand side last; 0 in null
+    directions."""
     floor = 0.0
     for j in range(4):
         floor = max(floor, PIVOT * equations[j, j])

@@ -116,7 +116,7 @@ def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float
 
 
 def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
-    """Swept ground (n, SAMPLES) and height of the level part (n,) of the swings of `legs`, m."""
+    """Return the swept ground (n, SAMPLES) and the height of the level part (n,) of the swings of `legs`, m."""
     swept = np.full((len(legs), swing.SAMPLES), np.nan)
     if frame.ground is not None:
         for k, leg in enumerate(legs):
