@@ -10,7 +10,7 @@ import json
 import os
 import statistics as middle
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from surefoot.errors import ConfigError
 from surefoot.lockstep.launch import spare_collector
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
 
+from .pools import worker_processes
 from .report.judge import RunVerdict
 from .runs.local import run_local
 from .statistics import wilson
@@ -114,8 +115,7 @@ def study(
     done = {_key(line, fields): line for line in finished(results)}
     missing = [job for job in jobs if _key(job, fields) not in done]
     count = processes or os.cpu_count() or 1
-    pool: Executor = ThreadPoolExecutor(count) if threads else ProcessPoolExecutor(count, initializer=spare_collector)
-    with pool:
+    with ThreadPoolExecutor(count) if threads else worker_processes(count, spare_collector) as pool:
         running = {pool.submit(partial(function, **job)): job for job in missing}
         for future in as_completed(running):
             line = running[future] | future.result()

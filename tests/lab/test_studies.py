@@ -1,6 +1,10 @@
 """Studies in several sittings: runs that are kept are not repeated, and the lines are those of all jobs."""
 
+import os
+import signal
+import sys
 from pathlib import Path
+from subprocess import PIPE
 from typing import Any
 
 import pytest
@@ -9,6 +13,20 @@ from surefoot.errors import ConfigError
 from surefoot.lab import studies
 from surefoot.lab.report.judge import Row, RunVerdict
 from surefoot.lab.studies import finished, metrics, passed, seeds_of, study, verdict_line
+from tests.processes import running
+
+NAPS = """
+import os, sys, time
+from pathlib import Path
+from surefoot.lab.studies import study
+
+def nap(number):
+    Path(sys.argv[1], str(number)).touch()
+    os.write(1, b"begun\\n")
+    time.sleep(600.0)
+
+study(nap, [{"number": number} for number in range(20)], processes=2)
+"""
 
 
 @pytest.mark.parametrize(("text", "seeds"), [("3", [0, 1, 2]), ("20:22", [20, 21]), ("5:5", [])])
@@ -51,3 +69,12 @@ def test_seeds_that_name_none_are_refused(text: str) -> None:
     with pytest.raises(ConfigError) as refused:
         seeds_of(text)
     assert refused.value.field == "seeds"
+
+
+def test_an_interrupt_ends_all_processes_and_begins_no_other_job(tmp_path: Path) -> None:
+    with running([sys.executable, "-c", NAPS, tmp_path], stdout=PIPE, stderr=PIPE, start_new_session=True) as process:
+        assert process.stdout is not None
+        assert [process.stdout.readline() for _ in range(2)] == [b"begun\n"] * 2
+        os.killpg(process.pid, signal.SIGINT)
+        process.communicate(timeout=60.0)  # the pipes end with the last process
+    assert len(list(tmp_path.iterdir())) == 2
