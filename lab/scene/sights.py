@@ -32,7 +32,7 @@ class SeenImage(NamedTuple):
     """One image and what was recognised in it."""
 
     time: float
-    """s, middle of the exposure."""
+    """Middle of the exposure, s of simulated time."""
     image: Any
     """Message `hw/image`."""
     base: FloorPose
@@ -43,7 +43,7 @@ class SeenImage(NamedTuple):
     reach: Array
     """Gate of each landmark, (k,) m; NaN where the whole map was compared."""
     entropy: float
-    """Of the pose, nats."""
+    """Entropy of the believed pose, nats."""
 
 
 @dataclass
