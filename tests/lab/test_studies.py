@@ -23,7 +23,7 @@ from surefoot.lab.studies import study
 def nap(number):
     Path(sys.argv[1], str(number)).touch()
     os.write(1, b"begun\\n")
-    time.sleep(600.0)
+    time.sleep(120.0)
 
 study(nap, [{"number": number} for number in range(20)], processes=2)
 """
