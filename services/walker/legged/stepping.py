@@ -17,15 +17,16 @@ SETTLE_DEPTH = 0.08  # m, how far
 HANGING = 2  # samples with an open switch after which a landed foot goes on down: one may be a bounce
 CARRYING_FEET = 3  # that touch while another looks for the ground
 LOAD_S = 0.1  # s, in which a standing foot takes its load
+KEPT = 2.0 / 3.0  # of a lean, in which a foot that will lift keeps its load: the foot across loses as much as it does
 
 
 def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
     """Move trunk and feet by one tick of the planned step; return whether the step is done.
 
     The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
-    that will lift give their load to the others on the way, or the trunk would tip when they do. Feet that find no
-    ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches nothing
-    when the trunk has come over it, and none lifts before: three feet carry only if all of them bear.
+    that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
+    find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
+    nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
@@ -37,7 +38,8 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
         way = np.where(plan.swing, 0.0, plan.feet_to[:, 2] - s.feet[:, 2])
         s.feet[:, 2] += np.clip(way, -p.press_speed * dt, p.press_speed * dt)
         there = swing.smooth(s.clock / plan.lean)
-        s.support = np.where(plan.swing, np.minimum(s.support, 1.0 - there), np.minimum(1.0, s.support + dt / LOAD_S))
+        given = swing.smooth(max(0.0, (s.clock / plan.lean - KEPT) / (1.0 - KEPT)))
+        s.support = np.where(plan.swing, np.minimum(s.support, 1.0 - given), np.minimum(1.0, s.support + dt / LOAD_S))
         _move(s, plan, there)
         return False
     clock = s.clock - plan.lean
