@@ -4,6 +4,7 @@ import contextlib
 
 import numpy as np
 
+from .belief.association import likeness
 from .belief.landmarks import FloorLandmarks
 from .belief.lost import Footprint, LostModel, LostState, evidence_of, in_view, observed
 from .belief.matching import Detections, MatchLimits, SightNoise, match
@@ -51,6 +52,7 @@ def rehearse_belief() -> None:
         expected = 0.1 * in_view(world, (0.0, 0.0, 0.0), Footprint())
         state = observed(state, evidence_of(found, cov, seen, world, noise, expected), model)
     relocalise([Glance(seen)], world, noise)
+    likeness(seen.looks[0], world.columns, np.empty(len(world.positions)))
 
 
 def rehearse_planning(side: int) -> None:
