@@ -104,7 +104,8 @@ class SeenLandmarks(LandmarkDetections):
         default=(),
         exclude_if=_zero,
         description="what is wrong with the images: dark, bright, covered, frozen, repeated, late, silent, "
-        "featureless, unrecognised, scale, no_map, bad_image, bad_view, bad_descriptor, too_many; empty = nothing",
+        "featureless, unrecognised, half_blind, scale, no_map, bad_image, bad_view, bad_descriptor, too_many; "
+        "empty = nothing",
     )
 
 

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.services.vision import view
 from surefoot.services.vision.features import Extractor
 from surefoot.services.vision.messages import places_of
 from surefoot.services.vision.motion import OdometryAt, since
 from surefoot.services.vision.recognise import RecogniseParams, gate_radius
-from surefoot.services.vision.view import FloorPose, Patch, from_above, homography
+from surefoot.services.vision.view import FloorPose, Patch, from_above
 
 Array = NDArray[np.float64]
 
@@ -101,12 +102,7 @@ class SightKeeper:
 
 def in_image(places: Array, sight: SeenImage) -> Array:
     """Return where an image shows points of the floor, heading axes of base_link, (n, 2) px."""
-    patch = Patch()
-    above = np.stack(
-        ((patch.beside - places[:, 1]) / patch.pixel - 0.5, (patch.farthest - places[:, 0]) / patch.pixel - 0.5), axis=1
-    )
-    found = np.hstack((above, np.ones((len(places), 1)))) @ homography(sight.image, sight.base, patch).T
-    return found[:, :2] / found[:, 2:]
+    return view.in_image(sight.image, sight.base, Patch(), places)
 
 
 def features(sight: SeenImage, pixels: NDArray[np.uint8]) -> Array:

@@ -14,10 +14,11 @@ from surefoot.schemas.hw import CameraImage
 from .conditions import Greys, conditions
 from .feature_map import FeatureMap
 from .features import Extractor, FoundFeatures, nothing
-from .recognise import Believed, Recognised, RecogniseParams, recognise
-from .view import FloorPose, Patch, from_above, greys
+from .recognise import Believed, Recognised, RecogniseParams, recognise, seen_from
+from .view import FloorPose, Patch, from_above, greys, in_image
 
 Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 FEW_FEATURES = 12
 """FoundFeatures of an image that shows a floor without any detail, or less."""
@@ -25,9 +26,12 @@ SCALES, SCALED = 8, 0.04
 """Images over which the scale is watched, and its largest deviation from 1."""
 SCALE_FROM = 6
 """Least landmarks of an image whose scale counts."""
-BLIND_IMAGES, BLIND_SHARE = 4, 0.025
-"""Images, 0.2 s apart, in which no larger part of the features with a candidate is recognised on an unknown floor:
-chance brings 0.01 over four, the map's own floor at least 0.044 in one."""
+BLIND_IMAGES, BLIND_SHARE, KNOWN_SHARE = 4, 0.025, 0.06
+"""Images, 0.2 s apart, in which no larger part of the features with a candidate is recognised on an unknown floor, and
+the part from which on a floor is known. Chance brings 0.01 over four images, 0.034 where a belief follows it."""
+HALF_MAPPED, HALF_SEEN, MAPPED = 0.25, 0.05, 40
+"""Over `BLIND_IMAGES` images: least part of the map's features in view that lies in a half of the image, part of the
+features found up to which that half shows nothing, and least number of the map's features in view."""
 ELSEWHERE_EVERY = 3
 """Images in a row without a landmark at the believed place, after which one is compared with the whole map."""
 
@@ -71,6 +75,12 @@ class Eye:
     _blind: int = 0
     _found: deque[tuple[int, int]] = field(default_factory=lambda: deque[tuple[int, int]](maxlen=BLIND_IMAGES))
     """Features recognised and compared in the last images."""
+    _known: bool = False
+    """The floor has been recognised, and not been unknown since."""
+    _halves: deque[tuple[Counts, Counts]] = field(
+        default_factory=lambda: deque[tuple[Counts, Counts]](maxlen=BLIND_IMAGES)
+    )
+    """Features found and mapped in the halves of the last images."""
 
     def features(self, image: CameraImage, base: FloorPose) -> tuple[FoundFeatures, tuple[str, ...]]:
         """Return the features of an image, in pixels of the picture from above, and what is wrong with it.
@@ -104,13 +114,37 @@ class Eye:
         if len(seen.features) >= SCALE_FROM:
             self._scales.append(seen.scale)
         self._blind = 0 if len(seen.features) else self._blind + 1
-        self._found.append((seen.agreed, seen.compared))
-        agreed, compared = (sum(each) for each in zip(*self._found, strict=True))
-        if len(self._found) == BLIND_IMAGES and agreed <= BLIND_SHARE * compared:
-            flags = (*flags, "unrecognised")
+        flags = (*flags, *self._unknown(seen), *self._half_blind(image, base, belief, places))
         if len(self._scales) == SCALES and abs(median(self._scales) - 1.0) > SCALED:
             return Seen(none, index, count, seen.compared, 0, seen.anywhere, (*flags, "scale"))
         return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.agreed, seen.anywhere, flags)
+
+    def _unknown(self, seen: Recognised) -> tuple[str, ...]:
+        """Return the flag of a floor that is not the map's."""
+        self._found.append((seen.agreed, seen.compared))
+        if len(self._found) < BLIND_IMAGES:
+            return ()
+        agreed, compared = (sum(each) for each in zip(*self._found, strict=True))
+        self._known = agreed > (BLIND_SHARE if self._known else KNOWN_SHARE) * compared
+        return () if self._known else ("unrecognised",)
+
+    def _half_blind(
+        self, image: CameraImage, base: FloorPose, belief: Believed | None, places: Array
+    ) -> tuple[str, ...]:
+        """Return the flag of a lens of which a half shows nothing of what the map has there."""
+        if self.world is None or belief is None:
+            self._halves.clear()
+            return ()
+        p = self.patch
+        mapped = seen_from(self.world.positions, belief.pose)
+        ahead = (mapped[:, 0] >= p.nearest) & (mapped[:, 0] <= p.farthest) & (np.abs(mapped[:, 1]) <= p.beside)
+        counts = [_by_half(image, in_image(image, base, p, each)) for each in (places, mapped[ahead])]
+        self._halves.append((counts[0], counts[1]))
+        if len(self._halves) < BLIND_IMAGES:
+            return ()
+        found, there = (np.add.reduce(each) for each in zip(*self._halves, strict=True))
+        blind = (there >= HALF_MAPPED * (there[0] + there[1])) & (found <= HALF_SEEN * (found[0] + found[1]))
+        return ("half_blind",) if there[0] + there[1] >= MAPPED and blind.any() else ()
 
     def _recognised(
         self, places: Array, found: FoundFeatures, world: FeatureMap, belief: Believed | None
@@ -119,3 +153,11 @@ class Eye:
         if belief is None or len(seen.features) or (self._blind + 1) % ELSEWHERE_EVERY:
             return seen
         return recognise(places, found.descriptors, world, None, self.params)
+
+
+def _by_half(image: CameraImage, pixels: Array) -> Counts:
+    """Return how many of the places (n, 2) px in an image lie in its left, right, upper and lower half, (4,)."""
+    u, v = pixels.T
+    inside = (u >= 0.0) & (u < image.width) & (v >= 0.0) & (v < image.height)
+    left, upper = u < 0.5 * image.width, v < 0.5 * image.height
+    return np.array([np.count_nonzero(inside & half) for half in (left, ~left, upper, ~upper)])

@@ -125,6 +125,12 @@ def recognise(
     return Recognised(found[order], mark[order], belief is None, int(agree.sum()), compared, scale)
 
 
+def seen_from(positions: Array, pose: Array) -> Array:
+    """Return places of the map (n, 2) m in heading axes of a pose x, y, yaw, (n, 2) m."""
+    away, c, s = positions - pose[:2], math.cos(pose[2]), math.sin(pose[2])
+    return np.stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]), axis=1)
+
+
 def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
     """Return how far from places (n, 2) m, heading axes, features of the map are candidates, (n,) m; p (3, 3)."""
     half, bend = 0.5 * (p[0, 0] + p[1, 1]), math.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])

@@ -107,6 +107,18 @@ def homography(image: CameraImage, base: FloorPose, patch: Patch) -> Array:
     return product(lens, product(from_floor, above))
 
 
+def in_image(image: CameraImage, base: FloorPose, patch: Patch, places: Array) -> Array:
+    """Return where an image shows points of the floor, heading axes of base_link, (n, 2) m; (n, 2) px.
+
+    Raises:
+        Refusal: the camera does not look down on the floor.
+    """
+    right, down = (patch.beside - places[:, 1]) / patch.pixel - 0.5, (patch.farthest - places[:, 0]) / patch.pixel - 0.5
+    h = homography(image, base, patch)
+    u, v, w = (h[i, 0] * right + h[i, 1] * down + h[i, 2] for i in range(3))
+    return np.stack((u / w, v / w), axis=1)
+
+
 def from_above(image: CameraImage, pixels: Greys, base: FloorPose, patch: Patch) -> tuple[Greys, Greys]:
     """Return the picture of the floor from above, and where it shows the floor (255, else 0).
 

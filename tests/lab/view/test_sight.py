@@ -21,7 +21,7 @@ from tests.browser import CHROMIUM, MISSING, Browser
 from tests.lab.glimpse import glimpse
 from tests.lab.view.quiet import QuietClient
 
-WAIT_S = 5.0
+WAIT_S = 60.0
 
 
 def delivery(key, message):
@@ -105,15 +105,15 @@ def test_a_large_image_is_made_small_and_what_is_no_image_is_left_out(quiet):
 @pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 def test_the_page_shows_the_image_and_asks_for_nothing_from_outside(quiet, recorded, tmp_path):
     live = LiveFrames(quiet, load_robot("ragno"), lambda reason: (True, reason))
+    given(live._sight, quiet, glimpse())  # while no page looks
     server = ViewServer(live_page("a robot"), live, 0)
+    assert '<figure id="sight" hidden>' in live_page("a robot")
     try:
         with Browser(tmp_path / "profile") as browser:
             browser.go(server.url)
             browser.wait("window.live")
-            assert browser.run("document.getElementById('sight').hidden")
-            given(live._sight, quiet, glimpse())
             quiet.hand_over(recorded)
-            browser.wait("!document.getElementById('sight').hidden")
+            browser.wait("!document.getElementById('sight').hidden", WAIT_S)
             shown = json.loads(browser.run("JSON.stringify(window.live.sight)"))
             assert shown == json.loads(live._sight.shown[1])
             grey = "(() => { const c = document.querySelector('#sight canvas'), d = c.getContext('2d')"

@@ -72,15 +72,58 @@ def test_a_few_matches_by_chance_do_not_hide_that_the_floor_is_unknown(monkeypat
     assert flags == [(), (), (), ("unrecognised",)]
 
 
-def test_a_floor_of_few_recognised_features_is_known(monkeypatch):
-    monkeypatch.setattr(
-        "surefoot.services.vision.eye.recognise",
-        lambda *_: Recognised(np.arange(8), np.arange(8), False, 8, 180, 1.0),
-    )
-    mine, image = eye(), shot(POSES[0])
-    for _ in range(2 * BLIND_IMAGES):
+def shares(monkeypatch, counts):
+    """Return whether a floor counts as unknown after each image with so many of 180 features recognised."""
+    found = iter(counts)
+
+    def recognised(*_):
+        index = np.arange(next(found))
+        return Recognised(index, index, False, len(index), 180, 1.0)
+
+    monkeypatch.setattr("surefoot.services.vision.eye.recognise", recognised)
+    mine, image, unknown = eye(), shot(POSES[0]), []
+    for _ in counts:
         mine._before = None
-        assert mine.look(image, base(), Believed(np.zeros(3), np.eye(3))).flags == ()
+        unknown.append("unrecognised" in mine.look(image, base(), Believed(np.array(POSES[0]), np.eye(3))).flags)
+    return unknown
+
+
+def test_a_known_floor_of_few_recognised_features_stays_known(monkeypatch):
+    assert not any(shares(monkeypatch, [16] * BLIND_IMAGES + [6] * 2 * BLIND_IMAGES))
+
+
+def test_an_unknown_floor_that_chance_repeats_stays_unknown_until_more_is_recognised(monkeypatch):
+    """A belief that follows matches by chance finds the same ones again: 0.033 of the features in each image."""
+    first = [False] * (BLIND_IMAGES - 1)
+    assert shares(monkeypatch, [6] * 10) == first + [True] * 7
+    assert shares(monkeypatch, [1] * 8 + [6] * 8 + [16] * 3) == first + [True] * 14 + [False] * 2
+
+
+@pytest.mark.parametrize("side", ["left", "right", "upper", "lower"])
+def test_a_half_that_shows_nothing_of_the_map_is_flagged_within_four_images_and_the_other_half_is_used(side):
+    belief, mine, flags = Believed(np.array(POSES[0]), np.diag([0.0004] * 3)), eye(), []
+    for noise in range(BLIND_IMAGES + 1):
+        image = shot(POSES[0], noise=noise)
+        pixels = greys(image).copy()
+        half = {"left": np.s_[:, :160], "right": np.s_[:, 160:], "upper": np.s_[:120], "lower": np.s_[120:]}[side]
+        if noise:
+            pixels[half] = 90 + pixels[half] // 50  # grey, so that neither dark nor covered
+        seen = mine.look(image.model_copy(update={"pixels": b64encode(pixels.tobytes()).decode()}), base(), belief)
+        flags.append(seen.flags)
+        assert np.median(off(seen, POSES[0])) < 0.006
+    assert flags == [()] * BLIND_IMAGES + [("half_blind",)]
+
+
+def test_a_half_of_which_the_map_knows_nothing_is_not_blind():
+    """The map ends in the middle of the image, and so do the features: a wall, for example."""
+    pose, mine = (0.1, 0.0, 0.0), eye()
+    mine.world = mine.world.chosen(mine.world.positions[:, 1] > 0.0)
+    for noise in range(2 * BLIND_IMAGES):
+        image = shot(pose, noise=noise)
+        pixels = greys(image).copy()
+        pixels[:, 160:] = 90
+        image = image.model_copy(update={"pixels": b64encode(pixels.tobytes()).decode()})
+        assert mine.look(image, base(), Believed(np.array(pose), np.diag([0.0004] * 3))).flags == ()
 
 
 def test_a_wrong_focal_length_is_noticed_by_the_scale():
