@@ -4,10 +4,14 @@ The way of an action counts as walked evenly from the landing of the last step b
 step; both times come from `state/gait`. The trunk follows the feet by a lag.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from .belief.tracker import Motion
 from .policy.settings import Conduct
+
+LANDING_S = 0.9
+"""Longest time from a stop to the landing of the step under way, s: that of a step."""
 
 
 @dataclass
@@ -59,6 +63,26 @@ class Execution:
         if self.pieces and ends_in is not None:
             last = self.pieces[-1]
             last.end = max(now + ends_in + self.lag, last.start + 1e-3)
+
+    def cut(self, now: float, ends_in: float | None) -> None:
+        """Record that the walker obeys a stop: the rest after its last landing is not walked.
+
+        Args:
+            now: s.
+            ends_in: time until that landing, s; None = not published: it is that of the step under way.
+        """
+        if not self.pieces:
+            return
+        last, sd = self.pieces[-1], LANDING_S / math.sqrt(12.0) if ends_in is None else 0.0
+        end = max(now + (0.5 * LANDING_S if ends_in is None else ends_in) + self.lag, last.start + 1e-3)
+        if end < last.end:
+            span = last.end - last.start
+            share = (end - last.start) / span
+            last.done, last.end, whole = min(1.0, last.done / share), end, last.motion
+            last.motion = replace(
+                whole.part(share), along=share * whole.along + (sd * whole.forward / span) ** 2,
+                heading=share * whole.heading + (sd * whole.turn / span) ** 2,
+            )  # fmt: skip
 
     def settle(self, now: float) -> None:
         """Record that the walker stands: every action has landed, though its duration may not be over."""

@@ -25,19 +25,24 @@ class Orders:
         """Action of the last order, until the walker has taken it up."""
         self.doing: Act | None = None
         """Action that the walker took up last."""
+        self._stops = False
+        """Whether the last order is a stop that the walker has not taken up."""
         self._walk_id: int | None = None
         self._given_at: float | None = None
         """Simulated time since which the walker has not taken up the order, s."""
 
     def give(self, order: WalkCommand, act: Act | None) -> None:
         """Give the next order; `act` is the action that it begins, None = a stop."""
-        self.given, self.order = act, order
+        self.given, self.order, self._stops = act, order, order.action == "stop"
         self.number += 1
         self._walk_id = self._given_at = None
 
     def take_up(self, now: float, gait: GaitView) -> None:
         """Record what the walker took up, and its forecast of the end."""
         given = self.given
+        if self._stops and gait.order == self.number:
+            self._stops = False
+            self.execution.cut(now, gait.ends_in)
         if gait.state == "standing" and gait.ends_in is None:
             self.execution.settle(now)
         if self.number and gait.order == self.number and given is not None:

@@ -1,10 +1,11 @@
 """Motions of ordered actions in time: evenly to the landing of the last step, and at an end where the walker stands."""
 
+import numpy as np
 import pytest
 
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.services.navigator.belief.tracker import Motion
-from surefoot.services.navigator.execution import Execution
+from surefoot.services.navigator.execution import LANDING_S, Execution
 from surefoot.services.navigator.goals import Act, GaitView
 from surefoot.services.navigator.orders import Orders
 
@@ -64,3 +65,28 @@ def test_a_forecast_moves_the_end() -> None:
     orders = under_way()
     orders.take_up(2.0, GaitView("walking", order=1, ends_in=6.0))
     assert walked(orders.execution, LAG + 4.0) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("ends_in", "whole"), [(0.0, 0.1), (1.0, 0.2), (3.0, 0.4)])
+def test_of_an_action_that_a_stop_ends_only_the_part_until_the_last_landing_is_walked(
+    ends_in: float, whole: float
+) -> None:
+    orders = under_way()
+    before = walked(orders.execution, LAG + 0.5)
+    orders.give(WalkCommand(action="stop"), None)
+    orders.take_up(0.9, GaitView("walking", order=1, ends_in=3.1))  # not taken up yet
+    for now in (1.0, 1.1):
+        orders.take_up(now, GaitView("walking", order=2, ends_in=ends_in + 1.0 - now))
+    assert before + walked(orders.execution, 10.0) == pytest.approx(whole)
+    assert orders.execution.empty
+
+
+def test_of_a_stop_without_a_forecast_the_step_under_way_lands_and_how_far_it_led_is_uncertain() -> None:
+    orders = under_way()
+    orders.give(WalkCommand(action="stop"), None)
+    orders.take_up(1.0, GaitView("stopping", order=2))
+    moved = orders.execution.advance(10.0)
+    forward, variance = sum(one.forward for one in moved), sum(one.along for one in moved)
+    steps = np.random.default_rng(0).uniform(1.0, 1.0 + LANDING_S, 100_000) * 0.1  # m, 0.1 m a second
+    assert forward == pytest.approx(float(steps.mean()), rel=0.01)
+    assert variance - 0.1 * forward == pytest.approx(float(steps.var()), rel=0.02)
