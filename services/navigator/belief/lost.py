@@ -73,7 +73,15 @@ class LostModel:
     """
 
     right: Shares = (0.72, 0.20, 0.08)
-    """Shares if the pose is right, with twice the expected false detections: a map grows old."""
+    """Shares if the pose is right, before any was seen, with twice the expected false detections: a map grows old."""
+    weight: float = 40.0
+    """Number of detections that the shares of a right pose count as, beside those seen."""
+    remembered: float = 400.0
+    """Number of detections seen that count."""
+    fewest: tuple[float, float] = (0.06, 0.02)
+    """Least shares of elsewhere and strange, however few were seen."""
+    sure: float = 0.03
+    """Probability of being lost beyond which detections do not count for the shares of a right pose."""
     displaced: Shares = (0.10, 0.80, 0.10)
     """Shares if the robot is elsewhere on the map: a wrong landmark in the gate looks right now and then; see `of`."""
     misfit: Shares = (0.62, 0.33, 0.05)
@@ -160,6 +168,8 @@ class LostState:
     """Landmarks that were expected of late and not recognised."""
     apart: float = 0.0
     """Time since the last frame, s."""
+    usual: Shares = (0.0, 0.0, 0.0)
+    """Detections here, elsewhere, strange of a right pose, counted; older ones less."""
     echo: tuple[float, float] = (0.0, math.inf)
     """Log likelihood ratio of the echoes so far, nats, bounded, and time since the last one, s."""
 
@@ -251,18 +261,22 @@ def passed(state: LostState, dt: float, model: LostModel) -> LostState:
     recent = (state.recent[0] * fade, state.recent[1] * fade, state.recent[2] * fade)
     right = max(0.0, 1.0 - displaced - off_map - blind - misfit)
     echo = (state.echo[0], state.echo[1] + dt)
-    return LostState(right, displaced, off_map, blind, misfit, recent, state.missed * fade, state.apart + dt, echo)
+    return replace(
+        state, right=right, displaced=displaced, off_map=off_map, blind=blind, misfit=misfit, recent=recent,
+        missed=state.missed * fade, apart=state.apart + dt, echo=echo,
+    )  # fmt: skip
 
 
 def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostState:
     """Return the state after a frame."""
     far = min(1.0, max(0.0, (state.apart - 0.1) / 0.9))
     most = model.most + far * (model.most_apart - model.most)
-    right = _log_likelihood(model.right, frame) + sum(_nis_log(value, model.scale, model) for value in frame.nis)
+    usual = shares_of(state, model)
+    odds = [share * misfit / right for share, misfit, right in zip(usual, model.misfit, model.right, strict=True)]
+    strained = (odds[0] / sum(odds), odds[1] / sum(odds), odds[2] / sum(odds))
+    right = _log_likelihood(usual, frame) + sum(_nis_log(value, model.scale, model) for value in frame.nis)
+    misfit = _log_likelihood(strained, frame) + sum(_nis_log(value, model.misfit_scale, model) for value in frame.nis)
     flat = -len(frame.nis) * math.log(model.gate)
-    misfit = _log_likelihood(model.misfit, frame) + sum(
-        _nis_log(value, model.misfit_scale, model) for value in frame.nis
-    )
     others = (_displaced_log(frame, model) + flat, _log_likelihood(model.off_map, frame) + flat, misfit)
     factors = [math.exp(max(-most, min(most, other - right))) for other in others]
     displaced, off_map, misfit = state.displaced * factors[0], state.off_map * factors[1], state.misfit * factors[2]
@@ -271,8 +285,30 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
     blind = state.blind * (math.exp(min(most, expected)) if count == 0 else math.exp(-most))
     recent = (state.recent[0] + frame.here, state.recent[1] + frame.elsewhere, state.recent[2] + frame.strange)
     missed = state.missed + max(0.0, frame.expected - count)
-    found = LostState(state.right, displaced, off_map, blind, misfit, recent, missed, 0.0, state.echo)
+    found = replace(
+        state, displaced=displaced, off_map=off_map, blind=blind, misfit=misfit, recent=recent, missed=missed,
+        apart=0.0, usual=_counted(state, frame, model),
+    )  # fmt: skip
     return normalised(found)
+
+
+def shares_of(state: LostState, model: LostModel) -> Shares:
+    """Return the shares of a right pose: those of the model, or fewer elsewhere and strange as far as was seen."""
+    total = model.weight + sum(state.usual)
+    found = [(model.weight * share + count) / total for share, count in zip(model.right, state.usual, strict=True)]
+    away = min(model.right[1], max(model.fewest[0], found[1]))
+    strange = min(model.right[2], max(model.fewest[1], found[2]))
+    return (1.0 - away - strange, away, strange)
+
+
+def _counted(state: LostState, frame: FrameEvidence, model: LostModel) -> Shares:
+    """Return the counts of a right pose after a frame; one of a pose that may be wrong does not count."""
+    if state.probability > model.sure:
+        return state.usual
+    here, away, strange = state.usual
+    here, away, strange = here + frame.here, away + frame.elsewhere, strange + frame.strange
+    keep = min(1.0, model.remembered / max(1.0, here + away + strange))
+    return (keep * here, keep * away, keep * strange)
 
 
 def echoed(state: LostState, distance: float, expected: float, slack: float, model: LostModel) -> LostState:

@@ -1,6 +1,7 @@
 """Lost or not: probabilities, what raises and lowers them, calibration on streams drawn from the model, real frames."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from surefoot.services.navigator.belief.lost import (
     in_view,
     observed,
     passed,
+    shares_of,
 )
 from surefoot.services.navigator.belief.matching import Detections, match
 from tests.services.navigator.belief.floors import EASY, LENGTH, ROUGH, Eye, floor
@@ -49,6 +51,18 @@ def test_what_is_seen_here_lowers_and_what_belongs_elsewhere_raises():
         after([FrameEvidence(here=1, nis=(8.0,))], start).displaced
         > after([FrameEvidence(here=1, nis=(0.5,))], start).displaced
     )
+
+
+def test_where_fewer_belong_elsewhere_one_weighs_more_and_where_more_do_none_weighs_less():
+    fresh = shares_of(LostState(), MODEL)
+    assert fresh == pytest.approx(MODEL.right)
+    shares = [shares_of(after([FrameEvidence(10 - n, n)] * 200), MODEL) for n in (0, 1, 2, 4)]
+    assert [sum(found) for found in shares] == pytest.approx([1.0] * 4)
+    assert shares[0][1:] == MODEL.fewest
+    assert shares[1][1] == pytest.approx(0.1, abs=0.02)
+    assert all(found[1] <= MODEL.right[1] for found in shares)
+    wrong = replace(LostState(), right=0.5, displaced=0.5)
+    assert observed(wrong, FrameEvidence(elsewhere=1), MODEL).usual == wrong.usual
 
 
 def test_no_single_frame_decides():
