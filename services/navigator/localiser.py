@@ -27,7 +27,7 @@ from .belief.lost import (
 from .belief.matching import DetectionError, Detections, SightNoise
 from .belief.moved import MovedLandmarks, Sight
 from .belief.relocalise import Relocaliser
-from .belief.strain import STRAINED, MapStrain, turned_back
+from .belief.strain import DISPLACED, STRAINED, MapStrain, turned_back
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
 from .belief.ukf import wrap
 from .catalogue import errors_of
@@ -252,11 +252,17 @@ class Localiser:
             self._widened_at = time
             self.tracker.widen(WIDER)
             self._lost_state = normalised(replace(self._lost_state, misfit=0.0))
-        strained = self.strain.probabilities[STRAINED]
-        probability = 1.0 - (1.0 - self._lost_state.probability) * (1.0 - strained)
+        strain = self.strain
+        strained, displaced = (strain.probabilities[case] for case in (STRAINED, DISPLACED))
+        probability = 1.0 - (1.0 - self._lost_state.probability) * (1.0 - strained - displaced)
         if probability >= self.lost_model.threshold or self.lost.lost:
-            likelier = self.strain.words if strained > self._lost_state.probability else self._lost_state.words
-            reason = self._lost_state.reason(self.lost_model) or self.strain.reason or self.lost.reason or likelier
+            words = {
+                self._lost_state.probability: self._lost_state.words,
+                strained: strain.words,
+                displaced: strain.way,
+            }
+            reason = self._lost_state.reason(self.lost_model) or strain.reason or self.lost.reason
+            reason = reason or words[max(words)]
             self.lost = LostView(lost=True, probability=max(probability, self.lost_model.threshold), reason=reason)
             if standing and len(seen) and strained < 0.5:  # else no pose fits the map
                 self._remember(seen, world, time)

@@ -1,11 +1,12 @@
-"""Strain of the map and turn of the camera, by how the landmarks of a frame lie to each other.
+"""Strain of the map, turn of the camera, displacement of the robot, by how landmarks of a frame lie to each other.
 
-Four cases are weighed,
+Five cases are weighed,
 
     right     the map fits the floor, the camera looks where it is stated to look, both but for small errors
     strained  the map is stretched or sheared: a landmark at d in it lies at (1 - E) d, E symmetric (2, 2)
     tilted    the camera is pitched by p and rolled by q from where it is stated to be (see `common_errors`)
     aside     it is turned to the side: bearings are s too large
+    displaced as right, but the robot was put down elsewhere: (x, y, theta) is large; that begins at some frame
 
 Each case has a Kalman filter of
 
@@ -42,7 +43,7 @@ Turn = tuple[float, float, float]
 
 STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12
 """First states of the strain, the turn, the errors that fade, the pose; number of states."""
-RIGHT, STRAINED, TILTED, ASIDE = 0, 1, 2, 3
+RIGHT, STRAINED, TILTED, ASIDE, DISPLACED = 0, 1, 2, 3, 4
 NOTABLE = 2.0
 """Least turn that is corrected, in standard deviations of a camera that looks where it should: a precise camera shows
 less than that with certainty."""
@@ -66,6 +67,10 @@ class StrainModel:
     """Width of the strip in which wrong matches lie, m."""
     wider: tuple[float, float] = (0.10, 0.05)
     """Added to the noise of matching, so that landmarks of a strained map match: part of the range, rad."""
+    displaced: tuple[float, float] = (0.4, math.radians(25.0))
+    """Standard deviations of x and y, m, and of the heading, rad, of a robot that was put down elsewhere."""
+    displacement_rate: float = 1e-3
+    """Rate at which that happens, 1/s."""
     fade_s: float = 60.0
     """Time constant with which what was learned fades, s."""
     known_sd: float = math.radians(2.0)
@@ -211,20 +216,21 @@ class MapStrain:
         self._centre = np.zeros(STATES)
         self._centre[COMMON] = self.shared.pitch
         self._sds: list[Array] = []
-        for wrong in (None, 0, 1, 2):
+        for wrong in (None, 0, 1, 2, None):
             strain, tilt, aside = (m.large[i] if i == wrong else m.small[i] for i in range(3))
             self._sds.append(np.array([strain] * 3 + [tilt] * 2 + [aside] + common + [0.0] * 3))
-        self._prior = np.array([math.log(1.0 - 3.0 * m.prior)] + [math.log(m.prior)] * 3)
+        right = math.log(1.0 - 3.0 * m.prior)
+        self._prior = np.array([right] + [math.log(m.prior)] * 3 + [right])
         self.begin()
 
     def begin(self) -> None:
         """Forget all frames."""
         self._cases = [Case(self._centre.copy(), np.diag(sds * sds)) for sds in self._sds]
-        self._logs, self._at, self._placed = np.zeros(4), 0.0, False
+        self._logs, self._at, self._placed = np.array([0.0] * 4 + [-math.inf]), 0.0, False
 
     def place(self) -> None:
         """Begin at the next frame with the covariance of the believed pose: it was stated or found again."""
-        self._placed = False
+        self._placed, self._logs[DISPLACED] = False, -math.inf
 
     def moved(self, way: tuple[float, float], along: float, heading: float) -> None:
         """Follow a motion.
@@ -275,14 +281,28 @@ class MapStrain:
         dt, self._at = max(0.0, time - self._at), time
         long = math.exp(-dt / self.model.fade_s)
         keeps = np.array([long] * 6 + list(self.shared.kept(dt)) + [1.0] * 3)
+        displaced = self._logs[DISPLACED] - self._logs[RIGHT]
         self._logs *= long
-        for number, (case, expected) in enumerate(zip(self._cases, self._sds, strict=True)):
+        self._logs[DISPLACED] = self._logs[RIGHT] + displaced
+        for case, expected in zip(self._cases, self._sds, strict=True):
             if not self._placed:
                 case.mean[POSE:], case.cov[POSE:], case.cov[:, POSE:] = 0.0, 0.0, 0.0
                 case.cov[POSE:, POSE:] = cov[:3, :3]
             passed(case.mean, case.cov, self._centre, expected, keeps)
+        self._displace(dt)
+        for number, case in enumerate(self._cases):
             self._logs[number] += taken(case.mean, case.cov, lines, self.model.wrong, self.model.width)
         self._placed = True
+
+    def _displace(self, dt: float) -> None:
+        """Let the case of a displaced robot begin now if that is likelier than that it began before."""
+        now = self._logs[RIGHT] + math.log(self.model.displacement_rate * min(max(dt, 0.01), 10.0))
+        if now > self._logs[DISPLACED]:
+            place, heading = self.model.displaced
+            right, case = self._cases[RIGHT], self._cases[DISPLACED]
+            case.mean[:], case.cov[:] = right.mean, right.cov
+            case.cov[range(POSE, STATES), range(POSE, STATES)] += (place**2, place**2, heading**2)
+            self._logs[DISPLACED] = now
 
     @property
     def probabilities(self) -> tuple[float, ...]:
@@ -314,8 +334,16 @@ class MapStrain:
 
     @property
     def reason(self) -> str:
-        """Strain in words, if it is believed; else empty."""
-        return self.words if self.probabilities[STRAINED] >= self.model.sure else ""
+        """Strain or displacement in words, if it is believed; else empty."""
+        strained, displaced = self.probabilities[STRAINED], self.probabilities[DISPLACED]
+        return self.words if strained >= self.model.sure else self.way if displaced >= self.model.sure else ""
+
+    @property
+    def way(self) -> str:
+        """Displacement in words, however likely it is."""
+        x, y, heading = self._cases[DISPLACED].mean[POSE:].tolist()
+        off = f"{math.hypot(x, y):.2f} m and {math.degrees(abs(heading)):.0f} deg"
+        return f"the landmarks seen lie together as seen from {off} beside the believed pose"
 
     @property
     def words(self) -> str:

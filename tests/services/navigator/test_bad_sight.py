@@ -12,7 +12,7 @@ from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from surefoot.schemas.topics import TERRAIN_LANDMARKS
 from surefoot.services.navigator.belief.lost import LostState
 from surefoot.services.navigator.belief.matching import DetectionError
-from surefoot.services.navigator.belief.strain import STRAINED
+from surefoot.services.navigator.belief.strain import DISPLACED, STRAINED
 from surefoot.services.navigator.goals import GaitView
 from tests.services.navigator.journeys import Journey, ready
 from tests.services.refusals import refused
@@ -185,10 +185,11 @@ def test_a_robot_lost_by_a_stretched_map_is_found_by_the_right_one() -> None:
 def test_two_doubts_that_make_a_robot_lost_together_name_the_larger(
     journey: Journey, elsewhere: float, strained: float, words: str
 ) -> None:
-    localiser, weights = journey.service.localiser, np.full(4, (1.0 - strained) / 3.0)
-    weights[STRAINED] = strained
+    localiser, weights = journey.service.localiser, np.full(5, (1.0 - strained) / 3.0)
+    weights[STRAINED], weights[DISPLACED] = strained, 0.0
     localiser._lost_state = LostState(right=1.0 - elsewhere, displaced=elsewhere)
-    localiser.strain._logs = np.log(weights) - localiser.strain._prior
+    with np.errstate(divide="ignore"):
+        localiser.strain._logs = np.log(weights) - localiser.strain._prior
     localiser.look(LandmarkDetections(landmarks=(), stamp_ns=S // 5), GaitView("standing"), 0.2)
     assert localiser.lost.lost
     assert max(localiser._lost_state.probability, localiser.strain.probabilities[STRAINED]) < 0.9

@@ -11,7 +11,16 @@ from surefoot.services.navigator.belief import strain
 from surefoot.services.navigator.belief.common_errors import CommonErrors
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import Detections, SightNoise
-from surefoot.services.navigator.belief.strain import ASIDE, RIGHT, STRAINED, TILTED, FrameLines, MapStrain, turned_back
+from surefoot.services.navigator.belief.strain import (
+    ASIDE,
+    DISPLACED,
+    RIGHT,
+    STRAINED,
+    TILTED,
+    FrameLines,
+    MapStrain,
+    turned_back,
+)
 from tests.services.navigator.belief.floors import EASY, Eye, floor
 
 HEIGHT = 0.45
@@ -87,6 +96,24 @@ def test_a_camera_turned_aside_shows_itself_over_a_way_only():
     walking = looked(5, turn=aside, frames=80, way=1.5)
     assert walking.probabilities[ASIDE] > 0.99
     assert math.degrees(walking.sure_turn[2]) == pytest.approx(6.0, abs=1.5)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_robot_put_down_elsewhere_is_no_turned_camera_and_no_strained_map(seed):
+    world, check, believed = floor(seed), MapStrain(SHARED), (0.0, 0.0, 0.0)
+    eye, pose = Eye(world, EASY, seed, 0.3, false=0.1), np.zeros(3)
+    for k in range(40):
+        if k == 20:
+            assert check.probabilities[DISPLACED] < 0.03
+            pose = np.array([0.1, 0.12, math.radians(-8.0)])
+        check.look(eye.look(pose)[0], world, believed, COV / 9.0, EASY, 0.1 * k)
+    assert check.probabilities[DISPLACED] > 0.99
+    assert check.sure_turn is None
+    assert check._cases[DISPLACED].mean[strain.POSE :] == pytest.approx(pose, abs=0.03)
+    assert "0.1" in check.reason
+    assert "8 deg" in check.reason
+    check.place()
+    assert check.probabilities[DISPLACED] == 0.0
 
 
 def test_detections_are_turned_back_as_rays_onto_the_floor():
