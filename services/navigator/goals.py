@@ -6,12 +6,17 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from surefoot.schemas.navigation import GoalState
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.schemas.navigation import Decision, GoalState
 from surefoot.schemas.state import GaitState
 
 from .belief.tracker import Motion
+from .belief.ukf import entropy, wrap
 from .policy.settings import Conduct
 
+Array = NDArray[np.float64]
 Point = tuple[float, float]
 End = tuple[GoalState, str, str]
 """State in which a goal ends, error code, message."""
@@ -56,12 +61,12 @@ class Act:
 
 @dataclass
 class Searching:
-    """A search for the pose of a lost robot."""
+    """A search for the pose of a robot that is or may be lost."""
 
     until: float
     """End of the present look, s; inf = it has not begun."""
-    waited: float = 0.0
-    """Time of waiting for a way, s."""
+    lost: bool = True
+    """True if the robot is lost; it may be, else."""
     turns: int = 0
     """Number of turns made so far while searching."""
 
@@ -185,3 +190,16 @@ class NavigationGoal:
             total += math.hypot(px - x, py - y)
             x, y = px, py
         return total
+
+
+def decision_of(
+    number: int, goal: NavigationGoal, act: Act, reason: str, values: dict[str, float], mean: Array, cov: Array
+) -> Decision:
+    """Return a decision for the feedback; actions without a finite value are left out of `values`."""
+    gx, gy = goal.waypoint
+    dx, dy = gx - float(mean[0]), gy - float(mean[1])
+    return Decision(
+        number=number, action=act.name, reason=reason, values={k: v for k, v in values.items() if math.isfinite(v)},
+        distance=math.hypot(dx, dy), bearing=float(wrap(math.atan2(dy, dx) - float(mean[2]))),
+        entropy=max(float(entropy(cov)), -1e3),
+    )  # fmt: skip

@@ -18,10 +18,10 @@ from surefoot.schemas.navigation import Decision, GoalState
 
 from .arrival import arrival, reach, sure_of_place
 from .belief.tracker import Motion, PoseTracker
-from .belief.ukf import entropy, wrap
-from .goals import Act, End, GaitView, NavigationGoal, Point, Searching
+from .belief.ukf import wrap
+from .goals import Act, End, GaitView, NavigationGoal, Point, Searching, decision_of
 from .orders import Orders
-from .policy.policies import Decider, PolicyDecision
+from .policy.policies import Decider
 from .policy.settings import Conduct
 
 Array = NDArray[np.float64]
@@ -81,6 +81,8 @@ class Pilot:
         """Number of frames at the begin of a look at the goal."""
         self._halting: End | None = None
         self._searching: Searching | None = None
+        self._suspects_from = -math.inf
+        """Simulated time from which a suspicion makes the robot look, s."""
         self._since = [0, 0]
         """Decisions without progress: those that an echo restricted to turns, and all."""
         self._waiting: float | None = None
@@ -154,7 +156,10 @@ class Pilot:
             for motion in moved:
                 tracker.move(motion)
 
-    def tick(self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool, lost: bool = False) -> None:
+    def tick(
+        self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool, lost: bool = False,
+        suspected: bool = False,
+    ) -> None:  # fmt: skip
         """Decide, if it is time.
 
         Args:
@@ -163,6 +168,7 @@ class Pilot:
             tracker: belief now.
             blocked: something is too near ahead to walk.
             lost: the belief is wrong: the robot stands and looks, then turns and looks, until it is right again.
+            suspected: it may be wrong: the robot stands and looks likewise, but not as often.
         """
         goal = self.goal
         if goal is None or not self.under_way:
@@ -181,8 +187,9 @@ class Pilot:
             if gait.state == "standing" and self._halting is not None:
                 self._stand(goal, tracker)
             return
-        if lost or self._searching is not None:
-            self._search(now, gait, tracker, lost=lost)
+        suspected = suspected and now >= self._suspects_from
+        if lost or self._searching is not None or (suspected and gait.state != "standing"):
+            self._search(now, gait, tracker, lost=lost, suspected=suspected)
             if self._searching is not None or self.state != "navigating":
                 return
         if self._is_time(now, gait, tracker):
@@ -222,7 +229,9 @@ class Pilot:
             reason = f"at the waypoint by the estimate, but not sure of it: look ({goal.looks})"
         elif act.kind == "stand":
             self._stand_until = now + (gait.ends_in or 0.0) + act.duration
-        self._note(goal, act, reason, choice, mean, cov)
+        values = dict(zip([a.name for a in self.acts], choice.values, strict=False))
+        self.decisions += 1
+        self.decision = decision_of(self.decisions, goal, act, reason, values, mean, cov)
         if act.kind != "stand":
             self._give(_command(act), act)
 
@@ -267,33 +276,37 @@ class Pilot:
                 return refusal.message
         return ""
 
-    def _search(self, now: float, gait: GaitView, tracker: PoseTracker, *, lost: bool) -> None:
-        """Halt while the robot is lost, then look and turn in alternation, once around."""
-        goal, conduct = self.goal, self.conduct
+    def _search(self, now: float, gait: GaitView, tracker: PoseTracker, *, lost: bool, suspected: bool) -> None:
+        """Halt while the robot is or may be lost, then look and turn in alternation; once around if it is."""
+        goal, conduct, search = self.goal, self.conduct, self._searching
         assert goal is not None
-        if not lost:
+        if search is None or (lost and not search.lost):
+            if goal.recoveries["relocalise"] > conduct.found_again:
+                self._searching = None
+                times = conduct.found_again
+                self.halt("failed", "lost", f"lost again after the pose was found {times} times and more")
+                return
+            self._searching = Searching(math.inf, lost)
+            goal.recoveries["stand_and_look" if lost else "look"] += 1
+            if search is None and (gait.ends_in is not None or gait.state != "standing"):
+                self._give(WalkCommand(action="stop"), None)
+        elif not lost and search.lost:
             self._searching = None
             goal.recoveries["relocalise"] += 1
             goal.nearest, goal.nearest_at = math.inf, now
             why = self.replan(goal, now, tracker.pose[:2])
             if why:
                 self.halt("failed", "unreachable", why)
-        elif goal.recoveries["relocalise"] > conduct.found_again:
+        elif not lost and not suspected:
             self._searching = None
-            self.halt("failed", "lost", f"lost again after the pose was found {conduct.found_again} times and more")
-        elif self._searching is None:
-            self._searching = Searching(math.inf)
-            goal.recoveries["stand_and_look"] += 1
-            if gait.ends_in is not None or gait.state != "standing":
-                self._give(WalkCommand(action="stop"), None)
         elif gait.state == "standing" and gait.ends_in is None:
-            search = self._searching
+            most = conduct.search_turns if lost else conduct.suspect_turns
             if math.isinf(search.until):
                 search.until = now + conduct.search_look
-            elif now >= search.until and search.turns >= conduct.search_turns:
-                self._searching = None
-                looks = conduct.search_turns + 1
-                self.halt("failed", "lost", f"the pose was not found again in {looks} looks around")
+            elif now >= search.until and search.turns >= most:
+                self._searching, self._suspects_from = None, now + conduct.suspect_again
+                if lost:
+                    self.halt("failed", "lost", f"the pose was not found again in {most + 1} looks around")
             elif now >= search.until:
                 search.until, search.turns = math.inf, search.turns + 1
                 goal.recoveries["turn_and_look"] += 1
@@ -364,19 +377,6 @@ class Pilot:
         else:
             goal.give_up(now)
         self._since = [0, 0]
-
-    def _note(
-        self, goal: NavigationGoal, act: Act, reason: str, choice: PolicyDecision, mean: Array, cov: Array
-    ) -> None:
-        """Keep a decision for the feedback."""
-        gx, gy = goal.waypoint
-        dx, dy = gx - float(mean[0]), gy - float(mean[1])
-        values = {a.name: v for a, v in zip(self.acts, choice.values, strict=False) if math.isfinite(v)}
-        self.decisions += 1
-        self.decision = Decision(
-            number=self.decisions, action=act.name, reason=reason, values=values, distance=math.hypot(dx, dy),
-            bearing=float(wrap(math.atan2(dy, dx) - float(mean[2]))), entropy=max(float(entropy(cov)), -1e3),
-        )  # fmt: skip
 
     def _turn(self, name: str, angle: float) -> None:
         """Order a turn on the spot by an angle, rad; its noise and time are those of the model's turns."""

@@ -101,7 +101,11 @@ class Navigator(Service[NavigatorConfig]):
         self.results.now = now
         requests.carry_out()
         if gait is not None:
-            pilot.tick(now, requests.gait, localiser.tracker, blocked=self._blocked, lost=localiser.lost.lost)
+            lost, suspect = localiser.lost, self.catalogue.model.conduct.suspect
+            pilot.tick(
+                now, requests.gait, localiser.tracker, blocked=self._blocked, lost=lost.lost,
+                suspected=lost.probability > suspect,
+            )  # fmt: skip
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):
             self.publish(STATE_POSE, localiser.message(now, ready=requests.gait.state != "waiting"))

@@ -68,4 +68,10 @@ class Conduct(ModelPart):
         default=10, ge=0, le=1000, description="times that a goal finds a lost pose again; more end it as lost"
     )
     search_turns: int = Field(default=7, ge=0, le=100, description="turns after which a lost robot gives up")
+    suspect: float = Field(
+        default=0.05, gt=0, le=1,
+        description="probability of being lost from which a walking robot stands and looks: it sees more then",
+    )  # fmt: skip
+    suspect_turns: int = Field(default=2, ge=0, le=100, description="turns after which it walks on all the same")
+    suspect_again: NotNegative = Field(default=10.0, description="s from then until it may look again")
     blocked: NotNegative = Field(default=0.38, le=10, description="m, an echo so near forbids walking ahead")

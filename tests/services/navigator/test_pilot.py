@@ -45,7 +45,7 @@ class Run:
         noise = SightNoise()
         self.tracker = PoseTracker(StartUncertainty(sd, sd, 0.0), noise, noise)
         self.now = 0.0
-        self.blocked = False
+        self.blocked, self.suspected = False, False
 
     def goal(self, *route: Point, yaw: float | None = None) -> NavigationGoal:
         """Begin a goal."""
@@ -68,7 +68,7 @@ class Run:
             self.now += TICK_S
             view = self.walker.view()
             self.pilot.follow(self.now, view, self.tracker)
-            self.pilot.tick(self.now, view, self.tracker, blocked=self.blocked)
+            self.pilot.tick(self.now, view, self.tracker, blocked=self.blocked, suspected=self.suspected)
 
     def finish(self) -> tuple[str, str]:
         """Let time pass until the goal has ended; return the state and the error of the pilot."""
@@ -101,6 +101,27 @@ def test_actions_follow_without_a_halt_where_the_walker_says_when_it_ends(run: R
     run.until(run.ended)
     assert run.walker.halts == 1
     assert run.pilot.decisions >= 15
+
+
+def test_a_robot_that_may_be_lost_stands_and_looks_and_walks_on_by_a_right_belief(run: Run) -> None:
+    run.under_way(1.5, 0.53)
+    run.suspected = True
+    run.until(lambda: run.walker.state == "standing", 1.5)
+    assert run.tracker.pose[0] == pytest.approx(run.walker.x, abs=0.03)
+    run.suspected = False
+    run.until(lambda: run.walker.state == "walking", 0.1)
+    assert run.finish()[0] == "succeeded"
+    assert dict(run.pilot.goal.recoveries if run.pilot.goal else {}) == {"look": 1}
+
+
+def test_a_suspicion_that_stays_turns_the_robot_twice_and_holds_it_up_no_longer(run: Run) -> None:
+    goal = NavigationGoal("g", ((0.8, 0.0),), "towards", 0.0, start=(0.0, 0.0))
+    run.pilot.begin(goal, TowardsGoal())
+    run.suspected = True
+    assert run.finish()[0] == "succeeded"
+    looks = goal.recoveries["look"]
+    assert looks >= 1
+    assert goal.recoveries["turn_and_look"] == 2 * looks
 
 
 def test_a_new_goal_replaces_the_old_one_without_a_halt(run: Run) -> None:
