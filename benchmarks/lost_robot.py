@@ -115,7 +115,7 @@ class Walker:
         self.rng, self.drift = rng, drift
         self.pose, self.odom = np.zeros(3), np.zeros(3)
         self.state, self.order = "standing", 0
-        self._left, self._wait, self._closing, self._rate = 0.0, 0.0, 0.0, (0.0, 0.0)
+        self._left, self._wait, self._closing, self._rate, self._stops = 0.0, 0.0, 0.0, (0.0, 0.0), False
 
     def take(self, number: int, command: Any) -> None:
         """Take up an order of the tick before."""
@@ -123,8 +123,11 @@ class Walker:
             return
         self.order = number
         if command.action == "stop":
-            self._left, self._closing = 0.0, CLOSE_S if self.state != "standing" else 0.0
+            self._left %= 0.5 * STEP_S  # the step under way lands
+            self._stops = self.state != "standing"
+            self._closing = CLOSE_S if self._stops and self._left == 0.0 else 0.0
             return
+        self._stops = False
         rest = self._left if self.state != "standing" else 0.0
         self._wait = START_S if self.state == "standing" else self._wait
         way, turn = command.distance or 0.0, command.angle or 0.0
@@ -134,8 +137,8 @@ class Walker:
 
     @property
     def ends_in(self) -> float | None:
-        """Time until the last step lands, s."""
-        return self._wait + self._left if self._left > 0.0 else None
+        """Time until the last step of an order lands, s; a stop has none."""
+        return self._wait + self._left if self._left > 0.0 and not self._stops else None
 
     def tick(self) -> None:
         """Move for 10 ms."""
