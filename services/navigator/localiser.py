@@ -267,7 +267,8 @@ class Localiser:
             if standing and len(seen) and strained < 0.5:  # else no pose fits the map
                 self._remember(seen, world, time)
         else:
-            self.lost = LostView(probability=probability, reason=self._lost_state.reason(self.lost_model))
+            suspicion = probability - self._lost_state.blind
+            self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), suspicion)
 
     def echo(self, distance: float, expected: float, slack: float, now: float) -> None:
         """Check the belief by an echo; arguments as of `lost.echoed`, `now` in s."""

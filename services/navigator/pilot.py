@@ -298,7 +298,7 @@ class Pilot:
             if why:
                 self.halt("failed", "unreachable", why)
         elif not lost and not suspected:
-            self._searching = None
+            self._searching, self._suspects_from = None, now + conduct.suspect_again
         elif gait.state == "standing" and gait.ends_in is None:
             most = conduct.search_turns if lost else conduct.suspect_turns
             if math.isinf(search.until):

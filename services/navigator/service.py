@@ -104,7 +104,7 @@ class Navigator(Service[NavigatorConfig]):
             lost, suspect = localiser.lost, self.catalogue.model.conduct.suspect
             pilot.tick(
                 now, requests.gait, localiser.tracker, blocked=self._blocked, lost=lost.lost,
-                suspected=lost.probability > suspect,
+                suspected=lost.suspicion > suspect,
             )  # fmt: skip
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):

@@ -70,7 +70,7 @@ class Conduct(ModelPart):
     search_turns: int = Field(default=7, ge=0, le=100, description="turns after which a lost robot gives up")
     suspect: float = Field(
         default=0.05, gt=0, le=1,
-        description="probability of being lost from which a walking robot stands and looks: it sees more then",
+        description="probability that sights do not fit the belief, from which a walking robot stands and looks",
     )  # fmt: skip
     suspect_turns: int = Field(default=2, ge=0, le=100, description="turns after which it walks on all the same")
     suspect_again: NotNegative = Field(default=10.0, description="s from then until it may look again")
