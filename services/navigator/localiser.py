@@ -103,7 +103,7 @@ class Localiser:
         self._seen_at = -math.inf
         self.lost = LostView()
         self.footprint = Footprint(sight.range_min, sight.range_max, math.radians(sight.half_angle_deg))
-        self.lost_model = LostModel()
+        self.lost_model, self._suspect = LostModel(), model.conduct.suspect
         self._lost_state, self._lost_at = LostState(), 0.0
         self._shares = (_share(model, "walk"), _share(model, "stand"))
         self._relocaliser: Relocaliser | None = None
@@ -191,6 +191,7 @@ class Localiser:
             if world is not self._world:  # what was found by another map holds no more
                 self._world, self.camera_turn = world, (0.0, 0.0, 0.0)
                 self._moved = None if world is None else MovedLandmarks(world)
+                self._lost_state = replace(self._lost_state, usual=LostState().usual)
                 self.strain.begin()
             seen = turned_back(detections(frame), self.camera_turn, self.tracker.shared.height)
             noise = self.tracker.standing if standing else self.tracker.noise
@@ -267,8 +268,8 @@ class Localiser:
             if standing and len(seen) and strained < 0.5:  # else no pose fits the map
                 self._remember(seen, world, time)
         else:
-            suspicion = probability - self._lost_state.blind
-            self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), suspicion)
+            suspected = probability - self._lost_state.blind > self._suspect
+            self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), suspected)
 
     def echo(self, distance: float, expected: float, slack: float, now: float) -> None:
         """Check the belief by an echo; arguments as of `lost.echoed`, `now` in s."""

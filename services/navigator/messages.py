@@ -23,8 +23,8 @@ class LostView:
     """Probability of that, 0 to 1."""
     reason: str = ""
     """Reason in words; empty = none."""
-    suspicion: float = 0.0
-    """Probability that what is seen does not fit the belief: that of being lost without a camera that sees nothing."""
+    suspected: bool = False
+    """True if what was seen last may not fit the belief; a camera that sees nothing is no reason."""
 
 
 def order_message(pilot: Pilot) -> MotionOrder:

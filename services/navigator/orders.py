@@ -26,7 +26,7 @@ class Orders:
         self.doing: Act | None = None
         """Action that the walker took up last."""
         self._stops = False
-        """Whether the last order is a stop that the walker has not taken up."""
+        """True while the last order is a stop that the walker has not taken up."""
         self._walk_id: int | None = None
         self._given_at: float | None = None
         """Simulated time since which the walker has not taken up the order, s."""

@@ -281,7 +281,7 @@ class Pilot:
         goal, conduct, search = self.goal, self.conduct, self._searching
         assert goal is not None
         if search is None or (lost and not search.lost):
-            if goal.recoveries["relocalise"] > conduct.found_again:
+            if lost and goal.recoveries["relocalise"] > conduct.found_again:
                 self._searching = None
                 times = conduct.found_again
                 self.halt("failed", "lost", f"lost again after the pose was found {times} times and more")

@@ -101,21 +101,17 @@ class Navigator(Service[NavigatorConfig]):
         self.results.now = now
         requests.carry_out()
         if gait is not None:
-            lost, suspect = localiser.lost, self.catalogue.model.conduct.suspect
-            pilot.tick(
-                now, requests.gait, localiser.tracker, blocked=self._blocked, lost=lost.lost,
-                suspected=lost.suspicion > suspect,
-            )  # fmt: skip
+            at, lost = localiser.tracker, localiser.lost
+            pilot.tick(now, requests.gait, at, blocked=self._blocked, lost=lost.lost, suspected=lost.suspected)
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):
             self.publish(STATE_POSE, localiser.message(now, ready=requests.gait.state != "waiting"))
             self.publish(NAVIGATOR_FEEDBACK, feedback_message(pilot, localiser.tracker.pose, now, self.results.last))
         self._keep()
 
-    def _take_sight(self, seen: LandmarkDetections | None, reach: Range | None) -> None:
-        if reach is not None:
-            conduct, now = self.catalogue.model.conduct, self.requests.now
-            self._blocked = take_range(reach, self.localiser, self.maps, conduct, now)
+    def _take_sight(self, seen: LandmarkDetections | None, echo: Range | None) -> None:
+        if echo is not None:
+            self._blocked = take_range(echo, self.localiser, self.maps, self.catalogue.model.conduct, self.requests.now)
         if seen is None or not self.config.use_landmarks:
             return
         try:

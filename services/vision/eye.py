@@ -144,7 +144,7 @@ class Eye:
             return ()
         found, there = (np.add.reduce(each) for each in zip(*self._halves, strict=True))
         blind = (there >= HALF_MAPPED * (there[0] + there[1])) & (found <= HALF_SEEN * (found[0] + found[1]))
-        return ("half_blind",) if there[0] + there[1] >= MAPPED and blind.any() else ()
+        return ("half_blind",) if min(there[0] + there[1], found[0] + found[1]) >= MAPPED and blind.any() else ()
 
     def _recognised(
         self, places: Array, found: FoundFeatures, world: FeatureMap, belief: Believed | None

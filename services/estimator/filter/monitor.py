@@ -185,7 +185,7 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float) -> N
         dt: time since it was looked at last, s.
     """
     for f in range(size.size):
-        # a foot that stands is like the others that do, beside which those in the air count half
+        # one that stands is compared with the middle of two means: of all others, and of those of them that stand
         stands, others, closed, total, firm = contact[f] >= 0.5, 0, 0, 0.0, 0.0
         for g in range(size.size):
             if g != f and not math.isnan(size[g]):

@@ -201,7 +201,7 @@ def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float
 
 @dataclass
 class MapStrain:
-    """Probabilities that the map is right, strained, or seen by a camera that is tilted or turned aside.
+    """Probabilities that the map is right, strained, seen by a camera tilted or turned aside, or the robot displaced.
 
     Attributes:
         shared: errors that the landmarks of a frame share; their tilt fades.
@@ -229,7 +229,7 @@ class MapStrain:
         self._logs, self._at, self._placed = np.array([0.0] * 4 + [-math.inf]), 0.0, False
 
     def place(self) -> None:
-        """Begin at the next frame with the covariance of the believed pose: it was stated or found again."""
+        """Begin at the next frame with the covariance of the believed pose, stated or found: it is not displaced."""
         self._placed, self._logs[DISPLACED] = False, -math.inf
 
     def moved(self, way: tuple[float, float], along: float, heading: float) -> None:

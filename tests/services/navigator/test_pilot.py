@@ -124,6 +124,14 @@ def test_a_suspicion_that_stays_turns_the_robot_twice_and_holds_it_up_no_longer(
     assert goal.recoveries["turn_and_look"] == 2 * looks
 
 
+def test_a_suspicion_is_no_further_loss_of_a_robot_that_was_found_again_often(run: Run) -> None:
+    goal = NavigationGoal("g", ((0.8, 0.0),), "towards", 0.0, start=(0.0, 0.0))
+    run.pilot.begin(goal, TowardsGoal())
+    goal.recoveries["relocalise"] = run.pilot.conduct.found_again + 1
+    run.suspected = True
+    assert run.finish()[0] == "succeeded"
+
+
 def test_a_new_goal_replaces_the_old_one_without_a_halt(run: Run) -> None:
     run.under_way(2.0, 0.5)
     run.goal((0.8, 0.8))
