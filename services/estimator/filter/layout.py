@@ -86,7 +86,9 @@ class SensorLayout(NamedTuple):
     """Path of the IMU's turning meanwhile, rad."""
     firm: int = 13
     """Compared samples in a row at which it stood."""
-    delay: int = 14
+    same: int = 14
+    """Time for which its switch has been closed, or open (negative), s."""
+    delay: int = 15
     """Numbers that show whether its samples are late: `DelayLayout` from here on."""
 
 

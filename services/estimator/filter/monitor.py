@@ -9,13 +9,8 @@ wrong foot may have spoilt:
 y seen from the IMU, E its turn by the gyro. l_f = log |e_f| (level parts count less, for feet slide; the noise of the
 encoders is added) against the mean of the other feet shows whether f moves more than they do. A switch is wrong whose
 foot moves more while it is closed, or less while it is open: with c = 1 closed, -1 open, the mean of c (l_f - l_others)
-over some tenths of a second. One such foot has a switch that hangs, two have switches that are swapped.
-
-Encoders are checked alone. A foot follows a smooth way, so that of four samples at equal steps the middle one of
-the three steps is the mean of the others; it is not if an encoder jumps. Two feet of which each jumps to where the
-other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do not
-stands still, and so do all feet that do so for longer than slow encoders are held while the rate of the robot differs
-from its mean of the last second, too: the learned bias may be wrong.
+over some tenths of a second. One such foot has a switch that hangs, and so has not changed meanwhile; two have switches
+that are swapped. While the robot shows no weight it flies, and no open switch is wrong.
 
 The contact of a foot whose switch is wrong is decided by its height. A foot whose encoders stand still is left out,
 feet that are swapped are taken the other way round. Jumps are outliers, which the filter leaves out one by one; of more
@@ -32,6 +27,7 @@ from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
 
 from .delay import learn_delay, lift_delay
+from .encoders import exchanged, jumps, learn_repeats, unknown
 from .hypotheses import likeliest, mode
 from .layout import L, M, P, S, X
 from .noise import FIXED
@@ -40,99 +36,6 @@ from .state import BestState, rotation, turn_matrix
 
 Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
-
-
-@kernel
-def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
-    """Return the squared distance, m^2, of foot f in one row of feet (N, L, 3) from foot g in the row `before`."""
-    square = 0.0
-    for i in range(3):
-        square += (feet[row, f, i] - feet[before, g, i]) ** 2
-    return square
-
-
-@kernel
-def _unknown(feet: Array, row: int, f: int) -> bool:
-    """Return whether foot f was not finite in a row of feet (N, L, 3), see `mount.known_feet`."""
-    return bool(feet[row, f, 0] == 0.0 and feet[row, f, 1] == 0.0 and feet[row, f, 2] == 0.0)
-
-
-@kernel
-def _exchanged(feet: Array, row: int, f: int) -> int:
-    """Return the foot with which foot f changed places between rows `row` - 1 and `row` of feet (N, L, 3), or -1."""
-    if row < 1 or _unknown(feet, row, f) or _unknown(feet, row - 1, f):
-        return -1
-    way = _apart(feet, row, f, row - 1, f)
-    if way < 4.0 * FIXED.jump**2:
-        return -1
-    for g in range(feet.shape[1]):
-        if _unknown(feet, row, g) or _unknown(feet, row - 1, g):
-            continue
-        crossed = _apart(feet, row, f, row - 1, g) + _apart(feet, row, g, row - 1, f)
-        if g != f and crossed < FIXED.crossed * (way + _apart(feet, row, g, row - 1, g)):
-            return g
-    return -1
-
-
-@kernel
-def _jumps(samples: SampleStore, row: int, f: int, point: int) -> bool:
-    """Return True if the encoders of foot f jumped between the last two rows before `row`.
-
-    Steps are alike, and the switch stays: a foot that lands may be thrown. A foot in the air is checked by fast
-    samples alone.
-
-    Args:
-        samples: filled rows.
-        row: of the feet.
-        f: the foot whose encoders are those of it.
-        point: one of its contact points.
-    """
-    stamps, feet, contact, off = samples.feet_stamps, samples.feet, samples.contact, 0.0
-    if row < 3 or _unknown(feet, row - 1, f) or _unknown(feet, row - 2, f):
-        return False
-    for i in range(3):
-        a, b, c, d = feet[row - 3, f, i], feet[row - 2, f, i], feet[row - 1, f, i], feet[row, f, i]
-        off += (c - b - 0.5 * (b - a + d - c)) ** 2
-    if not off > FIXED.jump**2:
-        return False
-    least, most = stamps[row] - stamps[row - 1], stamps[row] - stamps[row - 1]
-    stands, flies = True, True
-    for i in range(row - 3, row):
-        if _exchanged(feet, i + 1, f) >= 0:
-            return False
-        least, most = min(least, stamps[i + 1] - stamps[i]), max(most, stamps[i + 1] - stamps[i])
-    for i in range(row - 3, row + 1):
-        stands, flies = stands and contact[i, point] >= 0.5, flies and not contact[i, point] >= 0.5
-    longest = FIXED.stand_step if stands else FIXED.fly_step
-    return bool(2 * most <= 3 * least and (stands or flies) and 1e-9 * most <= longest)
-
-
-@kernel
-def _repeat(sensors: Array, samples: SampleStore, row: int, contact: Array, turn: float, beside: float) -> None:
-    """Learn for how long each foot has repeated one sample, and by how much the IMU has turned meanwhile, in place.
-
-    Args:
-        sensors: numbers of each foot, see `SensorLayout`.
-        samples: filled rows.
-        row: of the feet, 1 at least.
-        contact: probability that each foot touches the ground, (L,).
-        turn: rate of the IMU without its bias, rad/s.
-        beside: its rate beside its usual one, rad/s.
-    """
-    count, together = samples.feet.shape[1], True
-    step = min(1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1]), FIXED.longest_repeat)
-    for f in range(count):
-        if _unknown(samples.feet, row, f) or _apart(samples.feet, row, f, row - 1, f) > 0.0:
-            together = False
-            sensors[f, S.held] = sensors[f, S.repeated] = 0.0
-        else:
-            sensors[f, S.held] += step
-    turn = min(turn, beside) if together else turn  # the bias may be wrong where nothing moves
-    for f in range(count):
-        if sensors[f, S.held] > 0.0 and turn > FIXED.turning and (together or contact[f] >= 0.5):
-            sensors[f, S.repeated] += turn * step
-        if sensors[f, S.repeated] > FIXED.most_repeated and not (together and sensors[f, S.held] < FIXED.longest_held):
-            sensors[f, S.still] = 1.0
 
 
 @kernel
@@ -175,7 +78,7 @@ def judge_noise(state: BestState, stated: float) -> None:
 
 
 @kernel
-def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float) -> None:
+def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies: bool) -> None:
     """Learn which switches contradict the motion of their feet beside that of the others, in place.
 
     Args:
@@ -183,6 +86,7 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float) -> N
         size: logarithm of what each foot shows beside the inertial unit, (L,); NaN: not known.
         contact: probability that each foot touches the ground, (L,).
         dt: time since it was looked at last, s.
+        flies: the robot shows no weight, so that no foot stands whose switch is open.
     """
     for f in range(size.size):
         # one that stands is compared with the middle of two means: of all others, and of those of them that stand
@@ -196,9 +100,15 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float) -> N
         if others > 0 and not (math.isnan(contact[f]) or math.isnan(size[f])):
             usual = total / others
             more = size[f] - (0.5 * (usual + firm / closed) if stands and closed > 0 else usual)
-            more = min(more if stands else -more, FIXED.most_more)
+            more = min(more if stands else -more, 0.0 if flies and not stands else FIXED.most_more)
         sensors[f, S.against] += min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
-        if sensors[f, S.against] > FIXED.most_against:
+        same = sensors[f, S.same]
+        sensors[f, S.same] = max(same, 0.0) + dt if stands else min(same, 0.0) - dt
+    wrong = 0
+    for f in range(size.size):
+        wrong += sensors[f, S.against] > FIXED.most_against
+    for f in range(size.size):  # one alone can only hang
+        if sensors[f, S.against] > FIXED.most_against and (wrong > 1 or abs(sensors[f, S.same]) > FIXED.against_s):
             sensors[f, S.switch] = 1.0
 
 
@@ -222,6 +132,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
         half[i] = 0.5 * w[i]
     rot, back = rotation(x), turn_matrix(w)
     push, count = turned(rot, turned(turn_matrix(half), q)), samples.feet.shape[1]
+    flies = push[0] ** 2 + push[1] ** 2 + push[2] ** 2 < (0.5 * GRAVITY) ** 2
     push[2] -= GRAVITY
     gained, share = push * dt, math.exp(-dt / FIXED.delay_s)
     steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.delay_period
@@ -245,7 +156,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             size[f] += (1.0 if i == 2 else FIXED.level_share) * sensors[f, S.strange + i] ** 2
         size[f] = 0.5 * math.log(size[f])
         fault = max(sensors[f, S.jump], sensors[f, S.still])
-        if _unknown(samples.feet, row, source):
+        if unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
         sensors[f, S.firm] = sensors[f, S.firm] + 1.0 if contact[f] >= 0.5 else 0.0
         if sensors[f, S.firm] >= 3.0 and not math.isnan(length) and not math.isnan(sensors[f, S.trunk]):
@@ -256,7 +167,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             lift_delay(sensors[f], share)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
-    _judge_switches(sensors, size, contact, dt)
+    _judge_switches(sensors, size, contact, dt, flies)
 
 
 @kernel
@@ -301,16 +212,16 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
             sensors[f, i] *= fade
     for k in range(foot.size):
         contact[foot[k]] = samples.contact[row, k]
-        if (k == 0 or foot[k] != foot[k - 1]) and _jumps(samples, row, int(sensors[foot[k], S.source]), k):
+        if (k == 0 or foot[k] != foot[k - 1]) and jumps(samples, row, int(sensors[foot[k], S.source]), k):
             sensors[foot[k], S.jump] = 1.0
             sensors[foot[k], S.strange : S.against + 1] = 0.0
     for i in range(3):
         turn += (memory[M.last_gyro + i] - likely.x[X.gyro_bias + i]) ** 2
         memory[M.usual_gyro + i] += min(dt / FIXED.usual_s, 1.0) * (memory[M.last_gyro + i] - memory[M.usual_gyro + i])
         beside += (memory[M.last_gyro + i] - memory[M.usual_gyro + i]) ** 2
-    _repeat(sensors, samples, row, contact, math.sqrt(turn), math.sqrt(beside))
+    learn_repeats(sensors, samples, row, contact, math.sqrt(turn), math.sqrt(beside))
     for f in range(count):
-        g = _exchanged(samples.feet, row, f)
+        g = exchanged(samples.feet, row, f)
         if g > f:
             sensors[f, S.source], sensors[g, S.source] = sensors[g, S.source], sensors[f, S.source]
     before = row - int(memory[M.watched])

@@ -213,7 +213,7 @@ class FixedNumbers(NamedTuple):
     level_share: float = 0.15
     """Weight of level beside vertical motion: feet that touch the ground slide, and do not rise."""
     against_s: float = 0.2
-    """Time over which switches and motion are compared, s."""
+    """Time over which switches and motion are compared, s; one that hangs has not changed for as long."""
     most_more: float = 0.8
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3

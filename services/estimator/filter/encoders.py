@@ -1,0 +1,156 @@
+"""Encoders of the legs: which of them jump, stand still or are swapped with another foot's.
+
+A foot follows a smooth way, so that of four samples at equal steps the middle one of the three steps is the mean of the
+others; it is not if an encoder jumps. A trunk that is thrown moves a foot that stands like that, too, so that such a
+foot is looked at without the motion of the trunk, which the inertial unit shows. Two feet of which each jumps to where
+the other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do
+not stands still, and so do all feet that do so for longer than slow encoders are held while the rate of the robot
+differs from its mean of the last second, too: the learned bias may be wrong.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear_kernels import times, turned
+from surefoot.kernels.jit import kernel
+
+from .layout import S
+from .noise import FIXED
+from .samples import ROW_Q, ROW_W, SampleStore, after
+from .state import turn_matrix
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
+    """Return the squared distance, m^2, of foot f in one row of feet (N, L, 3) from foot g in the row `before`."""
+    square = 0.0
+    for i in range(3):
+        square += (feet[row, f, i] - feet[before, g, i]) ** 2
+    return square
+
+
+@kernel
+def unknown(feet: Array, row: int, f: int) -> bool:
+    """Return whether foot f was not finite in a row of feet (N, L, 3), see `mount.known_feet`."""
+    return bool(feet[row, f, 0] == 0.0 and feet[row, f, 1] == 0.0 and feet[row, f, 2] == 0.0)
+
+
+@kernel
+def exchanged(feet: Array, row: int, f: int) -> int:
+    """Return the foot with which foot f changed places between rows `row` - 1 and `row` of feet (N, L, 3), or -1."""
+    if row < 1 or unknown(feet, row, f) or unknown(feet, row - 1, f):
+        return -1
+    way = _apart(feet, row, f, row - 1, f)
+    if way < 4.0 * FIXED.jump**2:
+        return -1
+    for g in range(feet.shape[1]):
+        if unknown(feet, row, g) or unknown(feet, row - 1, g):
+            continue
+        crossed = _apart(feet, row, f, row - 1, g) + _apart(feet, row, g, row - 1, f)
+        if g != f and crossed < FIXED.crossed * (way + _apart(feet, row, g, row - 1, g)):
+            return g
+    return -1
+
+
+@kernel
+def _bend(samples: SampleStore, row: int, f: int) -> float:
+    """Return how far the middle one of the three steps of a foot that stands is from the mean of the others, m.
+
+    The motion of the trunk is taken off. Let D be the way of the IMU by its accelerations, as if from rest and without
+    gravity, and C its turn, both since the first of four samples k at the times t_k. The places D_k + C_k y_k of a foot
+    that stands lie on a parabola of the time, by its velocity and gravity. Their third divided difference is zero, and
+    3 h^3 times it is the distance for three steps of length h.
+
+    Args:
+        samples: filled rows.
+        row: of the feet, the last of the four.
+        f: the foot.
+    """
+    stamps, now = samples.imu_stamps, samples.feet_stamps[row - 3]
+    at, size = after(stamps, now), stamps.size
+    if size == 0:
+        return math.inf
+    turn, vel, way, places, t = np.eye(3), np.zeros(3), np.zeros(3), np.empty((4, 3)), np.zeros(4)
+    for k in range(4):
+        end = samples.feet_stamps[row - 3 + k]
+        t[k] = 1e-9 * (end - samples.feet_stamps[row - 3])
+        while now < end:
+            held = min(at, size - 1)  # the mean up to its stamp; the last one goes on
+            until = min(end, stamps[at]) if at < size else end
+            dt = 1e-9 * (until - now)
+            push = turned(turn, samples.imu[held, ROW_Q : ROW_Q + 3])
+            way += dt * (vel + 0.5 * dt * push)
+            vel += dt * push
+            turn = times(turn, turn_matrix(dt * samples.imu[held, ROW_W : ROW_W + 3]))
+            now, at = until, at + (until == stamps[held])
+        places[k] = way + turned(turn, samples.feet[row - 3 + k, f])
+    for order in range(1, 4):
+        for k in range(3, order - 1, -1):
+            places[k] = (places[k] - places[k - 1]) / (t[k] - t[k - order])
+    return 3.0 * (t[3] / 3.0) ** 3 * math.sqrt(places[3, 0] ** 2 + places[3, 1] ** 2 + places[3, 2] ** 2)
+
+
+@kernel
+def jumps(samples: SampleStore, row: int, f: int, point: int) -> bool:
+    """Return True if the encoders of foot f jumped between the last two rows before `row`.
+
+    Steps are alike, and the switch stays: a foot that lands may be thrown. A foot in the air is checked by fast
+    samples alone.
+
+    Args:
+        samples: filled rows.
+        row: of the feet.
+        f: the foot whose encoders are those of it.
+        point: one of its contact points.
+    """
+    stamps, feet, contact, off = samples.feet_stamps, samples.feet, samples.contact, 0.0
+    if row < 3 or unknown(feet, row - 1, f) or unknown(feet, row - 2, f):
+        return False
+    for i in range(3):
+        a, b, c, d = feet[row - 3, f, i], feet[row - 2, f, i], feet[row - 1, f, i], feet[row, f, i]
+        off += (c - b - 0.5 * (b - a + d - c)) ** 2
+    if not off > FIXED.jump**2:
+        return False
+    least, most = stamps[row] - stamps[row - 1], stamps[row] - stamps[row - 1]
+    stands, flies = True, True
+    for i in range(row - 3, row):
+        if exchanged(feet, i + 1, f) >= 0:
+            return False
+        least, most = min(least, stamps[i + 1] - stamps[i]), max(most, stamps[i + 1] - stamps[i])
+    for i in range(row - 3, row + 1):
+        stands, flies = stands and contact[i, point] >= 0.5, flies and not contact[i, point] >= 0.5
+    longest = FIXED.stand_step if stands else FIXED.fly_step
+    even = 2 * most <= 3 * least and (stands or flies) and 1e-9 * most <= longest
+    return bool(even and (flies or _bend(samples, row, f) > FIXED.jump))
+
+
+@kernel
+def learn_repeats(sensors: Array, samples: SampleStore, row: int, contact: Array, turn: float, beside: float) -> None:
+    """Learn for how long each foot has repeated one sample, and by how much the IMU has turned meanwhile, in place.
+
+    Args:
+        sensors: numbers of each foot, see `SensorLayout`.
+        samples: filled rows.
+        row: of the feet, 1 at least.
+        contact: probability that each foot touches the ground, (L,).
+        turn: rate of the IMU without its bias, rad/s.
+        beside: its rate beside its usual one, rad/s.
+    """
+    count, together = samples.feet.shape[1], True
+    step = min(1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1]), FIXED.longest_repeat)
+    for f in range(count):
+        if unknown(samples.feet, row, f) or _apart(samples.feet, row, f, row - 1, f) > 0.0:
+            together = False
+            sensors[f, S.held] = sensors[f, S.repeated] = 0.0
+        else:
+            sensors[f, S.held] += step
+    turn = min(turn, beside) if together else turn  # the bias may be wrong where nothing moves
+    for f in range(count):
+        if sensors[f, S.held] > 0.0 and turn > FIXED.turning and (together or contact[f] >= 0.5):
+            sensors[f, S.repeated] += turn * step
+        if sensors[f, S.repeated] > FIXED.most_repeated and not (together and sensors[f, S.held] < FIXED.longest_held):
+            sensors[f, S.still] = 1.0

@@ -1,0 +1,94 @@
+"""Encoders that jump, told from a trunk that is thrown; switches that hang, from those that open and close."""
+
+import math
+
+import numpy as np
+import pytest
+
+from surefoot.geometry import rotations
+from surefoot.services.estimator.filter import monitor
+from surefoot.services.estimator.filter.encoders import jumps
+from surefoot.services.estimator.filter.layout import SENSOR_COLUMNS, S
+from surefoot.services.estimator.filter.samples import SampleStore
+
+FINE = 2000  # steps of the true motion in a second
+STEP_S = 1.0 / 30.0
+
+
+def thrown(seed: int, jump_m: float = 0.0, slack: float = 0.0) -> SampleStore:
+    """Return samples of a foot that stands below a trunk whose acceleration and rate change all the time.
+
+    The true motion is integrated at 2 kHz; the inertial unit gives means over 10 ms, the encoders a place at 30 Hz, of
+    which the last two may be off by `jump_m` and the stamps by a part `slack` of a step.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(0.25 * FINE)) / FINE
+    waves = rng.uniform(20.0, 60.0, (6, 1)) * t + rng.uniform(0.0, 2.0 * math.pi, (6, 1))
+    acc = np.sin(waves[:3]).T * rng.uniform(10.0, 20.0, 3)
+    rate = np.sin(waves[3:]).T * rng.uniform(0.5, 2.0, 3)
+    rot, vel, pos = np.empty((t.size, 3, 3)), np.empty((t.size, 3)), np.empty((t.size, 3))
+    r, v, p = rotations.matrix_from_rpy(*rng.uniform(-0.3, 0.3, 3)), rng.normal(0.0, 0.5, 3), np.zeros(3)
+    for i in range(t.size):
+        rot[i], vel[i], pos[i] = r, v, p
+        turn = rate[i] / FINE
+        angle = np.linalg.norm(turn)
+        axis = np.cross(np.eye(3), turn / angle)
+        r = r @ (np.eye(3) + math.sin(angle) * axis + (1.0 - math.cos(angle)) * axis @ axis)
+        p, v = p + v / FINE + 0.5 * acc[i] / FINE**2, v + acc[i] / FINE
+    felt = np.einsum("nij,ni->nj", rot, acc + np.array([0.0, 0.0, 9.81]))
+    imu = np.concatenate([rate, felt], axis=1).reshape(-1, FINE // 100, 6).mean(axis=1)
+    at = (0.05 + STEP_S * (np.arange(4) + slack * rng.uniform(-0.5, 0.5, 4))) * FINE
+    rows, place = np.round(at).astype(int), rng.normal(0.0, 0.3, 3)
+    feet = np.einsum("nij,ni->nj", rot[rows], place - pos[rows])
+    feet[2:] += jump_m * np.array([0.6, 0.0, 0.8])
+    return SampleStore(
+        (np.arange(1, len(imu) + 1) * 10_000_000), imu, (rows * (1_000_000_000 // FINE)), feet[:, None].copy(),
+        np.tile(np.eye(3), (4, 1, 1, 1)), np.ones((4, 1)), np.ones((4, 1), dtype=np.int64),
+    )  # fmt: skip
+
+
+def bent(samples: SampleStore) -> float:
+    """Return by how far the middle step is from the mean of its neighbours as the encoders show it, m."""
+    steps = np.diff(samples.feet[:, 0], axis=0)
+    return float(np.linalg.norm(steps[1] - 0.5 * (steps[0] + steps[2])))
+
+
+@pytest.mark.parametrize("slack", [0.0, 0.3])
+def test_a_foot_that_stands_does_not_jump_when_the_trunk_is_thrown(slack: float) -> None:
+    stores = [thrown(seed, slack=slack) for seed in range(60)]
+    assert sum(bent(store) > 0.015 for store in stores) > 10  # the encoders alone would show jumps
+    assert not any(jumps(store, 3, 0, 0) for store in stores)
+
+
+def test_an_encoder_that_jumps_is_found_below_a_thrown_trunk() -> None:
+    stores = [thrown(seed, jump_m=0.03) for seed in range(60)]
+    seen = [jumps(store, 3, 0, 0) for store in stores]
+    assert all(found for found, store in zip(seen, stores, strict=True) if bent(store) > 0.015)
+    assert sum(seen) > 45
+
+
+def judged(open_s: float, *, flies: bool, others: int = 1) -> list[bool]:
+    """Return which switches of four feet are wrong after 2 s in which the first ones contradict their motion.
+
+    They open and close every `open_s`, and their feet move the more while they are closed.
+    """
+    sensors, dt = np.zeros((4, SENSOR_COLUMNS)), 1.0 / 30.0
+    for k in range(60):
+        closed = (k * dt) % (2.0 * open_s) >= open_s
+        contact, size = np.array([0.0, 1.0, 0.0, 1.0]), np.array([-0.5, -2.0, -0.5, -2.0])
+        contact[:others], size[:others] = float(closed), -0.5 if closed else -3.0
+        monitor._judge_switches(sensors, size, contact, dt, flies)
+    return [bool(wrong) for wrong in sensors[:, S.switch] > 0.5]
+
+
+def test_one_switch_that_opens_and_closes_does_not_hang() -> None:
+    assert judged(0.1, flies=False) == [False, False, False, False]
+    assert judged(10.0, flies=False) == [True, False, False, False]
+
+
+def test_two_switches_that_contradict_their_motion_may_be_swapped() -> None:
+    assert judged(0.1, flies=False, others=2)[:2] == [True, True]
+
+
+def test_no_open_switch_is_wrong_while_the_robot_flies() -> None:
+    assert judged(10.0, flies=True) == [False, False, False, False]
