@@ -27,7 +27,7 @@ def about(name: str) -> str:
 
 
 def main(words: list[str]) -> int:
-    """Run a benchmark, all, or list them; return the exit code."""
+    """Run a benchmark, all, or list them; return the exit code, 2 of wrong words, 130 after Ctrl-C."""
     name, *rest = words or ["--help"]
     if name in ("-h", "--help"):
         for known in NAMES:
@@ -45,6 +45,9 @@ def main(words: list[str]) -> int:
         except SurefootError as error:
             print(f"{one}: {error}", file=sys.stderr)
             return 2
+        except KeyboardInterrupt as kept:
+            print(f"{one}: interrupted; {kept}".rstrip("; "), file=sys.stderr)
+            return 130
         print(f"== {one}: {time.monotonic() - began:.0f} s\n", flush=True)
     return 0
 

@@ -258,7 +258,7 @@ def trainings(seeds: str = "2000:2020", /, *, evaluation: str = "20000:21000", r
         threshold, other = baseline(name, on)
         base = summary(other)
         jobs = [{"model": name, "seed": seed} for seed in seeds_of(seeds)]
-        lines = study(partial(trained, evaluation=on), jobs, results, threads=True)
+        lines = study(partial(trained, evaluation=on), jobs, results)
         rows = [(str(line["seed"]), line["mean_s"], line["success"], line["percent"]) for line in lines]
         what = f"{name}: 35 deg controller, h > {threshold}: {base['mean_s']:.2f} s, success {base['success']:.4f}"
         table(what, ("training", "s", "success", "%"), rows)

@@ -1,30 +1,46 @@
-"""Worker processes for walks that do not depend on each other."""
+"""Worker processes and threads for jobs that do not depend on each other."""
 
+import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 
 
 @contextmanager
 def worker_processes(jobs: int | None = None, begin: Callable[[], object] = bool) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool that ends at once on Ctrl-C: its processes die silently, and what waits is not begun.
+    """Yield a pool that ends at once on Ctrl-C, whoever gets it: its processes are killed, and what waits is not begun.
 
     Args:
         jobs: processes; None = one a core.
         begin: called once in each process before its first job.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    others = multiprocessing.active_children()
     pool = ProcessPoolExecutor(jobs or os.cpu_count() or 1, initializer=_begun, initargs=(begin,))
     try:
         yield pool
     except BaseException:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)  # first, so that what waits is cancelled and not broken
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.kill()
+                process.join()
         raise
     pool.shutdown()
 
 
+@contextmanager
+def worker_threads() -> Iterator[Executor]:
+    """Yield a thread for each core; after Ctrl-C or an error running jobs are finished, others not begun."""
+    pool = ThreadPoolExecutor(os.cpu_count() or 1)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
 def _begun(begin: Callable[[], object]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, lambda *_: None)  # of the terminal's group: the pool's owner ends this process
     begin()

@@ -7,10 +7,9 @@ code: begin a new one after a change.
 """
 
 import json
-import os
 import statistics as middle
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -95,7 +94,6 @@ def study(
     results: Path | None = None,
     *,
     processes: int | None = None,
-    threads: bool = False,
     show: Callable[[Line], object] = lambda line: None,
 ) -> list[Line]:
     """Run the jobs that the results file lacks; return the lines of all jobs, in the order of the jobs.
@@ -106,22 +104,27 @@ def study(
         jobs: what to run.
         results: file to continue with; None = nothing is kept.
         processes: at a time; None = one for each core.
-        threads: run in threads, for functions that release the interpreter lock.
         show: called with each new line as it is finished.
+
+    Raises:
+        KeyboardInterrupt: which states what was kept; within 1 s of Ctrl-C.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     jobs = [dict(job) for job in jobs]
     fields = {field for job in jobs for field in job}
     done = {_key(line, fields): line for line in finished(results)}
     missing = [job for job in jobs if _key(job, fields) not in done]
-    count = processes or os.cpu_count() or 1
-    with ThreadPoolExecutor(count) if threads else worker_processes(count, spare_collector) as pool:
-        running = {pool.submit(partial(function, **job)): job for job in missing}
-        for future in as_completed(running):
-            line = running[future] | future.result()
-            done[_key(line, fields)] = line
-            keep(results, line)
-            show(line)
+    try:
+        with worker_processes(processes, spare_collector) as pool:
+            running = {pool.submit(partial(function, **job)): job for job in missing}
+            for future in as_completed(running):
+                line = running[future] | future.result()
+                done[_key(line, fields)] = line
+                keep(results, line)
+                show(line)
+    except KeyboardInterrupt:
+        count = sum(_key(job, fields) in done for job in jobs)
+        where = "nothing is kept" if results is None else f"{count} of {len(jobs)} runs are kept in {results}"
+        raise KeyboardInterrupt(where) from None
     return [done[_key(job, fields)] for job in jobs]
 
 

@@ -86,7 +86,7 @@ class Likelihood:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pool.shutdown()
+        self._pool.shutdown(cancel_futures=True)
 
     def __call__(self, thetas: Array) -> Array:
         """Return the sums over the recordings, (m,), for parameters (m, PARAMETERS)."""

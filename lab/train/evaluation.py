@@ -1,8 +1,6 @@
 """Evaluation of policies: whole episodes on all cores, and their statistics."""
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +22,7 @@ from surefoot.services.navigator.policy.arrays import REACHED, Arrays
 from surefoot.services.navigator.policy.policies import Policy
 
 from .. import statistics
+from ..pools import worker_threads
 
 Array = NDArray[np.float64]
 
@@ -71,7 +70,7 @@ def episodes(
     def part(start: int) -> Array:
         return run_episodes(world, policy, stream, start, min(CHUNK, seeds.end - start), knows)
 
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with worker_threads() as pool:
         parts: list[Array] = []
         for found in pool.map(part, starts):
             parts.append(found)

@@ -1,9 +1,7 @@
 """Several trainings at once, and selection of the best."""
 
-import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from surefoot.services.navigator.policy.params import NavigationModel
 from surefoot.services.navigator.policy.planner import planner
 from surefoot.services.navigator.policy.policies import Policy
 
+from ..pools import worker_threads
 from .sarsa import Schedule, Training, train
 
 SELECTION = 2**40
@@ -78,7 +77,7 @@ def make_sarsa(
         reached = float((results[:, ENDED_AS] == REACHED).mean())
         return policy, Trained(number, float(results[:, SECONDS_TAKEN].mean()), reached)
 
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with worker_threads() as pool:
         try:
             made = list(pool.map(one, range(seed, seed + runs)))
         finally:
