@@ -124,8 +124,6 @@ def gates(sight: SeenImage) -> list[Array]:
 def words(sight: SeenImage) -> str:
     """Return what was seen in an image, in words."""
     seen, where = sight.seen, "whole map" if sight.seen.anywhere else "gates"
+    entropy = f", entropy {sight.entropy:.1f} nats" if math.isfinite(sight.entropy) else ""  # of no believed pose
     flags = "".join(f", {flag}" for flag in seen.flags)
-    return (
-        f"{sight.time:.1f} s: {seen.features} features, {len(seen.landmarks)} matches ({where}), "
-        f"entropy {sight.entropy:.1f} nats{flags}"
-    )
+    return f"{sight.time:.1f} s: {seen.features} features, {len(seen.landmarks)} matches ({where}){entropy}{flags}"

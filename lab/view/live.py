@@ -25,8 +25,9 @@ from ..scene.film import frame, header, mark
 from .newest import ASK_S, FRAME_S, NewestScene
 from .sight import LiveSight
 
-STATUS_S, STALE_S = 0.5, 3.0
-"""Wall time between two reports on health, and after which a service without a report counts as silent."""
+STATUS_S, STALE_S, IDLE_S = 0.5, 3.0, 5.0
+"""Wall time between two reports on health, after which a service without a report counts as silent, and after which a
+view without a page gives up its images."""
 LOG_LINES = 12
 PUSH_SHARE = 0.3
 """Force of a push that the page proposes, share of the robot's weight."""
@@ -74,7 +75,7 @@ class LiveFrames:
 
     def __init__(self, client: Client, robot: Robot, stop: Stop) -> None:
         self.client, self._stop, self._sight = client, stop, LiveSight(client)
-        self._newest = NewestScene(client, robot, self._sight.take)
+        self._newest = NewestScene(client, robot, self._sight.take, self._sight.forget)
         self._news = threading.Condition()
         self._health: dict[str, tuple[float, Delivery]] = {}
         self._log: deque[tuple[str, str]] = deque(maxlen=LOG_LINES)
@@ -160,11 +161,15 @@ class LiveFrames:
                 self._log.append((line.level, f"{line.source}: {line.text}"))
 
     def _run(self) -> None:
-        due = time.monotonic()
+        due = watched = time.monotonic()
         while not self._closed.wait(max(0.0, due - time.monotonic())):
             due = max(due + FRAME_S, time.monotonic())
-            if self._readers:
-                shown = self._next()
+            if not self._readers:
+                if due - watched > IDLE_S:
+                    with self._newest.lock:
+                        self._sight.forget()
+            else:
+                shown, watched = self._next(), due
                 if shown is not self._shown:
                     with self._news:
                         self._shown = shown

@@ -55,9 +55,13 @@ class NewestScene:
         runs: counts the runs: epochs of a driver, and drivers that were started anew.
     """
 
-    def __init__(self, client: Client, robot: Robot, also: Callable[[Delivery], object] = lambda _: None) -> None:
-        """Subscribe; `also` gets each message that a look takes."""
-        self.client, self.scene, self.lock, self._also = client, RobotScene(robot), threading.Lock(), also
+    def __init__(
+        self, client: Client, robot: Robot, also: Callable[[Delivery], object] = lambda _: None,
+        begins: Callable[[], object] = bool,
+    ) -> None:  # fmt: skip
+        """Subscribe; `also` gets each message that a look takes, `begins` is called before those of each later run."""
+        self.client, self.scene, self.lock = client, RobotScene(robot), threading.Lock()
+        self._also, self._begins = also, begins
         self.grounds, self._ground = 0, self.scene.ground
         self.runs, self._stamp = 0, (-1, 0)
         self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
@@ -96,6 +100,8 @@ class NewestScene:
             now = header.epoch, header.stamp_ns
             if now[0] > self._stamp[0] or now < self._stamp:
                 self.runs += 1
+                if self._stamp[0] >= 0:
+                    self._begins()
             if now < self._stamp:  # not by a reset, which raises the epoch
                 self.scene.forget()
             self._stamp = now

@@ -3,6 +3,7 @@
 import base64
 import json
 from contextlib import suppress
+from functools import partial
 from io import BytesIO
 from typing import Any
 
@@ -29,35 +30,34 @@ class LiveSight:
     """
 
     def __init__(self, client: Client) -> None:
-        self._client, self._images = client, lambda: None
-        self._asked, self._epoch = False, -1
+        self._client, self._images = client, None
         self._keeper, self._last = SightKeeper(), 0
         self.shown = (0, "null")
 
     def images(self) -> None:
         """Take the newest image; before the other messages of a look, which may refer to it."""
-        delivery: Delivery | None = self._images()
+        delivery: Delivery | None = self._images() if self._images else None
         if delivery is not None and not delivery.prime:
             with suppress(SurefootError):
                 self._keeper.image(delivery.message())
 
     def take(self, delivery: Delivery) -> None:
         """Take the newest message of any key."""
-        if delivery.key == STATE_LANDMARKS.key and not self._asked:
-            self._asked, self._images = True, self._client.bus.newest(HW_IMAGE)
-        if not self._asked or delivery.key not in (STATE_ODOMETRY.key, STATE_POSE.key, STATE_LANDMARKS.key):
-            return
-        with suppress(SurefootError):
-            message: Any = delivery.message()
-            if message.epoch != self._epoch:
-                self._epoch, self._keeper, self._last = message.epoch, SightKeeper(), 0
-                self.shown = (self.shown[0] + 1, "null")
-            if delivery.key == STATE_ODOMETRY.key:
-                self._keeper.moved(message)
-            elif delivery.key == STATE_POSE.key:
-                self._keeper.believed(message)
-            else:
-                self._keeper.landmarks(message, "")
+        if delivery.key == STATE_LANDMARKS.key and not self._images:
+            self._images = self._client.bus.newest(HW_IMAGE)
+        take = {
+            STATE_ODOMETRY.key: self._keeper.moved, STATE_POSE.key: self._keeper.believed,
+            STATE_LANDMARKS.key: partial(self._keeper.landmarks, action=""),
+        }.get(delivery.key)  # fmt: skip
+        if self._images and take:
+            with suppress(SurefootError):
+                take(delivery.message())
+
+    def forget(self) -> None:
+        """Drop what was seen and the subscription of images, until vision publishes landmarks again."""
+        if self._images:
+            self._images, self._keeper, self._last = None, SightKeeper(), 0
+            self.shown = (self.shown[0] + 1, "null")
 
     def look(self) -> tuple[int, str]:
         """Return `shown`, made anew where an image was read since."""

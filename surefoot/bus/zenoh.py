@@ -163,10 +163,10 @@ class ZenohBus:
     def newest(self, topic: Topic[Any]) -> Callable[[], Delivery | None]:
         """Return a function that returns the newest message of a key since its last call, None when none came.
 
-        Older ones are dropped without a thread or a call in Python: for a reader that looks now and then.
+        Older ones are dropped without a thread or a call in Python: for a reader that looks now and then. The
+        subscription ends with the function.
         """
         subscriber = self.session.declare_subscriber(topic.key, RingChannel(1))
-        self._keep.append(subscriber)
 
         def look() -> Delivery | None:
             sample = subscriber.handler.try_recv()

@@ -2,7 +2,9 @@
 
 import base64
 import json
+import weakref
 from io import BytesIO
+from threading import Event
 
 import numpy as np
 import pytest
@@ -11,17 +13,20 @@ from PIL import Image
 from surefoot.bus.interface import Delivery
 from surefoot.lab.scene.sights import SightKeeper, in_image
 from surefoot.lab.view.live import LiveFrames
+from surefoot.lab.view.newest import NewestScene
 from surefoot.lab.view.page import live_page
 from surefoot.lab.view.server import ViewServer
 from surefoot.lab.view.sight import WIDEST, LiveSight, drawn
 from surefoot.record.recording import topic_of
 from surefoot.robot.reader import load_robot
+from surefoot.schemas.hw import JointState
 from surefoot.services.vision.view import greys
 from tests.browser import CHROMIUM, MISSING, Browser
 from tests.lab.glimpse import glimpse
 from tests.lab.view.quiet import QuietClient
 
 WAIT_S = 60.0
+NAO = load_robot("nao")
 
 
 def delivery(key, message):
@@ -71,15 +76,55 @@ def test_images_are_asked_for_once_vision_publishes_only(quiet):
     assert asked == []
     given(sight, quiet, messages)
     assert asked == ["hw/image"]
-    assert sight.look() == (1, "null")  # of no image there is nothing to show
+    assert sight.look() == (0, "null")  # of no image there is nothing to show
 
 
-def test_a_new_run_begins_without_an_image(quiet):
+def joints(stamp_ns, epoch=1):
+    message = JointState(position=tuple(NAO.neutral)).stamped(stamp_ns, 0, epoch, 0, "simulator")
+    return {"hw/joints": delivery("hw/joints", message)}
+
+
+@pytest.mark.parametrize(("stamp_ns", "epoch"), [(0, 2), (10**7, 1)], ids=["reset", "another driver"])
+def test_a_new_run_begins_without_an_image(quiet, stamp_ns, epoch):
     sight = LiveSight(quiet)
+    newest = NewestScene(quiet, NAO, sight.take, sight.forget)
+    quiet.newest = joints(10**9)
+    newest.look()
     given(sight, quiet, glimpse())
-    number, _ = sight.look()
-    given(sight, quiet, [(key, message.model_copy(update={"epoch": 2})) for key, message in glimpse()[2:3]])
+    number, shown = sight.look()
+    assert shown != "null"
+    quiet.newest = joints(stamp_ns, epoch)
+    newest.look()
+    given(sight, quiet, glimpse()[1:])  # refers to an image of the run before
     assert sight.look() == (number + 1, "null")
+
+
+def test_the_subscription_of_images_ends_when_no_page_looks(quiet, monkeypatch):
+    ended, newest = Event(), quiet.bus.newest
+
+    def subscribe(topic):
+        look = newest(topic)
+        weakref.finalize(look, ended.set if topic.key == "hw/image" else bool)
+        return look
+
+    quiet.bus.newest = subscribe
+    live = LiveFrames(quiet, NAO, lambda reason: (True, reason))
+    try:
+        given(live._sight, quiet, glimpse())
+        assert live._sight.look()[1] != "null"
+        monkeypatch.setattr("surefoot.lab.view.live.IDLE_S", 0.0)
+        assert ended.wait(WAIT_S)
+        assert live._sight.look()[1] == "null"
+    finally:
+        live.close()
+
+
+def test_a_caption_without_a_believed_pose_states_no_entropy(quiet):
+    sight = LiveSight(quiet)
+    given(sight, quiet, [each for each in glimpse() if each[0] != "state/pose"])
+    text = json.loads(sight.look()[1])["text"]
+    assert "matches" in text
+    assert "entropy" not in text
 
 
 def test_a_large_image_is_made_small_and_what_is_no_image_is_left_out(quiet):
@@ -103,7 +148,8 @@ def test_a_large_image_is_made_small_and_what_is_no_image_is_left_out(quiet):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
-def test_the_page_shows_the_image_and_asks_for_nothing_from_outside(quiet, recorded, tmp_path):
+def test_the_page_shows_the_image_and_asks_for_nothing_from_outside(quiet, recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr("surefoot.lab.view.live.IDLE_S", 600.0)  # the image comes before the page
     live = LiveFrames(quiet, load_robot("ragno"), lambda reason: (True, reason))
     given(live._sight, quiet, glimpse())  # while no page looks
     server = ViewServer(live_page("a robot"), live, 0)
