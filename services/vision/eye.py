@@ -35,6 +35,9 @@ features found up to which that half shows nothing, and least number of the map'
 ELSEWHERE_EVERY = 3
 """Images in a row without a landmark at the believed place, after which one is compared with the whole map."""
 
+NONE = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+"""Places and numbers of no landmark."""
+
 
 class Seen(NamedTuple):
     """Features and matches found in one image."""
@@ -97,27 +100,30 @@ class Eye:
 
     def look(self, image: CameraImage, base: FloorPose, belief: Believed | None) -> Seen:
         """Return the landmarks in an image; `belief` None = lost. What cannot be used is a flag, not an error."""
-        none, index = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
         try:
             found, flags = self.features(image, base)
         except Refusal as error:
-            return Seen(none, index, 0, 0, 0, False, (error.code,))
+            return self._unread(0, error.code)
         count = len(found.pixels)
         if self.world is None or not count:
-            flags = flags if self.world is not None else (*flags, "no_map")
-            return Seen(none, index, count, 0, 0, False, flags)
+            return self._unread(count, *flags, *(() if self.world is not None else ("no_map",)))
         places = self.patch.place(found.pixels)
         try:
             seen = self._recognised(places, found, self.world, belief)
         except Refusal as error:
-            return Seen(none, index, count, 0, 0, False, (*flags, error.code))
+            return self._unread(count, *flags, error.code)
         if len(seen.features) >= SCALE_FROM:
             self._scales.append(seen.scale)
         self._blind = 0 if len(seen.features) else self._blind + 1
         flags = (*flags, *self._unknown(seen), *self._half_blind(image, base, belief, places))
         if len(self._scales) == SCALES and abs(median(self._scales) - 1.0) > SCALED:
-            return Seen(none, index, count, seen.compared, 0, seen.anywhere, (*flags, "scale"))
+            return Seen(*NONE, count, seen.compared, 0, seen.anywhere, (*flags, "scale"))
         return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.agreed, seen.anywhere, flags)
+
+    def _unread(self, count: int, *flags: str) -> Seen:
+        """Return that an image was compared with no map; halves are watched over images in a row."""
+        self._halves.clear()
+        return Seen(*NONE, count, 0, 0, False, flags)
 
     def _unknown(self, seen: Recognised) -> tuple[str, ...]:
         """Return the flag of a floor that is not the map's."""

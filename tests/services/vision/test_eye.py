@@ -114,6 +114,15 @@ def test_a_half_that_shows_nothing_of_the_map_is_flagged_within_four_images_and_
     assert flags == [()] * BLIND_IMAGES + [("half_blind",)]
 
 
+def test_halves_are_watched_over_images_in_a_row():
+    belief, mine = Believed(np.array(POSES[0]), np.diag([0.0004] * 3)), eye()
+    for noise in range(BLIND_IMAGES - 1):
+        mine.look(shot(POSES[0], noise=noise), base(), belief)
+    assert len(mine._halves) == BLIND_IMAGES - 1
+    mine.look(shot(POSES[0], noise=noise), base(), belief)  # frozen: the same image again
+    assert len(mine._halves) == 0
+
+
 def test_a_half_of_which_the_map_knows_nothing_is_not_blind():
     """The map ends in the middle of the image, and so do the features: a wall, for example."""
     pose, mine = (0.1, 0.0, 0.0), eye()
