@@ -113,7 +113,7 @@ def parser_of(program: str, run: Callable[..., Any]) -> tuple[argparse.ArgumentP
         elif p.kind is p.VAR_POSITIONAL:
             parser.add_argument(p.name, nargs="*", help=about)
         elif p.kind is p.POSITIONAL_ONLY:
-            parser.add_argument(p.name, nargs="?", type=_kind(p.annotation), default=p.default, help=about)
+            parser.add_argument(p.name, nargs="?", default=p.default, help=about, **_values(p.annotation))
         else:
             _add(parser, p.name, p.annotation, p.default, about)
     return parser, parameters
@@ -133,20 +133,20 @@ def options_of(group: Any) -> dict[str, str]:
 
 def _add(parser: argparse.ArgumentParser, name: str, annotation: Any, default: Any, about: str) -> None:
     """Add an option; a trailing underscore of its name is left out."""
-    kind, option = _kind(annotation), f"--{name.rstrip('_').replace('_', '-')}"
+    option = f"--{name.rstrip('_').replace('_', '-')}"
     about += "" if default in (None, "", False) else f" (default: {default})".replace("%", "%%")
-    if kind is bool:
+    if annotation is bool:
         parser.add_argument(option, dest=name, action="store_true", help=about)
-    elif get_origin(kind) is Literal:
-        parser.add_argument(option, dest=name, choices=get_args(kind), default=default, help=about)
     else:
-        parser.add_argument(option, dest=name, type=kind, default=default, help=about)
+        parser.add_argument(option, dest=name, default=default, help=about, **_values(annotation))
 
 
-def _kind(annotation: Any) -> Any:
-    """Return the type of an option: that of an optional one without None; numbers are finite."""
+def _values(annotation: Any) -> dict[str, Any]:
+    """Return the values that an option takes, of an optional one those without None; numbers are finite."""
     kind = get_args(annotation)[0] if get_origin(annotation) in (Union, types.UnionType) else annotation
-    return finite_number if kind is float else kind
+    if get_origin(kind) is Literal:
+        return {"choices": get_args(kind)}
+    return {"type": finite_number if kind is float else kind}
 
 
 def finite_number(text: str) -> float:

@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -152,7 +153,7 @@ def crawled(robot: str, ground: str, seed: int) -> Line:
 
 @BENCH.part()
 def crawl(
-    ground: str = "flat", /, *robots: str, seeds: str = "400:420", results: Path | None = None,
+    ground: Literal["flat", "rough"] = "flat", /, *robots: str, seeds: str = "400:420", results: Path | None = None,
     processes: int | None = None,
 ) -> None:  # fmt: skip
     """Crawls of 2 m on flat ground or 1 m over rough ground of 4 cm, masses, servos and friction changed by the seed.

@@ -144,3 +144,9 @@ def _with_degrees(*, degrees: float = 8.0) -> None:
     Args:
         degrees: an angle.
     """
+
+
+def test_an_argument_out_of_few_is_refused_by_their_names(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        bench("robots").main(["crawl", "swamp"])
+    assert "invalid choice: 'swamp' (choose from 'flat', 'rough')" in capsys.readouterr().err
