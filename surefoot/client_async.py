@@ -25,7 +25,7 @@ class AsyncClient:
         await asyncio.to_thread(self.client.close)
 
     async def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
-        """Ask a query, see `Client.call`."""
+        """Send a request to the owner of a query and return its reply, as `Client.call` does."""
         return await asyncio.to_thread(self.client.call, query, timeout_s, **fields)
 
     async def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> AsyncIterator[M]:
@@ -46,7 +46,7 @@ class AsyncClient:
             end()
 
     async def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
-        """Return the next message of a topic, see `Client.latest`."""
+        """Return the next message of a topic that comes, as `Client.latest` does."""
         return await asyncio.to_thread(self.client.latest, topic, timeout_s)
 
 

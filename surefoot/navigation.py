@@ -55,7 +55,7 @@ class PoseFilter:
 
     @property
     def pose(self) -> Array:
-        """Believed pose, (3,)."""
+        """Believed pose, x and y in m and heading in rad, frame map, (3,)."""
         return self._mean.copy()
 
     @property

@@ -58,7 +58,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Audit:
-    """Result of an audit."""
+    """Margins of a recorded walk that were proved again, and those that could not be checked."""
 
     robot: str
     claims: tuple[Claim, ...]

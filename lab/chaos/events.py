@@ -78,7 +78,7 @@ class ChaosRun:
 
 
 class Stage(NamedTuple):
-    """Place where events happen."""
+    """Where events are drawn for: the bus in memory or live processes."""
 
     kinds: tuple[Kind, ...]
     first_tick: int

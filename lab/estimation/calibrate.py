@@ -52,7 +52,7 @@ USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
 
 @dataclass(frozen=True)
 class CalibratedValue:
-    """A calibrated parameter."""
+    """A parameter that calibration found from a log, with the half width of its interval."""
 
     name: str
     unit: str
@@ -68,7 +68,7 @@ class CalibratedValue:
 
 @dataclass(frozen=True, eq=False)
 class LegCalibration:
-    """Solution for a log."""
+    """Calibration of a log: parameters of least squares with their covariance."""
 
     log: Log
     unknowns: Sequence[Unknown]

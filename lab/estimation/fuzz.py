@@ -189,7 +189,7 @@ CORRUPTIONS: dict[str, Corruption] = {
 
 @dataclass
 class FuzzCounts:
-    """Counts over many trials."""
+    """Counts of what estimators did with spoilt samples, over many trials."""
 
     trials: int = 0
     samples: int = 0  # corrupted inputs

@@ -105,7 +105,7 @@ def _state(found: Track) -> Array:
 
 
 def fused(log: Log, ahead: Track, back: Track) -> Track:
-    """Return the track of both passes over a log, see the head of this file."""
+    """Return the track of a log, forward and backward estimates fused by their covariances."""
     good = [one.flags["initialised"] & one.flags["filter_ok"] for one in (ahead, back)]
     none = ~(good[0] | good[1])
     used = [ok | (none & one.flags["initialised"]) for ok, one in zip(good, (ahead, back), strict=True)]

@@ -23,7 +23,7 @@ STRETCHED = 0.02
 
 
 class TorqueForces(NamedTuple):
-    """Ground forces by torques."""
+    """Ground forces of the feet, computed from joint torques."""
 
     force: Array  # (m, F) N, along the vertical
     note: str  # on their scale; empty = as the robot's weight

@@ -137,15 +137,15 @@ class LogRunner:
         self._estimator.feet(stamp_ns, position, rot, contact)
 
     def estimate(self) -> VelocityAndTilt:
-        """Return the estimate now."""
+        """Return the estimate after the last sample that was fed."""
         return self._estimator.estimate(self.name)
 
     def pose(self) -> OdometryPose:
-        """Return the odometry now."""
+        """Return the odometry after the last sample that was fed."""
         return self._estimator.pose()
 
     def whole(self, log: Log, part: Ints, first: int, n: int) -> LogRows:
-        """Feed a part of the inputs of a log, see `Estimator.follow`; of `best` alone."""
+        """Feed a part of the inputs of a log to the filter `best` by one compiled loop, `Estimator.follow`."""
         clipped = np.zeros(len(log.stamp_ns), dtype=np.bool_) if log.saturated is None else log.saturated
         inputs = LogInputs(
             np.ascontiguousarray(log.stamp_ns), np.ascontiguousarray(log.w), np.ascontiguousarray(log.q), clipped,
@@ -179,7 +179,7 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         name: of the estimator or referee.
         log: what to run over. In pieces only if its inertial rows arrive in their order.
         rows_each: inertial rows of a piece; None = all in one.
-        options: see `track`.
+        options: of the estimator, by name, which `track` takes.
 
     Yields:
         The rows, and the track over them; `refused` counts from the beginning.

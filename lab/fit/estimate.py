@@ -35,7 +35,7 @@ def fit(
     equal numbers.
 
     Args:
-        runs: recordings, see `events.read_run`.
+        runs: recordings as motions and sightings, by `events.read_run`.
         model: begin of the search; its other numbers are not fitted.
         progress: gets the share that is done, and its step in words.
 

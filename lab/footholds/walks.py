@@ -84,7 +84,7 @@ class ChosenStance:
 
 @dataclass(frozen=True)
 class WalkVerdict:
-    """Verdict of one seed."""
+    """Verdict on one walk over the ground of a seed."""
 
     seed: int
     reached: bool

@@ -51,7 +51,7 @@ TILE, OVERLAP = 1000, 60
 
 @dataclass
 class Tracks:
-    """Features tracked over images."""
+    """Features of the floor, each tracked over the images that show it."""
 
     kind: Kind
     positions: Array

@@ -67,7 +67,7 @@ def effects(look: FloorLook, free: int = ALL) -> Array:
 
 
 def turn_of(heading: float) -> Array:
-    """Return rot_map_from_heading, (2, 2)."""
+    """Return the rotation from heading axes of base_link to the map, (2, 2), for a heading in rad."""
     c, s = math.cos(heading), math.sin(heading)
     return np.array([[c, -s], [s, c]])
 

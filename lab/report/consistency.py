@@ -51,7 +51,7 @@ class ConsistencyTest:
 
     @property
     def text(self) -> str:
-        """Verdict in one sentence."""
+        """Verdict on the filter's consistency in one sentence."""
         over = 100.0 * float((self.rows[:, 1] > self.bound).mean())
         mean = f"mean per degree of freedom {self.mean:.2g} (1 is right)"
         return f"{self.verdict}: {mean}, {over:.0f} % above the 95 % bound"

@@ -118,7 +118,7 @@ class Traces:
         return np.array(rows) if rows else np.empty((0, 1))
 
     def note(self, time: float, text: str) -> None:
-        """Mark something that happened."""
+        """Mark an event of the run at a time, s."""
         self.events.append(Mark(time, text))
 
     def _begin(self, epoch: int) -> None:
@@ -243,11 +243,11 @@ class KeptMessage(Protocol):
 
     @property
     def key(self) -> str:
-        """Key of its topic."""
+        """Key of the message's topic."""
         ...
 
     def message(self) -> Any:
-        """Decode it (raises Refusal)."""
+        """Decode the message from its bytes (raises Refusal)."""
         ...
 
 

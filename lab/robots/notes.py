@@ -24,7 +24,7 @@ class FootNote(FileModel):
 
 
 class ImportNotes(FileModel):
-    """Content of the notes."""
+    """Notes of an import of a robot: what it found, assumed and lacked, as written beside its description."""
 
     trunk: Text
     joints: dict[str, Text]

@@ -102,7 +102,7 @@ class Beside(AbstractContextManager[Any], Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the report."""
+        """Remarks for the report of the run."""
         ...
 
 

@@ -41,7 +41,7 @@ class LocalRun:
 
     @property
     def rtf(self) -> float:
-        """Simulated over wall time."""
+        """Simulated time of the run over its wall time."""
         return self.ticks * TICK_S / self.wall_s
 
 

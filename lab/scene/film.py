@@ -29,7 +29,7 @@ class Undecoded(Protocol):
 
     @property
     def key(self) -> str:
-        """Key of its topic."""
+        """Key of the recorded message's topic."""
         ...
 
     def message(self) -> Any:

@@ -30,7 +30,7 @@ def sdk() -> Any:
 
 
 class Primitives:
-    """Makes messages of shapes."""
+    """Makes messages of Foxglove of the shapes of a scene."""
 
     def __init__(self) -> None:
         self.messages = sdk().messages

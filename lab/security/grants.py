@@ -57,7 +57,7 @@ class Role(Enum):
 
 
 class Grant(NamedTuple):
-    """Permission of one identity."""
+    """Permission of the holder of one certificate to do one thing with a key."""
 
     identity: str
     verb: Verb

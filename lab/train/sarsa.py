@@ -70,7 +70,7 @@ class Schedule:
     average_from: float = 0.7
 
     def sha256(self) -> str:
-        """Hash of all settings."""
+        """SHA-256 of all settings of a training, hexadecimal."""
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
 

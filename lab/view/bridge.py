@@ -57,7 +57,7 @@ class FoxgloveBridge:
 
     @property
     def url(self) -> str:
-        """Address of the WebSocket."""
+        """Address of the WebSocket to which Foxglove connects."""
         return f"ws://{HOST}:{self.port}"
 
     def close(self) -> None:

@@ -45,7 +45,7 @@ ALL = RecogniseParams(most=10_000)
 
 
 class MatchCount(NamedTuple):
-    """Landmarks of one image."""
+    """Number of landmarks in view of one image, and of those recognised, at a speed of the image."""
 
     speed: float
     """Image flow at the optical axis on the floor, px/s."""
@@ -83,7 +83,7 @@ class StillCamera:
 
     @property
     def base(self) -> FloorPose:
-        """Level pose of base_link."""
+        """Pose of base_link over the floor, level, at the height of the standing robot."""
         robot = _robot()
         return FloorPose(np.eye(3), -float(foot_positions(robot.model, robot.neutral)[:, 2].min()))
 

@@ -51,7 +51,7 @@ class Vision:
 
     Attributes:
         model: all its numbers.
-        world: the same as arrays.
+        world: the model as arrays.
         thresholds: mean time (s) and success of the 35 deg controller by entropy threshold (nats), tuning episodes.
         threshold: nats, the one with least time of those with full success.
         trained: time of the episodes of each training, s, (trainings, 1500).
@@ -59,7 +59,7 @@ class Vision:
         hand: results of the 35 deg controller, (100, RESULTS).
         learned: of the chosen training's policy, (100, RESULTS).
         hand_walks: the same episodes step by step.
-        walks: likewise, of each training.
+        walks: steps of the same episodes, of each training.
         drifts: drift of the episodes that follow, rad per m, (1000,).
         paired_hand: results of the 35 deg controller, (1000, RESULTS).
         paired_learned: of each training on the same episodes, (trainings, 1000, RESULTS).
@@ -166,7 +166,7 @@ def compare(model: NavigationModel, progress: Callable[[float], None] = lambda s
 
 
 def train(model: NavigationModel, seed: int, schedule: Schedule = AS_PRINTED) -> Training:
-    """Return a finished training."""
+    """Return a training of Sarsa(lambda) on a seed, run to its end."""
     training = Training(model, seed, schedule)
     training.advance(schedule.episodes)
     return training

@@ -53,7 +53,7 @@ class WalkKey:
 
 @dataclass(frozen=True)
 class WalkResult:
-    """Outcome of one walk."""
+    """Outcome of one walk over rough ground under a rule of footholds."""
 
     case: str
     seed: int

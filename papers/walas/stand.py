@@ -63,7 +63,7 @@ class Stand:
         self.wait(REST_S)
 
     def wait(self, seconds: float) -> None:
-        """Hold the set-points."""
+        """Hold the set-points of the servos for a time, s."""
         for _ in range(round(100.0 * seconds)):
             self._tick(None)
 

@@ -11,7 +11,7 @@ from . import ragno as walas_ragno
 
 @dataclass(frozen=True)
 class StabilityStudy:
-    """Everything the figures need."""
+    """Results of all experiments on stability, which claims and figures are made from."""
 
     ragno: Robot
     messor: Robot

@@ -306,7 +306,7 @@ def synthesize(walk: WalkParams, seed: int) -> Log:
     """Make a walk.
 
     Args:
-        walk: what kind; see `KINDS`.
+        walk: kind of motion, a name in `KINDS`.
         seed: of all random draws.
     """
     rng = np.random.default_rng(seed)

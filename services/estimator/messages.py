@@ -1,4 +1,4 @@
-"""Messages of the estimates."""
+"""From estimates to the messages `state/velocity` and `state/odometry`."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -85,7 +85,7 @@ class Footholds(Service[FootholdsConfig]):
         self.models.reset()
 
     def on_config(self) -> None:
-        """Take the new parameters."""
+        """Take parameters that were changed in the running service."""
         self.params = self.config.params()
 
     def on_tick(self, inputs: TickInputs) -> None:

@@ -161,7 +161,7 @@ class Mapper:
         self.forget()
 
     def forget(self) -> None:
-        """Drop what was seen."""
+        """Drop the height map, as at a reset of the driver."""
         self._data, self._doubtful = b"", 0
         self.layers: Elevation | None = None
         self.grid = Grid(self.params.cell, 0, 0)

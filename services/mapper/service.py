@@ -33,11 +33,11 @@ class MapperService(Service[MapperConfig]):
         self.on_reset()
 
     def rehearse(self) -> None:
-        """Map a made-up image."""
+        """Map a made-up image, so that all kernels are loaded before the first tick."""
         rehearse(self.config.params())
 
     def on_reset(self) -> None:
-        """Forget map and refusals."""
+        """Forget height map and refused images when the driver begins another epoch."""
         self.mapper = Mapper(self.config.params())
         self._logged: set[str] = set()
         self._began = False

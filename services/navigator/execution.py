@@ -16,7 +16,7 @@ LANDING_S = 0.9
 
 @dataclass
 class Piece:
-    """One action under way."""
+    """One motion that the walker carries out, with its start and end."""
 
     motion: Motion
     """Motion of the whole action."""

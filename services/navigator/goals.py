@@ -24,7 +24,7 @@ End = tuple[GoalState, str, str]
 
 @dataclass(frozen=True)
 class GaitView:
-    """State of the walker."""
+    """State of the walker as `state/gait` reports it, as far as goals need it."""
 
     state: str
     """State of the gait by the topic `state/gait`."""

@@ -40,7 +40,7 @@ from .results import Results
 
 
 class Navigator(Service[NavigatorConfig]):
-    """Localisation, policy and goals."""
+    """Service that localises the robot, chooses its next motion and leads it to goals."""
 
     name = "navigator"
     Config = NavigatorConfig

@@ -90,7 +90,7 @@ class WholeRun:
             raise
 
     def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
-        """Write summary and index."""
+        """Write summary and index of the recording and close its file."""
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close(summary, hashes)
@@ -123,7 +123,7 @@ class LastSeconds:
         self._fallen, self._stopped = False, ""
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Forget the epoch before."""
+        """Begin an epoch: drop the messages that are kept of the epoch before."""
         if epoch != self._epoch:
             self._begin(epoch, seed)
 

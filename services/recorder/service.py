@@ -103,7 +103,7 @@ class Recorder(Service[RecorderConfig]):
         self._close()
 
     def status(self, request: RecorderRequest) -> RecorderReply:
-        """Progress of the recording."""
+        """Return file, messages and, at the end, hash of the recording, as `recorder/status` requests."""
         path = "" if self._output is None or self._failed else self._output.path
         return RecorderReply(
             path=sendable(path), epoch=self._epoch, tick=self._tick, finished=self._finished,
@@ -111,7 +111,7 @@ class Recorder(Service[RecorderConfig]):
         )  # fmt: skip
 
     def save(self, request: SaveRequest) -> SaveReply:
-        """Write the last seconds."""
+        """Write the messages of the last seconds to a file, as `recorder/save` requests."""
         if self._output is None:
             raise Refusal("refused", "path is empty: nothing is recorded", "path")
         self._flush()

@@ -53,7 +53,7 @@ class Ros2Config(ServiceConfig):
 
 
 class Ros2Bridge(Service[Ros2Config]):
-    """Publishes as rmw_zenoh does."""
+    """Service that publishes topics of ROS 2 over Zenoh, under the keys of rmw_zenoh."""
 
     name = "ros2"
     Config = Ros2Config

@@ -181,7 +181,7 @@ class SimulatorQueries:
         return self.run.built.heights
 
     def landmarks(self, request: MapRequest) -> LandmarkMap:
-        """Return the latched landmarks."""
+        """Return the landmarks of the floor, as `terrain/landmarks` requests."""
         if self.run.built.landmarks is None:
             raise Refusal("refused", "the terrain has no landmarks, or the robot no camera")
         return self.run.built.landmarks

@@ -91,7 +91,7 @@ class PhysicsWorld:
         robot: the description; read only.
         terrain: the ground.
         seed: of all sensors and faults.
-        config: see `WorldConfig`.
+        config: ground, sensors, servos and start of the world.
     """
 
     tick: int
@@ -292,7 +292,7 @@ class PhysicsWorld:
         self.disturb.set(self.tick, quantity, value)
 
     def add_fault(self, fault: Fault) -> None:
-        """Plan a fault; see `faults.Fault`.
+        """Plan a fault of a sensor, servo or line, with its first and last tick.
 
         Raises:
             FaultError: what is wrong with it.

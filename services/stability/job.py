@@ -32,7 +32,7 @@ class CalibrationJob:
         self._tick = -1
 
     def answer(self, request: CalibrateRequest) -> CalibrateReply:
-        """Answer to `stability/calibrate`."""
+        """Carry out or plan one action of a calibration, as `stability/calibrate` requests."""
         if request.action == "fit":
             return self._reply(calibrate(self.robot, self._poses(request), self.variance, _apart(request)), "done")
         if request.action in ("start", "finish") and request.at_tick is not None:

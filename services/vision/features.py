@@ -18,7 +18,7 @@ MOST_COMPARED = 100_000
 
 
 class FoundFeatures(NamedTuple):
-    """FoundFeatures of one picture."""
+    """Features found in one picture of the floor."""
 
     pixels: Array
     """Places of the features in the image, column and row, (n, 2) px."""
@@ -28,7 +28,7 @@ class FoundFeatures(NamedTuple):
 
 @dataclass(frozen=True)
 class FeatureKind:
-    """One kind of feature."""
+    """One kind of feature: length of its descriptor, and the distance up to which two are alike."""
 
     length: int
     """Number of elements of a descriptor of this kind."""

@@ -198,7 +198,7 @@ Check = Callable[[StanceCheck], StanceVerdict]
 
 @dataclass(frozen=True, slots=True)
 class BodyPose:
-    """Planar pose with height."""
+    """Pose of base_link: x, y and height in m, heading in rad."""
 
     x: float = 0.0
     y: float = 0.0

@@ -70,7 +70,7 @@ class Delivery:
 
     @property
     def key(self) -> str:
-        """Key of the topic."""
+        """Key of the topic that the message came on."""
         return self.topic.key
 
     @property
@@ -158,7 +158,7 @@ class Life:
 
 
 class Publisher(Protocol, Generic[M_contra]):
-    """One key, one writer."""
+    """Writer of the messages of one key, whose headers count up."""
 
     @property
     def watched(self) -> bool:
@@ -174,7 +174,7 @@ class Publisher(Protocol, Generic[M_contra]):
         ...
 
     def prime(self) -> None:
-        """Publishes the empty payload."""
+        """Publish an empty payload, which proves the link to each reader before the first tick."""
         ...
 
 

@@ -31,7 +31,7 @@ class _BesideSource(caching.InTreeCacheLocator):
 
 
 class KeptImpl(caching.CompileResultCacheImpl):
-    """Files of machine code."""
+    """Machine code of compiled kernels in files, which numba finds again."""
 
     _locator_classes = (*caching.CompileResultCacheImpl._locator_classes, _BesideSource)
 

@@ -56,7 +56,7 @@ class Commands:
         self._accepted_at, self._sender = tick, sender
 
     def take(self, wanted: int, *, exact: bool) -> JointCommand | None:
-        """Return the command of tick ``wanted``; unless ``exact`` the newest until then that was not obeyed yet."""
+        """Return the joint command of tick ``wanted``; unless ``exact``, else the newest not obeyed yet."""
         oldest = wanted if exact else max(self._obeyed, wanted - STALE_TICKS) + 1
         for tick in range(wanted, oldest - 1, -1):
             command = self._by_tick.get(tick)

@@ -92,7 +92,7 @@ class Leader:
             member.done = tick
 
     def on_command(self, tick: int) -> None:
-        """Take the commander's command of a tick also as its done."""
+        """Take the joint command of a tick, which is also the commander's answer for that tick."""
         member = self.members.get(COMMANDER)
         if member is not None and tick > member.done:
             member.done = tick
@@ -151,7 +151,7 @@ class Leader:
     # -- progress ----------------------------------------------------------------------------------------------
 
     def missing(self) -> tuple[str, ...]:
-        """Services that are awaited."""
+        """Services whose answer the driver awaits before it goes on."""
         if self.state == "joining":
             return tuple(name for name in self.expect if name not in self.ready)
         if self.state == "holding":

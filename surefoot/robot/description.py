@@ -241,7 +241,7 @@ class Robot:
 
     @property
     def leg_names(self) -> tuple[str, ...]:
-        """Names of the legs."""
+        """Names of the robot's legs, in the order of its description."""
         return tuple(leg.name for leg in self.legs)
 
     @property

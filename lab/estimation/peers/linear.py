@@ -28,7 +28,7 @@ SUSPECT = 100.0
 
 
 class LinearNoise(NamedTuple):
-    """Standard deviations and gains."""
+    """Standard deviations and gains of the linear Kalman filter of position, velocity and feet."""
 
     sigma_a: float = 0.5  # m/s^2 per sample of 10 ms; most of it is the tilt's error
     sigma_c: float = 0.005  # m/sqrt(s), walk of a foot

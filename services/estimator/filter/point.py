@@ -89,7 +89,7 @@ def determinant(m: Array) -> float:
 def observe(
     state: BestState, k: int, y: Array, contact: float, dt: float, noise: BestNoise, hypotheses: bool
 ) -> tuple[float, float]:
-    """Correct with a standing point k seen at y, in place; see the head of this file.
+    """Correct state and covariance by standing contact point k seen at y, m, base axes, in place.
 
     Args:
         state: the state.

@@ -66,7 +66,7 @@ class InputCheck:
 
     @property
     def refused(self) -> int:
-        """Inputs refused so far."""
+        """Number of input samples that were refused so far."""
         return int(self.state.marks[REFUSED])
 
     @property

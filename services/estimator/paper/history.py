@@ -55,7 +55,7 @@ class History:
         return _at(self._stamps, self._values, self._count, stamp_ns)
 
     def clear(self) -> None:
-        """Forget all rows."""
+        """Forget all rows of past samples."""
         self._count = 0
 
     def __len__(self) -> int:

@@ -284,7 +284,7 @@ class LegTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last sample."""
+        """Forget the last sample of the feet; the next gives no velocity."""
         self.last: FootSample | None = None
         self._support = -1
 

@@ -87,7 +87,7 @@ class Standstill:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all samples, as before the first."""
+        """Forget all samples; the robot counts as moving until a rest is seen again."""
         self._ring = np.zeros((self.length, 6))
         self._count = 0
         self._still_since = 0

@@ -36,7 +36,7 @@ Finder = Callable[[Array, Array, Array, float, int], Basis]
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """Size of one fit."""
+    """Settings of one fit of a slip model that cross-validation tries."""
 
     terms: int
     """Number of Gaussians of the sum."""

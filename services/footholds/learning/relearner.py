@@ -24,7 +24,7 @@ LAG = 4
 
 @dataclass(frozen=True, slots=True)
 class RelearnParams:
-    """Parameters of re-learning."""
+    """When and with what form a robot fits its slip model again to its own stances."""
 
     form: Form = "counted"
     weight: float = 1.0

@@ -52,7 +52,7 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Outcomes of one bin."""
+    """Slips of the footholds whose ground lies in one bin of the lattice."""
 
     count: float
     """Number of samples; a weighted re-learning makes it a fraction."""
@@ -63,7 +63,7 @@ class Bin:
 
     @property
     def mean(self) -> float:
-        """Mean slip, per stroke."""
+        """Mean slip in the bin, way of the contact point per way of the stroke."""
         return self.total * UNIT / self.count
 
     @property

@@ -102,8 +102,8 @@ def match(
         cov: its covariance, (3, 3) or larger.
         frame: detections.
         world: landmarks.
-        noise: see the indices in `gate`, (5,).
-        limits: see the indices in `gate`, (8,).
+        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
+        limits: of gate, likeness, ranges and matches, indexed as in `gate`, (8,).
         seed: of the random pairs.
 
     Returns:

@@ -20,7 +20,7 @@ DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
 
 
 class Matched(NamedTuple):
-    """Matches of a frame."""
+    """Matches of one frame of landmarks with those of the map, as arrays."""
 
     places: Array
     """Places of the landmarks, (k, 2) m, frame map."""
@@ -119,7 +119,7 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
         information: inverse of its covariance, (3, 3).
         inlier: matches that count, (k,).
         found: matches.
-        noise: see `gate`, (5,).
+        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
     """
     for _ in range(3):
         a, v = information.copy(), np.zeros(3)

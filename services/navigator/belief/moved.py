@@ -29,7 +29,7 @@ NEAR_SDS = 3.0
 
 
 class Sight(NamedTuple):
-    """Circumstances of a frame."""
+    """Believed pose, its covariance and time, s, at a frame of landmarks."""
 
     pose: tuple[float, float, float]
     """Believed x, y, m, and heading, rad, frame map."""

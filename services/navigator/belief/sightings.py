@@ -99,7 +99,7 @@ def gather(
         bearings: rad, (m,).
         looks: descriptors, (m, k).
         pose: of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
-        noise: see the indices in `gate`, (5,).
+        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
         look: largest distance of two descriptors of one landmark.
         time: of the frame, s.
     """

@@ -53,7 +53,7 @@ LEAST, MOST = 2, 20
 
 @dataclass(frozen=True)
 class StrainModel:
-    """Expectations of the cases, and the probability from which one is believed."""
+    """Expected strain of the map, turn of the camera and displacement; probability from which one is believed."""
 
     small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
     """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are right."""
@@ -224,7 +224,7 @@ class MapStrain:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all frames."""
+        """Forget all frames of landmarks, as at the start of a run."""
         self._cases = [Case(self._centre.copy(), np.diag(sds * sds)) for sds in self._sds]
         self._logs, self._at, self._placed = np.array([0.0] * 4 + [-math.inf]), 0.0, False
 
@@ -306,7 +306,7 @@ class MapStrain:
 
     @property
     def probabilities(self) -> tuple[float, ...]:
-        """Probabilities of the cases; they add up to 1."""
+        """Probabilities of the cases: right, strained map, camera tilted, camera aside, displaced robot, (5,)."""
         logs = (self._logs + self._prior).tolist()
         most = max(logs)
         weights = [math.exp(value - most) for value in logs]

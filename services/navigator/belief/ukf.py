@@ -172,7 +172,7 @@ def innovation(
     """Return the innovation of range (m) and bearing (rad, wrapped), and its covariance s00, s01, s11.
 
     Rows n .. 2 n - 1 of work hold range and bearing of mean + column less their means (0, 1), then those of
-    mean - column (2, 3). Arguments as of `update`; the belief stays as it is.
+    mean - column (2, 3). The belief stays as it is; `update` describes the arguments.
     """
     n = mean.size
     spread(cov, work)

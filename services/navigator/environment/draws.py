@@ -41,7 +41,7 @@ def seed(state: Stream, a: int, b: int, c: int) -> None:
 
 @row_kernel
 def uniform(state: Stream) -> float:
-    """Draw from [0, 1)."""
+    """Return a number drawn evenly from [0, 1) by the state of a random stream."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     out = s0 + s3
     t = s1 << np.uint64(17)

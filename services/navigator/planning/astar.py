@@ -107,7 +107,7 @@ def doubled(entries: Ints) -> Ints:
 
 
 class SearchMap(NamedTuple):
-    """Constants of one search."""
+    """Costs, goal and neighbours of one A* search, constant while it runs."""
 
     weight: Bytes
     """Cost factors with the bit EVEN, padded and flattened, (cells,)."""

@@ -64,7 +64,7 @@ class Arrays:
 
     @property
     def actions(self) -> Array:
-        """Actions, (A, COLUMNS)."""
+        """Actions of the model, one row each, (A, COLUMNS)."""
         return self.tables.actions
 
     @property

@@ -82,7 +82,7 @@ def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
 
 
 def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None = None) -> Policy:
-    """Return the policy in the bytes of a file; arguments and errors as of `load_policy`."""
+    """Return the policy in the bytes of a policy file, checked for the actions of a model as `load_policy` does."""
 
     def refuse(message: str) -> Refusal:
         return Refusal("policy_invalid", f"{where}: {message}", "policy")

@@ -189,7 +189,7 @@ class NavigationModel(ModelPart):
 
     @property
     def used(self) -> tuple[ActionModel, ...]:
-        """The actions in use."""
+        """Actions of the model that a policy may choose."""
         return tuple(self.actions[name] for name in self.names)
 
     def sha256(self) -> str:

@@ -87,7 +87,7 @@ class Policy:
 
     @property
     def tables(self) -> PolicyTables:
-        """Arrays that kernels read."""
+        """Values of the policy as the arrays that compiled episodes read."""
         return PolicyTables(self.kind, self.numbers, self.table, self.grid, self.shown)
 
 

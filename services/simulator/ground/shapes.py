@@ -234,7 +234,7 @@ def _walled(outline: Outline) -> Callable[[ShapeSpec], Shape]:
 
 
 class TerrainKind(NamedTuple):
-    """One kind of terrain."""
+    """One kind of terrain that a scenario may name: its height, its maker and where it may end."""
 
     amp: float
     """Default amplitude, m (slope: rise per metre)."""

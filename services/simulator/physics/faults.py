@@ -125,7 +125,7 @@ class FaultBank:
         return found
 
     def on(self, tick: int, *kinds: str) -> list[Fault]:
-        """Return the active faults of these kinds."""
+        """Return the faults of some kinds that act at a tick."""
         return [f for f in self.faults if f.kind in kinds and f.active(tick)]
 
     # --- servos -------------------------------------------------------------------------------------------------

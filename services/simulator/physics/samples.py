@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class ServoCommand(NamedTuple):
-    """Set-points of the servos."""
+    """Joint angles, rad, that the servos are to hold, and their largest torque, Nm."""
 
     position: Array
     """Commanded joint angles, (nj,) rad."""
@@ -160,7 +160,7 @@ class Checkpoint:
 
     @property
     def sha256(self) -> str:
-        """Digest of the content."""
+        """SHA-256 of the state of the physics, hexadecimal."""
         return hashlib.sha256(self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:
@@ -169,6 +169,6 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, payload: bytes) -> "Checkpoint":
-        """Read what `to_bytes` wrote."""
+        """Return the state of the physics that `to_bytes` wrote."""
         meta, physics = payload.split(b"\n", 1)
         return cls(np.frombuffer(physics, dtype="<f8").astype(np.float64), meta.decode())

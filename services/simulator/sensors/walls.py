@@ -25,7 +25,7 @@ UPRIGHT = 0.5  # a contact whose normal rises less than this is one with a wall
 
 @dataclass(frozen=True, eq=False)
 class Ranger:
-    """Ultrasound and bumpers, SI."""
+    """Ultrasonic sensors and bumpers of a robot: place, cone, range, noise, SI units."""
 
     name: str
     position: Array  # (3,) m, base_link

@@ -67,7 +67,7 @@ class Reference:
         return ReferenceAnswer(FAILED, np.nan, z, x, np.inf)
 
     def answer(self, r: Reduced, fan: Fan, k: int) -> int:
-        """Solve for the k-th direction of a fan, write the answer down there, and return its status."""
+        """Solve for the k-th direction of a fan, write the answer to row k of the fan, and return its status."""
         found = self.solve(product(r.h, fan.direction[k]))
         fan.status[k], fan.value[k], fan.error[k] = found.status, found.value, found.error
         fan.unknown[k], fan.force[k] = found.unknown, found.force

@@ -23,7 +23,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class WatchParams:
-    """Assumptions while walking."""
+    """Assumptions about contacts and torques by which a walking robot's margin is computed."""
 
     mu: float = 0.6
     """Friction coefficient of every foot."""

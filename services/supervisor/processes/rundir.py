@@ -55,7 +55,7 @@ def state_home() -> Path:
 
 
 class RunFolder:
-    """One system's run folder."""
+    """Folder of files about one running system: processes, logs, lock."""
 
     def __init__(self, name: str, home: Path | None = None) -> None:
         self.name = name

@@ -53,7 +53,7 @@ def startable(
 
 
 def system_of(scenario: Scenario, environ: Mapping[str, str] | None = None) -> Compose:
-    """Return the system of a scenario; see `startable`."""
+    """Return the system that a scenario names; refused, as by `startable`, if it cannot carry it out."""
     return startable(scenario.compose, scenario, environ, scenario.robot)
 
 

@@ -62,7 +62,7 @@ class WalkUnderWay:
 
 
 class Director:
-    """Progress of one scenario."""
+    """Progress of one scenario: which of its steps are due, and what came of those that were sent."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario

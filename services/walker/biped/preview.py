@@ -84,7 +84,7 @@ def preview_step(gains: PreviewGains, x: Array, error: Array, reference: Array, 
     """Advance both axes by one tick, in place.
 
     Args:
-        gains: see `PreviewGains`.
+        gains: of the preview controller, `PreviewGains`.
         x: (3, 2) CoM position, velocity, acceleration in x and y.
         error: (2,) sums of the ZMP error.
         reference: ZMP, (n, 2) m, one row per tick; beyond its end the last row holds.
