@@ -7,13 +7,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 
 S = TypeVar("S")
+MAX_POINTS = 1500  # of one curve: more cannot be seen and only makes the page heavy
+PAGE_WIDTH = 7.6  # inches, of all plots of a report
 INK, GRID, PAPER = "#1c2733", "#dfe5ea", "none"
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb2", "#e07b1a", "#2a9d63", "#cc3b3b", "#7a4fb5", "#8a97a3"
 
@@ -46,6 +50,18 @@ def new_figure(width: float, height: float) -> Figure:
 
 PICTURES = (".png", ".svg", ".pdf")
 """Endings of pictures that can be written."""
+
+
+def page_figure(height: float) -> Figure:
+    """Return an empty figure without background, as wide as the page of a report; height in inches."""
+    figure = Figure(figsize=(PAGE_WIDTH, height), layout="constrained", facecolor=PAPER)
+    FigureCanvasSVG(figure)
+    return figure
+
+
+def thinned(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return every n-th row, so that a curve has about `MAX_POINTS`."""
+    return rows[:: max(1, len(rows) // MAX_POINTS)]
 
 
 def save_picture(figure: Figure, path: Path) -> Path:

@@ -2,14 +2,12 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from .drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED
+from .drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED, page_figure, thinned
 from .traces import Array, Traces
 
-POINTS = 1500
 ELLIPSES = 40
 SCALE_95 = 2.4477  # of an ellipse that holds 95 % of a plane normal distribution
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, RED, GREY, INK, "#b5894f")
@@ -17,10 +15,9 @@ COLOURS = (BLUE, ORANGE, GREEN, PURPLE, RED, GREY, INK, "#b5894f")
 
 def top_view(traces: Traces) -> Figure:
     """True and estimated way in the map, with ellipses that hold 95 % of the belief, goals and decisions."""
-    figure = Figure(figsize=(7.6, 3.6), layout="constrained", facecolor=PAPER)
-    FigureCanvasSVG(figure)
+    figure = page_figure(3.6)
     axes = figure.add_subplot(facecolor=PAPER)
-    truth, belief = _thin(traces.series("sim/truth")), traces.series("state/pose")
+    truth, belief = thinned(traces.series("sim/truth")), traces.series("state/pose")
     for row in belief[:: max(1, len(belief) // ELLIPSES)]:
         axes.add_patch(_ellipse(row))
     if len(truth):
@@ -44,8 +41,7 @@ def _ellipse(row: Array) -> Ellipse:
 
 def decisions(traces: Traces) -> Figure:
     """Actions over time, entropy of the pose, and how much the chosen action was worth more than the others."""
-    figure = Figure(figsize=(7.6, 4.6), layout="constrained", facecolor=PAPER)
-    FigureCanvasSVG(figure)
+    figure = page_figure(4.6)
     first, second, third = (figure.add_subplot(3, 1, i + 1, facecolor=PAPER) for i in range(3))
     names = list(dict.fromkeys(choice.action for choice in traces.choices))
     for i, name in enumerate(names):
@@ -53,7 +49,7 @@ def decisions(traces: Traces) -> Figure:
         first.plot(times, [i] * len(times), "|", color=COLOURS[i % len(COLOURS)], markersize=11, markeredgewidth=2)
     first.set_yticks(range(len(names)), names)
     first.set_ylim(-0.6, len(names) - 0.4)
-    belief = _thin(traces.series("state/pose"))
+    belief = thinned(traces.series("state/pose"))
     second.plot(belief[:, 0], belief[:, 13], color=INK)
     second.set(ylabel="entropy, nats")
     _values(third, traces, names)
@@ -75,7 +71,3 @@ def _values(axes: Axes, traces: Traces, names: list[str]) -> None:
             axes.plot(*np.array(rows).T, ".-", color=COLOURS[i % len(COLOURS)], linewidth=0.8, markersize=3, label=name)
     if names:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1)
-
-
-def _thin(rows: Array) -> Array:
-    return rows[:: max(1, len(rows) // POINTS)]

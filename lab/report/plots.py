@@ -6,15 +6,12 @@ from dataclasses import dataclass
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from . import navigation_plots
-from .drawing import BLUE, GREEN, INK, ORANGE, PAPER, STYLE, svg_of
+from .drawing import BLUE, GREEN, INK, ORANGE, PAPER, STYLE, page_figure, svg_of, thinned
 from .sights import figure_of
 from .traces import Array, Traces
-
-MAX_POINTS = 1500  # of one curve: more cannot be seen and only makes the page heavy
 
 
 @dataclass(frozen=True)
@@ -48,17 +45,12 @@ def draw(traces: Traces, timings: Mapping[str, Timing]) -> dict[str, str]:
 
 
 def _figure(height: float = 2.6, rows: int = 1) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(7.6, height), layout="constrained", facecolor=PAPER)
-    FigureCanvasSVG(figure)
+    figure = page_figure(height)
     axes = [figure.add_subplot(rows, 1, i + 1, facecolor=PAPER) for i in range(rows)]
     for above in axes[:-1]:
         above.sharex(axes[-1])
         above.tick_params(labelbottom=False)
     return figure, axes
-
-
-def _thin(rows: Array, points: int = MAX_POINTS) -> Array:
-    return rows[:: max(1, len(rows) // points)]
 
 
 def _legend(axes: Axes) -> None:
@@ -68,7 +60,7 @@ def _legend(axes: Axes) -> None:
 def _top_view(traces: Traces) -> Figure:
     """Top view of truth, odometry and footfalls over the map the robot was given."""
     figure, (axes,) = _figure(3.4)
-    truth = _thin(traces.series("sim/truth"))
+    truth = thinned(traces.series("sim/truth"))
     x0, x1 = truth[:, 1].min() - 0.35, truth[:, 1].max() + 0.35
     y0, y1 = truth[:, 2].min() - 0.35, truth[:, 2].max() + 0.35
     if traces.ground is not None:
@@ -107,7 +99,7 @@ def _own_way(traces: Traces) -> Figure:
     """Top view of the odometry and of the stances by the robot's own measurements, where no truth is known."""
     figure, (axes,) = _figure(3.4)
     odometry = traces.series("state/odometry")
-    way = _thin(odometry[odometry[:, 7] > 0.5])
+    way = thinned(odometry[odometry[:, 7] > 0.5])
     places = np.array([stance.place for stance in traces.stances]).reshape(-1, 2)
     axes.plot(places[:, 0], places[:, 1], "o", color=INK, markersize=2.2, alpha=0.7, label="footfalls")
     axes.plot(way[:, 1], way[:, 2], color=ORANGE, label="odometry")
@@ -128,13 +120,13 @@ def _placed(traces: Traces) -> Array:
     first = truth[np.abs(truth[:, 0] - valid[0, 0]).argmin()]
     turn = first[7] - valid[0, 4]
     rot = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    return _thin(first[1:3] + (valid[:, 1:3] - valid[0, 1:3]) @ rot.T)
+    return thinned(first[1:3] + (valid[:, 1:3] - valid[0, 1:3]) @ rot.T)
 
 
 def _profile(traces: Traces) -> Figure:
     """Side view: ground under the trunk, trunk and centre of mass."""
     figure, (axes,) = _figure()
-    truth = _thin(traces.series("sim/truth"))
+    truth = thinned(traces.series("sim/truth"))
     if traces.ground is not None:
         z, cell, (ox, oy) = traces.ground
         col = np.clip(np.round((truth[:, 1] - ox) / cell).astype(int), 0, z.shape[1] - 1)

@@ -1,14 +1,13 @@
 """Images of a run in the report: the last one of each action with its features, matches and gates."""
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from surefoot.errors import SurefootError
 from surefoot.services.vision.view import greys
 
 from ..scene.sights import SeenImage, features, gates, in_image, words
-from .drawing import GREEN, ORANGE, PAPER
+from .drawing import GREEN, ORANGE, page_figure
 
 COLUMNS = 2
 
@@ -16,8 +15,7 @@ COLUMNS = 2
 def figure_of(sights: dict[str, SeenImage]) -> Figure:
     """Return the images of actions: features, matches with their gates, entropy of the pose."""
     rows = -(-len(sights) // COLUMNS)
-    figure = Figure(figsize=(7.6, 3.1 * rows), layout="constrained", facecolor=PAPER)
-    FigureCanvasSVG(figure)
+    figure = page_figure(3.1 * rows)
     for i, (action, sight) in enumerate(sights.items()):
         _draw(figure.add_subplot(rows, COLUMNS, i + 1), action, sight)
     return figure
