@@ -1,4 +1,7 @@
-"""Send Nao to a place and print why it acts so. Start a system first: `surefoot up nao-goal --terrain corridor`."""
+"""Send Nao to a place and print why it acts so. Start a system first: `surefoot up nao-goal --terrain corridor`.
+
+Arguments: endpoint, x and y of the place, m, frame map; none is needed.
+"""
 
 import sys
 
@@ -11,7 +14,7 @@ except surefoot.SurefootError as error:
     sys.exit(str(error))
 with client as robot:
     next(pose for pose in robot.messages(STATE_POSE) if pose.initialised)
-    robot.call(NAVIGATOR_GOTO, position=(0.5, 0.1), goal_id="there")
+    robot.call(NAVIGATOR_GOTO, position=[float(word) for word in sys.argv[2:]] or (0.5, 0.1), goal_id="there")
     shown = 0
     for feedback in robot.messages(NAVIGATOR_FEEDBACK):
         decision = feedback.decision

@@ -90,7 +90,7 @@ def test_the_example_walks_to_its_goal_in_paced_time(tmp_path: Path) -> None:
     ):  # fmt: skip
         wait_until(lambda: stands(where), 120.0, "the robot")
         done = run_process(
-            [sys.executable, str(ROOT / "examples" / "goto.py"), where],
+            [sys.executable, str(ROOT / "examples" / "goto.py"), where, "0.3", "0.06"],
             cwd=tmp_path, env=around, timeout=200, capture_output=True, text=True,
         )  # fmt: skip
         up.send_signal(signal.SIGINT)
@@ -98,7 +98,7 @@ def test_the_example_walks_to_its_goal_in_paced_time(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[-1].startswith("succeeded"), done.stdout
-    assert len(lines) >= 5
+    assert len(lines) >= 3  # two decisions at least, each with its reason
 
 
 def test_a_navigator_that_is_killed_goes_on_with_its_goal(tmp_path: Path) -> None:
