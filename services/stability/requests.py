@@ -47,7 +47,7 @@ class RegionQuestion(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CheckQuestion:
-    """Check that a request asks for."""
+    """Check of a planned movement that a request to `stability/check` asks for."""
 
     movement: Movement
     """Movement whose margins are asked for."""

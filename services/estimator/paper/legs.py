@@ -54,7 +54,7 @@ def foot_velocities(
         radius: radius of round feet, (L,) m.
 
     Returns:
-        v^KG (L, 3) and v^K (L, 3), m/s, IMU axes.
+        v^KG (L, 3), with the turn by the gyro, and v^K (L, 3), by kinematics alone, m/s, IMU axes.
     """
     p_0, p_1, rot_0, rot_1 = last.position, now.position, last.rot, now.rot
     feet, d = p_0.shape[0], 1e-9 * (now.stamp_ns - last.stamp_ns)

@@ -320,7 +320,7 @@ class MapStrain:
 
     @property
     def sure_turn(self) -> Turn | None:
-        """Pitch, roll and s of the camera, rad, as far as they are believed and known; None = they are not."""
+        """Pitch, roll and sideways turn s of the camera, rad, as far as believed and known; None = they are not."""
         probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
         for number, parts, small in ((TILTED, (0, 1), self.model.small[1]), (ASIDE, (2,), self.model.small[2])):
             case = self._cases[number]

@@ -27,7 +27,7 @@ def elevation_file() -> Path | None:
 
 
 def elevation(r: ShapeSpec) -> Shape:
-    """Return the elevation model as a height field behind the pad.
+    """Return the heights of the Jacksboro fault as a field behind the flat pad where a robot starts.
 
     Raises:
         FileNotFoundError: matplotlib is installed without its sample data, or not at all.
