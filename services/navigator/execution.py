@@ -74,15 +74,15 @@ class Execution:
         if not self.pieces:
             return
         last, sd = self.pieces[-1], LANDING_S / math.sqrt(12.0) if ends_in is None else 0.0
-        end = max(now + (0.5 * LANDING_S if ends_in is None else ends_in) + self.lag, last.start + 1e-3)
+        end = now + (0.5 * LANDING_S if ends_in is None else ends_in) + self.lag
         if end < last.end:
-            span = last.end - last.start
-            share = (end - last.start) / span
-            last.done, last.end, whole = min(1.0, last.done / share), end, last.motion
-            last.motion = replace(
-                whole.part(share), along=share * whole.along + (sd * whole.forward / span) ** 2,
-                heading=share * whole.heading + (sd * whole.turn / span) ** 2,
-            )  # fmt: skip
+            span, whole = last.end - last.start, last.motion
+            reached = last.start + last.done * span  # what was returned until there stays
+            end = max(end, reached + 1e-3)
+            rest = whole.part(min(1.0 - last.done, (end - reached) / span))
+            along, heading = (sd * whole.forward / span) ** 2, (sd * whole.turn / span) ** 2
+            motion = replace(rest, along=rest.along + along, heading=rest.heading + heading)
+            self.pieces[-1] = Piece(motion, reached, end)
 
     def settle(self, now: float) -> None:
         """Record that the walker stands: every action has landed, though its duration may not be over."""

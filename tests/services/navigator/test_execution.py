@@ -81,12 +81,17 @@ def test_of_an_action_that_a_stop_ends_only_the_part_until_the_last_landing_is_w
     assert orders.execution.empty
 
 
-def test_of_a_stop_without_a_forecast_the_step_under_way_lands_and_how_far_it_led_is_uncertain() -> None:
+@pytest.mark.parametrize("walked_s", [0.0, 1.0, 2.0, 3.0])
+def test_of_a_stop_without_a_forecast_the_step_under_way_lands_and_how_far_it_led_is_uncertain(walked_s: float) -> None:
     orders = under_way()
+    ticks = [0.01 * k for k in range(1, round(100 * walked_s) + 1)]
+    moved = [motion for now in ticks for motion in orders.execution.advance(now)]
     orders.give(WalkCommand(action="stop"), None)
-    orders.take_up(1.0, GaitView("stopping", order=2))
-    moved = orders.execution.advance(10.0)
+    orders.take_up(walked_s, GaitView("stopping", order=2))
+    moved += [motion for k in range(1, 1001) for motion in orders.execution.advance(walked_s + 0.01 * k)]
     forward, variance = sum(one.forward for one in moved), sum(one.along for one in moved)
-    steps = np.random.default_rng(0).uniform(1.0, 1.0 + LANDING_S, 100_000) * 0.1  # m, 0.1 m a second
+    landings = np.random.default_rng(0).uniform(walked_s, walked_s + LANDING_S, 100_000)
+    steps = 0.1 * landings  # m, 0.1 m a second
     assert forward == pytest.approx(float(steps.mean()), rel=0.01)
     assert variance - 0.1 * forward == pytest.approx(float(steps.var()), rel=0.02)
+    assert orders.execution.empty
