@@ -50,6 +50,8 @@ WORK = 16_000
 WIDEN, WIDER, WIDENED_S = 0.5, 3.0, 10.0
 """Probability of a misfit from which on the belief is widened instead of given up, factor of its standard deviations,
 and time in which it is widened once, s."""
+SUSPECTED_S = 2.0
+"""Time after a frame for which a suspicion stays, s: a silent camera shows nothing; longer than between two frames."""
 SURE = 0.1
 """Probability of being lost below which landmarks at other places have moved, not the robot."""
 SINCE = 0.1
@@ -269,9 +271,10 @@ class Localiser:
                 self._remember(seen, world, time)
         else:
             suspected = probability - self._lost_state.blind > self._suspect
-            self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), suspected)
+            until = time + SUSPECTED_S if suspected else -math.inf
+            self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), until)
 
-    def echo(self, distance: float, expected: float, slack: float, now: float) -> None:
+    def echo(self, distance: float, expected: tuple[float, float], slack: float, now: float) -> None:
         """Check the belief by an echo; arguments as of `lost.echoed`, `now` in s."""
         if self.tracker.world is None or self.lost.lost:
             return

@@ -23,8 +23,9 @@ class LostView:
     """Probability of that, 0 to 1."""
     reason: str = ""
     """Reason in words; empty = none."""
-    suspected: bool = False
-    """True if what was seen last may not fit the belief; a camera that sees nothing is no reason."""
+    suspected_until: float = -math.inf
+    """Simulated time until which what was seen last may not fit the belief, s; a camera that sees nothing is no
+    reason."""
 
 
 def order_message(pilot: Pilot) -> MotionOrder:

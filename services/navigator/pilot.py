@@ -99,7 +99,7 @@ class Pilot:
         goal.nearest_at = max(goal.nearest_at, goal.began)
         self.state, self.error, self.message = "navigating", "", ""
         self.decision, self._halting, self._searching = None, None, None
-        self._since, self._waiting = [0, 0], None
+        self._since, self._waiting, self._suspects_from = [0, 0], None, -math.inf
 
     @property
     def under_way(self) -> bool:
@@ -287,7 +287,7 @@ class Pilot:
                 self.halt("failed", "lost", f"lost again after the pose was found {times} times and more")
                 return
             self._searching = Searching(math.inf, lost)
-            goal.recoveries["stand_and_look" if lost else "look"] += 1
+            goal.recoveries["stand_and_look" if lost else "suspect_look"] += 1
             if search is None and (gait.ends_in is not None or gait.state != "standing"):
                 self._give(WalkCommand(action="stop"), None)
         elif not lost and search.lost:

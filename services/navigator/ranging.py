@@ -32,9 +32,10 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct,
         grid = maps.grid
         if grid is not None:
             half = 0.5 * reach.field_of_view
-            expected = expected_echo(grid, at, half, reach.longest, maps.obstacle)
+            least, largest = expected_echo(grid, at, (half, 2.0 * unsure[1]), reach.longest, maps.obstacle)
+            expected = max(least, reach.shortest), max(largest, reach.shortest)
             got = reach.longest if reach.distance is None else reach.distance
-            localiser.echo(got, max(expected, reach.shortest), ECHO_SLACK + 2.0 * unsure[0], now)
+            localiser.echo(got, expected, ECHO_SLACK + 2.0 * unsure[0], now)
         maps.see(Cone(reach.distance, reach.longest, 0.5 * reach.field_of_view), at, unsure, now)
     near = reach.distance is not None and reach.distance <= max(conduct.blocked, reach.shortest)
     return near or any(reach.bump)

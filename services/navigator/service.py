@@ -101,8 +101,8 @@ class Navigator(Service[NavigatorConfig]):
         self.results.now = now
         requests.carry_out()
         if gait is not None:
-            at, lost = localiser.tracker, localiser.lost
-            pilot.tick(now, requests.gait, at, blocked=self._blocked, lost=lost.lost, suspected=lost.suspected)
+            at, lost, suspected = localiser.tracker, localiser.lost, now < localiser.lost.suspected_until
+            pilot.tick(now, requests.gait, at, blocked=self._blocked, lost=lost.lost, suspected=suspected)
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):
             self.publish(STATE_POSE, localiser.message(now, ready=requests.gait.state != "waiting"))

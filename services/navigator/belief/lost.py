@@ -260,7 +260,11 @@ def passed(state: LostState, dt: float, model: LostModel) -> LostState:
     fade = math.exp(-dt / model.memory_s)
     recent = (state.recent[0] * fade, state.recent[1] * fade, state.recent[2] * fade)
     right = max(0.0, 1.0 - displaced - off_map - blind - misfit)
-    echo = (state.echo[0], state.echo[1] + dt)
+    total = state.echo[0]
+    if total < 0.0:  # what echoes took from a displaced robot, the rate gives back
+        given = displaced * state.right / max(state.displaced * right, 1e-300)
+        total = min(0.0, total + math.log(max(1.0, given)))
+    echo = (total, state.echo[1] + dt)
     return replace(
         state, right=right, displaced=displaced, off_map=off_map, blind=blind, misfit=misfit, recent=recent,
         missed=state.missed * fade, apart=state.apart + dt, echo=echo,
@@ -311,19 +315,21 @@ def _counted(state: LostState, frame: FrameEvidence, model: LostModel) -> Shares
     return (keep * here, keep * away, keep * strange)
 
 
-def echoed(state: LostState, distance: float, expected: float, slack: float, model: LostModel) -> LostState:
+def echoed(
+    state: LostState, distance: float, expected: tuple[float, float], slack: float, model: LostModel
+) -> LostState:
     """Return the state after an echo; one that comes too soon after the last does not count.
 
     Args:
         state: before.
         distance: of the echo, or the end of the reach, m.
-        expected: the same by the map at the believed pose, m.
+        expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
         slack: difference that is none, m.
         model: shares.
     """
     if state.echo[1] < model.echo_s:
         return state
-    kind = 0 if abs(distance - expected) <= slack else 1 if distance < expected else 2
+    kind = 1 if distance < expected[0] - slack else 2 if distance > expected[1] + slack else 0
     ratio = math.log(model.echoes_displaced[kind] / model.echoes[kind])
     total = max(-model.echo_most, min(model.echo_most, state.echo[0] + ratio))
     changed = state.displaced * math.exp(total - state.echo[0])

@@ -71,6 +71,8 @@ class StrainModel:
     """Standard deviations of x and y, m, and of the heading, rad, of a robot that was put down elsewhere."""
     displacement_rate: float = 1e-3
     """Rate at which that happens, 1/s."""
+    displaced_fade_s: float = 20.0
+    """Time constant with which the evidence for it fades to what that rate gives, s."""
     fade_s: float = 60.0
     """Time constant with which what was learned fades, s."""
     known_sd: float = math.radians(2.0)
@@ -82,7 +84,7 @@ class StrainModel:
 
 
 class Case(NamedTuple):
-    """Kalman filter of one hypothesis about map and camera; its state u are the parts of E, and p, q, s."""
+    """Kalman filter of one hypothesis about map and camera; with the state u."""
 
     mean: Array
     """Mean of u, (12,)."""
@@ -283,6 +285,9 @@ class MapStrain:
         keeps = np.array([long] * 6 + list(self.shared.kept(dt)) + [1.0] * 3)
         displaced = self._logs[DISPLACED] - self._logs[RIGHT]
         self._logs *= long
+        rare, stays = self._rare(dt), math.exp(-dt / self.model.displaced_fade_s)
+        if displaced > rare:
+            displaced = rare + stays * (displaced - rare)
         self._logs[DISPLACED] = self._logs[RIGHT] + displaced
         for case, expected in zip(self._cases, self._sds, strict=True):
             if not self._placed:
@@ -294,9 +299,13 @@ class MapStrain:
             self._logs[number] += taken(case.mean, case.cov, lines, self.model.wrong, self.model.width)
         self._placed = True
 
+    def _rare(self, dt: float) -> float:
+        """Return the log of the probability that a robot is displaced within dt, s."""
+        return math.log(self.model.displacement_rate * min(max(dt, 0.01), 10.0))
+
     def _displace(self, dt: float) -> None:
         """Let the case of a displaced robot begin now if that is likelier than that it began before."""
-        now = self._logs[RIGHT] + math.log(self.model.displacement_rate * min(max(dt, 0.01), 10.0))
+        now = self._logs[RIGHT] + self._rare(dt)
         if now > self._logs[DISPLACED]:
             place, heading = self.model.displaced
             right, case = self._cases[RIGHT], self._cases[DISPLACED]

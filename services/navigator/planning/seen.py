@@ -45,13 +45,18 @@ class Cone:
     """Half of the field of view, rad."""
 
 
-def expected_echo(grid: FloorGrid, at: Pose, half: float, longest: float, obstacle: int) -> float:
+def expected_echo(
+    grid: FloorGrid, at: Pose, half: tuple[float, float], longest: float, obstacle: int
+) -> tuple[float, float]:
     """Return the distance of the nearest obstacle of a map in a cone, m; `longest` where there is none.
+
+    It is between the two returned however the heading errs within `half[1]`: one is that of the cone wider by it, which
+    holds all these cones, the other that of the narrower one, which all of them hold.
 
     Args:
         grid: the map.
         at: x, y (m) and heading (rad) of the ranger, frame map.
-        half: half angle of the cone, rad.
+        half: half angle of the cone, and error of the heading, rad.
         longest: m.
         obstacle: occupancy from which on a cell is an obstacle.
     """
@@ -59,14 +64,17 @@ def expected_echo(grid: FloorGrid, at: Pose, half: float, longest: float, obstac
     rows, cols = grid.shape
     r0, c0, r1, c1 = max(0, r0), max(0, c0), min(rows, r1 + 1), min(cols, c1 + 1)
     if r0 >= r1 or c0 >= c1:
-        return longest
+        return longest, longest
     found = np.argwhere(grid.cells[r0:r1, c0:c1] >= obstacle)
     dx = grid.origin[0] + (found[:, 1] + c0 + 0.5) * grid.cell - at[0]
     dy = grid.origin[1] + (found[:, 0] + r0 + 0.5) * grid.cell - at[1]
     ahead = math.cos(at[2]) * dx + math.sin(at[2]) * dy
     away = np.sqrt(dx * dx + dy * dy)
-    inside = away[ahead >= math.cos(half) * away]
-    return min(longest, max(0.0, float(inside.min()) - 0.5 * grid.cell)) if inside.size else longest
+    least, largest = (
+        float(np.min(away, where=ahead >= math.cos(min(math.pi, max(0.0, angle))) * away, initial=math.inf))
+        for angle in (half[0] + half[1], half[0] - half[1])
+    )
+    return min(longest, max(0.0, least - 0.5 * grid.cell)), min(longest, max(0.0, largest - 0.5 * grid.cell))
 
 
 class SeenObstacles:
@@ -102,7 +110,7 @@ class SeenObstacles:
             del self.marks[cell]
         if seen.distance is not None and seen.distance <= FARTHEST:
             slack, wider = SLACK + 2.0 * unsure[0], seen.half + EDGE + 2.0 * unsure[1]
-            known = expected_echo(self.grid, at, min(math.pi, wider), seen.distance + slack + 0.1, self.obstacle)
+            known = expected_echo(self.grid, at, (wider, 0.0), seen.distance + slack + 0.1, self.obstacle)[0]
             if known > seen.distance + slack and not self._seen_again(at, seen, now):
                 self._mark(at, min(seen.half, 0.5 * WIDTH / seen.distance), seen.distance, now)
         while len(self.marks) > MOST:

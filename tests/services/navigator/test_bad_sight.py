@@ -28,6 +28,18 @@ def error_of(journey: Journey) -> tuple[float, float]:
     return float(np.hypot(*away)), math.sqrt(float(away @ np.linalg.solve(cov, away)))
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_suspicion_ends_with_the_frames_of_the_camera(silent: bool) -> None:
+    journey = ready()
+    journey.service.localiser._suspect = -1.0  # every frame counts as one that may not fit
+    journey.step(10)
+    journey.seen = not silent
+    journey.step(210)
+    journey.goto(0.8, 0.2)
+    journey.step(300)
+    assert journey.feedback().recoveries == ({} if silent else {"suspect_look": 1})
+
+
 @pytest.mark.parametrize(("code", "off"), [("late", -S // 2), ("future", 10**9 * S)])
 def test_frames_that_are_not_of_now_are_refused_and_change_nothing(code: str, off: int) -> None:
     journey, dark = ready(), ready()

@@ -111,7 +111,7 @@ def test_a_robot_that_may_be_lost_stands_and_looks_and_walks_on_by_a_right_belie
     run.suspected = False
     run.until(lambda: run.walker.state == "walking", 0.1)
     assert run.finish()[0] == "succeeded"
-    assert dict(run.pilot.goal.recoveries if run.pilot.goal else {}) == {"look": 1}
+    assert dict(run.pilot.goal.recoveries if run.pilot.goal else {}) == {"suspect_look": 1}
 
 
 def test_a_suspicion_that_stays_turns_the_robot_twice_and_holds_it_up_no_longer(run: Run) -> None:
@@ -119,9 +119,20 @@ def test_a_suspicion_that_stays_turns_the_robot_twice_and_holds_it_up_no_longer(
     run.pilot.begin(goal, TowardsGoal())
     run.suspected = True
     assert run.finish()[0] == "succeeded"
-    looks = goal.recoveries["look"]
+    looks = goal.recoveries["suspect_look"]
     assert looks >= 1
     assert goal.recoveries["turn_and_look"] == 2 * looks
+
+
+def test_a_new_goal_looks_at_once_where_the_one_before_had_just_looked(run: Run) -> None:
+    run.under_way(1.5, 0.53)
+    for x in (1.5, 1.6):
+        goal = run.goal((x, 0.0))
+        run.suspected = True
+        run.until(lambda goal=goal: goal.recoveries["suspect_look"] == 1, 0.1)
+        run.until(lambda: run.walker.state == "standing", 2.5)
+        run.suspected = False
+        run.until(lambda: run.walker.state == "walking", 0.2)
 
 
 def test_a_suspicion_is_no_further_loss_of_a_robot_that_was_found_again_often(run: Run) -> None:

@@ -123,7 +123,21 @@ def test_expected_echo_is_the_nearest_cell_of_the_cone() -> None:
         off = np.abs(np.angle(np.exp(1j * (np.arctan2(dy, dx) - at[2]))))
         inside = np.hypot(dx, dy)[(off <= 0.5) & (np.hypot(dx, dy) < 1.5)]
         wanted = min(inside, default=1.525) - 0.025
-        assert expected_echo(floor, at, 0.5, 1.5, 65) == pytest.approx(min(wanted, 1.5), abs=0.03)
+        assert expected_echo(floor, at, (0.5, 0.0), 1.5, 65) == pytest.approx(2 * (min(wanted, 1.5),), abs=0.03)
+
+
+def test_expected_echo_holds_those_of_all_headings_that_may_be() -> None:
+    floor, rng = grid(*((r, 40) for r in range(20, 60)), (10, 20)), np.random.default_rng(4)
+    apart = 0
+    for _ in range(50):
+        x, y = rng.uniform(0.3, 1.8, 2).tolist()
+        yaw = rng.uniform(-math.pi, math.pi)
+        least, largest = expected_echo(floor, (x, y, yaw), (0.5, 0.2), 1.5, 65)
+        exact = [expected_echo(floor, (x, y, yaw + off), (0.5, 0.0), 1.5, 65)[0] for off in np.linspace(-0.2, 0.2, 21)]
+        assert least <= min(exact) + 1e-9
+        assert max(exact) <= largest + 1e-9
+        apart += largest > least
+    assert 10 < apart < 50
 
 
 def test_a_mark_fades_and_is_cleared_by_an_empty_cone() -> None:

@@ -206,12 +206,30 @@ def test_a_unique_look_in_the_gate_is_worth_more_than_one_of_many():
 def test_echoes_count_once_a_second_and_never_decide_alone():
     state = passed(LostState(), 10.0, MODEL)
     for _ in range(600):
-        state = echoed(passed(state, DT, MODEL), 2.5, 0.6, 0.2, MODEL)
+        state = echoed(passed(state, DT, MODEL), 2.5, (0.6, 0.6), 0.2, MODEL)
     assert state.displaced > passed(LostState(), 70.0, MODEL).displaced
     assert state.probability < MODEL.threshold
-    one = echoed(passed(LostState(), 10.0, MODEL), 2.5, 0.6, 0.2, MODEL)
-    assert echoed(passed(one, DT, MODEL), 2.5, 0.6, 0.2, MODEL).echo[0] == one.echo[0]
-    assert echoed(passed(one, 2.0, MODEL), 0.6, 0.6, 0.2, MODEL).displaced < passed(one, 2.0, MODEL).displaced
+    one = echoed(passed(LostState(), 10.0, MODEL), 2.5, (0.6, 0.6), 0.2, MODEL)
+    assert echoed(passed(one, DT, MODEL), 2.5, (0.6, 0.6), 0.2, MODEL).echo[0] == one.echo[0]
+    assert echoed(passed(one, 2.0, MODEL), 0.6, (0.6, 0.6), 0.2, MODEL).displaced < passed(one, 2.0, MODEL).displaced
+
+
+def test_echoes_as_expected_beforehand_let_later_ones_weigh_no_more():
+    """What they took from a displaced robot the rate gave back: 3 nats beyond that rate are the most of all others."""
+    state = plain = LostState()
+    for k in range(90):
+        state, plain = (passed(each, 1.7, MODEL) for each in (state, plain))
+        state = echoed(state, 0.6 if k < 60 else 2.5, (0.5, 0.7), 0.2, MODEL)
+        if k < 60:
+            assert state.displaced <= plain.displaced
+            plain = state
+        odds, least = state.displaced / state.right, plain.displaced / plain.right
+        assert math.log(odds / least) <= MODEL.echo_most + 1e-9
+
+
+def test_an_echo_within_what_the_map_allows_is_as_expected():
+    kinds = [echoed(passed(LostState(), 2.0, MODEL), d, (1.0, 1.5), 0.2, MODEL).echo[0] for d in (0.7, 0.9, 1.6, 1.8)]
+    assert [value > 0.0 for value in kinds] == [True, False, False, True]
 
 
 def test_frames_far_apart_share_fewer_errors_and_weigh_more():

@@ -116,6 +116,22 @@ def test_a_robot_put_down_elsewhere_is_no_turned_camera_and_no_strained_map(seed
     assert check.probabilities[DISPLACED] == 0.0
 
 
+def test_evidence_for_a_displaced_robot_fades_where_frames_decide_no_more():
+    check, model, world = looked(2), strain.StrainModel(), floor(2)
+    eye, at = Eye(world, EASY, 9, 0.3, false=0.1), 0.1 * 19
+    ratio = math.log(0.7 / 0.3)
+    right, moved = check._cases[RIGHT], check._cases[DISPLACED]
+    moved.mean[:], moved.cov[:] = right.mean, right.cov  # both expect the same, whatever is seen
+    check._logs[DISPLACED] = check._logs[RIGHT] + ratio
+    least = math.log(1.7 * model.displacement_rate)
+    for k in range(1, 31):
+        at += 1.7
+        check.look(eye.look(np.zeros(3))[0], world, (0.0, 0.0, 0.0), COV, EASY, at)
+        found = math.log(check.probabilities[DISPLACED] / check.probabilities[RIGHT])
+        assert found == pytest.approx(least + (ratio - least) * math.exp(-1.7 * k / model.displaced_fade_s), abs=1e-6)
+    assert check.probabilities[DISPLACED] < 0.03
+
+
 def test_detections_are_turned_back_as_rays_onto_the_floor():
     rng = np.random.default_rng(1)
     ranges, bearings = rng.uniform(0.3, 1.2, 50), rng.uniform(-0.6, 0.6, 50)
