@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import poisson
 
 from surefoot.lockstep.join import TickInputs
 from surefoot.schemas import topics
@@ -21,6 +22,7 @@ from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from surefoot.services.navigator.belief.matching import Detections
 from surefoot.services.navigator.belief.strain import turned_back
+from surefoot.services.navigator.messages import between, placed
 from surefoot.services.navigator.service import SERVICE, NavigatorConfig
 
 Array = NDArray[np.float64]
@@ -41,6 +43,8 @@ STEP_S, START_S, CLOSE_S = 1.8, 1.0, 0.9
 """Durations of an action, of starting and of coming to stand, s."""
 FALSE = 0.1
 """Share of detections with the look of another landmark."""
+WEIGHED_S = 3.0
+"""Time after it was put down in which frames are weighed by oracles, s."""
 
 
 def wrapped(angle: float) -> float:
@@ -182,6 +186,14 @@ class Robot:
         self.turn = (-turn[0], -turn[1], -turn[2])
         self.sights: list[int] = []
         """Tick of each landmark recognised since it was put down."""
+        self.before: tuple[float, float, float] | None = None
+        """Pose of the map in which it would be where it was, had it not been put down, in the map, m and rad."""
+        self.put_at = 0
+        """Tick at which it was put down."""
+        self.evidence: list[tuple[float, Array]] = []
+        """Of each frame since: log density at the true pose and at `others`, less that at `before`, nats."""
+        self.others, self.weights = np.zeros((0, 3)), np.zeros(0)
+        """Frames like `before`, m and rad, of poses drawn at random, and the logs of their weights."""
         self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
         self.places, self.looks = corridor(seed, world.density, world.copied)
         places, looks = wrong_map(wrong, self.places, self.looks, seed)
@@ -270,9 +282,7 @@ class Robot:
         view = np.flatnonzero((r > NEAR) & (r < FAR) & (np.abs(b) < HALF))
         share = (HARD_SEEN if self.hard else SEEN)[self.walker.state]
         view = view[rng.uniform(size=view.size) < (0.0 if self.dark else share)][: 10 if self.hard else 20]
-        still = 0.5 if self.walker.state == "standing" else 1.0
-        sd_r = 0.138 * still if self.hard else 0.03 * r[view]
-        sd_b = math.radians(9.2) * still if self.hard else math.radians(1.5)
+        sd_r, sd_b = self._sds(r[view])
         keep = 0.72
         self.tilt = keep * self.tilt + math.sqrt(1 - keep * keep) * 0.004 * rng.standard_normal()
         ranges = np.maximum(r[view] + sd_r * rng.standard_normal(view.size) + self.tilt * (1 + r[view] ** 2), 0.02)
@@ -280,6 +290,7 @@ class Robot:
         shown = np.where(rng.uniform(size=view.size) < FALSE, rng.integers(len(self.places), size=view.size), view)
         looks = self.looks[shown] + 0.05 * rng.standard_normal((view.size, 8))
         self.frames += 1
+        self._weigh(np.stack((ranges, bearings), 1), shown, share)
         self.sights += [self.tick_number] * view.size
         sights = turned_back(Detections(ranges, bearings, looks), self.turn, HEIGHT)
         marks = tuple(
@@ -288,10 +299,64 @@ class Robot:
         )
         return LandmarkDetections(landmarks=marks, stamp_ns=self.tick_number * 10_000_000)
 
+    def _sds(self, r: Array) -> tuple[Array, float]:
+        """Return standard deviations of ranges, m, at the distances r, m, and of bearings, rad."""
+        still = 0.5 if self.walker.state == "standing" else 1.0
+        if self.hard:
+            return np.full(r.size, 0.138 * still), math.radians(9.2) * still
+        return 0.03 * r, math.radians(1.5)
+
+    def _weigh(self, seen: Array, shown: NDArray[np.int64], share: float) -> None:
+        """Note what a frame is worth to an oracle: by the model of the camera, the two poses and nothing else.
+
+        Detections come as a Poisson process. A landmark in view at h is recognised at z with density N(z - h), by its
+        own look or, in the share `FALSE`, by that of any; the common tilt of the frame is left out.
+        """
+        if self.before is None or TICK * (self.tick_number - self.put_at) > WEIGHED_S:
+            return
+        x, y, yaw = self.walker.pose.tolist()
+        found = [
+            self._log_density(np.array(placed((float(a), float(b), float(c)), (x, y, yaw))), seen, shown, share)
+            for a, b, c in ((0.0, 0.0, 0.0), self.before, *self.others.tolist())
+        ]
+        self.evidence.append((found[0] - found[1], np.array(found[2:]) - found[1]))
+
+    def _draw(self, count: int = 400) -> None:
+        """Draw poses all over the corridor, every other one close to where it is, weighed to be even all over it."""
+        rng, here = np.random.default_rng(self.tick_number), self.walker.pose.copy()
+        low, high = np.array([*LOW, -math.pi]), np.array([*HIGH, math.pi])
+        sds = np.array([0.12, 0.12, 0.15])
+        poses = rng.uniform(low, high, (count, 3))
+        poses[::2] = here + sds * rng.standard_normal((len(poses[::2]), 3))
+        off = poses - here
+        off[:, 2] = (off[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+        near = np.exp(-0.5 * np.square(off / sds).sum(1)) / ((2.0 * math.pi) ** 1.5 * sds.prod())
+        even = 1.0 / (high - low).prod()
+        self.weights = np.log(even / (0.5 * near + 0.5 * even) / count)
+        at = (float(here[0]), float(here[1]), float(here[2]))
+        self.others = np.array([between((x, y, yaw), at) for x, y, yaw in poses.tolist()])
+
+    def _log_density(self, pose: Array, seen: Array, shown: NDArray[np.int64], share: float) -> float:
+        """Return the log density of a frame at a pose, nats; a full frame counts as at least so many."""
+        d = self.places - pose[:2]
+        r, b = np.hypot(d[:, 0], d[:, 1]), (np.arctan2(d[:, 1], d[:, 0]) - pose[2] + np.pi) % (2 * np.pi) - np.pi
+        view, most = np.flatnonzero((r > NEAR) & (r < FAR) & (np.abs(b) < HALF)), 10 if self.hard else 20
+        mean, k = max(1e-9, share * view.size), len(seen)
+        count = float(poisson.logpmf(k, mean) if k < most else poisson.logsf(most - 1, mean))
+        off = seen[:, None, :] - np.stack((r[view], b[view]), 1)
+        sd_r, sd_b = self._sds(r[view])
+        square = np.square(off[..., 0] / sd_r) + np.square(off[..., 1] / sd_b)
+        each = np.exp(-0.5 * square) / (2.0 * np.pi * sd_r * sd_b)  # (k, landmarks in view)
+        alike = np.isclose(self.looks[shown] @ self.looks.T, 1.0)  # (k, landmarks)
+        right = np.where(alike[:, view], each, 0.0).sum(1)
+        density = (1.0 - FALSE) * right + FALSE * alike.mean(1) * each.sum(1)
+        return count + float(np.log(np.maximum(density, 1e-30) / max(1, view.size)).sum())
+
     def put(self, distance: float, turn_deg: float) -> None:
         """Lift the robot and put it down elsewhere in the corridor."""
         self.sights.clear()
-        pose = self.walker.pose
+        self.put_at = self.tick_number
+        pose, old = self.walker.pose, self.walker.pose.tolist()
         while True:
             way = self.rng.uniform(-math.pi, math.pi)
             x, y = pose[0] + distance * math.cos(way), pose[1] + distance * math.sin(way)
@@ -299,6 +364,8 @@ class Robot:
                 break
         pose[0], pose[1] = x, y
         pose[2] += math.copysign(math.radians(turn_deg), self.rng.uniform(-1, 1))
+        self.before = between((old[0], old[1], old[2]), (x, y, float(pose[2])))
+        self._draw()
 
     def error(self) -> tuple[float, float]:
         """Return distance in m and angle in rad of the believed pose from the truth."""

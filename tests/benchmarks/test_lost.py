@@ -1,7 +1,11 @@
 """The study of lost robots runs the navigator itself: robots notice, recover rightly, raise no false alarm."""
 
+import numpy as np
+import pytest
+
 from benchmarks.lost import put_down, undisturbed, with_map
-from benchmarks.lost_robot import World
+from benchmarks.lost_robot import Robot, World
+from surefoot.services.navigator.messages import placed
 
 EASY = World()
 
@@ -15,6 +19,24 @@ def test_robots_that_were_put_down_elsewhere_notice_and_recover_rightly() -> Non
     assert all(line["noticed"] is not None and line["noticed"] <= 3.0 for line in lines)
     assert all(line["recovered"] is not None for line in lines)
     assert put_down(0, 0.35, 20.0, True, EASY) == lines[0]
+
+
+def test_oracles_weigh_poses_by_the_frames_of_three_seconds() -> None:
+    robot = Robot(3, World(camera="hard"))
+    robot.step(5.0)
+    robot.put(0.0, 0.0)
+    robot.step(8.0)
+    assert [known for known, _ in robot.evidence] == [0.0, 0.0]  # it is where it was
+    assert np.exp(robot.weights).sum() == pytest.approx(1.0, abs=0.2)  # of all places of the corridor
+    robot.evidence.clear()
+    robot.put(3.0, 180.0)
+    before = np.array(placed(robot.before or (0.0, 0.0, 0.0), tuple(robot.walker.pose.tolist())))
+    assert np.hypot(*(before - robot.walker.pose)[:2]) == pytest.approx(3.0)
+    robot.step(3.5)
+    known, anywhere = (sum(each[i] for each in robot.evidence) for i in (0, 1))
+    assert known > 8.6  # ten landmarks in two frames of a robot that stands
+    assert np.logaddexp.reduce(robot.weights + anywhere) < known
+    assert np.logaddexp.reduce(robot.weights + anywhere) > np.max(anywhere[1::2] + robot.weights[1::2])
 
 
 def test_maps_that_do_not_fit_are_noticed_within_a_third_of_a_metre() -> None:
