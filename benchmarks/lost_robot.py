@@ -32,6 +32,8 @@ NEAR, FAR, HALF = 0.35, 1.18, math.radians(33)
 """Footprint of Nao's lower camera: least and largest distance, m, and half of its angle, rad."""
 LOW, HIGH = (-1.0, -1.0), (6.5, 1.0)
 """Corners of the corridor, m."""
+MIDDLE = 0.5 * (np.array(LOW) + np.array(HIGH))
+"""Middle of the corridor, m."""
 CELL = 0.05
 HEIGHT = 0.45
 """Height of the camera over the floor, m."""
@@ -62,6 +64,8 @@ class World:
         camera: easy (10 frames a second, odometry) or hard (one frame in 1.7 s, commands as control, drift).
         first: first seed.
         moved: share of landmarks that stand elsewhere than the map has them.
+        hole: diameter of a disc in the middle without landmarks, into which robots are put down, m; 0 = there is none.
+        twice: share of landmarks that stand twice, the floor turned by half about its middle.
     """
 
     density: float = 40.0
@@ -69,6 +73,8 @@ class World:
     camera: str = "easy"
     first: int = 1000
     moved: float = 0.0
+    hole: float = 0.0
+    twice: float = 0.0
 
 
 def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tuple[Array, Array]:
@@ -80,6 +86,16 @@ def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tupl
     many = int(copied * n)
     looks[:many] = looks[np.arange(many) // copies * copies]
     return rng.uniform(LOW, HIGH, (n, 2)), looks
+
+
+def special(places: Array, looks: Array, world: World) -> tuple[Array, Array]:
+    """Return places, m, and looks of the floor with a hole and with landmarks that stand twice."""
+    twice = round(0.5 * world.twice * len(places))
+    last = len(places) - twice
+    places = np.vstack((places[:last], 2.0 * MIDDLE - places[:twice]))
+    looks = np.vstack((looks[:last], looks[:twice]))
+    keep = np.hypot(*(places - MIDDLE).T) >= 0.5 * world.hole
+    return places[keep], looks[keep]
 
 
 def wrong_map(kind: str, places: Array, looks: Array, seed: int) -> tuple[Array, Array]:
@@ -195,7 +211,8 @@ class Robot:
         self.others, self.weights = np.zeros((0, 3)), np.zeros(0)
         """Frames like `before`, m and rad, of poses drawn at random, and the logs of their weights."""
         self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
-        self.places, self.looks = corridor(seed, world.density, world.copied)
+        self.hole = world.hole
+        self.places, self.looks = special(*corridor(seed, world.density, world.copied), world)
         places, looks = wrong_map(wrong, self.places, self.looks, seed)
         gone, elsewhere = np.random.default_rng(seed + 11), corridor(seed + 12, world.density, 0.0)[0]
         places = np.where(gone.uniform(size=(len(places), 1)) < world.moved, np.resize(elsewhere, places.shape), places)
@@ -302,9 +319,8 @@ class Robot:
     def _sds(self, r: Array) -> tuple[Array, float]:
         """Return standard deviations of ranges, m, at the distances r, m, and of bearings, rad."""
         still = 0.5 if self.walker.state == "standing" else 1.0
-        if self.hard:
-            return np.full(r.size, 0.138 * still), math.radians(9.2) * still
-        return 0.03 * r, math.radians(1.5)
+        hard = np.full(r.size, 0.138 * still), math.radians(9.2) * still
+        return hard if self.hard else (0.03 * r, math.radians(1.5))
 
     def _weigh(self, seen: Array, shown: NDArray[np.int64], share: float) -> None:
         """Note what a frame is worth to an oracle: by the model of the camera, the two poses and nothing else.
@@ -333,8 +349,8 @@ class Robot:
         near = np.exp(-0.5 * np.square(off / sds).sum(1)) / ((2.0 * math.pi) ** 1.5 * sds.prod())
         even = 1.0 / (high - low).prod()
         self.weights = np.log(even / (0.5 * near + 0.5 * even) / count)
-        at = (float(here[0]), float(here[1]), float(here[2]))
-        self.others = np.array([between((x, y, yaw), at) for x, y, yaw in poses.tolist()])
+        a, b, c = here.tolist()
+        self.others = np.array([between((x, y, yaw), (a, b, c)) for x, y, yaw in poses.tolist()])
 
     def _log_density(self, pose: Array, seen: Array, shown: NDArray[np.int64], share: float) -> float:
         """Return the log density of a frame at a pose, nats; a full frame counts as at least so many."""
@@ -360,6 +376,9 @@ class Robot:
         while True:
             way = self.rng.uniform(-math.pi, math.pi)
             x, y = pose[0] + distance * math.cos(way), pose[1] + distance * math.sin(way)
+            if self.hole > 0.0:
+                x, y = MIDDLE.tolist()
+                break
             if LOW[0] + 0.4 < x < HIGH[0] - 0.4 and abs(y) < 0.6:
                 break
         pose[0], pose[1] = x, y

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.lost import put_down, undisturbed, with_map
-from benchmarks.lost_robot import Robot, World
+from benchmarks.lost_robot import MIDDLE, Robot, World, corridor, special
 from surefoot.services.navigator.messages import placed
 
 EASY = World()
@@ -37,6 +37,19 @@ def test_oracles_weigh_poses_by_the_frames_of_three_seconds() -> None:
     assert known > 8.6  # ten landmarks in two frames of a robot that stands
     assert np.logaddexp.reduce(robot.weights + anywhere) < known
     assert np.logaddexp.reduce(robot.weights + anywhere) > np.max(anywhere[1::2] + robot.weights[1::2])
+
+
+def test_floors_of_the_study_have_their_hole_and_stand_twice() -> None:
+    places, looks = corridor(3, 40.0, 0.0)
+    found, same = special(places, looks, World(hole=1.5))
+    assert 0 < len(found) < len(places)
+    assert np.hypot(*(found - MIDDLE).T).min() >= 0.75
+    np.testing.assert_array_equal(special(places, looks, World())[0], places)
+    assert len(same) == len(found)
+    found, same = special(places, looks, World(twice=1.0))
+    off = np.hypot(*np.moveaxis(found[:, None] - (2.0 * MIDDLE - found), 2, 0)).min(axis=1)
+    assert (off > 1e-9).sum() <= 1
+    assert np.unique(same.round(6), axis=0).shape[0] == pytest.approx(0.5 * len(same), abs=1)
 
 
 def test_maps_that_do_not_fit_are_noticed_within_a_third_of_a_metre() -> None:
