@@ -84,7 +84,7 @@ class StrainModel:
 
 
 class Case(NamedTuple):
-    """Kalman filter of one hypothesis about map and camera; with the state u."""
+    """Kalman filter of one hypothesis about map and camera, of strain, turn, common errors and displacement (u)."""
 
     mean: Array
     """Mean of u, (12,)."""
