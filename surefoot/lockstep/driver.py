@@ -124,13 +124,11 @@ class DriverNode(Node):
 
     def pause(self, at_tick: int | None, end: bool) -> int:
         """Stops after a tick; ``end`` makes it the last of the run. Returns the tick."""
-        tick = self.leader.tick + 1 if at_tick is None else at_tick
-        if tick <= self.leader.tick:
-            raise Refusal("late", f"at_tick {tick} has passed; the next tick is {self.leader.tick + 1}", "at_tick")
-        if end:
-            self.leader.end_tick = tick
-        else:
-            self.leader.pause_tick = tick
+        leader = self.leader
+        tick = leader.tick + 1 if at_tick is None else at_tick
+        if tick <= leader.tick:
+            raise Refusal("late", f"at_tick {tick} has passed; the next tick is {leader.tick + 1}", "at_tick")
+        setattr(leader, "end_tick" if end else "pause_tick", tick)
         return tick
 
     def resume(self, ticks: int | None) -> None:
@@ -183,10 +181,10 @@ class DriverNode(Node):
             self.refuse("too_far_ahead", text)
         elif not done.ready:
             self.leader.on_done(done.source, done.instance, done.tick)
-        elif self.bindings.bind(done.source, done.instance):
-            self.leader.on_ready(done.source, done.instance)
-        else:
+        elif not self.bindings.bind(done.source, done.instance):
             self.refuse("unbound", f"{done.source} {done.instance!r} is ready, but is not the one that runs")
+        elif self.bindings.visible(done.source, done.instance):  # else it is late, its process is gone
+            self.leader.on_ready(done.source, done.instance)
 
     def on_life(self, life: Life) -> None:
         super().on_life(life)
@@ -366,6 +364,7 @@ class DriverNode(Node):
             self.refused["resent_ticks"] += 1
             if any(member.done < member.admitted for member in leader.members.values()):
                 self._tell_latched()  # one of them may be what a member's first tick lacks
+            self._prime()  # a member that lost the prime of a new process refuses what that publishes
             self._repeat_all()
             return
         if silent := leader.slowest():

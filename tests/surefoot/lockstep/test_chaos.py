@@ -21,6 +21,7 @@ from tests.surefoot.lockstep.toy_chaos import (
     failure,
     reference,
     run,
+    run_events,
     shrunk,
 )
 
@@ -54,6 +55,30 @@ def test_after_killed_and_frozen_services_everybody_is_back(kinds: tuple[Kind, .
         history, system = run(seed, 3, kinds)
         assert len(history) == TICKS
         assert system.absent() == ()
+
+
+LATE_READY = (
+    ChaosEvent("delay", 27, "recorder", 2, 28.0),
+    ChaosEvent("freeze", 38, "recorder", 0, 1.0),
+    ChaosEvent("kill", 48, "recorder", 0, 1.0),
+)
+"""Seed 2403, shrunk: the killed process had reported that it is ready, and the report arrives after its end."""
+LOST_PRIME = (
+    ChaosEvent("kill", 34, "walker", 0, 1.0),
+    ChaosEvent("corrupt", 42, "estimator", 17, 1.0),
+    ChaosEvent("kill", 43, "estimator", 0, 1.0),
+)
+"""Seed 2385, shrunk: the recorder does not get the prime of the new estimator, and refuses its frames."""
+
+
+@pytest.mark.parametrize(("seed", "events"), [(2403, LATE_READY), (2385, LOST_PRIME)])
+def test_what_is_late_or_lost_of_a_process_that_was_replaced_stalls_nothing(
+    seed: int, events: tuple[ChaosEvent, ...]
+) -> None:
+    history, system = run_events(events, seed)
+    assert len(history) == TICKS
+    assert system.absent() == ()
+    assert all(member.done == TICKS for member in system.driver.leader.members.values())
 
 
 def test_who_noticed_an_event_and_when_is_part_of_its_outcome() -> None:
