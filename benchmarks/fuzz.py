@@ -4,7 +4,10 @@ Messages are drawn from the JSON Schemas that are published, then damaged: field
 and beyond their limits, nested too deep, bytes flipped and cut. A finding is printed with its bytes.
 """
 
+import json
 import resource
+import subprocess
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -15,11 +18,16 @@ from benchmarks.bench import Bench, table
 from benchmarks.fuzz_files import damaged_files, formats
 from benchmarks.fuzz_inputs import Drawer, Tally, attempt, drawn, spoil
 from benchmarks.fuzz_models import judged
+from benchmarks.machine import resident_mb
 from surefoot.bus.codec import decode, encode, json_schema, read_header
 from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Stamp
+from surefoot.lab.runs.local import run_local
 from surefoot.schemas.base import Bulk, BulkRequest, Wire
 from surefoot.schemas.topics import QUERIES, TOPICS
+from surefoot.services.supervisor.scenarios.scenario import parse_scenario
+from tests.e2e.live import SERVICES, Live
+from tests.processes import running
 
 BENCH = Bench("fuzz")
 HEADERS = 0.1
@@ -153,3 +161,62 @@ def decisions(*, count: int = 2000, seed: int = 0) -> None:
     with tempfile.TemporaryDirectory() as name:
         for what, tally, took in judged(count // 2, seed, Path(name)):
             _report(what, tally, took, memory)
+
+
+WALK = """
+description = "a hexapod walks while damaged messages come"
+compose = "ragno"
+max_duration_s = 3600.0
+[world]
+terrain = "flat"
+[[step]]
+when = "ready"
+do = "stand"
+[limits]
+no_fall = true
+"""
+LAP = """
+[[step]]
+when = "walk_done"
+do = "walk"
+distance = 1.0
+[[step]]
+when = "walk_done"
+do = "walk"
+distance = -1.0
+"""
+
+
+@BENCH.part()
+def live(*, count: int = 1_000_000, seed: int = 0, rate: float = 4000.0, laps: int = 10) -> None:
+    """Inputs to the processes of a hexapod that walks in lockstep; its run must have the hash of one without them.
+
+    Args:
+        count: inputs.
+        seed: of the inputs.
+        rate: inputs per s.
+        laps: of the walk, 1 m and back, enough that it outlasts the inputs.
+    """
+    walk = parse_scenario(WALK + laps * LAP, Path("walk.toml"))
+    with tempfile.TemporaryDirectory() as name, Live(Path(name)) as system:
+        system.start(SERVICES)
+        before = {service: resident_mb(process.pid) for service, process in system.processes.items()}
+        words = (system.address, system.namespace, str(seed), str(count), str(rate))
+        command = [sys.executable, "-m", "benchmarks.fuzz_live", *words]
+        with running(command, stdout=subprocess.PIPE, text=True) as client:
+            assert client.stdout is not None
+            run = system.conduct(walk)
+            during = "outlasts" if client.poll() is not None else "ended before"
+            found = json.loads(client.stdout.read())
+        rows: list[tuple[object, ...]] = []
+        for service, process in system.processes.items():
+            health, text = system.health(service), system.log(service).read_text(encoding="utf-8", errors="replace")
+            bad = text.count("Traceback") + text.count("internal") + health.refused.get("internal", 0)
+            grown, ended = resident_mb(process.pid) - before[service], process.poll() is not None
+            refused, dropped = sum(health.refused.values()), sum(health.dropped.values())
+            rows.append((service, refused, dropped, bad, ended, grown))
+    table("processes", ("service", "refused", "dropped", "internal", "ended", "memory + MB"), rows)
+    print(f"{sum(found['sent'].values())} inputs in {found['s']:.0f} s: {found['sent']}; answers {found['codes']}")
+    same = run.run_hash == run_local(walk).run_hash
+    print(f"the walk {during} the inputs; its hash is {'that' if same else 'NOT that'} of a run without them")
+    print(f"verdict: {'passed' if run.verdict.ok else run.verdict.problems}", flush=True)

@@ -113,6 +113,10 @@ class Bulk(Message):
 
     data: bytes = Field(default=b"", exclude=True, repr=False, description="raw little-endian array")
 
+    def data_bytes(self) -> int:
+        """Return the length of ``data`` that the other fields state, bytes."""
+        raise NotImplementedError
+
 
 class Request(Wire):
     """Base of requests and commands: unknown fields are refused."""

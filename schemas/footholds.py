@@ -181,6 +181,10 @@ class AssessReply(Bulk):
     map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
     model: str = Field(description="name of the slip model the answer rests on")
 
+    def data_bytes(self) -> int:
+        """Return the length of the layers, bytes."""
+        return 4 * len(self.layers) * self.rows * self.cols
+
 
 class ModelRequest(TickRequest):
     """Request of the slip model in force, or of another one in its place."""

@@ -191,6 +191,10 @@ class OccupancyGrid(Bulk):
     origin: Vec2 = Field(description="x, y of the lower-left CORNER of cell [0, 0], m, frame map")
     source: str = Field(default="", description="file, or terrain/map")
 
+    def data_bytes(self) -> int:
+        """Return the length of the occupancy, bytes."""
+        return self.rows * self.cols
+
 
 class PolicyRequest(Request):
     """Request the names of the policies, or choose another default."""

@@ -17,6 +17,10 @@ class HeightMapMessage(Bulk):
     kind: str = Field(default="", description="how the terrain was made")
     profile: str = Field(default="exact", description="exact, noise or shifted: how far the map is from the ground")
 
+    def data_bytes(self) -> int:
+        """Return the length of the heights, bytes."""
+        return 4 * self.rows * self.cols
+
 
 class ElevationMap(Message):
     """Heights of the ground about the robot, measured while it walks; float32 little-endian ``z[row = y, col = x]``.
@@ -48,3 +52,7 @@ class LandmarkMap(Bulk):
     frame: str = Field(default="map", description="frame of the positions")
     version: int = Field(default=0, ge=0, description="changes whenever the landmarks change")
     source: str = Field(default="", description="how the map was made")
+
+    def data_bytes(self) -> int:
+        """Return the length of the landmarks, bytes."""
+        return 4 * self.count * (2 + self.descriptor_length)

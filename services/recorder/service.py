@@ -71,11 +71,7 @@ class Recorder(Service[RecorderConfig]):
             if delivery is None or delivery is self._latched.get(topic.key):
                 continue
             self._latched[topic.key] = delivery
-            try:
-                message: Any = delivery.message()
-            except Refusal as refusal:
-                self.log("error", f"{topic.key} is not recorded: {refusal.message}")
-                continue
+            message: Any = delivery.message()
             identity = (topic.key, message.epoch, message.version)
             if identity not in self._known:
                 self._known.add(identity)

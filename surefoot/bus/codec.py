@@ -61,6 +61,9 @@ def decode(model: type[W], payload: bytes, attachment: bytes | None = None, enco
         if len(payload) > MAX_BULK_BYTES:
             raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_BULK_BYTES} are accepted")
         head = validate_json(model, attachment or b"{}")
+        if isinstance(head, Bulk) and len(payload) != head.data_bytes():
+            text = f"{model.__name__}: payload of {len(payload)} bytes; its header states {head.data_bytes()}"
+            raise Refusal("malformed", text, "data")
         return head.model_copy(update={"data": payload})
     return validate_json(model, payload)
 

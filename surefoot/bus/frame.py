@@ -16,6 +16,8 @@ from surefoot.schemas.topics import Topic
 
 MAX_FRAME_BYTES = 8 * MAX_JSON_BYTES
 """A frame or batch beyond 8 MiB is refused: those of ours have some 100 kB, with a camera."""
+MAX_INSTANCE = 64
+"""Most characters of a process's name: those of ours have 32, and a refused one is logged."""
 
 _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the checks of its class
 
@@ -47,7 +49,7 @@ class Frame:
         self._topics = topics
         self._payload = payload
         instance, _, self._index = index.partition(b";")
-        self.instance = instance.decode("ascii", "replace")
+        self.instance = instance[:MAX_INSTANCE].decode("ascii", "replace")
         """Process that published it, as written in the frame."""
         self.size = len(payload)
 

@@ -31,7 +31,7 @@ from surefoot.logline import log_line, sendable
 from surefoot.schemas.base import Message, Request, TickRequest, Wire
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.system import Done, Health, HealthReply, LogRecord
-from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, TICK_DONE, Query, Topic
+from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, TICK_DONE, Kind, Query, Topic
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
@@ -253,7 +253,7 @@ class Node:
                 self.service.on_message(topic, delivery.message())
                 return
             raw = self.service.raw and key != _TICK
-            message: Any = delivery.header() if raw else delivery.message()
+            message: Any = delivery.header() if raw and topic.kind is not Kind.LATCHED else delivery.message()
         except Refusal as refusal:
             self.refuse(refusal.code, f"{key}: {refusal.message}")
             return
