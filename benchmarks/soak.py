@@ -9,16 +9,20 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from random import Random
 from typing import Any
 
 from benchmarks.bench import Bench, of_children, table
 from benchmarks.machine import ENTRY, SPIN, Machine, descriptors, resident_mb, up
 from surefoot.lab.statistics import middle_and_ends
 from surefoot.services.supervisor.processes.reconcile import STABLE_S
-from tests.processes import running
+from surefoot.services.supervisor.service import Supervisor
+from tests.e2e.live import SERVICES, Live, environment, wait_until
+from tests.processes import GRACE_S, running, running_child
 
 BENCH = Bench("soak")
 
@@ -61,7 +65,7 @@ def system(*words: str) -> Iterator[Machine]:
 
 
 @BENCH.part("--seconds 3 --rtf 0")
-def restarts(*, rtf: str = "1,0", seconds: float = 1800.0, nice: int = 0, processes: int = 12) -> None:
+def restarts(*, rtf: str = "1,0", seconds: float = 1800.0, nice: int = 0, processes: int = 24) -> None:
     """Restarts and pace of `surefoot up ragno` beside processes that compute.
 
     Args:
@@ -226,3 +230,76 @@ def peers(*, count: int = 100, seconds: float = 1800.0) -> None:
                     for name, pid in pids.items()]  # fmt: skip
             what = f"{rounds} restarts of each of {', '.join(half)} in {time.monotonic() - began:.0f} s"
             table(what, ("process", "growth MB", "descriptors"), rows)
+
+
+@BENCH.part("--count 2")
+def terminated(*, count: int = 200, seed: int = 0) -> None:
+    """SIGTERM to services at random moments of their starts, from the first instant until after they are ready.
+
+    Even ones are started as the supervisor starts them: exit code 0 at any moment. Odd ones as a shell does: before the
+    first of our code runs the signal ends them (143 in a shell). Nothing of them may be left: no process of their
+    group, no token, no file but the log.
+
+    Args:
+        count: starts.
+        seed: of the moments.
+    """
+    random, took = Random(seed), dict[str, float]()
+    ends, codes, left = dict[str, list[float]](), Counter[tuple[str, int | None]](), list[str]()
+    with tempfile.TemporaryDirectory() as name, Live(Path(name)) as live:
+        for service in SERVICES:
+            began = time.monotonic()
+            live.start((service,))
+            took[service] = time.monotonic() - began
+        own = {Supervisor.name}
+        live.stop(signal.SIGTERM)
+        wait_until(lambda: set(live.alive) <= own, GRACE_S, "all tokens are gone")
+        for number in range(count):
+            service, folder = SERVICES[number % len(SERVICES)], live.folder / str(number)
+            folder.mkdir()
+            how = ("supervisor", "shell")[number // len(SERVICES) % 2]
+            words = (sys.executable, "-m", "surefoot.lockstep.discover", service)
+            words += ("--connect", live.address, "--namespace", live.namespace)
+            with ExitStack() as stack:
+                child: Any
+                if how == "supervisor":
+                    child = stack.enter_context(running_child(service, words, environment(folder), folder / "log"))
+                else:
+                    log, options = stack.enter_context((folder / "log").open("wb")), environment(folder)
+                    command = running(words, env=options, stdout=log, stderr=log, start_new_session=True)
+                    child = stack.enter_context(command)
+                code, seconds = _ended(child, random.uniform(0.0, 1.2 * took[service]))
+                if not _is_gone(child.pid):
+                    left.append(f"a process of {service} {number}")
+            ends.setdefault(how, []).append(seconds)
+            codes[how, code] += 1
+            left += [str(path.relative_to(live.folder)) for path in folder.rglob("*") if path.name != "log"]
+        wait_until(lambda: set(live.alive) <= own, GRACE_S, "no token is left")
+    rows = [(how, len(found), f"{sum(s < 2.0 for s in found)}", middle_and_ends(found, 3),
+             ", ".join(f"{n} x {code}" for (by, code), n in sorted(codes.items(), key=str) if by == how))
+            for how, found in ends.items()]  # fmt: skip
+    table(f"starts of {min(took.values()):.1f} to {max(took.values()):.1f} s, load {os.getloadavg()[0]:.0f}",
+          ("started as by", "starts", "within 2 s", "SIGTERM to exit, s", "exit codes"), rows)  # fmt: skip
+    print(f"left behind: {', '.join(left) or 'nothing'}", flush=True)
+
+
+def _is_gone(group: int) -> bool:
+    """Return whether no process of a group is left within 2 s; programs that a library runs end by themselves."""
+    with suppress(ProcessLookupError):
+        for _ in range(100):
+            os.killpg(group, 0)
+            time.sleep(0.02)
+        return False
+    return True
+
+
+def _ended(process: Any, moment: float) -> tuple[int | None, float]:
+    """Send SIGTERM to a process after some seconds; return its exit code and the time to its end, s."""
+    time.sleep(moment)
+    began = time.monotonic()
+    process.terminate()
+    try:
+        code = process.wait(GRACE_S)
+    except subprocess.TimeoutExpired:
+        code = None
+    return code, time.monotonic() - began
