@@ -232,7 +232,7 @@ def peers(*, count: int = 100, seconds: float = 1800.0) -> None:
             table(what, ("process", "growth MB", "descriptors"), rows)
 
 
-@BENCH.part("--count 2")
+@BENCH.part()
 def terminated(*, count: int = 200, seed: int = 0) -> None:
     """SIGTERM to services at random moments of their starts, from the first instant until after they are ready.
 
