@@ -1,6 +1,6 @@
 """Send Nao to a place and print why it acts so. Start a system first: `surefoot up nao-goal --terrain corridor`.
 
-Arguments: endpoint, x and y of the place, m, frame map; none is needed.
+Arguments: endpoint, then x and y of the place, m, frame map; without them it goes to (0.5, 0.1).
 """
 
 import sys

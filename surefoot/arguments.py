@@ -62,7 +62,7 @@ def array(
 def number(
     value: Any, field: str, unit: str = "", *, low: float = -math.inf, high: float = math.inf, inf: bool = False
 ) -> float:
-    """Return a finite number; `field` and `unit` stand in the sentence of a FieldError, as of `array`."""
+    """Return a number of `low` to `high`, or +inf where `inf` is true (raises FieldError, as `array`)."""
     return float(array(value, field, (), unit, low=low, high=high, inf=inf))
 
 

@@ -58,7 +58,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Audit:
-    """Margins of a recorded walk that were proved again, and those that could not be checked."""
+    """Claimed margins of a recorded walk, each with its proved bounds, and the number of messages not checked."""
 
     robot: str
     claims: tuple[Claim, ...]

@@ -78,7 +78,7 @@ class ChaosRun:
 
 
 class Stage(NamedTuple):
-    """Where events are drawn for: the bus in memory or live processes."""
+    """Kinds of faults of a run, and how one is drawn: on the bus in memory or among live processes."""
 
     kinds: tuple[Kind, ...]
     first_tick: int

@@ -35,7 +35,7 @@ def run(name: str, log: Log, options: Mapping[str, Any] | None = None) -> Track:
     Args:
         name: one of `KNOWN`.
         log: what to run over.
-        options: of the estimator, by name, which `track` takes.
+        options: of the estimator, by name: those of `track`, for one of GTSAM fields of `LeggedNoise`; `legs` has none.
 
     Raises:
         SurefootError: there is no such estimator, or its package is not installed.

@@ -51,7 +51,7 @@ NOISE_WINDOWS = 12
 
 
 class StanceNoise(NamedTuple):
-    """Noise of standing feet and of the IMU in the smoother over stances, equal in all directions."""
+    """Noise of standing feet and of the IMU in windows of stances, equal in all directions."""
 
     foot: float  # m, of one sample
     creep: float  # m/s^.5, random walk of a standing foot

@@ -145,7 +145,7 @@ class LogRunner:
         return self._estimator.pose()
 
     def whole(self, log: Log, part: Ints, first: int, n: int) -> LogRows:
-        """Feed a part of the inputs of a log to the filter `best` by one compiled loop, `Estimator.follow`."""
+        """Feed inputs of a log to the filter `best` in one compiled loop; return n estimates from row `first` on."""
         clipped = np.zeros(len(log.stamp_ns), dtype=np.bool_) if log.saturated is None else log.saturated
         inputs = LogInputs(
             np.ascontiguousarray(log.stamp_ns), np.ascontiguousarray(log.w), np.ascontiguousarray(log.q), clipped,

@@ -35,7 +35,7 @@ def fit(
     equal numbers.
 
     Args:
-        runs: recordings as motions and sightings, by `events.read_run`.
+        runs: events and times of each recording, as `events.read_run` returns them.
         model: begin of the search; its other numbers are not fitted.
         progress: gets the share that is done, and its step in words.
 

@@ -73,7 +73,7 @@ def minus_log_likelihood(
     """Return -ln L of one run, nats.
 
     Args:
-        events: motions and sightings of a recording, rows of `events`, (n, 6).
+        events: motions, frames and sightings of a recording, rows as in `Run.events`, (n, 6).
         actions: forward (m), turn (rad) and group (`ON_THE_SPOT`, `STRAIGHT` or `ARC`) of each action, (A, 3).
         start: x, y (m) and yaw (rad) at the start, (3,).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).

@@ -17,7 +17,7 @@ def merged(events: Array) -> Array:
     exp(-t / fade) fade over the sum of the times; frames without a sighting only add to it.
 
     Args:
-        events: motions and sightings of a recording, rows of `events`, (n, COLUMNS).
+        events: motions, frames and sightings of a recording, rows as in `Run.events`, (n, COLUMNS).
 
     Returns:
         The joined events, (m, COLUMNS), m <= n; what follows the last sighting is left out.

@@ -24,7 +24,7 @@ class FootNote(FileModel):
 
 
 class ImportNotes(FileModel):
-    """Notes of an import of a robot: what it found, assumed and lacked, as written beside its description."""
+    """Parts of an imported robot in its file, and in words what was found, assumed and missing."""
 
     trunk: Text
     joints: dict[str, Text]

@@ -30,7 +30,7 @@ def sdk() -> Any:
 
 
 class Primitives:
-    """Makes messages of Foxglove of the shapes of a scene."""
+    """Makes Foxglove messages of times, poses and shapes."""
 
     def __init__(self) -> None:
         self.messages = sdk().messages

@@ -23,7 +23,7 @@ NAME = re.compile(r"[A-Za-z0-9:][A-Za-z0-9._:-]{0,62}")
 
 
 class Membership(NamedTuple):
-    """Persons and hosts that get a certificate of a system, beside its services.
+    """Persons that get a certificate of a system, beside its services; hosts and validity of all certificates.
 
     Attributes:
         operators: names of people who may command.

@@ -45,7 +45,7 @@ ALL = RecogniseParams(most=10_000)
 
 
 class MatchCount(NamedTuple):
-    """Number of landmarks in view of one image, and of those recognised, at a speed of the image."""
+    """Number of landmarks in view of one image and of those recognised, with the speed of its image flow."""
 
     speed: float
     """Image flow at the optical axis on the floor, px/s."""

@@ -58,8 +58,8 @@ class Vision:
         chosen: index of the training that did best on the episodes of the selection.
         hand: results of the 35 deg controller, (100, RESULTS).
         learned: of the chosen training's policy, (100, RESULTS).
-        hand_walks: the same episodes step by step.
-        walks: steps of the same episodes, of each training.
+        hand_walks: the episodes of `hand` step by step.
+        walks: the episodes of `learned` step by step, with the policy of each training.
         drifts: drift of the episodes that follow, rad per m, (1000,).
         paired_hand: results of the 35 deg controller, (1000, RESULTS).
         paired_learned: of each training on the same episodes, (trainings, 1000, RESULTS).

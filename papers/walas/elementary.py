@@ -31,7 +31,7 @@ class Elementary:
     """Rates lambda, (m, d)."""
 
     def columns(self, u: Array) -> Array:
-        """Return the elementary functions phi_q at the inputs u_b, (n, m)."""
+        """Return the terms phi_q at inputs u, (n, d), each cut at +-LARGEST, (n, m)."""
         x, a, rate = u[:, None, :], self.centres[None], self.rates[None]
         n = np.clip(np.rint(rate), 0.0, MAX_POWER)
         with np.errstate(over="ignore", invalid="ignore"):

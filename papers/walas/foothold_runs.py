@@ -53,7 +53,7 @@ class WalkKey:
 
 @dataclass(frozen=True)
 class WalkResult:
-    """Outcome of one walk over rough ground under a rule of footholds."""
+    """Outcome of one walk of the study: whether the robot fell, and its stances."""
 
     case: str
     seed: int

@@ -11,7 +11,7 @@ from . import ragno as walas_ragno
 
 @dataclass(frozen=True)
 class StabilityStudy:
-    """Results of all experiments on stability, which claims and figures are made from."""
+    """Robots, pressure sensor and results of all experiments on stability, for claims and figures."""
 
     ragno: Robot
     messor: Robot

@@ -79,7 +79,7 @@ def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False)
     Args:
         chosen: the set.
         name: of the reference.
-        measure: error that is to be least, a name that `tune` knows.
+        measure: error of the score that is to be least, `rmse` or `smooth`.
         fresh: search again.
     """
     if name not in SEARCHED:

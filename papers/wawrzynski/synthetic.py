@@ -306,7 +306,7 @@ def synthesize(walk: WalkParams, seed: int) -> Log:
     """Make a walk.
 
     Args:
-        walk: kind of motion, a name in `KINDS`.
+        walk: settings of the walk; `KINDS` holds those that have a name.
         seed: of all random draws.
     """
     rng = np.random.default_rng(seed)

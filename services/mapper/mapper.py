@@ -161,7 +161,7 @@ class Mapper:
         self.forget()
 
     def forget(self) -> None:
-        """Drop the height map, as at a reset of the driver."""
+        """Drop the height map, as after a jump of the pose or where the map proves wrong."""
         self._data, self._doubtful = b"", 0
         self.layers: Elevation | None = None
         self.grid = Grid(self.params.cell, 0, 0)

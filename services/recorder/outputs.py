@@ -123,7 +123,7 @@ class LastSeconds:
         self._fallen, self._stopped = False, ""
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Begin an epoch: drop the messages that are kept of the epoch before."""
+        """Drop the messages that are kept if they are of another epoch."""
         if epoch != self._epoch:
             self._begin(epoch, seed)
 

@@ -53,7 +53,7 @@ class Ros2Config(ServiceConfig):
 
 
 class Ros2Bridge(Service[Ros2Config]):
-    """Service that publishes topics of ROS 2 over Zenoh, under the keys of rmw_zenoh."""
+    """Service that publishes ROS 2 topics over Zenoh as rmw_zenoh does, and takes velocity commands."""
 
     name = "ros2"
     Config = Ros2Config

@@ -181,7 +181,7 @@ class SimulatorQueries:
         return self.run.built.heights
 
     def landmarks(self, request: MapRequest) -> LandmarkMap:
-        """Return the landmarks of the floor, as `terrain/landmarks` requests."""
+        """Return the landmarks of the floor (raises Refusal: there are none, or the robot has no camera)."""
         if self.run.built.landmarks is None:
             raise Refusal("refused", "the terrain has no landmarks, or the robot no camera")
         return self.run.built.landmarks

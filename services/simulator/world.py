@@ -91,7 +91,7 @@ class PhysicsWorld:
         robot: the description; read only.
         terrain: the ground.
         seed: of all sensors and faults.
-        config: ground, sensors, servos and start of the world.
+        config: other settings: physics, sensors, landmarks, start; None = the defaults of `WorldConfig`.
     """
 
     tick: int
@@ -292,10 +292,10 @@ class PhysicsWorld:
         self.disturb.set(self.tick, quantity, value)
 
     def add_fault(self, fault: Fault) -> None:
-        """Plan a fault of a sensor, servo or line, with its first and last tick.
+        """Plan a fault, which begins at its `start_tick` and lasts for its `duration`.
 
         Raises:
-            FaultError: what is wrong with it.
+            FaultError: unknown kind or target, a kind that the robot has no sensor for, or a value out of range.
         """
         self.disturb.add_fault(self.tick, fault, self.seed)
 

@@ -158,7 +158,7 @@ class Life:
 
 
 class Publisher(Protocol, Generic[M_contra]):
-    """Writer of the messages of one key, whose headers count up."""
+    """Writer of the messages of one key."""
 
     @property
     def watched(self) -> bool:

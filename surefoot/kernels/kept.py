@@ -31,7 +31,7 @@ class _BesideSource(caching.InTreeCacheLocator):
 
 
 class KeptImpl(caching.CompileResultCacheImpl):
-    """Machine code of compiled kernels in files, which numba finds again."""
+    """Files of compiled kernels in the folders that numba uses and, read only, beside their source."""
 
     _locator_classes = (*caching.CompileResultCacheImpl._locator_classes, _BesideSource)
 

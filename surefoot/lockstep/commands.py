@@ -56,7 +56,10 @@ class Commands:
         self._accepted_at, self._sender = tick, sender
 
     def take(self, wanted: int, *, exact: bool) -> JointCommand | None:
-        """Return the joint command of tick ``wanted``; unless ``exact``, else the newest not obeyed yet."""
+        """Return the command of tick ``wanted``, None if there is none.
+
+        Unless ``exact``, return the newest until that tick that is later than the last obeyed one and not stale.
+        """
         oldest = wanted if exact else max(self._obeyed, wanted - STALE_TICKS) + 1
         for tick in range(wanted, oldest - 1, -1):
             command = self._by_tick.get(tick)

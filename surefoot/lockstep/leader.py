@@ -92,7 +92,7 @@ class Leader:
             member.done = tick
 
     def on_command(self, tick: int) -> None:
-        """Take the joint command of a tick, which is also the commander's answer for that tick."""
+        """Note that the command of a tick came, which counts as the commander's done of that tick."""
         member = self.members.get(COMMANDER)
         if member is not None and tick > member.done:
             member.done = tick
@@ -151,7 +151,7 @@ class Leader:
     # -- progress ----------------------------------------------------------------------------------------------
 
     def missing(self) -> tuple[str, ...]:
-        """Services whose answer the driver awaits before it goes on."""
+        """Services that the driver waits for: not ready while it joins, lost in a hold, else too far behind."""
         if self.state == "joining":
             return tuple(name for name in self.expect if name not in self.ready)
         if self.state == "holding":

@@ -89,7 +89,7 @@ def determinant(m: Array) -> float:
 def observe(
     state: BestState, k: int, y: Array, contact: float, dt: float, noise: BestNoise, hypotheses: bool
 ) -> tuple[float, float]:
-    """Correct state and covariance by standing contact point k seen at y, m, base axes, in place.
+    """Correct state and covariance by the contact point k that stands and is seen at y, in place.
 
     Args:
         state: the state.

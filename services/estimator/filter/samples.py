@@ -45,7 +45,7 @@ EXTERNAL_WIDTH = EX.velocity_covariance + 9
 
 
 class SampleStore(NamedTuple):
-    """Inertial samples and samples of the feet by rising stamps, in the first n and m of N rows of the arrays."""
+    """Samples of the inertial unit, the feet and from elsewhere by rising stamps, in the first rows of the arrays."""
 
     imu_stamps: Stamps
     """Stamps of the inertial samples, (N,) ns."""

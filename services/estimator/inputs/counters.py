@@ -66,7 +66,7 @@ class InputCheck:
 
     @property
     def refused(self) -> int:
-        """Number of input samples that were refused so far."""
+        """Number of samples of the inertial unit and the feet that were refused so far."""
         return int(self.state.marks[REFUSED])
 
     @property

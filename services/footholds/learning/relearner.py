@@ -24,7 +24,7 @@ LAG = 4
 
 @dataclass(frozen=True, slots=True)
 class RelearnParams:
-    """When and with what form a robot fits its slip model again to its own stances."""
+    """Form, weight, length of a round and file of re-learning a slip model from the stances of a walk."""
 
     form: Form = "counted"
     weight: float = 1.0

@@ -52,7 +52,7 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Slips of the footholds whose ground lies in one bin of the lattice."""
+    """Count, sum and sum of squares of the slips of the samples whose ground lies in one bin of the lattice."""
 
     count: float
     """Number of samples; a weighted re-learning makes it a fraction."""

@@ -103,7 +103,7 @@ def match(
         frame: detections.
         world: landmarks.
         noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
-        limits: of gate, likeness, ranges and matches, indexed as in `gate`, (8,).
+        limits: of gate, likeness, range, spread, pairs and matches, indexed as in `gate`, (8,).
         seed: of the random pairs.
 
     Returns:

@@ -20,7 +20,7 @@ DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
 
 
 class Matched(NamedTuple):
-    """Matches of one frame of landmarks with those of the map, as arrays."""
+    """Matched detections of one frame and their landmarks in the map, row by row."""
 
     places: Array
     """Places of the landmarks, (k, 2) m, frame map."""

@@ -29,7 +29,7 @@ NEAR_SDS = 3.0
 
 
 class Sight(NamedTuple):
-    """Believed pose, its covariance and time, s, at a frame of landmarks."""
+    """Believed pose, its covariance, noise of the camera and time at one frame of detections."""
 
     pose: tuple[float, float, float]
     """Believed x, y, m, and heading, rad, frame map."""

@@ -226,7 +226,7 @@ class MapStrain:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all frames of landmarks, as at the start of a run."""
+        """Forget all frames of landmarks: every case begins with its prior again."""
         self._cases = [Case(self._centre.copy(), np.diag(sds * sds)) for sds in self._sds]
         self._logs, self._at, self._placed = np.array([0.0] * 4 + [-math.inf]), 0.0, False
 

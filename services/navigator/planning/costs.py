@@ -93,7 +93,7 @@ class Costs:
         return np.empty(self.weight.size, dtype=np.int32)
 
     def marks_of(self, region: int) -> Ints:
-        """Return the costs between marks and cells, (cells, marks), where the marks are in a region; else no marks."""
+        """Return the costs between marks and cells, (cells, marks), if the marks lie in a region, else (cells, 0)."""
         return self.marks if region == self.marked else self.marks[:, :0]
 
     def distance(self, row: int, col: int) -> float:

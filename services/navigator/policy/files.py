@@ -82,7 +82,14 @@ def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
 
 
 def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None = None) -> Policy:
-    """Return the policy in the bytes of a policy file, checked for the actions of a model as `load_policy` does."""
+    """Return the policy in the bytes of a file (raises Refusal, which names `where`).
+
+    Args:
+        content: bytes of the file.
+        name: of the policy, where the file has none.
+        where: path or source, for the Refusal.
+        actions: names that its actions must have, in this order; None = any.
+    """
 
     def refuse(message: str) -> Refusal:
         return Refusal("policy_invalid", f"{where}: {message}", "policy")

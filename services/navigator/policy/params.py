@@ -189,7 +189,7 @@ class NavigationModel(ModelPart):
 
     @property
     def used(self) -> tuple[ActionModel, ...]:
-        """Actions of the model that a policy may choose."""
+        """Actions of the set in use, in the order of `names`."""
         return tuple(self.actions[name] for name in self.names)
 
     def sha256(self) -> str:

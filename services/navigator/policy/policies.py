@@ -87,7 +87,7 @@ class Policy:
 
     @property
     def tables(self) -> PolicyTables:
-        """Values of the policy as the arrays that compiled episodes read."""
+        """Kind, parameters, table, axes and shown covariance of the policy, as kernels take them."""
         return PolicyTables(self.kind, self.numbers, self.table, self.grid, self.shown)
 
 

@@ -234,7 +234,7 @@ def _walled(outline: Outline) -> Callable[[ShapeSpec], Shape]:
 
 
 class TerrainKind(NamedTuple):
-    """One kind of terrain that a scenario may name: its height, its maker and where it may end."""
+    """One kind of terrain that a scenario may name: default amplitude, maker and least extent."""
 
     amp: float
     """Default amplitude, m (slope: rise per metre)."""

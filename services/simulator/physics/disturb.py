@@ -45,7 +45,7 @@ class Push:
     end: int
     body: int
     force: tuple[float, float, float]
-    """Force of the push on the trunk, (3,) N, world axes."""
+    """Force of the push, (3,) N, world axes."""
 
 
 class Disturbances:
@@ -84,7 +84,7 @@ class Disturbances:
     # --- requests -----------------------------------------------------------------------------------------------
 
     def push(self, tick: int, force: tuple[float, float, float], duration: float, body: str) -> None:
-        """Plan a force on the trunk from a tick on, as `PhysicsWorld.push` describes."""
+        """Plan a force (N, world axes) at the centre of mass of a link for `duration` s from a tick on."""
         name = self._links[0] if body == "trunk" else body
         if name not in self._links:
             raise WorldError("body", f"got {body!r}, known are trunk, {', '.join(self._links)}")
@@ -95,7 +95,7 @@ class Disturbances:
         self.pushes.append(Push(tick, end, int(self.address.bodies[self._links.index(name)]), (x, y, z)))
 
     def set(self, tick: int, quantity: str, value: float) -> None:
-        """Change friction, mass or servo gains at a tick."""
+        """Change friction, mass or servo gains now; `tick` is the present one, by which faults of servos count."""
         if quantity not in QUANTITIES:
             raise WorldError("quantity", f"got {quantity!r}, known are {', '.join(QUANTITIES)}")
         if not (math.isfinite(value) and 0.0 < value <= MAX_VALUE):

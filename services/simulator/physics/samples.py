@@ -160,7 +160,7 @@ class Checkpoint:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the state of the physics, hexadecimal."""
+        """SHA-256 of physics and `meta`, hexadecimal."""
         return hashlib.sha256(self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:
@@ -169,6 +169,6 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, payload: bytes) -> "Checkpoint":
-        """Return the state of the physics that `to_bytes` wrote."""
+        """Return the checkpoint that `to_bytes` wrote."""
         meta, physics = payload.split(b"\n", 1)
         return cls(np.frombuffer(physics, dtype="<f8").astype(np.float64), meta.decode())

@@ -81,7 +81,7 @@ class Spot(NamedTuple):
 
 
 class CameraPose(NamedTuple):
-    """Pose of a camera in the world, and its mount on base_link."""
+    """Pose of a camera and of base_link in the map, and the mount of the camera on base_link."""
 
     position: Array  # (3,) m, map
     rot: Array  # (3, 3) rot_map_from_camera

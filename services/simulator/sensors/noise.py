@@ -100,7 +100,7 @@ class ImuSensor:
         return out, _imu(acc, gyro, self.turn_on, self.gauss_markov, self.normal.next(), self.table, out)
 
     def state(self) -> dict[str, Any]:
-        """Biases of gyro and accelerometer and the state of the random stream, for a checkpoint."""
+        """Biases of gyro and accelerometer and the random stream, for a checkpoint; empty for an exact sensor."""
         if self.profile is None:
             return {}
         return {"turn_on": self.turn_on.tolist(), "b": self.gauss_markov.tolist(), "normal": self.normal.state()}
@@ -228,7 +228,7 @@ class FootSensor:
         return self.closed, np.where(total < s.min_n, 0.0, np.minimum(total, s.max_n))
 
     def state(self) -> dict[str, Any]:
-        """Foot switches that are closed, for a checkpoint."""
+        """State of each foot switch, true if closed, for a checkpoint."""
         return {"closed": self.closed.tolist()}
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -25,7 +25,7 @@ UPRIGHT = 0.5  # a contact whose normal rises less than this is one with a wall
 
 @dataclass(frozen=True, eq=False)
 class Ranger:
-    """Ultrasonic sensors and bumpers of a robot: place, cone, range, noise, SI units."""
+    """Ultrasonic sensor of a robot: place, cone, range, noise, period; and the least force that a bumper reports."""
 
     name: str
     position: Array  # (3,) m, base_link

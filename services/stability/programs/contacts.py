@@ -93,7 +93,7 @@ class ContactPoint(Protocol):
 
     @property
     def position(self) -> tuple[float, float, float]:
-        """Point of contact in the frame of the request, m, (3,)."""
+        """Point of contact, frame world, m, (3,)."""
         ...
 
     @property

@@ -64,7 +64,7 @@ def outputs(
         phase: of the present step, 0..1.
         double: both feet stand in the present step.
         height: of base_link, m.
-        ends: time until the last planned step lands, s; None = no command is under way.
+        ends: time until the last planned step lands, s; None = no command is under way, or unknown.
     """
     route = s.route if s.late is None else s.late.route
     stance = np.ones(2, dtype=np.bool_)
