@@ -218,7 +218,9 @@ def live(*, count: int = 1_000_000, seed: int = 0, rate: float = 4000.0, laps: i
             rows.append((service, refused, dropped, bad, ended, grown))
     table("processes", ("service", "refused", "dropped", "internal", "ended", "memory + MB"), rows)
     print(f"{sum(found['sent'].values())} inputs in {found['s']:.0f} s: {found['sent']}; answers {found['codes']}")
-    same = "that" if run.run_hash == run_local(walk).run_hash else "NOT that"
+    same = "that" if run.run_hash == (alone := run_local(walk).run_hash) else "NOT that"
     when = "before" if early else "after"
     print(f"the walk ends {when} the inputs; its hash is {same} of a run without them")
     print(f"verdict: {'passed' if run.verdict.ok else run.verdict.problems}", flush=True)
+    if run.run_hash != alone or not run.verdict.ok or any(row[3] or row[4] for row in rows):
+        raise RuntimeError("the inputs changed the run, ended a process or caused an internal error")

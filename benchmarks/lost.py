@@ -111,9 +111,8 @@ def shares(lines: list[Line], limit: float) -> tuple[float, ...]:
 def oracles(lines: list[Line]) -> tuple[float, float]:
     """Return the shares of robots that two oracles count as put down by the frames of 3 s, %.
 
-    Both know the camera and where a robot that was not put down would be; one knows where this one is, the other weighs
-    all places of the corridor alike. By the lemma of Neyman and Pearson no check that raises as few false alarms
-    notices more than these, the second where places are as likely as that.
+    Both know the camera and where a robot that was not put down would be, and need as many nats as the navigator; one
+    knows where this one is, the other weighs all places of the corridor alike. Their false alarms are not counted.
     """
     known, anywhere = (percent(np.array([line[name] for line in lines])) for name in ("decided", "found"))
     return known, anywhere

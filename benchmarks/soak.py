@@ -281,6 +281,9 @@ def terminated(*, count: int = 200, seed: int = 0) -> None:
     table(f"starts of {min(took.values()):.1f} to {max(took.values()):.1f} s, load {os.getloadavg()[0]:.0f}",
           ("started as by", "starts", "within 2 s", "SIGTERM to exit, s", "exit codes"), rows)  # fmt: skip
     print(f"left behind: {', '.join(left) or 'nothing'}", flush=True)
+    allowed = {("supervisor", 0), ("shell", 0), ("shell", -signal.SIGTERM)}
+    if left or not set(codes) <= allowed or max(max(found) for found in ends.values()) > 2.0:
+        raise RuntimeError("an end was late, had another exit code, or left something")
 
 
 def _is_gone(group: int) -> bool:

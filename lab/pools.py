@@ -1,6 +1,5 @@
 """Worker processes and threads for jobs that do not depend on each other."""
 
-import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -17,16 +16,18 @@ def worker_processes(jobs: int | None = None, begin: Callable[[], object] = bool
         begin: called once in each process before its first job.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    others = multiprocessing.active_children()
     pool = ProcessPoolExecutor(jobs or os.cpu_count() or 1, initializer=_begun, initargs=(begin,))
     try:
         yield pool
-    except BaseException:
+    except KeyboardInterrupt:
+        processes = list(pool._processes.values())  # pyright: ignore[reportPrivateUsage] - before it forgets them
         pool.shutdown(wait=False, cancel_futures=True)  # first, so that what waits is cancelled and not broken
-        for process in multiprocessing.active_children():
-            if process not in others:
-                process.kill()
-                process.join()
+        for process in processes:
+            process.kill()
+            process.join()
+        raise
+    except BaseException:
+        pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
 
@@ -37,8 +38,10 @@ def worker_threads() -> Iterator[Executor]:
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
         yield pool
-    finally:
+    except BaseException:
         pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 def _begun(begin: Callable[[], object]) -> None:

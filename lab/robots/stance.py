@@ -36,8 +36,8 @@ STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
 """Way of the trunk in a cycle, its limit and the step height, shares of the leg's length."""
 SPRAWLED_STRIDE = 0.22
 """Way of the trunk in a cycle of a robot with six legs, share of the leg's length."""
-CALM = 0.01
-"""Part of the tilt that a crawling robot takes out in a tick: trunks that sway on three feet rock the more at 0.025."""
+CALM = 0.005
+"""Part of the tilt that a crawling robot takes out in a tick: at 0.025 trunks that sway on three feet rock the more."""
 LEAN_SHARE = 0.55
 """Margin before a foot lifts, share of the largest circle in the hull of the three other feet."""
 SWAY = 0.36

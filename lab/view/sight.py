@@ -36,7 +36,8 @@ class LiveSight:
 
     def images(self) -> None:
         """Take the newest image; before the other messages of a look, which may refer to it."""
-        delivery: Delivery | None = self._images() if self._images else None
+        images = self._images  # a page that comes or goes may take them away meanwhile
+        delivery: Delivery | None = images() if images else None
         if delivery is not None and not delivery.prime:
             with suppress(SurefootError):
                 self._keeper.image(delivery.message())
@@ -61,11 +62,14 @@ class LiveSight:
 
     def look(self) -> tuple[int, str]:
         """Return `shown`, made anew where an image was read since."""
-        sight = self._keeper.by_action.get("")
+        keeper = self._keeper
+        sight = keeper.by_action.get("")
         if sight is not None and sight.image.stamp_ns != self._last:
             self._last = sight.image.stamp_ns
             with suppress(SurefootError):  # what came is no image
-                self.shown = (self.shown[0] + 1, json.dumps(drawn(sight), separators=(",", ":"), allow_nan=False))
+                picture = json.dumps(drawn(sight), separators=(",", ":"), allow_nan=False)
+                if keeper is self._keeper:
+                    self.shown = (self.shown[0] + 1, picture)
         return self.shown
 
 

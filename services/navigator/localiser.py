@@ -50,8 +50,9 @@ WORK = 16_000
 WIDEN, WIDER, WIDENED_S = 0.5, 3.0, 10.0
 """Probability of a misfit from which on the belief is widened instead of given up, factor of its standard deviations,
 and time in which it is widened once, s."""
-SUSPECTED_S = 2.0
-"""Time after a frame for which a suspicion stays, s: a silent camera shows nothing; longer than between two frames."""
+SUSPECTED_S, LOST_FRAMES, SLOWEST_S = 2.0, 2.5, 4.0
+"""Least time after a frame for which a suspicion stays, s, for a silent camera shows nothing; times the interval of two
+frames for which it does, of which one may be lost; longest interval, s, after which the camera was silent."""
 SURE = 0.1
 """Probability of being lost below which landmarks at other places have moved, not the robot."""
 SINCE = 0.1
@@ -102,7 +103,7 @@ class Localiser:
         self.matched, self.nis = 0, None
         self.refused = Counter[str]()
         """Number of frames that could not be used, by code."""
-        self._seen_at = -math.inf
+        self._seen_at, self._interval = -math.inf, math.inf  # of the last frame, and from that before, s
         self.lost = LostView()
         self.footprint = Footprint(sight.range_min, sight.range_max, math.radians(sight.half_angle_deg))
         self.lost_model, self._suspect = LostModel(), model.conduct.suspect
@@ -234,7 +235,7 @@ class Localiser:
             raise DetectionError("late", text, "stamp_ns")
         if time <= self._seen_at:
             raise DetectionError("repeated", f"the frame of {time:.3f} s came again", "stamp_ns")
-        self._seen_at = time
+        self._interval, self._seen_at = time - self._seen_at, time
 
     def _check(
         self, seen: Detections, found: FrameResult, cov: Array, time: float, share: float, *, standing: bool
@@ -271,7 +272,8 @@ class Localiser:
                 self._remember(seen, world, time)
         else:
             suspected = probability - self._lost_state.blind > self._suspect
-            until = time + SUSPECTED_S if suspected else -math.inf
+            stays = max(SUSPECTED_S, LOST_FRAMES * self._interval) if self._interval < SLOWEST_S else SUSPECTED_S
+            until = time + stays if suspected else -math.inf
             self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), until)
 
     def echo(self, distance: float, expected: tuple[float, float], slack: float, now: float) -> None:

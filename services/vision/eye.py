@@ -121,8 +121,9 @@ class Eye:
         return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.agreed, seen.anywhere, flags)
 
     def _unread(self, count: int, *flags: str) -> Seen:
-        """Return that an image was compared with no map; halves are watched over images in a row."""
-        self._halves.clear()
+        """Return that an image was compared with no map; halves are watched over new images in a row."""
+        if "frozen" not in flags:
+            self._halves.clear()
         return Seen(*NONE, count, 0, 0, False, flags)
 
     def _unknown(self, seen: Recognised) -> tuple[str, ...]:

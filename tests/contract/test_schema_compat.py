@@ -55,7 +55,7 @@ def wire(model: type[Wire], **more: Any) -> tuple[bytes, bytes | None]:
     schema = model.model_json_schema(mode="validation")
     fields = {name: value for name, value in sample(schema, schema).items() if name not in STRAYS.get(model, ())}
     text = json.dumps({**fields, **more}).encode()
-    return (b"\0\0\0\0", text) if issubclass(model, Bulk) else (text, None)
+    return (bytes(model.model_validate_json(text).data_bytes()), text) if issubclass(model, Bulk) else (text, None)
 
 
 def named(model: type[Wire], minor: int) -> str:

@@ -9,8 +9,8 @@ wrong foot may have spoilt:
 y seen from the IMU, E its turn by the gyro. l_f = log |e_f| (level parts count less, for feet slide; the noise of the
 encoders is added) against the mean of the other feet shows whether f moves more than they do. A switch is wrong whose
 foot moves more while it is closed, or less while it is open: with c = 1 closed, -1 open, the mean of c (l_f - l_others)
-over some tenths of a second. One such foot has a switch that hangs, and so has not changed meanwhile; two have switches
-that are swapped. While the robot shows no weight it flies, and no open switch is wrong.
+over some tenths of a second. One such foot has a switch that hangs, and so has not changed meanwhile, or contradicts it
+twice as much; two have switches that are swapped. While the robot shows no weight it flies, and no open switch is wrong.
 
 The contact of a foot whose switch is wrong is decided by its height. A foot whose encoders stand still is left out,
 feet that are swapped are taken the other way round. Jumps are outliers, which the filter leaves out one by one; of more
@@ -107,8 +107,9 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flie
     wrong = 0
     for f in range(size.size):
         wrong += sensors[f, S.against] > FIXED.most_against
-    for f in range(size.size):  # one alone can only hang
-        if sensors[f, S.against] > FIXED.most_against and (wrong > 1 or abs(sensors[f, S.same]) > FIXED.against_s):
+    for f in range(size.size):  # one alone hangs, and has not changed meanwhile, or is inverted
+        against, alone = sensors[f, S.against], wrong == 1 and abs(sensors[f, S.same]) < FIXED.against_s
+        if against > (2.0 if alone else 1.0) * FIXED.most_against:
             sensors[f, S.switch] = 1.0
 
 

@@ -114,12 +114,15 @@ def test_a_half_that_shows_nothing_of_the_map_is_flagged_within_four_images_and_
     assert flags == [()] * BLIND_IMAGES + [("half_blind",)]
 
 
-def test_halves_are_watched_over_images_in_a_row():
+def test_halves_are_watched_over_new_images_in_a_row():
     belief, mine = Believed(np.array(POSES[0]), np.diag([0.0004] * 3)), eye()
     for noise in range(BLIND_IMAGES - 1):
         mine.look(shot(POSES[0], noise=noise), base(), belief)
     assert len(mine._halves) == BLIND_IMAGES - 1
-    mine.look(shot(POSES[0], noise=noise), base(), belief)  # frozen: the same image again
+    assert "frozen" in mine.look(shot(POSES[0], noise=noise), base(), belief).flags
+    assert len(mine._halves) == BLIND_IMAGES - 1  # nothing new
+    mine.world = None
+    assert mine.look(shot(POSES[0], noise=noise + 1), base(), belief).flags == ("no_map",)
     assert len(mine._halves) == 0
 
 

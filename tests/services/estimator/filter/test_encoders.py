@@ -67,27 +67,31 @@ def test_an_encoder_that_jumps_is_found_below_a_thrown_trunk() -> None:
     assert sum(seen) > 45
 
 
-def judged(open_s: float, *, flies: bool, others: int = 1) -> list[bool]:
+def judged(open_s: float, more: float = 1.25, *, flies: bool = False, others: int = 1) -> list[bool]:
     """Return which switches of four feet are wrong after 2 s in which the first ones contradict their motion.
 
-    They open and close every `open_s`, and their feet move the more while they are closed.
+    They open and close every `open_s`; while they are closed their feet move more than others, by the logarithm `more`.
     """
     sensors, dt = np.zeros((4, SENSOR_COLUMNS)), 1.0 / 30.0
     for k in range(60):
         closed = (k * dt) % (2.0 * open_s) >= open_s
         contact, size = np.array([0.0, 1.0, 0.0, 1.0]), np.array([-0.5, -2.0, -0.5, -2.0])
-        contact[:others], size[:others] = float(closed), -0.5 if closed else -3.0
+        contact[:others], size[:others] = float(closed), -1.75 + more if closed else -1.5 - more
         monitor._judge_switches(sensors, size, contact, dt, flies)
     return [bool(wrong) for wrong in sensors[:, S.switch] > 0.5]
 
 
 def test_one_switch_that_opens_and_closes_does_not_hang() -> None:
-    assert judged(0.1, flies=False) == [False, False, False, False]
-    assert judged(10.0, flies=False) == [True, False, False, False]
+    assert judged(0.1, 0.4) == [False, False, False, False]
+    assert judged(10.0, 0.4) == [True, False, False, False]
+
+
+def test_one_switch_that_is_inverted_is_found() -> None:
+    assert judged(0.15) == [True, False, False, False]
 
 
 def test_two_switches_that_contradict_their_motion_may_be_swapped() -> None:
-    assert judged(0.1, flies=False, others=2)[:2] == [True, True]
+    assert judged(0.1, 0.4, others=2)[:2] == [True, True]
 
 
 def test_no_open_switch_is_wrong_while_the_robot_flies() -> None:
