@@ -36,8 +36,6 @@ STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
 """Way of the trunk in a cycle, its limit and the step height, shares of the leg's length."""
 SPRAWLED_STRIDE = 0.22
 """Way of the trunk in a cycle of a robot with six legs, share of the leg's length."""
-CALM = 0.005
-"""Part of the tilt that a crawling robot takes out in a tick: at 0.025 trunks that sway on three feet rock the more."""
 LEAN_SHARE = 0.55
 """Margin before a foot lifts, share of the largest circle in the hull of the three other feet."""
 SWAY = 0.36
@@ -147,7 +145,7 @@ def gait_numbers(robot: Robot) -> dict[str, float]:
         margin = LEAN_SHARE * min(_inner_circle(np.delete(feet[:, :2], i, axis=0)) for i in range(robot.nlegs))
         numbers |= {
             "stride_m": STRIDE * length, "max_stride_m": MOST_STRIDE * length, "lean_margin_m": margin,
-            "level_gain": CALM, "lean_s": LEAN_S * slower, "lean_acceleration": SWAY * margin * GRAVITY / height,
+            "lean_s": LEAN_S * slower, "lean_acceleration": SWAY * margin * GRAVITY / height,
         }  # fmt: skip
     return {name: round(value, 4) for name, value in numbers.items()}
 

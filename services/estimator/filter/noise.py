@@ -217,7 +217,7 @@ class FixedNumbers(NamedTuple):
     most_more: float = 0.8
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
-    """Mean logarithm of the ratio of motions from which a switch is wrong, twice that of one alone that opens and closes."""
+    """Mean logarithm of the ratio of motions from which a switch is wrong; twice that for one alone that changes."""
     delay_forget_s: float = 0.25
     """Time in which what a foot shows beside the inertial unit is forgotten where late stamps are looked for, s."""
     delay_s: float = 1.0

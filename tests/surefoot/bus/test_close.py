@@ -5,7 +5,7 @@ import threading
 from surefoot.bus.interface import Delivery
 from surefoot.schemas.hw import Imu
 from surefoot.schemas.topics import HW_IMU
-from tests.surefoot.net import WAIT_S, Net, wait_until
+from tests.surefoot.net import WAIT_S, Net, matched, wait_until
 
 
 def test_the_end_waits_for_readers_that_have_ended(net: Net) -> None:
@@ -32,3 +32,11 @@ def test_the_end_waits_for_readers_that_have_ended(net: Net) -> None:
     reader.close()
     later.join()
     assert not seen[0].is_alive()
+
+
+def test_a_reader_that_looks_now_and_then_ends_its_subscription_with_its_function(net: Net) -> None:
+    look = net.open("client").newest(HW_IMU)
+    publisher = matched(net.open(), HW_IMU)
+    assert look() is None
+    del look
+    wait_until(lambda: not publisher._publisher.matching_status.matching)

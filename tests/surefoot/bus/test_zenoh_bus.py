@@ -69,14 +69,6 @@ def test_a_reader_that_looks_now_and_then_gets_the_newest(net: Net) -> None:
     assert look() is None
 
 
-def test_a_reader_that_looks_now_and_then_ends_its_subscription_with_its_function(net: Net) -> None:
-    look = net.open("client").newest(HW_IMU)
-    publisher = matched(net.open(), HW_IMU)
-    assert look() is None
-    del look
-    wait_until(lambda: not publisher._publisher.matching_status.matching)
-
-
 def test_message_says_what_it_is(net: Net) -> None:
     inbox = Inbox()
     with net.plain() as stranger:

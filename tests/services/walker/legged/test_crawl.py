@@ -1,6 +1,5 @@
 """The crawl in a loop of kinematics: the trunk moves over three feet before the fourth lifts."""
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -124,31 +123,6 @@ def test_no_foot_lifts_while_another_bears_nothing():
         assert ticks < 200
     assert gap <= 0.002
     assert ticks > 100 * dent / (2.0 * PARAMS.touch_speed)
-
-
-class Swaying(Plant):
-    """Its trunk rolls to the commanded angle as on compliant legs: once in a second, with a tenth of critical damping.
-
-    So does that of an Aliengo in the simulator while three of its feet carry.
-    """
-
-    roll, rate = 0.03, 0.0
-
-    def inputs(self):
-        omega, dt = 2.0 * np.pi, 0.01
-        self.rate += dt * (omega**2 * (self.walker.state.level[0] - self.roll) - 0.2 * omega * self.rate)
-        self.roll += dt * self.rate
-        return dataclasses.replace(super().inputs(), roll=self.roll, rate=(self.rate, 0.0, 0.0))
-
-
-def test_levelling_calms_a_trunk_that_sways():
-    p = Swaying(LeggedWalker(LUPO))
-    p.run(1.0)
-    assert p.walker.command(MotionCommand("walk", distance=1.0)).accepted
-    ticks = [(p.step().state, abs(p.rate)) for _ in range(1500)]
-    assert {state for state, _ in ticks} == {"walking"}
-    rates = [rate for _, rate in ticks]
-    assert max(rates[-500:]) < 0.2 * max(rates[:300])
 
 
 def test_the_trunk_accelerates_within_its_limit():
