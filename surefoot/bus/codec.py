@@ -81,12 +81,18 @@ def validate_json(model: type[W], payload: bytes) -> W:
 def refusal_of(error: ValidationError, what: str) -> Refusal:
     """Return the first complaint of pydantic as one sentence with the field and the received value."""
     first = first_complaint(error)
-    field = ".".join(str(part) for part in first["loc"]) or None
+    field = ".".join(_shown(str(part)) for part in first["loc"]) or None
     if first["type"] == "json_invalid":
         return Refusal("malformed", f"{what}: {first['msg']}", field)
     got = repr(first.get("input"))
     got = got if len(got) <= 120 else got[:117] + "..."
     return Refusal("invalid", f"{what}{'.' + field if field else ''}: {first['msg']} (got {got})", field)
+
+
+def _shown(name: str) -> str:
+    """Return the name of a field that a sender chose, for a sentence: of one line, and not long."""
+    name = name if name.isprintable() else repr(name)[1:-1]
+    return name if len(name) <= 60 else name[:57] + "..."
 
 
 def first_complaint(error: ValidationError) -> ErrorDetails:

@@ -224,6 +224,14 @@ def test_an_explicit_null_is_no_field() -> None:
     assert set(WALK_FIELDS) == set(get_args(WalkCommand.model_fields["action"].annotation))
 
 
+@pytest.mark.parametrize("name", ["friction\n", "a\tb", "\u2028", "x" * 5000])
+def test_a_field_of_any_name_is_refused_in_one_short_line(name: str) -> None:
+    with pytest.raises(Refusal) as refusal:
+        decode(ResetRequest, json.dumps({"seed": 0, "world": {name: None}}).encode())
+    assert str(refusal.value).isprintable()
+    assert len(str(refusal.value)) < 300
+
+
 def test_an_array_beyond_the_largest_is_refused_before_its_header_is_read() -> None:
     with expect_error(Refusal, "too_large"):
         decode(HeightMapMessage, bytes(MAX_BULK_BYTES + 1), b"{")
