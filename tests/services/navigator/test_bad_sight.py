@@ -40,6 +40,16 @@ def test_a_suspicion_ends_with_the_frames_of_the_camera(silent: bool) -> None:
     assert journey.feedback().recoveries == ({} if silent else {"suspect_look": 1})
 
 
+def test_a_suspicion_outlives_a_lost_frame_of_a_slow_camera() -> None:
+    journey, period = ready(), 1.7
+    localiser, frame = journey.service.localiser, journey.frame()
+    localiser._suspect, at = -1.0, localiser._seen_at
+    for _ in range(2):
+        at += period
+        localiser.look(frame.model_copy(update={"stamp_ns": round(1e9 * at)}), GaitView("standing"), at)
+    assert localiser.lost.suspected_until > at + 2.0 * period
+
+
 @pytest.mark.parametrize(("code", "off"), [("late", -S // 2), ("future", 10**9 * S)])
 def test_frames_that_are_not_of_now_are_refused_and_change_nothing(code: str, off: int) -> None:
     journey, dark = ready(), ready()
