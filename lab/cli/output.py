@@ -152,7 +152,8 @@ def fail(error: Exception) -> int:
     message, field = without_source(said) or type(error).__name__, str(getattr(error, "field", None) or "")
     names = {field, field.replace("_", "-"), field.rpartition(".")[2]}
     if (
-        field
+        field.isprintable()  # a line break in it stands quoted in the sentence
+        and field
         and code != "not_found"
         and not any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", message) for name in names)
     ):

@@ -2,8 +2,10 @@
 
 import pytest
 
+from surefoot.errors import Refusal
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import warming
+from surefoot.lab.cli.output import fail
 from surefoot.lab.cli.progress import Progress
 
 
@@ -107,3 +109,8 @@ def test_stamps_of_compiled_kernels_are_in_the_users_cache_folder(monkeypatch, t
     assert warming.Job("walker", "ragno").stamp.is_relative_to(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     assert warming.Job("walker", "ragno").stamp.is_absolute()
+
+
+def test_a_field_with_a_line_break_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fail(Refusal("invalid", "stability/region has no field 'fric\\ntion'", "fric\ntion")) != 0
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""Encoders that jump, told from a trunk that is thrown; switches that hang, from those that open and close."""
+"""Jumps of encoders beside thrown trunks, and switches that hang beside those that open and close."""
 
 import math
 
