@@ -3,6 +3,7 @@
 Every figure beside another is a ratio of neighbours: the machine may be busy with other work.
 """
 
+import json
 import os
 import signal
 import subprocess
@@ -15,6 +16,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from random import Random
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, of_children, table
 from benchmarks.machine import ENTRY, SPIN, Machine, descriptors, resident_mb, up
@@ -230,6 +234,61 @@ def peers(*, count: int = 100, seconds: float = 1800.0) -> None:
                     for name, pid in pids.items()]  # fmt: skip
             what = f"{rounds} restarts of each of {', '.join(half)} in {time.monotonic() - began:.0f} s"
             table(what, ("process", "growth MB", "descriptors"), rows)
+
+
+@BENCH.part("--seconds 40 --every 5 --settle 10")
+def hours(
+    *, seconds: float = 7200.0, every: float = 30.0, settle: float = 600.0, rtf: float = 1.0, kill: str = "estimator"
+) -> None:
+    """Slopes of memory and descriptors of a walking hexapod while services are killed in turn.
+
+    Each slope is a least-squares line over the samples after the time to settle, with twice the standard error that
+    the residuals of ten blocks give: neighbours of a sample are not independent.
+
+    Args:
+        seconds: in all.
+        every: time between two kills, s.
+        settle: time before the first sample that counts, s.
+        rtf: real-time factor; 0 = as fast as it goes.
+        kill: services by commas; the other processes live on and are measured.
+    """
+    names = kill.split(",")
+    with system("--rtf", str(rtf)) as machine:
+        well = {name: time.monotonic() for name in names}
+        pids = {name: pid for name, pid in machine.pids().items() if name not in names}
+        samples: list[tuple[float, dict[str, tuple[float, int]]]] = []
+        began, rounds, refused = time.monotonic(), 0, 0
+        while time.monotonic() < began + seconds:
+            order = {"action": "walk", "distance": 0.3} if rounds % 2 else {"action": "turn", "angle": 0.5}
+            refused += machine.surefoot("call", "cmd/walk", json.dumps(order)).returncode != 0
+            name = names[rounds % len(names)]
+            time.sleep(max(every, well[name] + STABLE_S + 1.0 - time.monotonic()))  # else it is given up
+            well[name] = machine.restart(name)
+            rounds += 1
+            found = {who: (resident_mb(pid), descriptors(pid)) for who, pid in pids.items()}
+            samples.append((time.monotonic() - began, found))
+        spent, report = time.monotonic() - began, machine.status()
+        if {who: machine.pids().get(who) for who in pids} != pids:
+            raise RuntimeError(f"others than {kill} were restarted: {report['services']}")
+    late = [item for item in samples if item[0] >= settle] or samples
+    times = np.array([when for when, _ in late]) / 3600.0
+    rows: list[tuple[object, ...]] = []
+    for who in pids:
+        memory, held = np.array([found[who] for _, found in late], dtype=float).T
+        slope, margin = _slope(times, memory)
+        count, spread = _slope(times, held)
+        rows.append((who, memory[0], f"{slope:+.2f} +- {margin:.2f}", held[0], f"{count:+.2f} +- {spread:.2f}"))
+    what = f"rtf {rtf:g}, {spent:.0f} s, {rounds} kills of {kill}, {refused} orders refused, {report.get('time')}"
+    table(what, ("process", "MB at first", "MB/h", "descriptors", "descriptors/h"), rows)
+
+
+def _slope(x: NDArray[np.float64], y: NDArray[np.float64], blocks: int = 10) -> tuple[float, float]:
+    """Return the slope of a least-squares line and twice its standard error, from the means of blocks of residuals."""
+    centred = x - x.mean()
+    slope = float(np.sum(centred * y) / np.sum(centred * centred))
+    parts = np.array_split(centred * (y - y.mean() - slope * centred), blocks)
+    wrong = float(np.sqrt(sum(float(part.sum()) ** 2 for part in parts)))
+    return slope, 2.0 * wrong / float(np.sum(centred * centred))
 
 
 @BENCH.part()
