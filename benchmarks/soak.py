@@ -265,11 +265,12 @@ def hours(
             time.sleep(max(every, well[name] + STABLE_S + 1.0 - time.monotonic()))  # else it is given up
             well[name] = machine.restart(name)
             rounds += 1
+            if {who: machine.pids().get(who) for who in pids} != pids:
+                break
             found = {who: (resident_mb(pid), descriptors(pid)) for who, pid in pids.items()}
             samples.append((time.monotonic() - began, found))
         spent, report = time.monotonic() - began, machine.status()
-        if {who: machine.pids().get(who) for who in pids} != pids:
-            raise RuntimeError(f"others than {kill} were restarted: {report['services']}")
+        others = {who for who, pid in pids.items() if machine.pids().get(who) != pid}
     late = [item for item in samples if item[0] >= settle] or samples
     times = np.array([when for when, _ in late]) / 3600.0
     rows: list[tuple[object, ...]] = []
@@ -280,6 +281,8 @@ def hours(
         rows.append((who, memory[0], f"{slope:+.2f} +- {margin:.2f}", held[0], f"{count:+.2f} +- {spread:.2f}"))
     what = f"rtf {rtf:g}, {spent:.0f} s, {rounds} kills of {kill}, {refused} orders refused, {report.get('time')}"
     table(what, ("process", "MB at first", "MB/h", "descriptors", "descriptors/h"), rows)
+    if others:
+        raise RuntimeError(f"others than {kill} were restarted: {sorted(others)}: {report['services']}")
 
 
 def _slope(x: NDArray[np.float64], y: NDArray[np.float64], blocks: int = 10) -> tuple[float, float]:
