@@ -271,6 +271,8 @@ def hours(
             samples.append((time.monotonic() - began, found))
         spent, report = time.monotonic() - began, machine.status()
         others = {who for who, pid in pids.items() if machine.pids().get(who) != pid}
+        for who in others:
+            print(machine.surefoot("logs", who).stdout[-4000:], machine.surefoot("logs", "supervisor").stdout[-4000:])
     late = [item for item in samples if item[0] >= settle] or samples
     times = np.array([when for when, _ in late]) / 3600.0
     rows: list[tuple[object, ...]] = []

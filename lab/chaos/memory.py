@@ -27,6 +27,8 @@ RESTART_S = 1.5
 """Virtual time from the death of a service to its successor, s."""
 JOIN_S = 1.0
 """Virtual time after which a service that is back must be on the roster, s."""
+PATIENCE_S = 5.0
+"""Virtual time that a caller waits for a service that is frozen, s."""
 STALL_S = 300.0
 """Virtual time without a tick after which a run counts as stalled, s."""
 
@@ -114,6 +116,7 @@ class ChaosSystem:
         self._dead: dict[str, float] = {}
         self._back: dict[str, float] = {}
         self._refused_before: dict[ChaosEvent, dict[tuple[str, str], int]] = {}
+        self._at_work: list[Node] = []
         self.nodes: dict[str, Node] = {}
         for name in makers:
             self._start(name)
@@ -126,7 +129,18 @@ class ChaosSystem:
         self.nodes[name] = node
         node.start()
         for query in node.service.serves:
-            self.bus.pump_with(query, lambda name=name, node=node: name not in self._frozen and node.pump_once())
+            self.bus.pump_with(query, lambda name=name, node=node: self._answer(name, node))
+
+    def _answer(self, name: str, node: Node) -> bool:
+        """Let a service answer a query; return False where nothing more comes of it.
+
+        While it is frozen the caller waits, as over Zenoh: time passes, the others go on, nothing else happens.
+        """
+        until = self.now + PATIENCE_S
+        while name in self._frozen and len(self._at_work) == 1 and self.now < until:
+            self._work(self.bus.turn())
+            self._over_freezes()
+        return name not in self._frozen and node.pump_once()
 
     def run(
         self, finished: Callable[[], bool], watch: Callable[[], None] = lambda: None, stall_s: float | None = None
@@ -147,13 +161,8 @@ class ChaosSystem:
             progressed = self.bus.turn()
             self._happen()
             self._notice()
-            for name, node in list(self.nodes.items()):
-                if name not in self._frozen and name not in self._dead:
-                    progressed = node.pump_once() or progressed
-                    node.timers()
+            self._work(progressed)
             watch()
-            if not progressed:
-                self.now += IDLE_S
             if self.driver.leader.tick != tick:
                 tick, moved = self.driver.leader.tick, self.now
                 self._close_events()
@@ -162,10 +171,24 @@ class ChaosSystem:
                 why = f"no tick after {tick} for {longest:g} s; {leader.state}, waits for {leader.missing()}"
                 raise BusError("stalled", why)
 
-    def _happen(self) -> None:
-        """Begin the events that are due, end the freezes, start the successors."""
+    def _work(self, progressed: bool) -> None:
+        """Let every service that is here work once, but those that wait for an answer; without work time passes."""
+        for name, node in list(self.nodes.items()):
+            if name not in self._frozen and name not in self._dead and node not in self._at_work:
+                self._at_work.append(node)
+                progressed = node.pump_once() or progressed
+                node.timers()
+                self._at_work.pop()
+        if not progressed:
+            self.now += IDLE_S
+
+    def _over_freezes(self) -> None:
         for name in self._over(self._frozen):
             self.bus.announce(name, self.nodes[name].instance)
+
+    def _happen(self) -> None:
+        """Begin the events that are due, end the freezes, start the successors."""
+        self._over_freezes()
         for name in self._over(self._dead):
             self._start(name)
         while self._waiting and self._waiting[0].tick <= self.driver.leader.tick:

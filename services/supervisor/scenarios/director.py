@@ -162,7 +162,7 @@ class Director:
         if walk is None or tick < walk.from_tick:
             return
         if gait.walk_id == walk.id:
-            walk.seen = True
+            walk.seen, self._resend = True, False  # it was only late
             if gait.state in RESTING:
                 if gait.state == "refused":
                     self.problems.append(f"the walker gave up: {gait.reason or 'no reason given'}")

@@ -204,6 +204,15 @@ def test_a_walker_restarted_before_its_walk_began_is_ordered_the_whole():
     assert again.walking
 
 
+def test_a_walk_that_ends_after_its_gait_came_late_is_not_ordered_again():
+    director, begin = accepted()
+    assert director.on_tick(begin + 30, gait("recovering", 0)) == []
+    assert director.on_tick(begin + 40, gait("walking", 1, 0.1)) == []
+    orders = director.on_tick(begin + 90, gait("standing", 1))
+    assert all(order.request.action == "turn" for order in orders)
+    assert not director.problems
+
+
 def test_what_is_left_undone_is_reported():
     director, _ = accepted()
     assert len(director.unfinished()) == 2
