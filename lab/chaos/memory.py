@@ -27,7 +27,7 @@ RESTART_S = 1.5
 """Virtual time from the death of a service to its successor, s."""
 JOIN_S = 1.0
 """Virtual time after which a service that is back must be on the roster, s."""
-ANSWER_S = 5.0
+PATIENT_S = 5.0
 """Virtual time that a caller waits for a service that is frozen, s."""
 STALL_S = 300.0
 """Virtual time without a tick after which a run counts as stalled, s."""
@@ -136,7 +136,7 @@ class ChaosSystem:
 
         While it is frozen the caller waits, as over Zenoh: time passes, the others go on, nothing else happens.
         """
-        until = self.now + ANSWER_S
+        until = self.now + PATIENT_S
         while name in self._frozen and len(self._at_work) == 1 and self.now < until:
             self._work(self.bus.turn())
             self._over_freezes()
