@@ -58,13 +58,17 @@ class Source:
     def tree(self) -> ast.Module:
         return ast.parse(self.text)
 
+    @cached_property
+    def nodes(self) -> list[ast.AST]:
+        """All nodes of the tree, found once for all rules."""
+        return list(ast.walk(self.tree))
+
     def docstrings(self) -> Iterator[tuple[int, str]]:
         """Yield line and text of each docstring, those of fields and constants included."""
-        for node in ast.walk(self.tree):
-            for child in ast.iter_child_nodes(node):
-                value = child.value if isinstance(child, ast.Expr) else None
-                if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                    yield child.lineno, value.value
+        for node in self.nodes:
+            value = node.value if isinstance(node, ast.Expr) else None
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                yield node.lineno, value.value
 
     def comments(self) -> Iterator[tuple[int, str]]:
         """Yield line and text of each comment."""
@@ -88,7 +92,7 @@ def long_functions(files: Iterable[Source]) -> list[Finding]:
     """Return functions of more than 60 lines."""
     out: list[Finding] = []
     for file in files:
-        for node in ast.walk(file.tree):
+        for node in file.nodes:
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 length = (node.end_lineno or node.lineno) - node.lineno + 1
                 if length > MOST_LINES:
@@ -105,7 +109,7 @@ def many_parameters(files: Iterable[Source]) -> list[Finding]:
     """Return functions of more than 8 parameters, `self` not counted; the options of a command are no parameters."""
     out: list[Finding] = []
     for file in files:
-        for node in ast.walk(file.tree):
+        for node in file.nodes:
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not is_command(node):
                 named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
                 count = len([each for each in named if each.arg not in ("self", "cls")])
@@ -127,7 +131,7 @@ def classes_twice(files: Iterable[Source]) -> list[Finding]:
     """Return classes whose name, a leading underscore aside, another class of the product has."""
     places: dict[str, list[Finding]] = defaultdict(list)
     for file in files:
-        for node in ast.walk(file.tree):
+        for node in file.nodes:
             if isinstance(node, ast.ClassDef):
                 places[node.name.lstrip("_")].append(Finding(file.name, node.lineno, f"class {node.name}"))
     return [each for found in places.values() if len(found) > 1 for each in found]
@@ -217,7 +221,7 @@ def climbing_names(files: Iterable[Source]) -> list[Finding]:
         if parts[0] == "surefoot":
             continue
         room = ".".join(("surefoot", *parts[: 2 if parts[0] == "services" else 1]))
-        for node in ast.walk(file.tree):
+        for node in file.nodes:
             if isinstance(node, ast.ImportFrom) and not node.level and f"{node.module}.".startswith(f"{room}."):
                 out.append(Finding(file.name, node.lineno, f"from {node.module} import ...: make it relative"))
     return out
