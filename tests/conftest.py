@@ -1,7 +1,11 @@
 """Settings of all tests."""
 
+import gc
+
 import pytest
 from hypothesis import settings
+
+gc.disable()  # nothing that is imported or collected becomes garbage: half of the time that collecting takes
 
 LIMITS_S = {"slow": 1800.0, "e2e": 900.0}
 """Time limits of marked tests, s wall, with their fixtures; `timeout` of pyproject.toml holds for the others."""
@@ -9,6 +13,12 @@ LIMITS_S = {"slow": 1800.0, "e2e": 900.0}
 # The same examples on every machine; a first call may compile a kernel, so single examples have no time limit.
 settings.register_profile("surefoot", derandomize=True, deadline=None)
 settings.load_profile("surefoot")
+
+
+def pytest_collection_finish() -> None:
+    """Let garbage be collected from now on, and leave out what every test shares."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -18,7 +18,7 @@ from tests.lab.estimation.walks import noisy
 def made_up() -> list[Experiment]:
     """Experiments over synthetic walks, which are quick."""
     out = []
-    for seed in range(3):
+    for seed in range(2):
         log = noisy("twist", seed)
         tracks = {name: track(name, log) for name in study.estimators()}
         walking = log.seconds > 2.5

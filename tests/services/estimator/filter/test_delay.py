@@ -1,6 +1,7 @@
 """Feet whose stamps are late or early all the time, or from some time on without a step, are put in their place."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,11 +29,16 @@ def shown_ms(found: Track) -> float:
     return 1e-6 * float(found.named["late_ns"][-1])
 
 
+@cache
+def in_time(kind: str) -> Track:
+    return track("best", noisy(kind, 7))
+
+
 @pytest.mark.parametrize("kind", ["twist", "slip", "turn"])
 @pytest.mark.parametrize("ms", [-40, -20, 20, 40])
 def test_late_feet_are_found_and_cost_little(kind, ms):
     log = noisy(kind, 7)
-    clean, found = track("best", log), track("best", late(log, ms))
+    clean, found = in_time(kind), track("best", late(log, ms))
     assert shown_ms(clean) == 0.0
     assert shown_ms(found) == pytest.approx(ms, abs=6.0)
     assert error(log, found) < 1.75 * error(log, clean)  # the newest feet are lacking: 1.5; not put right: 4
