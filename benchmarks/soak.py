@@ -236,7 +236,7 @@ def peers(*, count: int = 100, seconds: float = 1800.0) -> None:
             table(what, ("process", "growth MB", "descriptors"), rows)
 
 
-@BENCH.part("--seconds 20 --every 2 --settle 0 --kill estimator,walker")
+@BENCH.part("--seconds 40 --every 5 --settle 10")
 def hours(
     *, seconds: float = 7200.0, every: float = 30.0, settle: float = 600.0, rtf: float = 1.0, kill: str = "estimator"
 ) -> None:
