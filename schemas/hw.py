@@ -67,7 +67,8 @@ class FootContacts(Message):
 class ExternalMotion(Message):
     """Pose, heading or velocity of the robot by another source, e.g. a camera or motion capture.
 
-    ``stamp_ns`` is the time at which it holds, not that of its arrival; one of the last half second is put there.
+    ``stamp_ns`` is the time at which the value holds, not that of its arrival; the estimator takes up values that are
+    half a second old at most.
     """
 
     position: Vec3 | None = Field(

@@ -62,7 +62,7 @@ class Topic(Generic[M]):
 
     key: str
     carries: type[M]
-    """Its model, or the place of it; read it as `model`."""
+    """Model of the messages, or where it is defined; read it as `model`."""
     kind: Kind
     owner: str
     """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` is every service."""
@@ -131,9 +131,9 @@ class Query(Generic[Req, Rep]):
 
     key: str
     takes: type[Req]
-    """Model of its requests, or the place of it; read it as `request`."""
+    """Model of the requests, or where it is defined; read it as `request`."""
     returns: type[Rep]
-    """Model of its replies, or the place of it; read it as `reply`."""
+    """Model of the replies, or where it is defined; read it as `reply`."""
     owner: str
     timeout_s: float = 5.0
     """Default time limit of the caller, s of wall time."""

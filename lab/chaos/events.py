@@ -33,11 +33,11 @@ class ChaosEvent:
 
     kind: Kind
     tick: int
-    """Control tick of the driver in which it begins."""
+    """Control tick of the driver in which the event begins."""
     service: str
     """Owner of the spoilt messages, or the service that is frozen, slowed, ended or killed."""
     count: int = 0
-    """Deliveries that it spoils, or messages that are forged; 0 of kinds that spoil none."""
+    """Number of deliveries that the event spoils, or of messages that are forged; 0 of kinds that spoil none."""
     size: float = 0.0
     """Delay in rounds of the bus, or duration of a freeze or of slow running, s."""
 
@@ -49,13 +49,13 @@ class ChaosOutcome:
     event: ChaosEvent
     began: float
     spoilt: int = 0
-    """Deliveries that it spoilt."""
+    """Number of deliveries that the event spoilt."""
     recovered: float | None = None
     """Time at which the system was as before, s; None = never."""
     noticed: float | None = None
-    """Time at which it was first noticed, s; None = never."""
+    """Time at which a participant first noticed the event, s; None = never."""
     by: str = ""
-    """Participant that noticed it, and its sign."""
+    """Participant that noticed the event first, and by what sign."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,7 +103,7 @@ class _RunReader:
         self.now, self.frame_at = 0.0, 0.0
         self.standing, self.started, self.unknown = True, False, False
         self.landing: tuple[str, float] | None = None
-        """Kind of the action under way and when it lands, s."""
+        """Kind of the action under way, and the time at which its step lands, s."""
 
     def read(self, messages: list[Any]) -> Run:
         """Take in all messages, in the order of their ticks."""

@@ -37,7 +37,7 @@ class BuildOptions:
     """Noise of the sensors, and conditions for keeping a landmark."""
 
     range_share: float = 0.03
-    """Standard deviation of a range, part of it."""
+    """Standard deviation of a range as a share of the range."""
     range_sd: float = 0.005
     """Standard deviation of a range beside the share that grows with it, m."""
     bearing_sd: float = math.radians(1.5)

@@ -21,7 +21,7 @@ ON_THE_WAY = ("walking", "turning", "stopping", "recovering")
 BEFORE_S = 4.0
 """Time before the end at which a cause may have ended and still be one, s."""
 TOGETHER_S = 0.25
-"""Time within which a cause and what it causes begin, s."""
+"""Longest time between the begin of a cause and that of its effect, s."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 WEB = Path(__file__).with_name("web")
 LAYOUT = "lichtblick.json"
-"""Layout for Foxglove and Lichtblick, a file of the pages."""
+"""Name of the file with the layout for Foxglove and Lichtblick, which the pages offer."""
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'; img-src data:"
 """Sources that a page may load from: itself, and the server it came from."""
 

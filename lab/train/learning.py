@@ -102,7 +102,7 @@ class EligibilityTraces(NamedTuple):
     active: Ints
     """Cells that have a trace, (cells,)."""
     eligibility: Array
-    """Trace of each of them, (cells,)."""
+    """Eligibility of each cell that has a trace, (cells,)."""
     cells: Ints
     """Cells of action 0 at the 8 points around the state, (8,)."""
     weights: Array

@@ -128,7 +128,7 @@ class DepthView(NamedTuple):
     center: tuple[float, float]
     """Column and row of the image at the optical axis, px."""
     sigma: float
-    """Standard deviation of a depth that does not grow with it, m."""
+    """Constant part of the standard deviation of a depth, m."""
     sigma_square: float
     """Growth of the standard deviation of a depth with its square, m per m^2."""
     frame: str

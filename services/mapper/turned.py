@@ -39,7 +39,7 @@ class CameraError(NamedTuple):
     """Difference of a depth camera from what it is stated to be."""
 
     turn: Array
-    """Rotation that takes its rays to where they are, (3, 3) base_link."""
+    """Rotation from the stated rays of the camera to the true ones, (3, 3) base_link."""
     scale: float
     """Depths of the camera over true ones, no unit."""
 

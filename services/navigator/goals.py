@@ -31,9 +31,9 @@ class GaitView:
     walk_id: int = 0
     """Number of its present command, of any client."""
     order: int = 0
-    """Number of the last order that it took up."""
+    """Number of the last order that the walker took up."""
     refused: str = ""
-    """Reason why it refused that order; empty = it did not."""
+    """Reason why the walker refused its last order; empty = it did not."""
     ends_in: float | None = None
     """Time until the last planned step lands, s."""
     reason: str = ""
@@ -64,9 +64,9 @@ class Searching:
     """A search for the pose of a robot that is or may be lost."""
 
     until: float
-    """End of the present look, s; inf = it has not begun."""
+    """End of the present look at the surroundings, s; inf = the look has not begun."""
     lost: bool = True
-    """True if the robot is lost; it may be, else."""
+    """True if the robot is lost, False if it may be."""
     turns: int = 0
     """Number of turns made so far while searching."""
 

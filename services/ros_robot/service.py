@@ -17,7 +17,7 @@ from surefoot.record.fields import FieldPath
 from surefoot.robot.names import joint_columns, leg_columns
 
 MOST = 10_000
-"""Messages that are kept until they are read; of more the oldest are left out, while the run has yet to begin."""
+"""Most received messages that wait to be read; above it, before the run begins, the oldest are left out."""
 
 
 class RosRobotConfig(SensedConfig):

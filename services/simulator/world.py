@@ -101,7 +101,7 @@ class PhysicsWorld:
     command: Array
     """Joint positions the servos follow, (nj,), rad."""
     torque_limit: Array | None
-    """Torque limit of the servos for it, (nj,), Nm; None = their own."""
+    """Torque limit of the servos under the present command, (nj,), Nm; None = their own."""
 
     def __init__(self, robot: Robot, terrain: Terrain, seed: int = 0, config: WorldConfig | None = None) -> None:
         self.robot, self.terrain, self.seed = robot, terrain, seed

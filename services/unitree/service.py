@@ -18,7 +18,7 @@ MS = 1_000_000
 WRAP = 2**32
 """Size of the robot's `tick`, ms: it begins again after 49.7 days."""
 MOST = 64
-"""Messages that are kept until they are read."""
+"""Most received messages that wait to be read."""
 MOTORS = 20
 """Motors of a message; a quadruped has twelve."""
 LEGS = ("fr", "fl", "rr", "rl")

@@ -52,13 +52,13 @@ class RecogniseParams:
     fewest_anywhere: int = 8
     """Least number of matches of a motion found without a belief."""
     share_compared: float = 0.08
-    """Least share of the features that agree on it; the middle of an image upside down brings 0.044."""
+    """Least share of the features that agree on a common motion; the middle of an image upside down brings 0.044."""
     share_here: float = 0.02
     """Least share of the compared features that agree on a motion at the believed place; chance brings 0.008."""
     share_alone: float = 0.05
     """Least share of the compared features that are matched where too few agree; chance brings 0.04."""
     share_anywhere: float = 0.3
-    """Least share of the matches that agree on it."""
+    """Least share of the matches that agree on a motion found without a belief."""
     most: int = 20
     """Landmarks of one image, the likest."""
 

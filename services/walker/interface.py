@@ -29,7 +29,7 @@ class WalkerInputs:
     pitch: float = 0.0
     """Estimated pitch of base_link, rad."""
     rate: Vec3 = (0.0, 0.0, 0.0)
-    """Estimated angular velocity, rad/s, base_link axes; bipeds use it."""
+    """Estimated angular velocity of the trunk, rad/s, base_link axes, for the balance of bipeds."""
     x: float = 0.0
     """Dead-reckoned base_link position in odom, m."""
     y: float = 0.0

@@ -12,7 +12,7 @@ class TakenOrder:
     number: int = 0
     """Number of the order; 0 = none yet."""
     refused: str = ""
-    """Reason of its refusal, in words; empty = it was not refused."""
+    """Reason why the order was refused, in words; empty = it was not."""
     known: bool = True
     """False: of a walker that was started in mid-run without its memory. The first order that it sees may be an old
     one, so it is not obeyed."""

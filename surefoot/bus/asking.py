@@ -26,7 +26,7 @@ from surefoot.schemas.topics import HEALTH_GET, Query
 LIVE, STARTS = "alive", "starts"
 """First words of the tokens of a process: of one that is ready, and of one from its start on."""
 TOKENS_S = 0.5
-"""Most time for the tokens of a service, s; they come in a millisecond."""
+"""Limit on the wait for the liveliness tokens of a service, s; tokens come in a millisecond."""
 MEANWHILE_S = 0.5
 
 

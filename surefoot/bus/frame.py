@@ -50,7 +50,7 @@ class Frame:
         self._payload = payload
         instance, _, self._index = index.partition(b";")
         self.instance = instance[:MAX_INSTANCE].decode("ascii", "replace")
-        """Process that published it, as written in the frame."""
+        """Name of the process that published the frame, as written in the frame."""
         self.size = len(payload)
 
     def deliveries(self) -> list[Delivery]:

@@ -23,7 +23,7 @@ KINDS = {
     "cmd_vel": "geometry_msgs/msg/Twist", "BaseState": "dls2_interface/msg/BaseState",
     "BaseStateMsg": "dls2_msgs/msg/BaseStateMsg",
 }  # fmt: skip
-"""Types by what they carry."""
+"""Types of ROS messages by what the messages carry."""
 UNKNOWN = -1.0
 """First element of a covariance that is not known (sensor_msgs)."""
 

@@ -55,4 +55,4 @@ class Compiling:
 
 
 COMPILING = Compiling()
-"""Compilation of kernels in this process, and who listens to it."""
+"""Compilation of kernels in this process, and its listeners."""

@@ -23,7 +23,7 @@ LOCKSTEP_ANSWER_S = 30.0
 """Limit on the wait, s: longer than a partition after which Zenoh links two hosts anew, and than the start of a
 service. Meanwhile the inbox has room for what the driver repeats."""
 TRY_S = 5.0
-"""Limit on one try of it, s: the network may forget a query, so it is sent again; the same one is handled once."""
+"""Limit on one try of a query, s: the network may forget a query, so it is sent again; the same one is handled once."""
 AGAIN_S = 0.1
 """Pause before a process that was out of reach is asked again, s."""
 

@@ -134,7 +134,7 @@ READ: dict[str, tuple[str, Callable[[Message], dict[str, tuple[float, ...]]]]] =
     "state/velocity": ("published_", _velocity),
     "state/odometry": ("odometry_", _odometry),
 }
-"""Key: prefix of the columns of its stamps, and the numbers of a message."""
+"""Prefix of the columns of its stamps, and the function from a message to its numbers, by key of a topic."""
 
 
 def recorded_columns(path: Path, progress: Callable[[float], None] | None = None) -> tuple[Columns, str]:

@@ -51,7 +51,7 @@ class FinishedStance:
 
     leg: int
     slip: float
-    """Largest way from where it began, m."""
+    """Largest distance of the foot from where the stance began, m."""
     begin: tuple[float, float, float]
     """Foot centre at its begin, `odom`, m."""
     samples: int

@@ -30,7 +30,7 @@ class PredictionQuality:
 
     stances: int
     spearman: float
-    """Rank correlation of P and slip."""
+    """Rank correlation of the predicted probability and the measured slip."""
     warned: float
     """AUC of P for slips of more than twice the mean on flat ground."""
     held: float

@@ -17,9 +17,9 @@ from .relearn import Form, relearned
 from .samples import StanceSample
 
 MOST = 100_000
-"""Largest number of outcomes that wait for a round, while no learned model is in force, and that are known again."""
+"""Most outcomes that wait for a round of learning, and most taken ones that are kept in mind: none counts twice."""
 LAG = 4
-"""Number of choices from the begin of a round to the first with its model: two seconds of a tripod gait."""
+"""Number of choices from the begin of a round of learning to the first by its model: two seconds of a tripod gait."""
 
 
 @dataclass(frozen=True, slots=True)

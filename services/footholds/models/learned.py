@@ -213,7 +213,7 @@ class LearnedModel:
 
     @cached_property
     def table(self) -> Table:
-        """Values that predictions are interpolated in."""
+        """Predictions at the nodes of a grid over the coefficients, between which all others are interpolated."""
         axes = self._nodes()
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         steps = [[axis[0], (len(axis) - 1) / (axis[-1] - axis[0])] for axis in axes]

@@ -35,7 +35,7 @@ class Fates(NamedTuple):
     fate: Index
     """MATCHED or another fate of `gate`, (m,)."""
     nis: Array
-    """Normalised innovation squared against the landmark that looks most like it, 2 degrees of freedom, (m,)."""
+    """Normalised innovation squared of each sighting against the landmark most like it, 2 degrees of freedom, (m,)."""
     gap: Array
     """Squared distance of the descriptors, (m,)."""
 

@@ -47,11 +47,11 @@ class SeenElsewhere(NamedTuple):
     detection: int
     landmark: int
     x: float
-    """x of the place where it is seen, m, frame map."""
+    """x of the place where the landmark is seen, m, frame map."""
     y: float
-    """y of the place where it is seen, m, frame map."""
+    """y of the place where the landmark is seen, m, frame map."""
     slack: float
-    """Way to another sight within which both show one place, m."""
+    """Largest distance of two sights of one landmark that show one place, m."""
 
 
 class MovedLandmarks:

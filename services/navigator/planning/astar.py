@@ -36,7 +36,8 @@ HEAVIEST = 16
 RUN = 32
 """Largest number of cells of a straight run that one step of the search takes."""
 BUCKETS = 8192
-"""A power of two > 4 DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN, twice the dearest step and run."""
+"""Number of buckets of the queue of open cells: a power of two above twice the cost of the dearest step and run,
+4 DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN."""
 NOWHERE = -1
 """Goal of a search that settles everything."""
 EVEN = 128

@@ -72,9 +72,9 @@ class Costs:
     """A grid prepared for planning. Made once per map by `prepare`; arrays are padded by a frame of blocked cells."""
 
     grid: FloorGrid
-    """The grid it was made of."""
+    """Grid from which the costs were made."""
     clearance: Clearance
-    """Distances that it was made with."""
+    """Distances from obstacles with which the costs were made."""
     weight: Bytes
     """Cost factors of the padded cells, (rows + 2, cols + 2): UNIT far from obstacles, 0 = not to be entered; with the
     bit EVEN, see `astar`."""

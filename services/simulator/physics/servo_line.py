@@ -18,7 +18,7 @@ class Arrival(NamedTuple):
     """Command at the servos, with set-points rounded to their resolution."""
 
     step: int
-    """Physics step it takes effect in."""
+    """Physics step in which the command takes effect."""
     command: ServoCommand
 
 

@@ -185,7 +185,7 @@ class ImageSensor:
         kept = math.ceil((optics.exposure + optics.readout) / TICK_S) + 2
         self.path: deque[CameraPose] = deque(maxlen=kept)
         self.waiting: list[tuple[int, TakenImage]] = []
-        """Images and the ticks they arrive in."""
+        """Images under way, each with the tick in which it arrives."""
         self._ticks, self._delayed = 0, -1
         self._held: TakenImage | None = None
         x, y = (np.arange(n) + 0.5 - 0.5 * n for n in (optics.width, optics.height))

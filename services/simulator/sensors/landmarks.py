@@ -58,7 +58,7 @@ class Camera:
     bearing_sigma: float  # rad
     descriptor_sigma: float
     range_noise: float = 0.0
-    """Standard deviation of the range that does not grow with it, m, beside `range_sigma`."""
+    """Constant part of the standard deviation of a range, m, beside `range_sigma`."""
     still: float = 1.0
     """Part of the noise of range and bearing that a sharp image has; blur brings the rest."""
     tilt_blind: bool = False

@@ -29,7 +29,7 @@ class Outline(NamedTuple):
     answers: int
     """Number of answers in the fan."""
     gap: float
-    """Largest distance of outer from inner polygon, m, or a bound on it."""
+    """Largest distance of outer from inner polygon, m, or an upper bound on that distance."""
     inner: Array
     """Corners of the polygon inside the region, (p, 2) m."""
     outer: Array

@@ -27,7 +27,7 @@ class Margin:
     value: float | None
     """Signed distance, m, positive inside; None: there is no region, or no edge."""
     direction: Array | None = None
-    """Unit direction in which the edge is nearest, (2,); None: it is not known."""
+    """Unit direction in which the edge of the region is nearest, (2,); None = the direction is not known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,11 +25,11 @@ class Support:
     value: Array
     """Support values h(a), (k,) m; NaN unless status is ok."""
     point: Array
-    """Points of the region where they are reached, (k, 2) m."""
+    """Points of the region that reach the support values, (k, 2) m."""
     status: tuple[SupportStatus, ...]
-    """Status of each direction, k of them."""
+    """Status of each of the k directions."""
     gap: Array
-    """Value less a'point, (k,) m: >= 0 up to rounding."""
+    """Support value h(a) less a . p of the point p found in direction a, (k,) m: >= 0 up to rounding."""
     twist: Array
     """Certificate of each value about the origin of the frame, (k, 4) (v m, w_z), or (k, 6) (v m, Om) with an
     acceleration; NaN unless ok; (k, 0) with torque limits, which have none."""

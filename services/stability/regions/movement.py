@@ -30,7 +30,7 @@ class Check:
     gsm: Extent | None
     """Geometric stability margin (28), signed: from c1 along the movement."""
     stable: bool
-    """The region has an area and c1 lies in it."""
+    """True if the support region has an area and the centre of mass after the movement lies in it."""
 
 
 def worst(checks: Sequence[Check]) -> Check:

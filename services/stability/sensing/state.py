@@ -124,7 +124,7 @@ class Footing(NamedTuple):
     covariance: Array
     """Covariance of each force, base_link, (n, 3, 3) N^2."""
     observed: bool
-    """True if the torques determine the force on every one of them."""
+    """True if the joint torques determine the force on every contact."""
     com: Array
     """Centre of mass by kinematics, (3,) m, frame level."""
     rot: Array

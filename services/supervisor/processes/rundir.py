@@ -21,7 +21,7 @@ ROW = {"service", "state", "pid", "restarts", "detail"}
 MEMORIES = {"walker": "walker.json", "navigator": "navigator.json"}
 """Services that keep a memory over their restarts, and its files."""
 FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
-"""Files that describe a running system, and are removed with it."""
+"""Names of the files that describe a running system; they are removed when the system ends."""
 
 
 class RunFolderError(Exception):

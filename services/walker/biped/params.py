@@ -70,7 +70,7 @@ class BipedParams:
     learn: float = 0.5
     """Part of the difference between odometry and plan learned in each step, 0..1; 0 = none."""
     learn_limit: float = 0.3
-    """Largest learned difference from the plan, as part of it."""
+    """Largest learned difference of a step from its plan, as a share of the plan."""
     stale_s: float = 0.1
     """Age of estimates beyond which the walk waits, s."""
     close_m: float = 0.003

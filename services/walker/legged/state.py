@@ -65,7 +65,7 @@ class WalkerState:
     tilt_offset: Array = field(default_factory=lambda: np.zeros(2))
     """Learned correction of the estimated roll and pitch, (2,) rad, from the heights of standing feet on the map."""
     feet: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Foot centres as commanded in the last tick, (L, 3)."""
+    """Foot centres as commanded in the last tick, (L, 3) m, frame `map`."""
     footholds: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Foot centres of standing feet, (L, 3) m."""
     support: Array = field(default_factory=lambda: np.zeros(0))
