@@ -30,6 +30,7 @@ from surefoot.lab.studies import Line, metrics, run_scenario, seeds_of, study
 from surefoot.robot.description import RobotError
 from surefoot.robot.leg_tree import feet_and_jacobians, leg_arrays
 from surefoot.robot.reader import load_robot, robot_names
+from surefoot.schemas.topics import TICK_S
 from surefoot.services.supervisor.processes.process import busy_s
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
 from tests.processes import running
@@ -253,27 +254,29 @@ def footholds(
 
 
 def bare_reader(domain: int) -> None:
-    """Take and decode each `rt/lowstate` of a domain, looking as often as the driver does, until the process ends."""
+    """Take and decode each `rt/lowstate` of a domain, looking once in a tick, until the process ends."""
     from cyclonedds.domain import DomainParticipant
+    from cyclonedds.qos import Policy, Qos
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
 
-    from surefoot.lockstep.sensed import POLL_S
     from surefoot.services.unitree.messages import LOW_STATE, LowState
+    from surefoot.services.unitree.service import MOST
 
     participant = DomainParticipant(domain)
-    reader = DataReader(participant, Topic(participant, LOW_STATE, LowState))
+    quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(MOST))
+    reader = DataReader(participant, Topic(participant, LOW_STATE, LowState), quality)
     while True:
-        reader.take(N=64)
-        time.sleep(POLL_S)
+        reader.take(N=MOST)
+        time.sleep(TICK_S)
 
 
 @BENCH.part()
 def load(robot: str = f"{GYM}/go2", /, *, seconds: float = 20.0) -> None:
     """Processor shares of driver, estimator, stability, recorder and supervisor beside a Go2 over DDS at 500 Hz.
 
-    The Go2 is `examples/unitree/fake.py` on loopback, which stands. The bare reader takes and decodes the same messages
-    and does nothing with them; both are measured one after the other.
+    The Go2 is `examples/unitree/fake.py` on loopback, which stands. The bare reader takes the same messages once in a
+    tick, decodes them by the library and does nothing with them; it runs beside the others, in the same seconds.
 
     Args:
         robot: PACKAGE/ROBOT or the name of one of ours.
@@ -284,13 +287,17 @@ def load(robot: str = f"{GYM}/go2", /, *, seconds: float = 20.0) -> None:
         "CYCLONEDDS_URI": f"<CycloneDDS><Domain>{LOOPBACK}</Domain></CycloneDDS>",
     }
     reader = [sys.executable, "-c", f"from benchmarks.robots import bare_reader; bare_reader({DOMAIN})"]
-    with placed(robot) as place, running([sys.executable, str(FAKE), str(DOMAIN), "36000"]):
-        with running(reader) as process:
-            bare = shares({"reader": process.pid}, seconds)["reader"]
-        with tempfile.TemporaryDirectory() as folder, up(Path(folder), "--robot", place, system="unitree") as machine:
-            machine.system = Path(place).name
-            machine.wait_until_healthy()
-            found = shares(machine.pids(), seconds)
+    with (
+        placed(robot) as place,
+        running([sys.executable, str(FAKE), str(DOMAIN), "36000"]),
+        running(reader) as process,
+        tempfile.TemporaryDirectory() as folder,
+        up(Path(folder), "--robot", place, system="unitree") as machine,
+    ):
+        machine.system = Path(place).name
+        machine.wait_until_healthy()
+        found = shares({"bare reader": process.pid, **machine.pids()}, seconds)
+        bare = found.pop("bare reader")
     print(f"load of the machine {os.getloadavg()[0]:.1f}, {os.cpu_count()} processors")
     table("processor shares, % of a core", ("process", "share"), [("bare reader", bare), *found.items()])
     goal("all of them beside the bare reader", sum(found.values()) - bare, "<=", 15.0, "% of a core")

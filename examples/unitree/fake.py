@@ -7,7 +7,15 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 
-from surefoot.services.unitree.messages import LOW_STATE, BatteryState, ImuState, LowState, MotorState, check_sum
+from surefoot.services.unitree.messages import (
+    LOW_STATE,
+    BatteryState,
+    ImuState,
+    LowState,
+    MotorState,
+    check_sum,
+    numbers_of,
+)
 
 HOME = (0.0, 0.9, -1.8)  # hip, thigh, calf, rad
 
@@ -20,7 +28,7 @@ def low_state(tick_ms: int, joints: list[float], gyro: list[float], acc: list[fl
         [254, 239], 255, 0, [0, 0], [0, 0], 0, ImuState([1.0, 0.0, 0.0, 0.0], gyro, acc, [0.0] * 3, 40), motors,
         battery, force, force, tick_ms, [0] * 40, 0, 0.0, 40, 40, 29.0, 1.0, [0] * 4, 0, 0,
     )  # fmt: skip
-    made.crc = check_sum(made)
+    made.crc = check_sum(numbers_of(made))
     return made
 
 

@@ -5,6 +5,7 @@
 import struct
 import zlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cyclonedds.idl as idl
 import numpy as np
@@ -13,8 +14,13 @@ from cyclonedds.idl.types import array, float32, int16, int32, uint8, uint16, ui
 
 LOW_STATE, SPORT_STATE = "rt/lowstate", "rt/sportmodestate"
 """Topics."""
-PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + "4BiH4B15H" + "8hI41B3xf2B2x2f4H2I"
+BATTERY_AND_REST = "4BiH4B15H" + "8hI41B3xf2B2x2f4H2I"
+PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + BATTERY_AND_REST
 """Layout of a LowState in the memory of the robot, over which its check sum is taken."""
+SENT, SENT_AS = struct.Struct("<4x4B4IH2x" + "13fB" + "B2x7fB3x3I" + "B3x7fB3x3I" * 19 + BATTERY_AND_REST), b"\0\1"
+"""Layout of a LowState as DDS carries it with these first two bytes: XCDR1, the lower byte first."""
+MOTOR_WORDS, MOTORS = 12, 20
+"""Numbers of a motor, and motors of a LowState."""
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 """Bytes with their bits in reverse order."""
 
@@ -147,8 +153,51 @@ class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState
     path_point: array[PathPoint, 10]
 
 
-def check_sum(state: LowState) -> int:
-    """Return the check sum of a LowState: CRC-32/MPEG-2 over its words but the last."""
+class Numbers(tuple[float, ...]):
+    """All numbers of a LowState, in the order of its fields."""
+
+
+class NumbersAsSent:
+    """Decoder of LowState messages for a `Topic`: one call in C in the place of one in Python for each field."""
+
+    deserialize_key = LowState.deserialize_key
+
+    @staticmethod
+    def deserialize(data: bytes) -> Numbers:
+        """Return the numbers of a message."""
+        if len(data) == SENT.size and data[:2] == SENT_AS:
+            return Numbers(SENT.unpack(data))
+        return numbers_of(LowState.deserialize(data))
+
+
+class Sensors(NamedTuple):
+    """What a driver reads of a LowState: rad, rad/s, Nm, m/s^2; motors and feet in the maker's order."""
+
+    tick: int  # ms
+    crc: int
+    gyroscope: tuple[float, ...]  # (3,)
+    accelerometer: tuple[float, ...]  # (3,)
+    foot_force: tuple[float, ...]  # (4,) raw
+    q: tuple[float, ...]  # (20,)
+    dq: tuple[float, ...]  # (20,)
+    tau_est: tuple[float, ...]  # (20,)
+    lost: tuple[float, ...]  # (20,)
+
+
+IMU_AT, MOTORS_AT, FEET_AT, TICK_AT = 9, 23, 288, 296
+"""Places of the first number of these parts among the numbers of a LowState."""
+
+
+def sensors_of(n: Numbers) -> Sensors:
+    """Return what a driver reads of a LowState."""
+    end = MOTORS_AT + MOTORS * MOTOR_WORDS
+    q, dq, tau, lost = (n[MOTORS_AT + k : end : MOTOR_WORDS] for k in (1, 2, 4, 9))
+    gyro, acc, feet = n[IMU_AT + 4 : IMU_AT + 7], n[IMU_AT + 7 : IMU_AT + 10], n[FEET_AT : FEET_AT + 4]
+    return Sensors(int(n[TICK_AT]), int(n[-1]), gyro, acc, feet, q, dq, tau, lost)
+
+
+def numbers_of(state: LowState) -> Numbers:
+    """Return the numbers of a LowState."""
     m, imu, power = state, state.imu_state, state.bms_state
     numbers = [*m.head, m.level_flag, m.frame_reserve, *m.sn, *m.version, m.bandwidth]
     numbers += [*imu.quaternion, *imu.gyroscope, *imu.accelerometer, *imu.rpy, imu.temperature]
@@ -158,7 +207,11 @@ def check_sum(state: LowState) -> int:
     numbers += [power.version_high, power.version_low, power.status, power.soc, power.current, power.cycle]
     numbers += [*power.bq_ntc, *power.mcu_ntc, *power.cell_vol, *m.foot_force, *m.foot_force_est, m.tick]
     numbers += [*m.wireless_remote, m.bit_flag, m.adc_reel, m.temperature_ntc1, m.temperature_ntc2]
-    numbers += [m.power_v, m.power_a, *m.fan_frequency, m.reserve, m.crc]
+    return Numbers([*numbers, m.power_v, m.power_a, *m.fan_frequency, m.reserve, m.crc])
+
+
+def check_sum(numbers: Numbers) -> int:
+    """Return the check sum of a LowState: CRC-32/MPEG-2 over its words but the last."""
     words = np.frombuffer(struct.pack(PACKED, *numbers)[:-4], dtype="<u4").byteswap().tobytes()
     reflected = zlib.crc32(words.translate(REVERSED)) ^ 0xFFFFFFFF
     return int(f"{reflected:032b}"[::-1], 2)

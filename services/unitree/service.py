@@ -52,7 +52,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         self._joints = joint_columns(c.joints, self.robot)
         self._feet = leg_columns(c.feet, self.robot)
         self._now_ms: int | None = None
-        self._lost: list[int] = []
+        self._lost: tuple[float, ...] = ()
         self._maker: Any = None
         self._readers = self._open()
 
@@ -65,7 +65,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
             from cyclonedds.sub import DataReader
             from cyclonedds.topic import Topic
 
-            from .messages import LOW_STATE, SPORT_STATE, LowState, SportModeState
+            from .messages import LOW_STATE, SPORT_STATE, LowState, NumbersAsSent, SportModeState
         except ImportError:
             raise SurefootError("not_installed", f"Unitree's robots need DDS: {INSTALL}", "unitree") from None
         net = f'<NetworkInterface name="{c.interface}" presence_required="true"/>'
@@ -74,8 +74,9 @@ class Unitree(SensedDriver[UnitreeConfig]):
             self._held: list[Any] = [Domain(c.domain, settings)]
             participant = DomainParticipant(c.domain)
             quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(MOST))
-            named = ((LOW_STATE, LowState), (SPORT_STATE, SportModeState))
-            made = [DataReader(participant, Topic(participant, topic, kind), quality) for topic, kind in named]
+            low, sport = Topic(participant, LOW_STATE, LowState), Topic(participant, SPORT_STATE, SportModeState)
+            low.data_type = NumbersAsSent  # pyright: ignore[reportAttributeAccessIssue] - it decodes, too
+            made = [DataReader(participant, topic, quality) for topic in (low, sport)]
         except DDSException as error:
             text = f"no DDS on interface {c.interface!r} ({str(error)[:120]}); `ip link` lists the interfaces"
             raise SurefootError("unreachable", text, "interface") from None
@@ -85,34 +86,32 @@ class Unitree(SensedDriver[UnitreeConfig]):
     def poll(self) -> None:
         """Move what has come into the intake."""
         for state in self._readers[0].take(N=MOST):
-            if hasattr(state, "tick"):  # else: the writer has gone
+            if isinstance(state, tuple):  # else: the writer has gone
                 self.take(state)
         for state in self._readers[1].take(N=MOST):
             if hasattr(state, "position"):
                 self._maker = state
 
-    def take(self, m: Any) -> None:
-        """Take a LowState message of the robot: joints, inertial unit, foot forces."""
-        from .messages import check_sum
+    def take(self, numbers: Any) -> None:
+        """Take the numbers of a LowState message of the robot: joints, inertial unit, foot forces."""
+        from .messages import check_sum, sensors_of
 
-        if self.config.check_crc and check_sum(m) != m.crc:
-            self.intake.refuse("crc", f"rt/lowstate: check sum {m.crc:#x}, wanted is {check_sum(m):#x}")
+        m = sensors_of(numbers)
+        if self.config.check_crc and (wanted := check_sum(numbers)) != m.crc:
+            self.intake.refuse("crc", f"rt/lowstate: check sum {m.crc:#x}, wanted is {wanted:#x}")
             return
         stamp = self._time(m.tick) * MS
-        imu, motors = m.imu_state, m.motor_state[: len(self.config.joints)]
-        self.intake.imu(stamp, imu.gyroscope, imu.accelerometer)
+        self.intake.imu(stamp, m.gyroscope, m.accelerometer)
         if not any(m.foot_force):
             self.intake.refuse("feet_zero", "rt/lowstate: all foot forces are zero; without them the feet go by height")
         elif self.intake.contact is not None:
             self.intake.feet(stamp, [m.foot_force[i] for i in self._feet])
-        lost, self._lost = self._lost or [motor.lost for motor in motors], [motor.lost for motor in motors]
-        for name, before, now in zip(self.config.joints, lost, self._lost, strict=True):
-            if now > before:
+        before, self._lost = self._lost or m.lost, m.lost
+        for name, was, now in zip(self.config.joints, before, m.lost, strict=False):
+            if now > was:
                 self.intake.refuse("motor_lost", f"rt/lowstate: the motor {name} is lost, {now} answers so far")
                 return
-        rows = [motors[i] for i in self._joints]
-        parts = ([r.q for r in rows], [r.dq for r in rows], [r.tau_est for r in rows])
-        self.intake.joints(stamp, *parts)
+        self.intake.joints(stamp, *([part[i] for i in self._joints] for part in (m.q, m.dq, m.tau_est)))
 
     def release(self, tick: int) -> list[DueSample]:
         """Return the samples of a tick, and the maker's estimate if there is a new one."""

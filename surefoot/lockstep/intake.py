@@ -92,11 +92,10 @@ class Intake:
         """Time of the newest inertial row, ns; -1 = there was none."""
         return self._newest["imu"] if self._origin is not None else -1
 
-    def reached(self, tick: int) -> bool:
-        """Return whether inertial rows and joints have come to the end of a tick."""
-        end = tick * TICK_NS
-        joints = self._newest["joints"] >= end or "joints" not in self._newest
-        return self._origin is not None and self._newest["imu"] >= end and joints
+    def lacking_ns(self, tick: int) -> int:
+        """Return the time by which inertial rows or joints are short of the end of a tick, ns; 0 = they reach it."""
+        newest = min(self._newest["imu"], self._newest.get("joints", self._newest["imu"]))
+        return max(0, tick * TICK_NS - newest) if self._origin is not None else TICK_NS
 
     def refuse(self, code: str, text: str) -> None:
         """Count a refused sample under its code, and log the reason."""

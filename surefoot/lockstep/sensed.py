@@ -20,7 +20,7 @@ from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, S
 PATIENCE_S = 0.05
 """Time without a sample after which ticks go on by the wall clock, s."""
 POLL_S = 0.001
-"""Time between two looks at the sensors, s."""
+"""Least time between two looks at the sensors, s; they wait for the end of a tick that the samples so far are from."""
 MISSED_S = 5.0
 """Time without the first sample after which a warning is logged, s."""
 
@@ -57,19 +57,26 @@ class SensorPace(Pace):
     def __init__(self, intake: Intake, poll: Callable[[], None], clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(clock)
         self._intake, self._poll = intake, poll
-        self._last = clock()
+        self._last = self._next_look = clock()
 
     def until_due(self, tick: int) -> float:
         """Return the wall seconds after which to ask again, 0 when the tick is due."""
-        self._poll()
         now = self._clock()
-        if self._intake.newest_ns < 0 or self._intake.reached(tick):
+        if now < self._next_look:
+            return self._next_look - now
+        self._poll()
+        lacking_s = 1e-9 * self._intake.lacking_ns(tick)
+        if self._intake.newest_ns < 0:
             self._last = now
-            return POLL_S if self._intake.newest_ns < 0 else 0.0
-        if now - self._last < PATIENCE_S:
-            return POLL_S
-        self._last = max(self._last + TICK_S, now - 2 * PATIENCE_S)
-        return 0.0
+        elif lacking_s <= 0.0:
+            self._last = now
+            return 0.0
+        elif now - self._last >= PATIENCE_S:
+            self._last = max(self._last + TICK_S, now - 2 * PATIENCE_S)
+            return 0.0
+        wait_s = min(max(lacking_s - POLL_S, POLL_S), TICK_S)
+        self._next_look = now + wait_s
+        return wait_s
 
 
 S = TypeVar("S", bound=SensedConfig)

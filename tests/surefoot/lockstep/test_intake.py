@@ -22,8 +22,10 @@ def test_time_does_not_begin_with_a_row_that_is_refused(row: tuple[float, ...]) 
     made.imu(START_NS - 5_000_000_000, row, UP)
     made.joints(START_NS, STANCE)
     assert made.newest_ns == -1
-    assert not made.reached(0)
+    assert made.lacking_ns(0) > 0
     made.imu(START_NS, STILL, UP)
+    assert made.lacking_ns(0) == 0
+    assert made.lacking_ns(2) == 2 * TICK_NS
     assert made.newest_ns == 0
     assert len(made.refused) == 1
 
