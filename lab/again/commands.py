@@ -19,7 +19,7 @@ Keep = Annotated[Path | None, typer.Option("--out", "-o", help="Keep the repetit
 @app.command()
 def why(file: Recording, json: Json = False) -> None:
     """Walk back from a fall, stop, halt, missed goal or slip to its first cause. Exit code 1: something went wrong,
-    or a part of the recording cannot be read."""
+    a part of the recording cannot be read, or its clock jumps."""
     use_json(json)
     with Progress(f"causes in {file.name}", reads=[file]) as progress:
         from ..report.why import explain
@@ -32,7 +32,7 @@ def why(file: Recording, json: Json = False) -> None:
         rows = [each for each in (found.cause, *found.chain, found.outcome) if each is not None]
         if rows:
             write_table(("time", "kind", "what was seen"), [(f"{e.begin:.2f} s", e.code, e.text) for e in rows])
-    if found.outcome is not None or found.damage:
+    if found.outcome is not None or found.damage or found.jumps:
         raise typer.Exit(EXIT_CHECK)
 
 
@@ -69,10 +69,12 @@ def verify(
         write(f"recorded  {found.recorded}\nrepeated  {found.repeated}")
         for name, (was, now) in found.versions.items():
             write(f"note      {name} {was} recorded, {now} here")
-        if not found.same:
+        if found.recorded != found.repeated:
             write(f"keys that differ: {', '.join(found.keys) or 'not recorded'}")
             _show(found.first)
-        write("the run repeats to the bit" if found.same else "the run does not repeat")
+        if found.altered:
+            write(f"keys whose messages are not those that were recorded: {', '.join(found.altered)}")
+        write("the run repeats to the bit" if found.recorded == found.repeated else "the run does not repeat")
     if not found.same:
         raise typer.Exit(EXIT_CHECK)
 

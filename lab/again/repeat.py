@@ -1,5 +1,6 @@
 """A recorded run again: from its metadata, as it was or with changes from a tick on."""
 
+import json
 import tempfile
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -13,12 +14,13 @@ from surefoot.bus.codec import refusal_of
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.lockstep.local import LocalSystem
-from surefoot.record.recording import HASHES, SUMMARY, recording_info, verify_recording
+from surefoot.record.recording import HASHES, SUMMARY, read_recording, recording_info, topic_of, verify_recording
+from surefoot.record.runhash import RunHash
 from surefoot.robot.description import RobotError
 from surefoot.robot.reader import ROBOT_FILE, load_robot
 from surefoot.schemas.footholds import SelectReply
 from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest
-from surefoot.schemas.topics import FOOTHOLDS_SELECT, HW_TICK, TICK_S
+from surefoot.schemas.topics import FOOTHOLDS_SELECT, HW_TICK, TICK_S, Kind
 from surefoot.services.supervisor.scenarios.recorded import RUN, VERSIONS, recorded_scenario
 from surefoot.services.supervisor.scenarios.scenario import Scenario, Step
 
@@ -151,6 +153,7 @@ class Verification:
         keys: whose digests differ.
         first: difference; None: the same.
         versions: name, then recorded and present version, of what has changed since.
+        altered: keys whose messages in the file are not those that were recorded.
     """
 
     recorded: str
@@ -158,11 +161,12 @@ class Verification:
     keys: tuple[str, ...]
     first: FirstDifference | None
     versions: dict[str, tuple[str, str]]
+    altered: tuple[str, ...] = ()
 
     @property
     def same(self) -> bool:
-        """True if the run has repeated to the bit."""
-        return self.recorded == self.repeated
+        """True if the run has repeated to the bit, and the file holds its messages."""
+        return self.recorded == self.repeated and not self.altered
 
 
 @contextmanager
@@ -190,15 +194,37 @@ def verify(
         SurefootError: the recording holds too little, see `RecordedRun.of`.
     """
     run = RecordedRun.of(path)
+    altered = _altered(run)
     with kept(keep) as target:
         found = run.again(target, progress=progress)
         metadata = recording_info(target)["metadata"]
         now, digests = metadata.get(VERSIONS, {}), metadata.get(HASHES, {})
         changed = {n: (v, now.get(n, "absent")) for n, v in run.versions.items() if now.get(n) != v}
         if found == run.run_hash:
-            return Verification(run.run_hash, found, (), None, changed)
+            return Verification(run.run_hash, found, (), None, changed, altered)
         keys = sorted(k for k in {*run.hashes, *digests} if run.hashes.get(k) != digests.get(k))
-        return Verification(run.run_hash, found, tuple(keys), first_difference(path, target), changed)
+        return Verification(run.run_hash, found, tuple(keys), first_difference(path, target), changed, altered)
+
+
+def _altered(run: RecordedRun) -> tuple[str, ...]:
+    """Return the keys whose messages in the file have another digest than the recorded one."""
+    found = RunHash()
+    for item in read_recording(run.path, tuple(run.hashes) or ("",)):
+        raw = item.raw()
+        try:
+            head = json.loads(raw.attachment or raw.payload)
+            stamp_ns = head["stamp_ns"] if _joined(item.key) else 0
+            found.update(item.key, head["epoch"], stamp_ns, head["seq"], raw.payload, raw.attachment)
+        except (ValueError, KeyError, TypeError):
+            found.update(item.key, 0, 0, 0, raw.payload, None)
+    digests = found.keys()
+    return tuple(sorted(key for key, digest in run.hashes.items() if digests.get(key) != digest))
+
+
+def _joined(key: str) -> bool:
+    """Return whether the recorder takes the messages of a key with its ticks, whose digest holds their stamps."""
+    topic = topic_of(key)
+    return topic is not None and topic.kind not in (Kind.LATCHED, Kind.STATUS)
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,8 @@ def _tum(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
             w, x, y, z = m.quat_wxyz
             numbers = " ".join(f"{value:.9f}" for value in (*m.position, x, y, z, w))
             file.write(f"{m.stamp_ns * 1e-9:.9f} {numbers}\n")
+        if not file.tell():
+            raise SurefootError("invalid", f"{recording} has no state/odometry", "recording")
 
 
 def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
@@ -153,6 +155,7 @@ def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
 
     rot = matrix_from_quat(robot.imu.quat_wxyz)
     velocity: Any = None
+    written = 0
     with Writer(out, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
         links = {name: writer.add_connection(topic, KINDS[name], typestore=types()) for name, topic in TOPICS.items()}
         for item in read_recording(
@@ -173,8 +176,11 @@ def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
                 velocity = m
             elif velocity is not None:
                 made = {"odometry": odometry_message(m, velocity, rot, FRAMES), "tf": transform_message(m, FRAMES)}
+            written += len(made)
             for name, message in made.items():
                 writer.write(links[name], m.stamp_ns, types().serialize_cdr(message, KINDS[name]))
+    if not written:
+        raise SurefootError("invalid", f"{recording} has none of hw/imu, hw/joints, hw/contacts", "recording")
 
 
 FORMATS: dict[str, Callable[[Path, Path, Robot, Share], None]] = {

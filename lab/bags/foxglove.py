@@ -10,7 +10,7 @@ from surefoot.record.recording import ReadableRecording, media_type, open_readab
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.reader import ROBOT_FILE, ROBOTS, load_robot
 
-from ..scene.film import NS, snapshots
+from ..scene.film import NS, ReadCount, snapshots
 from ..scene.foxglove import FoxgloveScene
 from ..scene.pages import LAYOUT, asset
 from ..scene.primitives import sdk
@@ -19,6 +19,8 @@ from ..scene.scene import KEYS, RobotScene
 RATE_HZ = 50.0
 """Snapshots of a second of simulated time."""
 LINE_KEY = "log/"
+LATEST_S = 2.0**32
+"""Times of Foxglove's messages are below it, s."""
 
 
 def write_foxglove(
@@ -40,14 +42,18 @@ def write_foxglove(
     """
     library, opened = sdk(), open_readable(recording)
     scene, context, count = RobotScene(robot, strict=True), library.Context(), 0
-    lines = _log_lines(opened)
+    lines, account = _log_lines(opened), ReadCount(robot)
     with library.open_mcap(out, context=context) as file:
         for name, values in opened.metadata.items():
             file.write_metadata(name, values)
         for name, kind, data in _attachments(opened, robot):
             file.attach(log_time=opened.start_ns, create_time=opened.start_ns, name=name, media_type=kind, data=data)
         to = FoxgloveScene(scene, context)
-        for shown in snapshots(scene, ((m.stamp_ns * NS, m) for m in opened.messages(KEYS, progress)), 1.0 / RATE_HZ):
+        messages = ((m.stamp_ns * NS, account.reading(m)) for m in opened.messages(KEYS, progress))
+        for shown in snapshots(scene, messages, 1.0 / RATE_HZ):
+            if not 0.0 <= shown.time < LATEST_S:
+                got = f"a pose at {shown.time:g} s, allowed is 0 or more and below {LATEST_S:g}"
+                raise SurefootError("malformed", f"{recording}: {got}", "stamp_ns")
             to.publish(shown)
             count += 1
             while lines and lines[0][0] <= shown.time / NS:
@@ -55,7 +61,8 @@ def write_foxglove(
         for line in lines:
             to.log(*line)
     if not count:
-        raise SurefootError("invalid", f"{recording} shows no posture of the robot {robot.name}", "recording")
+        why = "".join(f"; {note}" for note in account.notes())
+        raise SurefootError("invalid", f"{recording} shows no posture of the robot {robot.name}{why}", "recording")
 
 
 def _log_lines(recording: ReadableRecording) -> list[tuple[int, str, str, str]]:

@@ -30,9 +30,11 @@ def render(
         from ..scene.render import render as paint
 
         shot = Shot((width, 2 * round(width * 9 / 32)), fps, speed, start, end, still, quality)
-        frames = paint(file, out, shot, progress.at)
+        painted = paint(file, out, shot, progress.at)
     size = out.stat().st_size
     if json:
-        write_json({"file": near(out), "frames": frames, "bytes": size})
+        write_json({"file": near(out), "frames": painted.frames, "bytes": size, "notes": painted.notes})
     else:
-        write(f"{near(out)}: {frames} frames, {size / 1e6:.2f} MB")
+        write(f"{near(out)}: {painted.frames} frames, {size / 1e6:.2f} MB")
+        for note in painted.notes:
+            write(f"note  {note}")

@@ -40,7 +40,7 @@ def report_recording(
     run, summary = recording.metadata.get("run", {}), recording.metadata.get("surefoot", {})
     traces = read_traces(recording.messages((*KEYS, "terrain/map"), lambda share: progress(READ * share)))
     partly = (f"only a part of the recording can be read: {recording.damage}",) if recording.damage else ()
-    notes = (*partly, *explained(file))
+    notes = (*partly, *explained(file, whole=not recording.damage))
     progress(EXPLAINED)
     if SCENARIO in recording.metadata:
         own = recorded_scenario(recording.metadata, file)
@@ -57,6 +57,7 @@ def report_recording(
         limits=limits,
     )
     about, film = filmed(recording, about)
+    verdict = replace(verdict, notes=(*verdict.notes, *(() if film is None else film.notes)))
     progress(FILMED)
     return write_report(out, about, traces, verdict, film), verdict
 
@@ -67,16 +68,23 @@ def filmed(recording: ReadableRecording, about: About) -> tuple[About, Film | No
         robot = robot_of(recording)
     except (SurefootError, RobotError) as error:
         return replace(about, no_film=f"the robot is not known here: {error}"), None
-    return replace(about, feet=robot.leg_names), film_of_recording(recording, robot)
+    film = film_of_recording(recording, robot)
+    return replace(about, feet=robot.leg_names, no_film="; ".join(film.notes)), film
 
 
-def explained(file: Path) -> tuple[str, ...]:
-    """Return a note on why a recorded run ended badly; none when it did not, or the recording cannot be read."""
+def explained(file: Path, *, whole: bool = False) -> tuple[str, ...]:
+    """Return a note on why a recorded run ended badly, and on what its messages lack where it did not.
+
+    Args:
+        file: MCAP file.
+        whole: the file is whole, so that what cannot be read was not reported yet.
+    """
     try:
         found = explain(file)
     except SurefootError:
         return ()
-    return () if found.outcome is None else (found.sentence,)
+    bad = found.outcome is not None or bool(found.jumps) or (whole and bool(found.damage))
+    return (found.sentence,) if bad else ()
 
 
 def _seed(run: dict[str, str]) -> int:

@@ -1,7 +1,7 @@
 """Content of a recording as arrays: the last epoch of a run, of this version or another, whole or cut off."""
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +23,8 @@ READ = (
 
 CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
 """Keys with a message each control tick."""
+JUMP_S, BACK_S = 60.0, 0.05
+"""Time between two messages of a clock that counts as a jump, forward and back, s."""
 
 
 @dataclass
@@ -30,14 +32,14 @@ class Signals:
     """Messages of a run by key, as decoded JSON, in the order of their stamps."""
 
     rows: dict[str, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
-    unreadable: int = 0
-    """Messages that are no JSON objects."""
     joints: tuple[str, ...] = ()
     """Names of the joints, where the robot is known."""
     feet: tuple[str, ...] = ()
     """Names of the legs, where the robot is known."""
     damage: str = ""
     """Why not all of the recording can be read; empty = it is whole."""
+    jumps: str = ""
+    """Where its clocks go back, or forward by more than `JUMP_S`; empty = nowhere."""
 
     def joint(self, index: int) -> str:
         """Return the name of a joint, else its number."""
@@ -84,21 +86,24 @@ def read_signals(path: Path, progress: Callable[[float], None] | None = None) ->
     """
     recording = open_readable(path)
     joints, feet = _names(recording)
-    found, epoch = Signals(joints=joints, feet=feet, damage=recording.damage), -1
+    found, epoch, lost = Signals(joints=joints, feet=feet), -1, Counter[str]()
     for item in recording.messages(READ, progress):
         try:
             row = json.loads(item.data)
             now = int(row["epoch"])
         except (ValueError, KeyError, TypeError, OverflowError):
-            found.unreadable += 1
+            lost[item.key] += 1
             continue
         if now > epoch:
             found.rows.clear()
             epoch = now
         if now == epoch:
             found.rows[item.key].append(row)
+    broken = [f"{count} of {key} are no messages" for key, count in sorted(lost.items())]
+    found.damage = "; ".join(filter(None, (recording.damage, *broken)))
     if not found.rows:
         raise SurefootError("invalid", f"{path} has none of {', '.join(READ)}", "recording")
+    found.jumps = _jumps(found)
     return found
 
 
@@ -109,6 +114,18 @@ def _names(recording: ReadableRecording) -> tuple[tuple[str, ...], tuple[str, ..
     except SurefootError:
         return (), ()
     return tuple(joint.name for joint in robot.joints), robot.leg_names
+
+
+def _jumps(s: Signals) -> str:
+    """Return the first jump of the ticks, or else of the stamps, of each clock that has one."""
+    found: list[str] = []
+    for key in CLOCKS:
+        for times in (s.times(key), 1e-9 * s.column(key, "stamp_ns")) if s.rows[key] else ():
+            steps = np.diff(times)
+            if len(at := np.flatnonzero((steps < -BACK_S) | (steps > JUMP_S))):
+                found.append(f"{key} from {times[at[0]]:.2f} to {times[at[0] + 1]:.2f} s")
+                break
+    return ", ".join(found)
 
 
 def spans(times: Array, flags: NDArray[np.bool_], least_s: float) -> list[tuple[float, float]]:

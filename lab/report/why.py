@@ -33,17 +33,20 @@ class Explanation:
         cause: first cause; None: nothing went wrong, or none was found.
         chain: evidence between both, in the order of time, without them.
         damage: why not all of the recording can be read; empty = it is whole.
+        jumps: where its clock jumps; empty = nowhere.
     """
 
     outcome: Clue | None
     cause: Clue | None
     chain: tuple[Clue, ...]
     damage: str = ""
+    jumps: str = ""
 
     @property
     def sentence(self) -> str:
         """Return the explanation in one sentence."""
-        return f"{self._found}; only a part can be read: {self.damage}" if self.damage else self._found
+        partly = f"; only a part can be read: {self.damage}" if self.damage else ""
+        return self._found + partly + (f"; the clock jumps: {self.jumps}" if self.jumps else "")
 
     @property
     def _found(self) -> str:
@@ -60,11 +63,11 @@ def explain(path: Path, progress: Callable[[float], None] | None = None) -> Expl
     signals = read_signals(path, progress)
     outcome = find_outcome(signals)
     if outcome is None:
-        return Explanation(None, None, (), signals.damage)
+        return Explanation(None, None, (), signals.damage, signals.jumps)
     seen = [e for e in gather(signals) if e.begin <= outcome.begin and e.end >= outcome.begin - BEFORE_S]
     cause = _first(seen)
     chain = () if cause is None else tuple(e for e in seen if e is not cause and e.begin >= cause.begin)
-    return Explanation(outcome, cause, _once(chain), signals.damage)
+    return Explanation(outcome, cause, _once(chain), signals.damage, signals.jumps)
 
 
 def _first(seen: list[Clue]) -> Clue | None:

@@ -3,16 +3,18 @@
 import base64
 import gzip
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording
 from surefoot.robot.description import Robot
 
-from .scene import KEYS, Item, Lasting, RobotScene, Snapshot
+from .scene import KEYS, POSTURE, Item, Lasting, RobotScene, Snapshot
 from .shapes import DrawnGround
 from .styles import STYLES, VALUES
 
@@ -21,6 +23,8 @@ UNITS_PER_M = 10_000
 FRAMES_HZ, MOST_FRAMES = 25.0, 2500
 """Frames of a second of simulated time, and of a whole film, whose frames are then further apart."""
 NS = 1e-9
+SLOWEST_POSE_S = 0.1
+"""Longest time between messages of a pose at their rates, s."""
 STYLE_NUMBERS = {name: number for number, name in enumerate(STYLES)}
 
 
@@ -39,16 +43,72 @@ class Undecoded(Protocol):
 
 @dataclass(frozen=True)
 class Film:
-    """Snapshots in the order of time, with the marks that stay and the ground."""
+    """Snapshots in the order of time, with the marks that stay and the ground.
+
+    Attributes:
+        notes: what the snapshots lack: messages that could not be read, joints of another robot.
+    """
 
     scene: RobotScene
     snapshots: list[Snapshot]
+    notes: tuple[str, ...] = ()
+
+
+class ReadCount:
+    """Counts decoded messages of each key, and those that could not be read."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._looked, self._lost = Counter[str](), Counter[str]()
+        self._first, self._joints = dict[str, str](), 0
+
+    def reading(self, item: Undecoded) -> "_CountedMessage":
+        """Return a message whose decoding is counted."""
+        return _CountedMessage(item, self)
+
+    def decode(self, item: Undecoded) -> Any:
+        """Decode a message, and count it."""
+        self._looked[item.key] += 1
+        try:
+            message = item.message()
+        except SurefootError as error:
+            self._lost[item.key] += 1
+            self._first.setdefault(item.key, error.message)
+            raise
+        if item.key == "hw/joints":
+            self._joints = len(message.position)
+        return message
+
+    def notes(self) -> tuple[str, ...]:
+        """Return a sentence for each key with messages that could not be read, and one on joints of another robot."""
+        found = [
+            f"{count} of {self._looked[key]} {key} for its pictures could not be read and are left out: "
+            f"{self._first[key]}"
+            for key, count in sorted(self._lost.items())
+        ]
+        if self._joints not in (0, self._robot.nj):
+            found.append(f"hw/joints has {self._joints} joints, {self._robot.name} has {self._robot.nj}")
+        return tuple(found)
+
+
+class _CountedMessage(NamedTuple):
+    item: Undecoded
+    account: ReadCount
+
+    @property
+    def key(self) -> str:
+        return self.item.key
+
+    def message(self) -> Any:
+        return self.account.decode(self.item)
 
 
 def film_of_recording(recording: ReadableRecording, robot: Robot) -> Film:
     """Return the film of a recording."""
     messages = ((item.stamp_ns * NS, item) for item in recording.messages(KEYS))
-    return film_of(robot, messages, (recording.end_ns - recording.start_ns) * NS)
+    poses = max((recording.found.messages[key] for key in POSTURE), default=0)
+    duration_s = min((recording.end_ns - recording.start_ns) * NS, poses * SLOWEST_POSE_S)  # of a clock that jumps
+    return film_of(robot, messages, duration_s)
 
 
 def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], duration_s: float) -> Film:
@@ -59,13 +119,14 @@ def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], duration_
         messages: each with its simulated time, s, in the order of time.
         duration_s: how long the recording is, for the distance of the frames.
     """
-    scene, shown, epoch = RobotScene(robot), list[Snapshot](), -1
-    for snapshot in snapshots(scene, messages, max(1.0 / FRAMES_HZ, duration_s / MOST_FRAMES)):
+    scene, shown, epoch, account = RobotScene(robot), list[Snapshot](), -1, ReadCount(robot)
+    counted = ((time_s, account.reading(item)) for time_s, item in messages)
+    for snapshot in snapshots(scene, counted, max(1.0 / FRAMES_HZ, duration_s / MOST_FRAMES)):
         if scene.epoch > epoch:
             epoch = scene.epoch
             shown.clear()
         shown.append(snapshot)
-    return Film(scene, shown)
+    return Film(scene, shown, account.notes())
 
 
 def snapshots(scene: RobotScene, messages: Iterable[tuple[float, Undecoded]], period_s: float) -> Iterator[Snapshot]:

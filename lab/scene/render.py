@@ -19,6 +19,8 @@ from .painter import Painter
 
 ANIMATED = (".webp", ".gif", ".mp4")
 ENDINGS = (*ANIMATED, ".png")
+GAP_S, MOST_GAPS = 1.0, 5
+"""Time without a pose that a moving picture leaves out, s, and most of them that are named."""
 
 
 class Shot(NamedTuple):
@@ -42,8 +44,20 @@ class Shot(NamedTuple):
     quality: int = 60
 
 
-def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], None] = lambda share: None) -> int:
-    """Write the picture of a recording; return the number of frames.
+class Rendered(NamedTuple):
+    """Pictures that were written.
+
+    Attributes:
+        frames: number of them.
+        notes: what they lack, one sentence each.
+    """
+
+    frames: int
+    notes: tuple[str, ...]
+
+
+def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], None] = lambda share: None) -> Rendered:
+    """Write the picture of a recording. Times without a pose for more than `GAP_S` are left out.
 
     Raises:
         SurefootError: the recording cannot be read, shows no robot in that time, or the kind of file is not known.
@@ -55,10 +69,15 @@ def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], N
         raise SurefootError("not_installed", "an MP4 needs the program ffmpeg on the path; .webp needs nothing", "out")
     opened = open_readable(recording)
     film = film_of_recording(opened, robot_of(opened))
-    times = _times(film, shot, moving=kind in ANIMATED)
-    if not len(times):
+    notes = (*((opened.damage,) if opened.damage else ()), *film.notes)
+    end = np.inf if shot.end is None else shot.end
+    shown = [each.time for each in film.snapshots if shot.start <= each.time <= end]
+    if not shown:
         until = "its end" if shot.end is None else f"{shot.end:g} s"
-        raise SurefootError("invalid", f"{recording} shows no robot from {shot.start:g} s to {until}", "start")
+        why = "".join(f"; {note}" for note in notes)
+        raise SurefootError("invalid", f"{recording} shows no robot from {shot.start:g} s to {until}{why}", "start")
+    times, gaps = _times(shown, shot) if kind in ANIMATED else (shown[:1], [])
+    notes += tuple(f"no pose from {a:.2f} s to {b:.2f} s: left out" for a, b in gaps[:MOST_GAPS])
     pictures = _pictures(film, shot, times, progress)
     with whole(out) as part:
         if kind == ".mp4":
@@ -69,16 +88,19 @@ def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], N
             first, pause = next(pictures), round(1000.0 / shot.fps)
             more = {"quality": shot.quality, "method": 2} if kind == ".webp" else {}
             first.save(part, kind[1:].upper(), save_all=True, append_images=pictures, duration=pause, loop=0, **more)
-    return len(times)
+    return Rendered(len(times), notes)
 
 
-def _times(film: Film, shot: Shot, *, moving: bool) -> list[float]:
-    """Return the times of the pictures, s."""
-    end = np.inf if shot.end is None else shot.end
-    shown = [each.time for each in film.snapshots if shot.start <= each.time <= end]
-    if not shown:
-        return []
-    return np.arange(shown[0], shown[-1] + 1e-9, shot.speed / shot.fps).tolist() if moving else shown[:1]
+def _times(shown: list[float], shot: Shot) -> tuple[list[float], list[tuple[float, float]]]:
+    """Return the times of the pictures, s, and begin and end of times without a pose, which have none."""
+    step, times, gaps = shot.speed / shot.fps, list[float](), list[tuple[float, float]]()
+    begin = shown[0]
+    for before, after in zip(shown, [*shown[1:], np.inf], strict=True):
+        if after - before > GAP_S:
+            times += np.arange(begin, before + 1e-9, step).tolist()
+            begin = after
+            gaps += [(before, after)] if np.isfinite(after) else []
+    return times, gaps
 
 
 def _pictures(film: Film, shot: Shot, times: list[float], progress: Callable[[float], None]) -> Iterator[Image.Image]:

@@ -71,6 +71,9 @@ def test_a_recording_repeats_its_run_and_a_changed_one_is_found(recorded: Path, 
     first = first_difference(recorded, other)
     assert first is not None
     assert (first.key, first.tick, first.field, first.b) == ("state/gait", 350, "trunk_height", "0.5")
+    changed_file = verify(other)
+    assert (changed_file.recorded, changed_file.altered) == (changed_file.repeated, ("state/gait",))
+    assert not changed_file.same
 
 
 def test_without_a_change_whatif_gives_the_recorded_hash_and_with_one_only_what_follows_differs(

@@ -56,7 +56,8 @@ def test_unknown_ground_leaves_a_hole_and_no_black(film):
 
 def test_a_moving_picture_has_a_frame_for_each_step_of_time(recorded, tmp_path):
     shares = []
-    frames = render(recorded, tmp_path / "walk.webp", Shot(SIZE, fps=2.0, speed=2.0), shares.append)
+    frames, notes = render(recorded, tmp_path / "walk.webp", Shot(SIZE, fps=2.0, speed=2.0), shares.append)
+    assert notes == ()
     with Image.open(tmp_path / "walk.webp") as image:
         assert (image.n_frames, image.size) == (frames, SIZE)
     assert frames == 5
@@ -65,7 +66,7 @@ def test_a_moving_picture_has_a_frame_for_each_step_of_time(recorded, tmp_path):
 
 def test_a_still_picture_is_the_same_each_time(recorded, tmp_path):
     for name in ("a.png", "b.png"):
-        assert render(recorded, tmp_path / name, Shot(SIZE, start=2.0)) == 1
+        assert render(recorded, tmp_path / name, Shot(SIZE, start=2.0)).frames == 1
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
