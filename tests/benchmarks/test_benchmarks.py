@@ -24,8 +24,9 @@ HELPERS = {
 SLOW = {
     "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "navigator filters",
     "policies trainings", "queries stability", "soak commands", "soak hours", "soak restarts", "soak stops",
-    "flood floods", "stability adaptive", "studies scenarios", "walker actions", "walker held", "secure demo", "vision anywhere",
-    "vision speed", "vision blur", "accidents causes", "accuracy fuzzed", "policies controllers", "view live",
+    "flood floods", "stability adaptive", "studies scenarios", "walker actions", "walker held", "secure demo",
+    "vision anywhere", "vision speed", "vision blur", "accidents causes", "accuracy fuzzed",
+    "policies controllers", "view live",
     "storage cases", "own_map walks", "foreign tables", "foreign simulated", "policies courses", "secure round-trips",
     "studies planted", "lost looks", "lost put", "lost turns", "foothold_grounds families", "core ticks",
     "foothold_walks faults", "fuzz decisions", "foreign noise", "bus round-trips",
