@@ -7,12 +7,12 @@ import sys
 from surefoot.lab.runs.local import run_local
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
 
-WALKS = {"rough-terrain": 0.05, "nao-walk": 0.04, "crawl-rough": 0.1, "ragno-goal": 0.05}
+WALKS = {"rough-terrain": 0.1, "nao-walk": 0.06, "crawl-rough": 0.1, "ragno-goal": 0.17}
 """Scenarios of a hexapod, a biped and a quadruped, with the distance of their walk, m; of a goal behind the robot, with
 what is walked backwards of the way to `GOAL`."""
 
-GOAL = (-0.1, 0.15)
-"""Position (2,) m, frame map: a turn in place, many postures of the stance, in 17 s of simulated time."""
+GOAL = (-0.32, 0.1)
+"""Position (2,) m, frame map: a turn in place, many postures of the stance, in 28 s of simulated time."""
 
 
 def short(name: str, distance: float) -> Scenario:
