@@ -171,7 +171,7 @@ class NumbersAsSent:
 
 
 class Sensors(NamedTuple):
-    """What a driver reads of a LowState: rad, rad/s, Nm, m/s^2; motors and feet in the maker's order."""
+    """Numbers of a LowState that a driver reads: rad, rad/s, Nm, m/s^2; motors and feet in the maker's order."""
 
     tick: int  # ms
     crc: int
