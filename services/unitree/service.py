@@ -74,9 +74,10 @@ class Unitree(SensedDriver[UnitreeConfig]):
             self._held: list[Any] = [Domain(c.domain, settings)]
             participant = DomainParticipant(c.domain)
             quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(MOST))
-            low, sport = Topic(participant, LOW_STATE, LowState), Topic(participant, SPORT_STATE, SportModeState)
-            low.data_type = NumbersAsSent  # pyright: ignore[reportAttributeAccessIssue] - it decodes, too
-            made = [DataReader(participant, topic, quality) for topic in (low, sport)]
+            low: Any = Topic(participant, LOW_STATE, LowState)
+            low.data_type = NumbersAsSent  # it decodes, too
+            sport = Topic(participant, SPORT_STATE, SportModeState)
+            made = [DataReader(participant, low, quality), DataReader(participant, sport, quality)]
         except DDSException as error:
             text = f"no DDS on interface {c.interface!r} ({str(error)[:120]}); `ip link` lists the interfaces"
             raise SurefootError("unreachable", text, "interface") from None
