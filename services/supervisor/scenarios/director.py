@@ -22,7 +22,7 @@ LEAD_TICKS = WINDOW_TICKS + 1
 HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
 """Orders for ticks up to here are given now: the next look might be too late for them."""
 TRIES = 6
-"""Attempts to send an order that comes too late, each with twice the lead."""
+"""Attempts to send an order that comes too late or reaches nobody, each with twice the lead."""
 RESTING = ("standing", "refused")
 """States of the walker in which a walking command has ended."""
 
@@ -76,7 +76,8 @@ class Director:
         self._walk_ended_at: int | None = None
         self._busy_until = 0
         self._resend = False
-        self._late: list[TimedOrder] = []
+        self._late: list[tuple[int, TimedOrder]] = []
+        """Orders to send again, each with the first tick for it."""
         self._goal = ""
         """Name of the goal under way."""
         self._goal_ended_at: int | None = None
@@ -130,12 +131,15 @@ class Director:
     def failed(self, order: TimedOrder, code: str, message: str) -> None:
         """Record that an order was not served.
 
-        In paced time a service that was away for a moment learns of an order only after its tick. An order refused as
-        ``late`` is therefore sent again for a later tick, ``TRIES`` times; everything else is a problem of the run.
+        In paced time a service that was away for a moment learns of an order only after its tick, and one that is
+        started anew learns of none. An order refused as ``late``, or that reached nobody (``absent``), is therefore
+        sent again for a later tick, ``TRIES`` times; everything else is a problem of the run.
         """
-        if code == "late" and order.tries + 1 < TRIES:
-            self.notes.append(f"{order.text} came too late and is sent again: {message}")
-            self._late.append(replace(order, tries=order.tries + 1))
+        if code in ("late", "absent") and order.tries + 1 < TRIES:
+            why = "came too late" if code == "late" else "reached nobody"
+            self.notes.append(f"{order.text} {why} and is sent again: {message}")
+            at_tick = getattr(order.request, "at_tick", None) or 0
+            self._late.append((0 if code == "late" else at_tick, replace(order, tries=order.tries + 1)))
             return
         self.problems.append(f"{order.text} failed: {message}")
         self._waiting.clear()
@@ -147,7 +151,7 @@ class Director:
             left.append(f"the {self._walk.command.action} was not finished in time")
         if self._goal:
             left.append(f"the goal {self._goal!r} was not reached in time")
-        left += [f"{order.text} came too late" for order in self._late]
+        left += [f"{order.text} came too late" for _, order in self._late]
         steps = [*self._timed, *self._waiting]
         if steps:
             left.append(f"{len(steps)} steps were not reached, the first is {steps[0].do!r}")
@@ -195,10 +199,11 @@ class Director:
         return TimedOrder(f"{command.action} (again)", query, command.model_copy(update=update), walking=True)
 
     def _again(self, tick: int) -> list[TimedOrder]:
-        """Return the orders that came too late, for a later tick."""
-        late, self._late = self._late, []
+        """Return the orders that came too late or reached nobody, for a later tick."""
+        due = [order for from_tick, order in self._late if from_tick <= tick]
+        self._late = [item for item in self._late if item[0] > tick]
         orders: list[TimedOrder] = []
-        for order in late:
+        for order in due:
             assert order.request is not None
             at_tick = tick + LEAD_TICKS * 2**order.tries
             self._busy_until = max(self._busy_until, at_tick + _ticks_of(order.request))

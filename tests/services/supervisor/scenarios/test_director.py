@@ -125,7 +125,20 @@ def test_a_refused_command_is_a_problem_and_ends_the_run():
 
 def test_no_reply_is_a_problem():
     director, order = ordered()
+    director.failed(order, "timeout", "it did not answer")
+    assert "it did not answer" in director.problems[0]
+
+
+def test_an_order_that_reaches_nobody_is_sent_again_once_its_tick_has_passed():
+    director, order = ordered()
     director.failed(order, "absent", "no service answers")
+    assert director.on_tick(order.request.at_tick - 1, gait()) == []
+    (again,) = director.on_tick(order.request.at_tick, gait())
+    assert again.request.at_tick == order.request.at_tick + 2 * LEAD_TICKS
+    for _ in range(TRIES - 1):
+        assert not director.problems
+        director.failed(again, "absent", "no service answers")
+        (again,) = director.on_tick(again.request.at_tick, gait()) or (again,)
     assert "no service answers" in director.problems[0]
 
 
