@@ -56,7 +56,7 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
             raise SurefootError("invalid", f"{name} has no {need}", need)
     joints, legs = columns["joints"], len(robot.legs)
     if joints.shape[1] != robot.nj:
-        raise SurefootError("invalid", f"{name} has {joints.shape[1]} joints, {robot.name} has {robot.nj}", "robot")
+        raise SurefootError("invalid", f"{name} has {joints.shape[1]} joints, {robot.name} has {robot.nj}", "joints")
     if columns["touch"].shape[1] % legs:
         raise SurefootError("invalid", f"{columns['touch'].shape[1]} switches; {robot.name} has {legs} feet", "touch")
     mount = foot_mount(robot)

@@ -98,7 +98,7 @@ CASES = [
     (nothing, "json", "", "why", "has none of hw/tick"),
     (same, "json", "nao", "render -o p.png", "hw/joints has 18 joints, nao has 25"),
     (same, "json", "nao", "bag export --to foxglove -o f.mcap", "hw/joints has 18 joints, nao has 25"),
-    (same, "json", "nao", "estimate", "robot: foreign has 18 joints, nao has 25"),
+    (same, "json", "nao", "estimate", "foreign has 18 joints, nao has 25"),
     (few_joints, "json", "", "audit", "has 5 joints, ragno has 18"),
     (same, "json", "nao", "audit", "has 18 joints, nao has 25"),
     (later_ticks, "json", "", "estimate", "allowed are 64 bits"),
