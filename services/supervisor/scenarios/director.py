@@ -22,7 +22,7 @@ LEAD_TICKS = WINDOW_TICKS + 1
 HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
 """Orders for ticks up to here are given now: the next look might be too late for them."""
 TRIES = 6
-"""Attempts to send an order that comes too late or reaches nobody, each with twice the lead."""
+"""Attempts to send an order that comes too late or reaches no service, each with twice the lead."""
 RESTING = ("standing", "refused")
 """States of the walker in which a walking command has ended."""
 
@@ -132,11 +132,11 @@ class Director:
         """Record that an order was not served.
 
         In paced time a service that was away for a moment learns of an order only after its tick, and one that is
-        started anew learns of none. An order refused as ``late``, or that reached nobody (``absent``), is therefore
+        started anew learns of none. An order refused as ``late``, or that reached no service (``absent``), is therefore
         sent again for a later tick, ``TRIES`` times; everything else is a problem of the run.
         """
         if code in ("late", "absent") and order.tries + 1 < TRIES:
-            why = "came too late" if code == "late" else "reached nobody"
+            why = "came too late" if code == "late" else "reached no service"
             self.notes.append(f"{order.text} {why} and is sent again: {message}")
             at_tick = getattr(order.request, "at_tick", None) or 0
             self._late.append((0 if code == "late" else at_tick, replace(order, tries=order.tries + 1)))
@@ -199,7 +199,7 @@ class Director:
         return TimedOrder(f"{command.action} (again)", query, command.model_copy(update=update), walking=True)
 
     def _again(self, tick: int) -> list[TimedOrder]:
-        """Return the orders that came too late or reached nobody, for a later tick."""
+        """Return the orders that came too late or reached no service, for a later tick."""
         due = [order for from_tick, order in self._late if from_tick <= tick]
         self._late = [item for item in self._late if item[0] > tick]
         orders: list[TimedOrder] = []

@@ -129,7 +129,7 @@ def test_no_reply_is_a_problem():
     assert "it did not answer" in director.problems[0]
 
 
-def test_an_order_that_reaches_nobody_is_sent_again_once_its_tick_has_passed():
+def test_an_order_that_reaches_no_service_is_sent_again_once_its_tick_has_passed():
     director, order = ordered()
     director.failed(order, "absent", "no service answers")
     assert director.on_tick(order.request.at_tick - 1, gait()) == []
