@@ -16,8 +16,6 @@ def warm(
     json: Json = False,
 ) -> None:
     """Compile the numeric kernels that the services of systems use, so that every later start is quick."""
-    from dataclasses import asdict
-
     from . import warming
 
     use_json(json)
@@ -25,7 +23,7 @@ def warm(
     jobs = warming.jobs_of(chosen, rare=every)
     found = warming.warm(jobs, notify) if force or warming.is_cold(jobs) else []
     if json:
-        write_json({"compiled": bool(found), "services": [asdict(each) for each in found]})
+        write_json({"compiled": bool(found), "services": [each.row() for each in found]})
         return
     for each in found:
         write(f"{each.service:12} {each.robot:10} {each.kernels:4} kernels {each.seconds:6.1f} s")

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from queue import Empty, Queue
@@ -52,7 +52,7 @@ class Job:
 
     @property
     def stamp(self) -> Path:
-        """File that marks the job as done in this installation."""
+        """File that marks the job as done in this installation: a line for each file of kernels, path and hash."""
         return _stamps() / hashlib.sha256(str(PACKAGE).encode()).hexdigest()[:12] / self.name
 
 
@@ -67,6 +67,12 @@ class Warmed:
     compiled: int
     """Functions that were not in the cache, with those that kernels and numba call."""
     seconds: float
+    files: dict[str, str] = field(default_factory=dict[str, str], repr=False)
+    """Files that keep the kernels, each with the hash of the sources that it holds."""
+
+    def row(self) -> dict[str, Any]:
+        """Return what a table shows."""
+        return {name: value for name, value in asdict(self).items() if name != "files"}
 
 
 def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
@@ -119,8 +125,28 @@ def signature() -> str:
 def is_cold(jobs: Iterable[Job]) -> bool:
     """Report whether kernels have to be compiled before these services start quickly."""
     brought = BROUGHT.read_text().split() if BROUGHT.exists() else ()
-    done = [(job, replace(job, rare=True)) for job in jobs]
-    return not all(any(job.name in brought or job.stamp.exists() for job in pair) for pair in done)
+    return not all(any(each.name in brought or _holds(each.stamp) for each in _either(job)) for job in jobs)
+
+
+def _either(job: Job) -> tuple[Job, Job]:
+    """Return the job as it is and with rare kernels, which has all of the former."""
+    return job, replace(job, rare=True)
+
+
+def _holds(stamp: Path) -> bool:
+    """Report whether a job was done and its kernels are still there, of the sources that they were compiled from.
+
+    They may stand beside the sources, which can be removed, or be compiled again from others, while the stamp stays.
+    """
+    try:
+        kept = [line.rpartition("|") for line in _lines(stamp)]
+        return stamp.exists() and all(hashed.encode() in Path(path).read_bytes() for path, _, hashed in kept)
+    except OSError:
+        return False
+
+
+def _lines(stamp: Path) -> list[str]:
+    return stamp.read_text().splitlines() if stamp.exists() else []
 
 
 def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], None]) -> None:
@@ -137,7 +163,7 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
         if listen is not None:
             refuse_taken(listen)
         warm(jobs, notify)
-    _mark((whole,), notify)
+    _mark({whole: [line for job in jobs for each in _either(job) for line in _lines(each.stamp)]}, notify)
 
 
 def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: None) -> list[Warmed]:
@@ -164,17 +190,18 @@ def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: Non
             for job in turn:
                 todo.put(job)
             list(pool.map(lambda ask, todo=todo: work(ask, todo), workers))
-    _mark(jobs, notify)
+    files = {(each.service, each.robot): each.files for each in found}
+    _mark({job: ["|".join(each) for each in files[job.service, job.robot].items()] for job in jobs}, notify)
     place = {(job.service, job.robot): i for i, job in enumerate(jobs)}
     return sorted(found, key=lambda each: place[each.service, each.robot])
 
 
-def _mark(jobs: Iterable[Job], notify: Callable[[str], None]) -> None:
-    """Note that jobs are done in this installation."""
+def _mark(done: dict[Job, list[str]], notify: Callable[[str], None]) -> None:
+    """Note that jobs are done in this installation, with the files of their kernels."""
     try:
-        for job in jobs:
+        for job, lines in done.items():
             job.stamp.parent.mkdir(parents=True, exist_ok=True)
-            job.stamp.touch()
+            job.stamp.write_text("".join(f"{line}\n" for line in sorted(set(lines))))
     except OSError as error:
         notify(f"  nothing can be kept in {_stamps()}: {error.strerror}; kernels are compiled again at each start")
 
@@ -256,9 +283,8 @@ def _rehearse(job: Job) -> Warmed:
     if job.rare:
         service.rehearse_rare()
     service.on_stop()
-    return Warmed(
-        job.service, job.robot, len(jit.loaded()), COMPILING.done - before, round(time.monotonic() - began, 3)
-    )
+    seconds = round(time.monotonic() - began, 3)
+    return Warmed(job.service, job.robot, len(jit.loaded()), COMPILING.done - before, seconds, jit.kept_files())
 
 
 def _main() -> None:

@@ -5,6 +5,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from numba.core import event  # pyright: ignore[reportMissingTypeStubs]
@@ -108,6 +109,17 @@ def free_kernel(function: F) -> F:
 def loaded() -> dict[str, int]:
     """Return the kernels that Python has called in this process, and the number of specialisations of each."""
     return {f"{k.__module__}.{k.__qualname__}": len(k.signatures) for k in _KERNELS if k.signatures}
+
+
+def kept_files() -> dict[str, str]:
+    """Return the files that keep the kernels of `loaded`, each with the hash of its sources, which stands in it."""
+    found = dict[str, str]()
+    for each in _KERNELS:
+        for path in (Path(index._index_path) for index in each.cache_files() if each.signatures):
+            hashed = fingerprint(each.__module__)
+            if path.exists() and hashed.encode() in path.read_bytes():  # may be of other sources, and not in use
+                found[str(path)] = hashed
+    return found
 
 
 def set_aside() -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,34 @@ def test_says_first_that_it_takes_long_and_then_how_far_it_is(monkeypatch):
     monkeypatch.setattr(warming, "jobs_of", lambda systems: pytest.fail("imports the services of a warm system"))
     warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
     assert len(told) == 3
+
+
+def test_a_stamp_holds_only_while_its_kernels_are_there(tmp_path, monkeypatch):
+    job, (first, second) = Job("footholds", "ragno"), (tmp_path / "first.nbi", tmp_path / "second.nbi")
+    files = {str(first): "a" * 64, str(second): "b" * 64}
+    warmed = warming.Warmed("footholds", "ragno", 2, 2, 1.0, files)
+    monkeypatch.setattr(warming, "_worker", lambda: nullcontext(lambda job: warmed))
+    for path, fingerprint in files.items():
+        Path(path).write_bytes(b"index " + fingerprint.encode())
+    warming.warm((job,))
+    assert not warming.is_cold((job,))
+    second.write_bytes(b"index of other sources " + b"c" * 64)
+    assert warming.is_cold((job,)), "the kernels were compiled again from other sources"
+    second.unlink()
+    assert warming.is_cold((job,)), "the kernels were removed with their folder"
+    second.write_bytes(b"index " + b"b" * 64)
+    assert not warming.is_cold((job,))
+
+
+def test_a_real_stamp_names_the_files_of_its_kernels():
+    job = Job("footholds", "ragno")
+    (found,) = warming.warm((job,))
+    assert found.kernels >= 8
+    assert found.row().keys() == {"service", "robot", "kernels", "compiled", "seconds"}
+    lines = [line.rpartition("|") for line in job.stamp.read_text().splitlines()]
+    assert {Path(path).suffix for path, _, _ in lines} == {".nbi"}
+    assert len({path for path, _, _ in lines}) >= found.kernels
+    assert not warming.is_cold((job,))
 
 
 def test_what_cannot_be_compiled_is_told_by_name():
