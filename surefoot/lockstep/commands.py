@@ -9,7 +9,7 @@ from surefoot.schemas.topics import TICK_NS
 STALE_TICKS = 10
 """A command older than 100 ms is not obeyed any more."""
 KEEP_TICKS = 80
-"""Commands of so many ticks are remembered, so that a repeated one is known."""
+"""So many commands are remembered, so that a repeated one is known."""
 
 
 class Commands:
@@ -43,6 +43,8 @@ class Commands:
                 raise Refusal("conflict", text)
             return
         self._offered = True
+        while len(self._by_tick) >= KEEP_TICKS:  # by number: a tick without a command takes no earlier one with it
+            del self._by_tick[next(iter(self._by_tick))]
         if command.tick > tick or command.tick < tick - STALE_TICKS:
             raise Refusal("stale", f"command of tick {command.tick} at tick {tick}", "tick")
         if not (command.tick - STALE_TICKS) * TICK_NS <= command.stamp_ns <= (command.tick + 1) * TICK_NS:
@@ -52,7 +54,6 @@ class Commands:
         self._by_tick[command.tick] = None
         check(command)
         self._by_tick[command.tick] = command
-        self._by_tick.pop(command.tick - KEEP_TICKS, None)
         self._accepted_at, self._sender = tick, sender
 
     def take(self, wanted: int, *, exact: bool) -> JointCommand | None:

@@ -345,7 +345,8 @@ class Node:
         self.bus.flush(batch=tick.report)
         if tick.report and not self._counts_as_done:
             self._send(self._done, self._done_with(tick.tick, tick.epoch))
-        self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
+        while len(self._outbox) > KEEP_TICKS:  # by number: a tick that was left out takes no earlier one with it
+            del self._outbox[next(iter(self._outbox))]
         self._tick = None
         self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
         if self._answers.waiting:

@@ -1,9 +1,11 @@
 """Guards of the border one by one: each refuses what it is for, at its very limit, and takes what is just inside."""
 
+from contextlib import nullcontext
+
 import pytest
 
 from surefoot.errors import Refusal
-from surefoot.lockstep.commands import STALE_TICKS, Commands
+from surefoot.lockstep.commands import KEEP_TICKS, STALE_TICKS, Commands
 from surefoot.lockstep.join import Delayed, Join
 from surefoot.schemas.base import Header
 from surefoot.schemas.hw import Imu, JointCommand, Tick
@@ -70,6 +72,18 @@ def test_a_stream_of_commands_is_lost_100_ms_after_the_last_and_not_before_the_f
     commands.offer(JointCommand(position=(0.0,)).stamped(NOW * TICK_NS, NOW, 1, NOW, "walker"), NOW, lambda given: None)
     assert not commands.lost(NOW + STALE_TICKS)
     assert commands.lost(NOW + STALE_TICKS + 1)
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_memory_of_commands_is_bounded_whatever_comes_and_is_left_out(wrong: bool) -> None:
+    commands = Commands()
+    for tick in range(0, 20 * KEEP_TICKS, 3):
+        stamp_ns = -1 if wrong else tick * TICK_NS
+        with nullcontext() if not wrong or tick < STALE_TICKS else pytest.raises(Refusal):
+            command = JointCommand(position=(0.0,)).stamped(stamp_ns, tick, 1, tick, "walker")
+            commands.offer(command, tick, lambda given: None)
+    assert len(commands._by_tick) <= KEEP_TICKS
+    assert commands.answered(tick)
 
 
 def manifest(tick: int, roster: tuple[str, ...] = ("estimator",)) -> Tick:

@@ -164,6 +164,14 @@ def test_outputs_are_kept_for_so_many_ticks_and_no_more(bench: Bench) -> None:
     assert len(bench.sent(VelocityEstimate)) == 1
 
 
+def test_outputs_of_a_service_that_leaves_ticks_out_are_kept_no_longer(bench: Bench) -> None:
+    for tick in range(0, 9 * KEEP_TICKS, 3):
+        bench.both(tick, mode="paced")
+    assert bench.subject.ticks[-1] == tick
+    assert len(bench.subject.ticks) > 2 * KEEP_TICKS
+    assert len(bench.node._outbox) <= KEEP_TICKS
+
+
 def test_headers_are_filled_in_by_the_runtime(bench: Bench) -> None:
     bench.both(3, epoch=7)
     (velocity,) = bench.sent(VelocityEstimate)
