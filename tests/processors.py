@@ -1,7 +1,8 @@
 """Processor settings under which numeric results must hold, and the command that tests them all.
 
-`python -m tests.processors` runs the numeric tests once per setting and prints a line for each; `--list` prints the
-settings only. OpenBLAS and numpy choose their code by the processor: each setting makes them choose another.
+`python -m tests.processors` runs the numeric tests once per setting and prints a line for each; with `--hashes` it
+repeats the public list of runs instead, whose hashes must be those of the list; `--list` prints the settings only.
+OpenBLAS and numpy choose their code by the processor: each setting makes them choose another.
 """
 
 import argparse
@@ -113,8 +114,17 @@ def run_tests(setting: Setting, words: Sequence[str]) -> tuple[bool, str]:
     """Run the numeric tests under a setting; return whether they passed, and pytest's output."""
     command = ["-m", "pytest", *NUMERIC, "-m", "not slow and not e2e", *(f"--ignore={path}" for path in WITHOUT)]
     workers = [] if setting.one_core else ["-n", "2"]
+    return _run(setting, [*command, *workers, *words])
+
+
+def run_public_list(setting: Setting, words: Sequence[str]) -> tuple[bool, str]:
+    """Repeat the public list of runs under a setting; return whether all hashes are the list's, and what it printed."""
+    return _run(setting, ["-m", "surefoot.lab.cli.entry", "verify", *words])
+
+
+def _run(setting: Setting, words: Sequence[str]) -> tuple[bool, str]:
     process = subprocess.Popen(
-        setting.command(*command, *workers, *words), cwd=ROOT, env=setting.environment(), text=True,
+        setting.command(*words), cwd=ROOT, env=setting.environment(), text=True,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
     try:
@@ -127,9 +137,9 @@ def run_tests(setting: Setting, words: Sequence[str]) -> tuple[bool, str]:
 
 
 def summary(output: str) -> str:
-    """Return pytest's line of counts without its time."""
+    """Return pytest's line of counts without its time, or the last line that a command printed."""
     counts = re.findall(r"^=*\s*((?:\d+ \w+(?:, )?)+) in ", output, re.MULTILINE)
-    return counts[-1] if counts else "no result"
+    return next(iter([*counts[-1:], *output.splitlines()[-1:]]), "no result")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -137,7 +147,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.processors", description=__doc__)
     parser.add_argument("--list", action="store_true", help="print the settings and end")
     parser.add_argument("--only", action="append", default=[], metavar="NAME", help="this setting; may be repeated")
-    parser.add_argument("words", nargs="*", help="more arguments for pytest, after --")
+    parser.add_argument("--hashes", action="store_true", help="repeat the public list of runs instead of the tests")
+    parser.add_argument("words", nargs="*", help="more arguments for pytest or `surefoot verify`, after --")
     options = parser.parse_args(arguments)
     chosen = [setting for setting in settings() if not options.only or setting.name in options.only]
     failed = False
@@ -149,7 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{what}: skipped, {obstacle}" if obstacle else what, flush=True)
             continue
         began = time.monotonic()
-        passed, output = run_tests(setting, options.words)
+        passed, output = (run_public_list if options.hashes else run_tests)(setting, options.words)
         failed |= not passed
         print(
             f"{what}: {'ok' if passed else 'FAILED'}, {summary(output)}, {time.monotonic() - began:.0f} s", flush=True
