@@ -15,6 +15,7 @@ from pathlib import Path
 from random import Random
 
 from benchmarks.bench import Bench, table
+from benchmarks.fuzz_bodies import odd_bodies
 from benchmarks.fuzz_files import damaged_files, formats
 from benchmarks.fuzz_inputs import Drawer, Tally, attempt, drawn, spoil
 from benchmarks.fuzz_models import judged
@@ -124,29 +125,40 @@ def files(*, count: int = 20_000, seed: int = 0, only: str = "") -> None:
         only: a kind of file; default: all.
     """
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    began, rows, totals = time.process_time(), list[tuple[object, ...]](), Tally()
+    began, tallies = time.process_time(), dict[str, Tally]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         kinds = [kind for kind in formats(folder) if only in kind.name]
         for kind in kinds:
-            tally = Tally()
+            tallies[f"{kind.name} {kind.suffix}"] = tally = Tally()
             damaged_files(tally, kind, count // len(kinds), folder, seed)
-            rows.append(
-                (
-                    kind.name,
-                    kind.suffix,
-                    tally.inputs,
-                    tally.taken,
-                    tally.refused,
-                    len(tally.findings),
-                    1e3 * tally.slowest_s,
-                )
-            )
-            totals.inputs, totals.taken = totals.inputs + tally.inputs, totals.taken + tally.taken
-            totals.refused, totals.findings = totals.refused + tally.refused, totals.findings + tally.findings
-            totals.slowest_s = max(totals.slowest_s, tally.slowest_s)
-    table("kinds of files", ("file", "suffix", "inputs", "taken", "refused", "findings", "slowest ms"), rows)
-    _report("files", totals, time.process_time() - began, memory)
+    _report_kinds("files", tallies, time.process_time() - began, memory)
+
+
+@BENCH.part("--count 100")
+def bodies(*, count: int = 20_000, seed: int = 0) -> None:
+    """Arrays of the size that their header states with odd numbers in them, and the parts of services that read them.
+
+    Args:
+        count: arrays of all kinds together.
+        seed: of the arrays.
+    """
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.process_time()
+    tallies = odd_bodies(count, seed)
+    _report_kinds("bodies", tallies, time.process_time() - began, memory)
+
+
+def _report_kinds(name: str, tallies: dict[str, Tally], took: float, memory_kb: int) -> None:
+    """Print a row for each kind of input, then their sum."""
+    total, rows = Tally(), list[tuple[object, ...]]()
+    for kind, t in tallies.items():
+        rows.append((kind, t.inputs, t.taken, t.refused, len(t.findings), 1e3 * t.slowest_s))
+        total.inputs, total.taken = total.inputs + t.inputs, total.taken + t.taken
+        total.refused, total.findings = total.refused + t.refused, total.findings + t.findings
+        total.slowest_s = max(total.slowest_s, t.slowest_s)
+    table(f"kinds of {name}", ("kind", "inputs", "taken", "refused", "findings", "slowest ms"), rows)
+    _report(name, total, took, memory_kb)
 
 
 @BENCH.part("--count 40")
