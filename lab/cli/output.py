@@ -55,7 +55,7 @@ state = OutputState()
 
 
 def use_json(wanted: bool) -> bool:
-    """Note that this command answers in JSON, so that an error does so too."""
+    """Note whether this command writes JSON, so that an error is written as JSON, too; return it."""
     state.json = wanted
     return wanted
 

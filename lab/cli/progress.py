@@ -70,7 +70,7 @@ class Progress:
         self._write_due()
 
     def and_on(self, share: float) -> bool:
-        """Note the share, for work that asks whether to go on: it does."""
+        """Note the share that is done, 0 to 1; return True, for work that asks whether to go on."""
         self.at(share)
         return True
 

@@ -82,7 +82,7 @@ class LegCalibration:
         return [one for _, one in self.pairs()]
 
     def pairs(self) -> list[tuple[Unknown, CalibratedValue]]:
-        """Return `found` with the unknown of each."""
+        """Return the parameters in units that people read, each with its unknown; those of sensor biases left out."""
         out: list[tuple[Unknown, CalibratedValue]] = []
         for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
             if u.kind in SHOWN:

@@ -18,7 +18,7 @@ DRAWS = 100_003
 
 
 def model_rule(model: SlipModel, params: SelectParams) -> Rule:
-    """Return the choice of the service with this model."""
+    """Return the rule that chooses footholds as the service footholds does, with this slip model."""
 
     def rule(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int

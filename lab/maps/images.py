@@ -64,7 +64,7 @@ class Tracks:
     """Sum of the squares of the distances from the mean, m^2."""
 
     def descriptors(self) -> NDArray[Any]:
-        """Return the mean descriptor of each."""
+        """Return the mean descriptor of each feature, (n, code): by majority of bits for orb."""
         mean = self.totals / self.count[:, None]
         return np.packbits(mean > 0.5, axis=1) if self.kind == "orb" else mean.astype(np.float32)
 

@@ -275,7 +275,7 @@ def distance(truth: Array) -> float:
 
 
 def path_length(truth: Array) -> float:
-    """Return the length of the horizontal path, m, measured each 0.5 s so that sway does not count."""
+    """Return the length of the horizontal path, m, in chords of 0.5 s without sway; `truth` as in `Traces.series`."""
     corners = truth[::50, 1:3]
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 

@@ -23,7 +23,7 @@ LEVELS = {"debug": "Debug", "info": "Info", "warning": "Warning", "error": "Erro
 
 
 class FoxgloveScene:
-    """Publishes snapshots on channels of a context, to whatever file or server listens there."""
+    """Publisher of snapshots on channels of a context, to whatever file or server listens there."""
 
     def __init__(self, scene: RobotScene, context: Any) -> None:
         self._scene, self._make, library = scene, Primitives(), sdk()

@@ -30,7 +30,7 @@ def sdk() -> Any:
 
 
 class Primitives:
-    """Makes Foxglove messages of times, poses and shapes."""
+    """Maker of Foxglove messages of times, poses and shapes."""
 
     def __init__(self) -> None:
         self.messages = sdk().messages

@@ -100,7 +100,7 @@ class Snapshot:
 
 @dataclass
 class RobotScene:
-    """Holds the latest messages of one robot and makes snapshots of them."""
+    """Latest messages of one robot, and snapshots made of them."""
 
     robot: Robot
     ground: DrawnGround | None = None

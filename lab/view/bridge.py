@@ -24,7 +24,7 @@ LINES = 100
 
 
 class FoxgloveBridge:
-    """Publishes frames of a running system until it is closed; clients can read and nothing else.
+    """Publisher of frames of a running system until it is closed; clients can read and nothing else.
 
     Attributes:
         port: where it listens on 127.0.0.1.

@@ -91,7 +91,7 @@ class GoalMemory(RunMemory):
         super().__init__(path, "goal")
 
     def keep(self, epoch: int, tick: int, kept: Kept) -> None:
-        """Replace the remembered goal by that of a tick."""
+        """Write the goal of a tick to the file, in place of the one before."""
         goal, planned = kept.goal and kept.goal.kept(), [(at, each.kept()) for at, each in kept.planned]
         self.write(epoch, tick, {**vars(kept), "goal": goal, "planned": planned})
 

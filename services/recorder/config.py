@@ -23,7 +23,7 @@ class RecorderConfig(ServiceConfig):
 
     @property
     def tables(self) -> dict[str, dict[str, str]]:
-        """Return the tables of `about` by name; none of a text that is no JSON object of tables."""
+        """Return the tables of `about` by name; of a text that is none, one table with its first 200 characters."""
         try:
             found = TypeAdapter(dict[str, dict[str, str]]).validate_json(self.about) if self.about else {}
         except ValidationError:

@@ -74,7 +74,7 @@ def nothing(kind: Kind) -> FoundFeatures:
 
 
 def distances(kind: Kind, a: NDArray[Any], b: NDArray[Any]) -> Array:
-    """Return the distance of every pair of descriptors, (len(a), len(b)).
+    """Return the distance of every pair of descriptors, (len(a), len(b)): bits that differ (orb), else Euclidean.
 
     Raises:
         Refusal: more than `MOST_COMPARED` of them, or descriptors of another kind.

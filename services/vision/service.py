@@ -57,7 +57,7 @@ class VisionService(Service[VisionConfig]):
         self.on_reset()
 
     def use(self, world: FeatureMap) -> None:
-        """Recognise the features of a map from the next reset on; log what of it does not fit."""
+        """Recognise the features of a map from the next reset on; warn of other pixels or another OpenCV."""
         self.world, self._codes = world, world.codes
         if world.pixel != self.patch.pixel:
             self.log("warning", f"the map's pixels are {world.pixel:g} m, these {self.patch.pixel:g} m: few will match")

@@ -14,7 +14,7 @@ from .orders import TakenOrder
 
 
 class Commander:
-    """Gives commands to a gait.
+    """Commands of `cmd/walk` to a gait, kept for a restart.
 
     Args:
         gait: obeys.

@@ -92,7 +92,7 @@ class Inbox:
         self._bell.acquire()
 
     def put(self, item: Any) -> bool:
-        """Add what a tick needs; from any thread. Return whether there was room."""
+        """Add a frame or message of a tick, from any thread; wake the reader if it awaits no other. False: no room."""
         frame = isinstance(item, Frame)
         if not self.tick.put(item, item.size if frame else getattr(item, "size", 0)):
             return False

@@ -140,7 +140,7 @@ class Incoming(Protocol):
         ...
 
     def fail(self, error: SurefootError) -> None:
-        """Answers with a typed error."""
+        """Answer with a typed error."""
         ...
 
     def accept_probe(self) -> None:
@@ -166,11 +166,11 @@ class Publisher(Protocol, Generic[M_contra]):
         ...
 
     def put(self, message: M_contra) -> Any:
-        """Publishes and returns a token for ``resend``."""
+        """Publish a message; return a token for ``resend``."""
         ...
 
     def resend(self, token: Any) -> None:
-        """Publishes the very same bytes again."""
+        """Publish the bytes of an earlier ``put`` again."""
         ...
 
     def prime(self) -> None:
@@ -208,11 +208,11 @@ class Bus(Protocol):
         ...
 
     def cork(self) -> None:
-        """Holds back what is published on framed topics from now on."""
+        """Hold back what is published on framed topics until ``flush``."""
         ...
 
     def flush(self, *, batch: bool = True) -> None:
-        """Publishes what was held back as one frame; ``batch``: also what waits for those who take it batched."""
+        """Publish what was held back as one frame; ``batch``: to readers that take several ticks in one frame, too."""
         ...
 
     def serve(
@@ -241,7 +241,7 @@ class Bus(Protocol):
         instance: str = "",
         meanwhile: Callable[[], Any] | None = None,
     ) -> Rep:
-        """Asks and waits.
+        """Send a request and return its reply.
 
         Args:
             query: row of the table.
@@ -266,7 +266,7 @@ class Bus(Protocol):
         ...
 
     def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
-        """Makes the process visible to ``watch``; call it after everything is declared.
+        """Make the process visible to ``watch``; call it after everything is declared.
 
         Args:
             service: name of the service.

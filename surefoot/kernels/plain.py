@@ -20,7 +20,7 @@ class PlainKernel(CPUDispatcher):
         return self._cache.files
 
     def set_aside(self) -> None:
-        """Keep all signatures: a count of kernels by service is an upper bound here."""
+        """Do nothing: counts of kernels by service are upper bounds here."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return the signature of a call from a kernel: the same for constants and for variables."""

@@ -52,11 +52,11 @@ class Answers:
         self._last.clear()
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
-        """Keeps a query about a tick that has not come."""
+        """Keep a query about a tick that has not come."""
         self.waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
-        """Takes out the queries whose tick has come."""
+        """Take out and return the queries whose tick has come, by `seen`."""
         ready = [item for item in self.waiting if seen(item[2])]
         self.waiting = [item for item in self.waiting if item not in ready]
         return [(incoming, request) for _, incoming, request in ready]
@@ -84,7 +84,7 @@ class Answers:
             return None
 
     def settle(self, incoming: Incoming, make: Callable[[], Any], request: Request | None = None) -> None:
-        """Answers with what ``make`` returns or raises; where that is a future, once it is done.
+        """Answer with what ``make`` returns or raises; where that is a future, once it is done.
 
         A participant that repeats its last request of a tick, or order for a tick, gets the same answer: the first was
         lost on the way. What a service learns from a request is learned once, and a walk begins once.

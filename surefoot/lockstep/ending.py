@@ -35,7 +35,7 @@ class Ending:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDS)  # whoever starts services holds them back until here
 
     def prepared(self, stop: Callable[[], None]) -> None:
-        """From now on ``stop`` is called instead, on the thread; at once if a signal came before."""
+        """Let a signal call ``stop`` on the watching thread in place of an exit; at once if one came before."""
         with self._lock:
             self._stop = stop
             asked = self._asked

@@ -130,7 +130,7 @@ class Join:
     def offer(
         self, topic: Topic[Any], message: Header, value: Any = None, sender: str = "", size: int = 0
     ) -> str | None:
-        """Takes an input; returns the reason when it is refused.
+        """Take an input; return the reason when it is refused, else None.
 
         Args:
             topic: the row it came under.

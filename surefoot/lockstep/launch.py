@@ -85,7 +85,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
 
 
 def spare_collector() -> None:
-    """Keeps collections out of ticks: what start-up made stays, and messages are freed by their counts."""
+    """Freeze objects created at start-up, so that the collector hardly runs in ticks; counts free messages."""
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
 

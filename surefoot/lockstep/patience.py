@@ -74,7 +74,7 @@ class Patience:
 
         Args:
             once: sends the request and returns the reply.
-            look: `look` of this query and tick, called between two tries.
+            look: called between two tries; raises CallError once the reply is of no use.
 
         Raises:
             CallError: that of the last try, or of `look`.

@@ -19,15 +19,15 @@ class Runtime(Protocol):
     """Interface of the runtime to a service."""
 
     def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
-        """Publishes under the header of the present tick."""
+        """Publish a message under the header of the present tick."""
         ...
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
-        """Asks another service and waits."""
+        """Send a request to another service and return its reply (raises CallError)."""
         ...
 
     def log(self, level: str, text: str) -> None:
-        """Writes a line to the log and to ``log/<service>``."""
+        """Write a line to the log and to ``log/<service>``."""
         ...
 
 
@@ -84,28 +84,28 @@ class Service(Generic[C]):
         """Renew what was made of the live parameters: ``config`` was changed between two ticks."""
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """All due inputs of a tick are here: compute and publish."""
+        """Compute a tick from all its due inputs, and publish."""
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
         """Take a message of an observed topic."""
 
     def on_stop(self) -> None:
-        """Once, at the end: close files."""
+        """Close files, once, when the service ends."""
 
     # -- used --------------------------------------------------------------------------------------------------
 
     def attach(self, runtime: Runtime) -> None:
-        """Gives the service its runtime."""
+        """Set the runtime of the service, before ``on_start``."""
         self._runtime = runtime
 
     @property
     def runtime(self) -> Runtime:
-        """The runtime; there from ``on_start`` on."""
+        """Runtime of the service; there from ``on_start`` on."""
         assert self._runtime is not None
         return self._runtime
 
     def handle(self, query: Query[Req, Rep], handler: Callable[[Req], Rep | Future[Rep]]) -> None:
-        """Registers the handler of a declared query; it must not call other services.
+        """Register the handler of a declared query; it must not call other services.
 
         A handler whose work would hold up ticks returns a future of the reply; that work runs on a thread of the
         service's own and must use nothing but the request.
@@ -128,9 +128,9 @@ class Service(Generic[C]):
         self.runtime.publish(topic, message, stamp_ns)
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
-        """Asks another service (raises CallError)."""
+        """Send a request to another service; return its reply (raises CallError). No `timeout_s`: that of the row."""
         return self.runtime.call(query, request, timeout_s)
 
     def log(self, level: str, text: str) -> None:
-        """Writes a line to the log; level is debug, info, warning or error."""
+        """Write a line to the log; level is debug, info, warning or error."""
         self.runtime.log(level, text)

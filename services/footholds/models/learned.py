@@ -121,7 +121,7 @@ class LearnedModel:
         return f"{self.title}/{round(sum(each.count for each in self.bins.values()))}{f'+{rounds}' * (rounds > 0)}"
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
-        """Return why the model does not hold on a map, empty if it does."""
+        """Return the reason why the model does not hold on a map, empty if it does."""
         c = self.conditions
         if abs(cell - c.cell) > CELL_TOLERANCE * c.cell:
             return f"learned on cells of {1e3 * c.cell:g} mm, the map has {1e3 * cell:g} mm"

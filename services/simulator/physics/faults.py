@@ -201,7 +201,13 @@ class FaultBank:
         return marks, markers[0] if markers else None
 
     def echo(self, tick: int, distance: float | None, shortest: float) -> tuple[float | None] | None:
-        """Return the distance as the broken ultrasound gives it, m (None = no echo), in a tuple; None = no sample."""
+        """Return what the ultrasound measures under the faults of a tick, as a tuple of one; None = no sample.
+
+        Args:
+            tick: control tick.
+            distance: true distance, m; None = no echo.
+            shortest: reading of a stuck sensor, m.
+        """
         if self.on(tick, "range_drop"):
             return None
         return (shortest,) if self.on(tick, "range_stuck") else (distance,)

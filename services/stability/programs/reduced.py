@@ -94,7 +94,7 @@ def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, A
 
 
 def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
-    """Programs of a set of at least one contact; the subspace is None for sets with ordinary friction."""
+    """Return the reduced programs of a set of at least one contact; the subspace is None with ordinary friction."""
     each = contacts.mu.tolist()
     least, most = min(each), max(each)
     mu = contacts.mu if least >= SMALL_MU else np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)

@@ -45,7 +45,7 @@ WIDE, POINT, SEGMENT = 0, 1, 2
 
 
 class Oracle:
-    """Answers h(a) for a contact set of at least one contact."""
+    """Support function h(a) of the region of at least one contact: how far the CoM may go in direction a."""
 
     def __init__(self, contacts: ContactSet, reduced: Reduced, subspace: Subspace | None) -> None:
         self.contacts, self.reduced, self.subspace = contacts, reduced, subspace
@@ -69,7 +69,7 @@ class Oracle:
         return product(direction, self.subspace.drift.T)
 
     def fan(self, direction: Array, capacity: int) -> Fan:
-        """Solve for directions (k, 2), unit; the fan has room for more."""
+        """Solve for unit directions (k, 2); return a fan with room for at least `capacity` of them."""
         count = len(direction)
         fan = new_fan(max(capacity, count), len(self.contacts))
         fan.direction[:count] = direction
@@ -125,7 +125,7 @@ class Oracle:
         return product(self.subspace.basis, unknown) + product(self.subspace.offset, direction)
 
     def moved(self, scaled: Array, direction: Array) -> Array:
-        """Twist of the scaled frame about the origin of the request's frame, m."""
+        """Return a twist (4,) of the scaled frame as one (v in m, w_z) about the origin of the request's frame."""
         (x, y, z), s, w = self.reduced.origin, self.reduced.length, scaled[3]
         ax, ay = direction  # v' = v - Om x origin, Om = (-a_y, a_x, w)
         return np.array(

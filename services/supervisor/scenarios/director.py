@@ -52,7 +52,7 @@ class TimedOrder:
 
 @dataclass
 class WalkUnderWay:
-    """A walking command under way."""
+    """Walking command under way: from which tick, under which `walk_id`, what is left of it, and if its gait came."""
 
     command: WalkCommand
     from_tick: int

@@ -76,7 +76,7 @@ class BipedRoute:
         return max(1, math.ceil(part - LITTLE)) if math.isfinite(part) else math.inf
 
     def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
-        """Return the rest as a command that leads to the same steps."""
+        """Return the part of the route that is left as a command that leads to the same steps."""
         if self.turning:
             return MotionCommand("turn", angle=self.turn, gait=gait, duration=duration)
         distance = self.forward if math.isfinite(self.forward) else None

@@ -223,7 +223,7 @@ def lagging(state: WalkerState, frame: PlanningContext) -> int:
 
 
 def relax(state: WalkerState, frame: PlanningContext) -> None:
-    """Return to the gait of the command after a whole cycle of the other one."""
+    """Return from the careful gait to that of the command once a whole cycle has been walked."""
     s = state
     s.shifts = 0
     if s.gait is s.usual:

@@ -80,7 +80,7 @@ def centre_height(frame: PlanningContext, x: float, y: float, feet: Array) -> fl
 def landings(
     frame: PlanningContext, gait: GaitPattern, legs: tuple[int, ...], end: BodyPose, after: Advance, feet: Array
 ) -> Array:
-    """Nominal landings (n, 3): neutral about the trunk `lead` steps beyond the end of this one."""
+    """Return nominal landings (n, 3) m: neutral feet about the trunk `lead` steps beyond the end of this step."""
     ahead = moved(end, after, gait.lead)
     xy = rotated(ahead.yaw, frame.neutral[list(legs)]) + np.array([ahead.x, ahead.y])
     return np.array([[x, y, centre_height(frame, x, y, feet)] for x, y in xy])
