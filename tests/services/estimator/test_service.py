@@ -1,6 +1,5 @@
 """The service without a bus: samples in, messages out."""
 
-from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -15,23 +14,17 @@ from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, STATE_ODOMET
 from surefoot.services.estimator.config import EstimatorConfig
 from surefoot.services.estimator.paper.estimators import ESTIMATORS
 from surefoot.services.estimator.service import LATE_TICK, SERVICE, VARIANTS
+from tests.services.stage import Stage
 
 ROBOT = load_robot("ragno")
 TICK, PERIOD = 10_000_000, 33_000_000
 
 
-class Desk:
-    """Takes what the service publishes and logs."""
-
-    def __init__(self) -> None:
-        self.messages: dict[str, list[Message]] = defaultdict(list)
-        self.lines: list[str] = []
+class Desk(Stage):
+    """Keeps messages as they come off the wire."""
 
     def publish(self, topic: Any, message: Message, stamp_ns: int | None) -> None:
-        self.messages[topic.key].append(decode(type(message), encode(message)[0]))
-
-    def log(self, level: str, text: str) -> None:
-        self.lines.append(text)
+        super().publish(topic, decode(type(message), encode(message)[0]), stamp_ns)
 
 
 @pytest.fixture
@@ -77,18 +70,18 @@ def test_every_estimator_has_a_topic():
 
 def test_publishes_what_it_owes(service, desk):
     stand(service, 100)
-    assert len(desk.messages[STATE_VELOCITY.key]) == len(desk.messages[STATE_ODOMETRY.key]) == 100
+    assert len(desk.of(STATE_VELOCITY.key)) == len(desk.of(STATE_ODOMETRY.key)) == 100
     for name, topic in VARIANTS.items():
-        assert [m.mode for m in desk.messages[topic.key]] == [name] * 20
-    flags = [m.initialised for m in desk.messages[STATE_VELOCITY.key]]
+        assert [m.mode for m in desk.of(topic.key)] == [name] * 20
+    flags = [m.initialised for m in desk.of(STATE_VELOCITY.key)]
     assert flags == [False] * 49 + [True] * 51
-    last = desk.messages[STATE_VELOCITY.key][-1]
+    last = desk.of(STATE_VELOCITY.key)[-1]
     assert last.mode == "best"
     assert last.standing
     assert last.inputs_ok
     assert last.filter_ok
     assert last.sensors_ok
-    pose = desk.messages[STATE_ODOMETRY.key][-1]
+    pose = desk.of(STATE_ODOMETRY.key)[-1]
     assert pose.initialised
     assert pose.position[0] == pytest.approx(0.5, abs=2e-3)
     assert pose.yaw == pytest.approx(0.2, abs=5e-3)
@@ -97,7 +90,7 @@ def test_publishes_what_it_owes(service, desk):
 def test_a_missing_input_is_no_crash(service, desk):
     stand(service, 60)
     service.on_tick(tick(61))
-    assert len(desk.messages[STATE_VELOCITY.key]) == 61
+    assert len(desk.of(STATE_VELOCITY.key)) == 61
 
 
 def test_a_silent_input_is_named(service, desk):
@@ -105,26 +98,26 @@ def test_a_silent_input_is_named(service, desk):
     inputs = tick(61)
     inputs.late["hw/imu"] = 0.15
     service.on_tick(inputs)
-    last = desk.messages[STATE_VELOCITY.key][-1]
+    last = desk.of(STATE_VELOCITY.key)[-1]
     assert not last.inputs_ok
     assert not last.sensors_ok
     assert "hw/imu is silent for 0.1 s" in last.reasons or "hw/imu is silent for 0.2 s" in last.reasons
     service.on_tick(tick(62))
-    assert not any("silent" in reason for reason in desk.messages[STATE_VELOCITY.key][-1].reasons)
+    assert not any("silent" in reason for reason in desk.of(STATE_VELOCITY.key)[-1].reasons)
 
 
 def test_a_refusal_is_logged_once_and_counted(service, desk):
     stand(service, 60)
     for k in range(61, 70):
         service.on_tick(tick(k, hw_imu=Imu(stamp_ns=60 * TICK, gyro=(0.0,) * 3, acc=(0.0, 0.0, 9.8))))
-    assert desk.messages[STATE_VELOCITY.key][-1].refused == 9
-    assert desk.lines == ["imu refused: duplicate"]
+    assert desk.of(STATE_VELOCITY.key)[-1].refused == 9
+    assert desk.logged == ["warning: imu refused: duplicate"]
 
 
 def test_a_clipped_sample_is_not_used(service, desk):
     stand(service, 60)
     service.on_tick(tick(61, hw_imu=Imu(stamp_ns=61 * TICK, gyro=(5.0, 0.0, 0.0), acc=(0.0, 0.0, 9.8), saturated=True)))
-    last = desk.messages[STATE_VELOCITY.key][-1]
+    last = desk.of(STATE_VELOCITY.key)[-1]
     assert not last.sensors_ok
     assert abs(last.roll) < 0.01
 
@@ -134,22 +127,22 @@ def test_a_robot_with_other_joints_is_refused(service, desk):
     joints = JointState(stamp_ns=61 * TICK, position=(0.0,) * 12)
     contacts = FootContacts(stamp_ns=61 * TICK, touch=((True,),) * 4, normal_force_n=(None,) * 4)
     service.on_tick(tick(61, hw_joints=joints, hw_contacts=contacts))
-    assert desk.lines == ["kinematics refused: shape"]
+    assert desk.logged == ["warning: kinematics refused: shape"]
 
 
 def test_a_new_epoch_starts_anew(service, desk):
     stand(service, 60)
     service.on_reset()
     stand(service, 10)
-    assert not desk.messages[STATE_VELOCITY.key][-1].initialised
+    assert not desk.of(STATE_VELOCITY.key)[-1].initialised
 
 
 def test_a_restart_in_mid_run_says_that_it_is_lost(service, desk):
     stand(service, 60)
-    assert desk.messages[STATE_ODOMETRY.key][-1].covariance[0] < 1e-4
+    assert desk.of(STATE_ODOMETRY.key)[-1].covariance[0] < 1e-4
     service.on_reset()
     stand(service, 60, first=LATE_TICK + 1)
-    last = desk.messages[STATE_ODOMETRY.key][-1]
+    last = desk.of(STATE_ODOMETRY.key)[-1]
     assert last.initialised
     assert last.covariance[0] > 0.5
 
@@ -177,6 +170,6 @@ def test_the_slip_of_a_stance_is_published_once_when_it_ends(service, desk):
     lifted = slid.copy()
     lifted[1] += 0.5
     give(lifted, [False] + [True] * 5, 20)
-    ended = [each for message in desk.messages[STATE_ODOMETRY.key] for each in message.stances]
+    ended = [each for message in desk.of(STATE_ODOMETRY.key) for each in message.stances]
     assert [each.foot for each in ended] == [0]
     assert 0.005 < ended[0].slip < 0.02

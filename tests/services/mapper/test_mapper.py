@@ -20,6 +20,7 @@ from surefoot.services.mapper.mapper import LAID, MOST_DOUBTFUL, Mapper
 from surefoot.services.mapper.messages import depth_words
 from surefoot.services.mapper.service import MapperService
 from tests.services.mapper.scenes import FOCAL, HEIGHT, LOOK, PLACE, TICK_NS, WIDTH, Slope, picture, pose
+from tests.services.stage import Stage
 
 ROBOT = load_robot("ragno")
 BASE = ROBOT.foot_radius - float(foot_positions(ROBOT.model, ROBOT.neutral)[0, 2])
@@ -229,26 +230,10 @@ def test_pixels_without_a_depth_are_left_out(share):
     assert mapper.refused["depth"] == 0
 
 
-class Bus:
-    """The runtime of a service, which keeps what it publishes and logs."""
-
-    def __init__(self):
-        self.published, self.logged = [], []
-
-    def publish(self, topic, message, stamp_ns):
-        self.published.append((topic, message))
-
-    def call(self, query, request, timeout_s):
-        raise AssertionError("the mapper sends no request")
-
-    def log(self, level, text):
-        self.logged.append((level, text))
-
-
 @pytest.fixture
 def service():
     one = MapperService(MapperConfig(robot="ragno", cell_m=0.01, cells=101))
-    one.attach(Bus())
+    one.attach(Stage())
     one.on_start()
     return one
 
@@ -278,8 +263,8 @@ def tick(service, number, depth=None, x=0.0, initialised=True, joints=ROBOT.neut
 
 
 def last(service) -> ElevationMap:
-    topic, message = service.runtime.published[-1]
-    assert topic is STATE_ELEVATION
+    key, message = service.runtime.sent[-1]
+    assert key == STATE_ELEVATION.key
     return message
 
 
@@ -324,8 +309,8 @@ def test_bad_images_are_counted_and_logged_once(service, wrong, code):
     message = last(service)
     assert message.refused[code] == 39
     assert message.version == 0
-    assert [level for level, _ in service.runtime.logged] == ["warning"]
-    assert f"hw/depth refused ({code})" in service.runtime.logged[0][1]
+    (line,) = service.runtime.logged
+    assert line.startswith(f"warning: hw/depth refused ({code})")
 
 
 def test_a_jump_of_the_odometry_begins_the_map_anew(service):
@@ -338,7 +323,7 @@ def test_a_jump_of_the_odometry_begins_the_map_anew(service):
         tick(service, number, x=0.5)
     heights, _ = layers(last(service))
     assert np.isfinite(heights).sum() > 100  # the plane under the feet at the new place
-    assert [text for _, text in service.runtime.logged] == ["the odometry jumped: the map begins anew"]
+    assert [line.split(": ", 1)[1] for line in service.runtime.logged] == ["the odometry jumped: the map begins anew"]
 
 
 def stride(x, turn=0.0):
@@ -371,7 +356,7 @@ def test_a_map_survives_an_estimator_that_begins_anew(service, way, turn):
     assert service.mapper.origin == origin
     assert np.array_equal(before, after, equal_nan=True)
     assert np.nanmin(less_sure - variance) > 0.8 * LAID.z**2
-    assert [text for level, text in service.runtime.logged if "began anew" in text] != []
+    assert any("began anew" in line for line in service.runtime.logged)
     view = picture(Slope(), 0.3 + way, BASE, 30, sigma=0.002, rng=rng)
     taken = service.mapper.images
     if turn == 0.0:

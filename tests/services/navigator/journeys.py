@@ -15,29 +15,10 @@ from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from surefoot.services.navigator.pilot import Pilot
 from surefoot.services.navigator.service import SERVICE, NavigatorConfig
 from tests.services.navigator.strollers import Stroller
+from tests.services.stage import Stage
 
 EPOCH = 2
 CELL = 0.05
-
-
-class Stage:
-    """A runtime that keeps what is published and logged."""
-
-    def __init__(self) -> None:
-        self.said: dict[str, Any] = {}
-        self.logged: list[str] = []
-
-    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
-        """Keep the last message of each topic."""
-        self.said[topic.key] = message
-
-    def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
-        """Fail: the navigator calls no query."""
-        raise AssertionError(query.key)
-
-    def log(self, level: str, text: str) -> None:
-        """Keep the line."""
-        self.logged.append(f"{level}: {text}")
 
 
 def floor() -> HeightMapMessage:

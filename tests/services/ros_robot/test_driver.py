@@ -22,6 +22,7 @@ from surefoot.services.stability.config import StabilityConfig
 from surefoot.services.stability.service import Stability
 from tests.lab.bags.sway import MS, ORDER, PER_NEWTON, ROBOT, ZERO, messages, sway
 from tests.lab.bags.test_bad_bags import log_of_rows
+from tests.services.stage import Stage
 from tests.surefoot.net import Net
 
 NAMES = load_robot(ROBOT).joint_names
@@ -80,7 +81,7 @@ def feed(made: RosRobot, kind: str, message: Any, store: Any) -> None:
 
 def test_bad_messages_are_counted_by_name(net: Net) -> None:
     made, store = driver(net), types()
-    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.attach(Stage())
     made.on_start()
     rows = messages(sway().cut(slice(0, 20)), store, NAMES)
     imu, joints, feet = (rows[topic] for topic in ("/imu/data", "/joint_states", "/feet"))
@@ -107,7 +108,7 @@ def test_bad_messages_are_counted_by_name(net: Net) -> None:
 @pytest.mark.parametrize(("kind", "value"), [("Float32", 1.0), ("Bool", True), ("String", "on")])
 def test_contacts_that_are_one_number_or_text_are_refused(net: Net, kind: str, value: object) -> None:
     made, store = driver(net, contacts="/feet", feet=()), types()
-    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.attach(Stage())
     made.on_start()
     made.take("feet", store.types[f"std_msgs/msg/{kind}"](data=value))
     made.poll()
@@ -118,7 +119,7 @@ def test_contacts_that_are_one_number_or_text_are_refused(net: Net, kind: str, v
 def test_messages_before_the_run_are_bounded(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "MOST", 10)
     made = driver(net)
-    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.attach(Stage())
     made.on_start()
     for k in range(100):
         made.take("broken", str(k))

@@ -2,7 +2,6 @@
 
 import json
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +23,7 @@ from surefoot.services.stability.service import Stability
 from tests.services.stability.certificate import twist_violation
 from tests.services.stability.conftest import ask
 from tests.services.stability.sets import SQUARE, UP
+from tests.services.stage import Stage
 
 RAGNO = load_robot("ragno")
 FLOOR = [{"position": p, "normal": UP, "mu": 0.5} for p in SQUARE]
@@ -285,18 +285,18 @@ def test_equilibrium_of_a_robot_that_accelerates(service: Stability) -> None:
 # -- state/stability --------------------------------------------------------------------------------------------------
 
 
-class Bench:
+class Bench(Stage):
     """Feeds ticks to a service and keeps what it publishes."""
 
     def __init__(self, service: Stability) -> None:
-        self.sent: list[StabilityStatus] = []
+        super().__init__()
         self.service = service
         service.on_reset()
         service.attach(self)  # type: ignore[arg-type]
 
-    def publish(self, topic: Any, message: Message, stamp_ns: int | None) -> None:
-        assert topic is STATE_STABILITY
-        self.sent.append(message)  # type: ignore[arg-type]
+    @property
+    def states(self) -> list[StabilityStatus]:
+        return self.of(STATE_STABILITY.key)
 
     def tick(self, number: int, **messages: Message) -> None:
         tick = Tick(tick=number, stamp_ns=10_000_000 * number, roster=(), roster_version=0, due=(), mode="lockstep")
@@ -316,28 +316,28 @@ def samples(stamp_ns: int, touch: tuple[bool, ...] = (True,) * 6, g_up: tuple = 
 def test_status_every_second_tick(service: Stability) -> None:
     bench = Bench(service)
     bench.tick(0)
-    assert bench.sent[0].status == "infeasible"
-    assert not bench.sent[0].fresh
+    assert bench.states[0].status == "infeasible"
+    assert not bench.states[0].fresh
     bench.tick(1, **samples(10_000_000))
-    assert len(bench.sent) == 1
+    assert len(bench.states) == 1
     bench.tick(2)
-    now = bench.sent[1]
+    now = bench.states[1]
     assert (now.status, now.fresh, now.stance) == ("ok", True, (True,) * 6)
     assert now.margin_planned == pytest.approx(0.13, abs=0.02)
     assert (now.com_measured, now.margin_measured) == (None, None)
     bench.tick(20)
-    assert not bench.sent[2].fresh
+    assert not bench.states[2].fresh
     service.on_reset()
     bench.tick(22)
-    assert bench.sent[3].status == "infeasible"
+    assert bench.states[3].status == "infeasible"
 
 
 def test_status_in_the_air_and_without_gravity(service: Stability) -> None:
     bench = Bench(service)
     bench.tick(0, **samples(0, touch=(False,) * 6))
-    assert (bench.sent[0].status, bench.sent[0].region, bench.sent[0].margin_planned) == ("infeasible", (), None)
+    assert (bench.states[0].status, bench.states[0].region, bench.states[0].margin_planned) == ("infeasible", (), None)
     bench.tick(2, **samples(0, g_up=(0.0, 0.0, 0.0)))
-    assert not bench.sent[1].fresh
+    assert not bench.states[1].fresh
 
 
 @pytest.mark.parametrize("what", ["region", "check", "com", "whatif", "equilibrium", "batch", "calibrate"])

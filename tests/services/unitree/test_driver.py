@@ -37,6 +37,7 @@ from surefoot.services.unitree.messages import (
     sensors_of,
 )
 from surefoot.services.unitree.service import Unitree, UnitreeConfig
+from tests.services.stage import Stage
 
 ROOT = Path(__file__).parents[3]
 NAMES = load_robot(ROBOT).joint_names
@@ -73,7 +74,7 @@ class Quiet(Unitree):
 
 def quiet(**more: Any) -> Quiet:
     made = Quiet(driver(**more).config)
-    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.attach(Stage())
     made.on_start()
     return made
 
@@ -198,7 +199,7 @@ def test_reads_a_publisher_on_loopback() -> None:
     from surefoot.services.unitree.messages import LOW_STATE
 
     made = driver(domain=87)
-    made.attach(type("Log", (), {"log": lambda *_: None, "publish": lambda *_: None})())  # type: ignore[arg-type]
+    made.attach(Stage())
     made.on_start()
     participant = DomainParticipant(87)
     writer = DataWriter(participant, Topic(participant, LOW_STATE, LowState))

@@ -15,29 +15,15 @@ from surefoot.schemas.state import Odometry, SeenLandmarks
 from surefoot.schemas.topics import TICK_NS
 from surefoot.services.vision.config import VisionConfig
 from surefoot.services.vision.service import VisionService
+from tests.services.stage import Stage
 from tests.services.vision.shots import HEIGHT, shot, world
 
 POSE = (0.12, 0.02, 0.1)
 
 
-class Outlet:
-    def __init__(self) -> None:
-        self.sent: list[SeenLandmarks] = []
-        self.logged: list[str] = []
-
-    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
-        self.sent.append(message)
-
-    def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
-        raise AssertionError
-
-    def log(self, level: str, text: str) -> None:
-        self.logged.append(text)
-
-
 @pytest.fixture
 def vision():
-    made, outlet = VisionService(VisionConfig(robot="nao", features="orb")), Outlet()
+    made, outlet = VisionService(VisionConfig(robot="nao", features="orb")), Stage()
     made.attach(outlet)
     made.on_start()
     made.use(world())
@@ -64,7 +50,7 @@ def step(vision: VisionService, tick: int, pose=POSE, image=None, belief=None) -
     head = Tick(roster=(), roster_version=0, due=(), mode="lockstep").stamped(now, tick, 1, tick, "simulator")
     before = len(vision.outlet.sent)
     vision.on_tick(TickInputs(head, messages))
-    return vision.outlet.sent[-1] if len(vision.outlet.sent) > before else None
+    return vision.outlet.sent[-1][1] if len(vision.outlet.sent) > before else None
 
 
 def near(sd=0.05, lost=False) -> PoseBelief:

@@ -11,20 +11,18 @@ from surefoot.schemas.hw import FootContacts, JointState, Tick
 from surefoot.schemas.state import Odometry, VelocityEstimate
 from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STABILITY_CHECK, STATE_ODOMETRY, STATE_VELOCITY
 from surefoot.services.walker.service import SERVICE, WalkerConfig
+from tests.services.stage import Stage
 
 EPOCH = 3
 ZERO = (0.0, 0.0, 0.0)
 
 
-class Stage:
-    """A runtime that keeps what is published and requested; footholds are as wished, stability is absent."""
+class Walked(Stage):
+    """Keeps requests, too; footholds are as wished, stability is absent."""
 
     def __init__(self) -> None:
-        self.said: dict[str, Any] = {}
+        super().__init__()
         self.asked: list[tuple[str, Any]] = []
-
-    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
-        self.said[topic.key] = message
 
     def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
         self.asked.append((query.key, request))
@@ -33,14 +31,11 @@ class Stage:
         legs = tuple(LegFoothold(leg=leg.leg, status="ok", foothold=leg.nominal) for leg in request.legs)
         return SelectReply(legs=legs, map_version=0, model="test")
 
-    def log(self, level: str, text: str) -> None:
-        self.said["log"] = text
-
 
 def service_of(**config: Any) -> Any:
     """A walker service that has started on a stage."""
     service = SERVICE(WalkerConfig(**config))
-    service.attach(Stage())
+    service.attach(Walked())
     service.on_start()
     return service
 

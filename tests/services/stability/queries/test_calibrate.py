@@ -11,33 +11,26 @@ from surefoot.errors import Refusal
 from surefoot.lockstep.join import TickInputs
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import FootContacts, JointState, Tick
-from surefoot.schemas.stability import StabilityStatus
 from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_VELOCITY
 from surefoot.services.stability.config import StabilityConfig
 from surefoot.services.stability.service import SERVICE, Stability
 from tests.services.stability.sensing.test_calibration import poses
 from tests.services.stability.sensing.test_forces import RADIUS, RAGNO, UP, held, standing
+from tests.services.stage import Stage
 
 GAIN = 0.7522
 
 
-class Rig:
-    """Asks the service, feeds it ticks, keeps what it says."""
+class Rig(Stage):
+    """Asks the service, feeds it ticks."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.service: Stability = SERVICE(StabilityConfig())
         self.service.attach(self)  # type: ignore[arg-type]
         self.service.on_start()
-        self.sent: list[StabilityStatus] = []
-        self.said: list[str] = []
         self.tick_number = 0
-
-    def publish(self, topic: Any, message: Message, stamp_ns: int | None) -> None:
-        self.sent.append(message)  # type: ignore[arg-type]
-
-    def log(self, level: str, text: str) -> None:
-        self.said.append(text)
 
     def ask(self, what: str, **fields: Any) -> dict[str, Any]:
         model = {query.key: query.request for query in SERVICE.serves}[f"stability/{what}"]
@@ -93,14 +86,14 @@ def test_a_job_collects_resting_poses_and_applies_the_gain(rig: Rig) -> None:
         "accepted": True, "reason": "", "state": "collecting", "poses": len(given), "gain": None, "gain_sd": None,
         "joint_gain": None, "torque_per_ampere": None, "offset": None, "residual_n": None,
     }  # fmt: skip
-    before = rig.sent[-1].weight_n
+    before = rig.sent[-1][1].weight_n
     assert rig.ask("calibrate", action="finish", at_tick=rig.tick_number + 1)["accepted"]
     rig.tick(given[-1].joints, given[-1].torque)
-    assert any("calibration: torques of the servos x 0.75" in line for line in rig.said)
+    assert any("calibration: torques of the servos x 0.75" in line for line in rig.logged)
     rig.tick(given[-1].joints, given[-1].torque)
     got = rig.ask("calibrate", action="status")
     assert (got["state"], got["gain"]) == ("done", pytest.approx(GAIN, rel=5e-3))
-    after = rig.sent[-1].weight_n
+    after = rig.sent[-1][1].weight_n
     assert before is not None
     assert after is not None
     weight = RAGNO.mass * 9.81
