@@ -1,5 +1,7 @@
 """Contact sets of the tests: named ones with a known answer, and seeded random ones."""
 
+from typing import Any
+
 import numpy as np
 
 from surefoot.services.stability.programs.contacts import ContactSet, contact_set
@@ -32,3 +34,9 @@ def feasible_sets(seed: int, count: int, contacts: tuple[int, int] = (3, 9)) -> 
     """Sets whose region has an inside: vertical ground would hold them, so would this."""
     rng = np.random.default_rng(seed)
     return [random_set(rng, int(rng.integers(*contacts)), 25.0, (0.5, 0.9)) for _ in range(count)]
+
+
+def as_asked(contacts: ContactSet) -> list[dict[str, Any]]:
+    """The contacts of a request, friction without a limit as null."""
+    rows = zip(contacts.position.tolist(), contacts.normal.tolist(), contacts.mu.tolist(), strict=True)
+    return [{"position": p, "normal": n, "mu": mu if np.isfinite(mu) else None} for p, n, mu in rows]

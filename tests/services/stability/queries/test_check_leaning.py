@@ -13,16 +13,15 @@ from surefoot.services.stability.answers import check_reply, region_reply
 from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
 from surefoot.services.stability.regions.equilibrium import equilibrium
 from surefoot.services.stability.regions.modes import lean, upward
-from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted
+from tests.services.stability.sets import SQUARE, UP, as_asked, feasible_sets, tilted
 
 RAGNO = load_robot("ragno")
 FLOOR = contact_set(SQUARE, [UP] * 4, 0.8)
 
 
 def ask(contacts: ContactSet, **fields: Any) -> CheckReply:
-    rows = zip(contacts.position.tolist(), contacts.normal.tolist(), contacts.mu.tolist(), strict=True)
-    given = [{"position": p, "normal": n, "mu": mu if np.isfinite(mu) else None} for p, n, mu in rows]
-    return check_reply(decode(CheckRequest, json.dumps({"contacts": given, **fields}).encode()), RAGNO)
+    body = json.dumps({"contacts": as_asked(contacts), **fields}).encode()
+    return check_reply(decode(CheckRequest, body), RAGNO)
 
 
 def test_an_acceleration_moves_the_square_by_its_share_of_the_height() -> None:

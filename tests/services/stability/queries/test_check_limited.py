@@ -14,19 +14,15 @@ from surefoot.services.stability.programs.contacts import Array, ContactSet, Sta
 from surefoot.services.stability.regions.actuated import ServoLegs, actuated_region
 from surefoot.services.stability.sensing.posture import PosedRobot, contact_jacobians
 from tests.services.stability.regions.test_actuated import RADIUS, RAGNO, TRIPOD, UP, stance
+from tests.services.stability.sets import as_asked
 
 LIMIT = 0.55
 BODY = {"joints": RAGNO.neutral.tolist(), "max_torque_nm": LIMIT}
 MANY = equally_spaced(360)
 
 
-def rows(contacts: ContactSet) -> list[dict[str, Any]]:
-    each = zip(contacts.position.tolist(), contacts.normal.tolist(), contacts.mu.tolist(), strict=True)
-    return [{"position": p, "normal": n, "mu": mu} for p, n, mu in each]
-
-
 def ask(contacts: ContactSet, **fields: Any) -> CheckReply:
-    body = json.dumps({"contacts": rows(contacts), "actuation": BODY, **fields}).encode()
+    body = json.dumps({"contacts": as_asked(contacts), "actuation": BODY, **fields}).encode()
     return check_reply(decode(CheckRequest, body), RAGNO)
 
 
@@ -39,7 +35,7 @@ def test_without_a_movement_the_margin_is_that_of_the_region_query() -> None:
     contacts, legs = stance(TRIPOD, LIMIT)
     c = contacts.position[:, :2].mean(axis=0)
     got = ask(contacts, com=c.tolist(), directions=64, certificates=True)
-    given = {"contacts": rows(contacts), "actuation": BODY, "directions": 64, "certificates": True}
+    given = {"contacts": as_asked(contacts), "actuation": BODY, "directions": 64, "certificates": True}
     same = region_reply(decode(RegionRequest, json.dumps(given).encode()), RAGNO)
     assert (got.inner, got.outer, got.support, got.gap) == (same.inner, same.outer, same.support, same.gap)
     assert got.gap is not None
@@ -55,7 +51,7 @@ def test_generous_torques_leave_the_check_as_it_is() -> None:
     contacts, _ = stance(TRIPOD, 1e3)
     movement = [0.01, -0.005, 0.0]
     strong = ask(contacts, movement=movement, actuation=BODY | {"max_torque_nm": 1e3}, directions=128)
-    body = {"contacts": rows(contacts), "movement": movement, "joints": BODY["joints"]}
+    body = {"contacts": as_asked(contacts), "movement": movement, "joints": BODY["joints"]}
     free = check_reply(decode(CheckRequest, json.dumps(body).encode()), RAGNO)
     assert (strong.com, strong.shift, strong.com_after) == (free.com, free.shift, free.com_after)
     assert (strong.stance, strong.reachable, strong.stable) == (free.stance, free.reachable, free.stable)

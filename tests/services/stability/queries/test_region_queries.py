@@ -20,16 +20,11 @@ from surefoot.services.stability.regions.robust import margin_gradient
 from surefoot.services.stability.service import Stability
 from tests.services.stability.conftest import ask
 from tests.services.stability.regions.test_actuated import stance
-from tests.services.stability.sets import SQUARE, UP, feasible_sets
+from tests.services.stability.sets import SQUARE, UP, as_asked, feasible_sets
 
 RAGNO = load_robot("ragno")
 FLOOR = [{"position": p, "normal": UP, "mu": 0.8} for p in SQUARE]
 QUAT = [0.9689124, 0.0, 0.0, 0.2474040]
-
-
-def as_asked(contacts: Any) -> list[dict[str, Any]]:
-    rows = zip(contacts.position.tolist(), contacts.normal.tolist(), contacts.mu.tolist(), strict=True)
-    return [{"position": p, "normal": n, "mu": mu} for p, n, mu in rows]
 
 
 # -- acceleration ------------------------------------------------------------------------------------------------------
