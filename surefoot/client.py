@@ -106,7 +106,7 @@ class Client:
         return self.bus.listen(row, take)
 
     def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> Iterator[M]:
-        """Messages as they come, of a topic's row or key; ends when none comes for ``timeout_s``."""
+        """Yield messages as they come, of a topic's row or key; end when none comes for ``timeout_s``."""
         topic = topic_named(topic) if isinstance(topic, str) else topic
         queue: SimpleQueue[M] = SimpleQueue()
         end = self.subscribe(topic, queue.put)
@@ -145,7 +145,7 @@ def make_request(query: Query[Any, Any], fields: dict[str, Any]) -> Wire:
 
 
 def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "surefoot") -> Client:
-    """Joins the network as a client.
+    """Join the network as a client.
 
     Args:
         robot: second part of the keys' prefix.

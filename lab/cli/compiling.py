@@ -12,17 +12,17 @@ FIRST_S, EACH_S = 0.5, 10.0
 
 
 @contextmanager
-def compilation_reported(notify: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> Generator[None]:
+def compilation_reported(notify: Callable[[str], None]) -> Generator[None]:
     """Call `notify` with a line on what the compiler does, inside the context, when it takes longer than `FIRST_S`."""
     began, over = threading.Event(), threading.Event()
 
     def watch() -> None:
         began.wait()
-        start, wait = clock(), FIRST_S
+        start, wait = time.monotonic(), FIRST_S
         text = "surefoot: compiling numeric kernels, half a minute or more, only this once (surefoot warm)"
         while not over.wait(wait):
             if COMPILING.busy:
-                notify(text or f"  {COMPILING.done} kernels after {clock() - start:.0f} s")
+                notify(text or f"  {COMPILING.done} kernels after {time.monotonic() - start:.0f} s")
                 text, wait = "", EACH_S
 
     watcher = threading.Thread(target=watch, daemon=True)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
 
 import typer
 
@@ -12,11 +11,11 @@ INSTALL_PAPERS = "pip install ./papers"
 """Command, in a checkout, that adds the papers to an installation without them."""
 
 
-def room_commands(home: Path = PACKAGE) -> Iterator[typer.Typer]:
+def room_commands() -> Iterator[typer.Typer]:
     """Yield the `app` of each `commands.py` below `lab`, and that of the papers or what stands for it."""
-    for path in sorted(home.glob("lab/*/commands.py")):
+    for path in sorted(PACKAGE.glob("lab/*/commands.py")):
         yield import_module(f"surefoot.lab.{path.parent.name}.commands").app
-    if (home / "papers" / "commands.py").is_file():
+    if (PACKAGE / "papers" / "commands.py").is_file():
         yield import_module("surefoot.papers.commands").app
     else:
         yield without_papers

@@ -65,7 +65,7 @@ def systems(
     """
     from surefoot.bus.endpoint import checked, from_environment, to_listen
 
-    connect = checked("--connect", connect) if connect else from_environment(("SUREFOOT_CONNECT",))
+    connect = checked("--connect", connect) if connect else from_environment("SUREFOOT_CONNECT")
     namespace = namespace or os.environ.get("SUREFOOT_NAMESPACE")
     found = [
         RunningSystem(folder.name, place.connect, place.namespace, folder)
@@ -95,7 +95,7 @@ def only_one(found: tuple[RunningSystem, ...], how: str) -> RunningSystem:
     if len(found) > 1:
         from surefoot.bus.endpoint import from_environment
 
-        here = from_environment(("SUREFOOT_LISTEN",))
+        here = from_environment("SUREFOOT_LISTEN")
         found = tuple(one for one in found if one.connect == here) or found
     if len(found) > 1:
         names = ", ".join(f"{one.name} ({one.namespace} at {one.connect})" for one in found)

@@ -141,7 +141,7 @@ def down(
     meant = _folders(system)
     there = [folder for folder in meant if folder.held() or folder.orphans()]
     if len(there) > 1 and not every:
-        here = from_environment(("SUREFOOT_LISTEN",))
+        here = from_environment("SUREFOOT_LISTEN")
         places = [(folder, folder.endpoint(orphaned=True)) for folder in there]
         there = [folder for folder, place in places if place is not None and place.connect == here] or there
         meant = there

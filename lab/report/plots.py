@@ -44,13 +44,9 @@ def draw(traces: Traces, timings: Mapping[str, Timing]) -> dict[str, str]:
         }
 
 
-def _figure(height: float = 2.6, rows: int = 1) -> tuple[Figure, list[Axes]]:
+def _figure(height: float = 2.6) -> tuple[Figure, Axes]:
     figure = page_figure(height)
-    axes = [figure.add_subplot(rows, 1, i + 1, facecolor=PAPER) for i in range(rows)]
-    for above in axes[:-1]:
-        above.sharex(axes[-1])
-        above.tick_params(labelbottom=False)
-    return figure, axes
+    return figure, figure.add_subplot(facecolor=PAPER)
 
 
 def _legend(axes: Axes) -> None:
@@ -59,7 +55,7 @@ def _legend(axes: Axes) -> None:
 
 def _top_view(traces: Traces) -> Figure:
     """Top view of truth, odometry and footfalls over the map the robot was given."""
-    figure, (axes,) = _figure(3.4)
+    figure, axes = _figure(3.4)
     truth = thinned(traces.series("sim/truth"))
     x0, x1 = truth[:, 1].min() - 0.35, truth[:, 1].max() + 0.35
     y0, y1 = truth[:, 2].min() - 0.35, truth[:, 2].max() + 0.35
@@ -97,7 +93,7 @@ def _top_view(traces: Traces) -> Figure:
 
 def _own_way(traces: Traces) -> Figure:
     """Top view of the odometry and of the stances by the robot's own measurements, where no truth is known."""
-    figure, (axes,) = _figure(3.4)
+    figure, axes = _figure(3.4)
     odometry = traces.series("state/odometry")
     way = thinned(odometry[odometry[:, 7] > 0.5])
     places = np.array([stance.place for stance in traces.stances]).reshape(-1, 2)
@@ -125,7 +121,7 @@ def _placed(traces: Traces) -> Array:
 
 def _profile(traces: Traces) -> Figure:
     """Side view: ground under the trunk, trunk and centre of mass."""
-    figure, (axes,) = _figure()
+    figure, axes = _figure()
     truth = thinned(traces.series("sim/truth"))
     if traces.ground is not None:
         z, cell, (ox, oy) = traces.ground
@@ -142,7 +138,7 @@ def _profile(traces: Traces) -> Figure:
 
 
 def _timing(timings: Mapping[str, Timing]) -> Figure:
-    figure, (axes,) = _figure(0.7 + 0.3 * len(timings))
+    figure, axes = _figure(0.7 + 0.3 * len(timings))
     names = list(timings)[::-1]
     axes.barh(names, [timings[name].p99_us for name in names], color=BLUE, alpha=0.25, height=0.6, label="99 %")
     axes.barh(names, [timings[name].p50_us for name in names], color=BLUE, height=0.6, label="median")

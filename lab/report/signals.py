@@ -53,7 +53,7 @@ class Signals:
         """Return the control ticks of the messages of a key as times, (n,) s."""
         return TICK_S * np.array([row.get("tick", -1) for row in self.rows[key]], dtype=np.float64)
 
-    def column(self, key: str, name: str, empty: float = np.nan) -> Array:
+    def column(self, key: str, name: str) -> Array:
         """Return a field of each message as numbers, (n, ...); what is null or absent is NaN, ragged rows are cut.
 
         Raises:
@@ -61,7 +61,7 @@ class Signals:
         """
         found = [row.get(name) for row in self.rows[key]]
         size = min((len(v) for v in found if isinstance(v, Sequence)), default=0)
-        blank: Any = [empty] * size if size else empty
+        blank: Any = [np.nan] * size if size else np.nan
         cut = [blank if v is None else v[:size] if isinstance(v, Sequence) else v for v in found]
         try:
             return np.array(cut, dtype=np.float64)

@@ -113,7 +113,7 @@ class Traces:
         reader(self, key, message)
 
     def series(self, key: str) -> Array:
-        """Return all rows of a key, shape (n, columns); (0, 1) when there are none."""
+        """Return all rows of a key, (n, columns), in the units of its message; (0, 1) when there are none."""
         rows = self.rows.get(key)
         return np.array(rows) if rows else np.empty((0, 1))
 

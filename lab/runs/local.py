@@ -90,7 +90,7 @@ def run_local(
     without: Iterable[str] = (),
     meddle: Callable[[LocalSystem], None] = lambda system: None,
 ) -> LocalRun:
-    """Conducts a scenario in this process.
+    """Conduct a scenario in this process.
 
     Args:
         scenario: what to do.

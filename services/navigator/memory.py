@@ -6,12 +6,11 @@ The file belongs to one run (its folder); contents of another epoch, or of a lat
 from dataclasses import dataclass, fields
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from surefoot.geometry.linear import eigen3
-from surefoot.lockstep.memory import MOST_ID, RunMemory
+from surefoot.lockstep.memory import MOST_ID, RunMemory, Stored
 from surefoot.schemas.navigation import GoalState
-from surefoot.tables import TableError, table_error
 
 from .goals import End, NavigationGoal
 
@@ -40,12 +39,10 @@ class Kept:
     """Goals that wait for their tick."""
 
 
-class _StoredGoal(BaseModel):
-    """Content of the file: what is `Kept` and when it was kept."""
+class _StoredGoal(Stored):
+    """Content of the file: what is `Kept`."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-    epoch: int
-    tick: int
+    model_config = ConfigDict(allow_inf_nan=False)
     number: int = Field(ge=0, le=MOST_ID)
     pose: tuple[float, float, float]
     covariance: tuple[float, ...]
@@ -96,18 +93,6 @@ class GoalMemory(RunMemory):
         self.write(epoch, tick, {**vars(kept), "goal": goal, "planned": planned})
 
     def recall(self, epoch: int, tick: int) -> Kept | None:
-        """Return the state that was kept in this epoch, not after this tick, or None.
-
-        A navigator may be killed between keeping a tick and publishing it: its successor does that tick again.
-        """
-        content = self.read()
-        if content is None:
-            return None
-        try:
-            found = _StoredGoal.model_validate_json(content)
-        except ValidationError as error:
-            self.give_up(table_error(error, _StoredGoal, TableError))
-            return None
-        if found.epoch != epoch or found.tick > tick:
-            return None
-        return Kept(**{field.name: getattr(found, field.name) for field in fields(Kept)})
+        """Return the state that was kept in this epoch, not after this tick, or None."""
+        found = self.read(_StoredGoal, epoch, tick)
+        return found and Kept(**{field.name: getattr(found, field.name) for field in fields(Kept)})

@@ -8,11 +8,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from surefoot.lockstep.memory import MOST_ID, RunMemory
+from surefoot.lockstep.memory import MOST_ID, RunMemory, Stored
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.tables import TableError, table_error
 
 from .interface import BodyPose, MotionCommand
 
@@ -36,12 +35,9 @@ class WalkMemory:
     """Number of the navigator's last order that was taken up, 0 = none yet."""
 
 
-class _Stored(BaseModel):
-    """Content of the file: a `WalkMemory` and when it was kept."""
+class _StoredWalk(Stored):
+    """Content of the file: a `WalkMemory`."""
 
-    model_config = ConfigDict(strict=True, extra="forbid")
-    epoch: int
-    tick: int
     walk_id: int = Field(ge=0, le=MOST_ID)
     command: MotionCommand | None
     start: BodyPose | None
@@ -87,18 +83,6 @@ class MemoryFile(RunMemory):
         super().forget()
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
-        """Return the state that was kept in `epoch` at or before `tick`, None if there is none.
-
-        A walker may be killed after it kept a tick and before it published it: its successor repeats that tick.
-        """
-        content = self.read()
-        if content is None:
-            return None
-        try:
-            found = _Stored.model_validate_json(content)
-        except ValidationError as error:
-            self.give_up(table_error(error, _Stored, TableError))
-            return None
-        if found.epoch != epoch or found.tick > tick:
-            return None
-        return WalkMemory(**{field.name: getattr(found, field.name) for field in fields(WalkMemory)})
+        """Return the state that was kept in `epoch` at or before `tick`, None if there is none."""
+        found = self.read(_StoredWalk, epoch, tick)
+        return found and WalkMemory(**{field.name: getattr(found, field.name) for field in fields(WalkMemory)})

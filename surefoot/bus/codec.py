@@ -117,7 +117,7 @@ def _sent(complaint: ErrorDetails) -> tuple[int | str, ...]:
 
 
 def check_encoding(model: type[Wire], encoding: str) -> None:
-    """Refuses another named schema or another major version; absent or generic encodings mean the current one."""
+    """Refuse another named schema or another major version; absent or generic encodings mean the current one."""
     _, _, schema = encoding.partition(";")
     owner, _, rest = schema.partition("/")
     if owner != "surefoot":

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from surefoot.errors import ConfigError
@@ -28,10 +28,9 @@ def checked(source: str, endpoint: str, *, any_port: bool = False) -> str:
     return endpoint
 
 
-def from_environment(names: tuple[str, ...], environ: Mapping[str, str] | None = None) -> str | None:
-    """Return the first of these variables that is set and not empty, checked; None when there is none."""
-    environ = os.environ if environ is None else environ
-    return next((checked(name, environ[name]) for name in names if environ.get(name)), None)
+def from_environment(name: str) -> str | None:
+    """Return the endpoint of an environment variable, checked; None where it is not set or empty."""
+    return checked(name, os.environ[name]) if os.environ.get(name) else None
 
 
 def checked_namespace(namespace: str) -> str:
@@ -44,7 +43,7 @@ def checked_namespace(namespace: str) -> str:
 
 def to_listen(option: str | None = None) -> str:
     """Where a router listens: ``--listen``, else SUREFOOT_LISTEN, else the default (raises ConfigError)."""
-    return checked("--listen", option) if option else from_environment(("SUREFOOT_LISTEN",)) or DEFAULT_ENDPOINT
+    return checked("--listen", option) if option else from_environment("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
 
 
 def to_connect() -> str:
@@ -52,7 +51,7 @@ def to_connect() -> str:
 
     Who has set SUREFOOT_LISTEN for ``surefoot up`` means the same router in the same shell.
     """
-    return from_environment(("SUREFOOT_CONNECT", "SUREFOOT_LISTEN")) or DEFAULT_ENDPOINT
+    return from_environment("SUREFOOT_CONNECT") or from_environment("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
 
 
 def without_source(text: str) -> str:

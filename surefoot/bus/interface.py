@@ -185,11 +185,11 @@ class Bus(Protocol):
     """Other processes act while one waits in a call."""
 
     def publisher(self, topic: Topic[M], instance: str = "") -> Publisher[M]:
-        """Declares the one writer of a key; ``instance`` names the process in its frames."""
+        """Declare the one writer of a key; ``instance`` names the process in its frames."""
         ...
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
-        """Delivers the messages of a key, or of all keys of a ``/*`` family, to an observer, whoever publishes them.
+        """Deliver the messages of a key, or of all keys of a ``/*`` family, to an observer, whoever publishes them.
 
         ``bounded``: for services, which have more to do. Few are kept and more than some thousands per s are dropped;
         what services publish outside ticks (status, latched) is taken from services only.
@@ -197,7 +197,7 @@ class Bus(Protocol):
         ...
 
     def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], Any], *, batched: bool = False) -> None:
-        """Delivers topics to a participant, without loss: framed ones as a Frame of their owner's, others as
+        """Deliver topics to a participant, without loss: framed ones as a Frame of their owner's, others as
         Deliveries. What an observer that does not read could hold up does not come this way.
 
         Args:
@@ -222,7 +222,7 @@ class Bus(Protocol):
         participants: Callable[[Incoming], Any] | None = None,
         instance: str = "",
     ) -> None:
-        """Delivers the queries of a key; a sink that returns False has no room, and some queries are dropped.
+        """Deliver the queries of a key; a sink that returns False has no room, and some queries are dropped.
 
         Args:
             query: row of the table.
@@ -276,7 +276,7 @@ class Bus(Protocol):
         ...
 
     def watch(self, sink: Callable[[Life], Any]) -> None:
-        """Delivers the appearance and disappearance of services, those already there first."""
+        """Deliver the appearance and disappearance of services, those already there first."""
         ...
 
     def look_at_links(self) -> "list[LinkTrouble]":
@@ -284,7 +284,7 @@ class Bus(Protocol):
         ...
 
     def close(self) -> None:
-        """Ends it; harmless when repeated."""
+        """End the bus; harmless when repeated."""
         ...
 
 

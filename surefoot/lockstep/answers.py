@@ -62,7 +62,7 @@ class Answers:
         return [(incoming, request) for _, incoming, request in ready]
 
     def expire(self, name: str) -> None:
-        """Ends the queries that have waited too long for the service ``name``."""
+        """End the queries that have waited too long for the service ``name``."""
         if not self.waiting:
             return
         now = self._clock()

@@ -42,18 +42,18 @@ class Driver(Service[C]):
     """Declared outputs that this hardware does not have: no reader waits for them."""
 
     def release(self, tick: int) -> list[DueSample]:
-        """Samples whose stamp is at or before the beginning of ``tick`` and that were not released yet."""
+        """Return the samples whose stamp is at or before the beginning of ``tick`` and that were not released yet."""
         raise NotImplementedError
 
     def reveal(self, tick: int) -> list[DueSample]:
-        """Samples of ``observers_only`` topics that go with ``tick``, asked for when the tick's frame is on its way.
+        """Return samples of ``observers_only`` topics that go with ``tick``; called once its frame is on its way.
 
         They are published with the next batch, or at once while somebody watches.
         """
         return []
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        """Lets one tick of time pass under a command (None: hold what was)."""
+        """Let one tick of time pass under a command (None: hold what was)."""
         raise NotImplementedError
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
@@ -67,7 +67,7 @@ class Driver(Service[C]):
         """Each second of wall time: may publish how time runs."""
 
     def check(self, command: JointCommand) -> None:
-        """Refuses a command the hardware must not obey (raises Refusal)."""
+        """Refuse a command the hardware must not obey (raises Refusal)."""
 
     @property
     def node(self) -> "DriverNode":
@@ -107,7 +107,7 @@ class DriverNode(Node):
         return []  # the driver proves no links: participants do, and report it
 
     def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
-        """Starts a new epoch: everybody proves their links anew, then tick 0 comes. Returns the epoch."""
+        """Start a new epoch: everybody proves their links anew, then tick 0 comes. Return the epoch."""
         leader = self.leader
         self._reveal()
         leader.expect, leader.delay, leader.seed = tuple(n for n in expect if n != self.name), delay, seed
@@ -123,7 +123,7 @@ class DriverNode(Node):
         return leader.epoch
 
     def pause(self, at_tick: int | None, end: bool) -> int:
-        """Stops after a tick; ``end`` makes it the last of the run. Returns the tick."""
+        """Stop after a tick, the next one by default; return it. ``end``: it is the last of the run."""
         leader = self.leader
         tick = leader.tick + 1 if at_tick is None else at_tick
         if tick <= leader.tick:

@@ -42,7 +42,7 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
 
 
 def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
-    """Runs a service until SIGTERM or SIGINT; returns the exit code."""
+    """Run a service until SIGTERM or SIGINT; return the exit code."""
     options = _parser(service).parse_args(arguments)
     try:
         options.connect = [checked("--connect", place) for place in options.connect] or [to_connect()]

@@ -134,7 +134,7 @@ class Leader:
         return [(name, self.members[name].instance) for name in sorted(self.lost)]
 
     def give_up_waiting(self) -> tuple[str, ...]:
-        """Ends a hold: the lost leave the roster, the run goes on without them."""
+        """End a hold: the lost leave the roster, the run goes on without them."""
         gone = tuple(sorted(self.lost))
         for service in gone:
             self._remove(service)
@@ -206,7 +206,7 @@ class Leader:
         self.roster_version += 1
 
     def rejoin(self) -> range:
-        """Admits those who came back during a hold; returns the ticks to send again, oldest first.
+        """Admit those who came back during a hold; return the ticks to send again, oldest first.
 
         A process that was silent goes on where it was, and may lack all since; a new one begins with the first tick.
         """

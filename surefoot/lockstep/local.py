@@ -31,7 +31,7 @@ class LocalSystem:
                 self.bus.pump_with(query, node.pump_once)
 
     def run_until(self, finished: Callable[[], bool], max_idle_rounds: int = 200_000) -> None:
-        """Lets the nodes work in turn until ``finished``.
+        """Let the nodes work in turn until ``finished``.
 
         Raises:
             BusError: nothing happens any more although it is not finished.

@@ -3,15 +3,29 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from surefoot.disk import whole
 from surefoot.files import FileError, read_regular
+from surefoot.tables import TableError, table_error
 
 MOST_BYTES = 1 << 20
 """Largest file that is read; a service writes some kB."""
 MOST_ID = 2**53
 """Largest number of a command or order: the largest that every JSON reader keeps exactly."""
+
+
+class Stored(BaseModel):
+    """Content of the file: when it was kept; each service adds what it keeps."""
+
+    model_config = ConfigDict(strict=True, extra="forbid")
+    epoch: int
+    tick: int
+
+
+S = TypeVar("S", bound=Stored)
 
 
 class RunMemory:
@@ -49,19 +63,20 @@ class RunMemory:
         except OSError as error:
             self._lose(error)
 
-    def read(self) -> bytes | None:
-        """Return the content; None where there is no file, or none that can be read."""
+    def read(self, model: type[S], epoch: int, tick: int) -> S | None:
+        """Return what was kept in `epoch` at or before `tick`; None where there is no such file, or none to be read.
+
+        A process may be killed after it kept a tick and before it published it: its successor repeats that tick.
+        """
         if self.path is None or not self.path.exists():
             return None
         try:
-            return read_regular(self.path, MOST_BYTES)
-        except FileError as error:
-            self.give_up(error)
+            found = model.model_validate_json(read_regular(self.path, MOST_BYTES))
+        except (FileError, ValidationError) as error:
+            why = table_error(error, model, TableError) if isinstance(error, ValidationError) else error
+            self.problem = f"the kept {self._what} cannot be read and is given up: {why}"
             return None
-
-    def give_up(self, why: object) -> None:
-        """Note why the content is of no use."""
-        self.problem = f"the kept {self._what} cannot be read and is given up: {why}"
+        return found if found.epoch == epoch and found.tick <= tick else None
 
     def _lose(self, error: OSError) -> None:
         self.problem = f"the {self._what} cannot be kept for a restart: {error.strerror}"

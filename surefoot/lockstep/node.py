@@ -71,7 +71,7 @@ class Node:
         self._done = TICK_DONE.of(self.name)
 
     def start(self) -> None:
-        """Declares everything, lets the service prepare, then becomes visible."""
+        """Declare everything, let the service prepare, then become visible."""
         service, put = self.service, self.inbox.put
         service.attach(self)
         for topic in self._subscriptions():
@@ -119,7 +119,7 @@ class Node:
         return [HW_TICK, *topics]
 
     def run(self) -> None:
-        """Works until ``stop``; however much waits, the clock is looked at every ``LOOK_S``."""
+        """Work until ``stop``; however much waits, the clock is looked at every ``LOOK_S``."""
         try:
             while not self.stopping:
                 busy = self._work_until(self.clock() + LOOK_S)
@@ -133,12 +133,12 @@ class Node:
             self.service.on_stop()
 
     def stop(self) -> None:
-        """Ends ``run``; may be called from any thread or a signal handler."""
+        """End ``run``; may be called from any thread or a signal handler."""
         self.stopping = True
         self.inbox.put(_STOP)
 
     def pump(self) -> bool:
-        """Handles everything that is there; returns whether there was anything."""
+        """Handle everything that is there; return whether there was anything."""
         progressed = False
         while not self.stopping and self._turn(math.inf):
             progressed = True
@@ -166,7 +166,7 @@ class Node:
         return self.work() or progressed
 
     def pump_once(self) -> bool:
-        """Handles what is there and does at most one tick, so that nodes of one process take turns."""
+        """Handle what is there and do at most one tick, so that nodes of one process take turns."""
         progressed = self._turn(math.inf)
         if self._answers.late and not progressed:
             with suppress(Empty):  # an answer is worked out on another thread: there is nothing else to do
@@ -175,7 +175,7 @@ class Node:
         return progressed
 
     def timers(self) -> float:
-        """Does what the wall clock asks for; returns the seconds until it asks again."""
+        """Do what the wall clock asks for; return the seconds until it asks again."""
         self._beat()
         if (now := self.clock()) >= self._next_join:
             self._next_join = now + JOIN_RETRY_S

@@ -42,7 +42,7 @@ class ChunkWriter:
         self._write(_encoded(records.Header(profile="", library=library)))
 
     def add_channel(self, key: str, encoding: str, schema: str, text: bytes) -> int:
-        """Declares a topic with its JSON Schema; returns its number."""
+        """Declare a topic with its JSON Schema; return its number."""
         number = len(self._channels) + 1
         self._schemas.append(records.Schema(id=number, data=text, encoding="jsonschema", name=schema))
         self._channels.append(

@@ -18,7 +18,7 @@ class RunHash:
         self.counts: Counter[str] = Counter()
 
     def update(self, key: str, epoch: int, stamp_ns: int, seq: int, payload: bytes, attachment: bytes | None) -> None:
-        """Adds one message of a deterministic topic."""
+        """Add one message of a deterministic topic."""
         digest = self._digests.get(key)
         if digest is None:
             digest = self._digests[key] = hashlib.sha256()

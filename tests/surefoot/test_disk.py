@@ -81,15 +81,6 @@ def test_a_pipe_is_refused_and_not_waited_for(
         read(pipe)
 
 
-@pytest.mark.parametrize("content", [b"[" * 100_000, b'{"epoch": 1, "tick": 1e400}', b'{"epoch": 1, "tick": 1}', None])
-def test_a_damaged_memory_of_a_goal_is_given_up_in_words(tmp_path: Path, content: bytes | None) -> None:
-    path = tmp_path / "navigator.json"
-    os.mkfifo(path) if content is None else path.write_bytes(content)
-    memory = GoalMemory(str(path))
-    assert memory.recall(1, 10) is None
-    assert memory.problem or content == b'{"epoch": 1, "tick": 1e400}'
-
-
 def test_a_goal_of_an_earlier_run_that_cannot_be_removed_costs_the_memory_only(tmp_path: Path) -> None:
     (tmp_path / "goal.json").mkdir()  # as on a disk that is read-only, for root too
     memory = GoalMemory(str(tmp_path / "goal.json"))

@@ -86,7 +86,7 @@ def add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: i
 
 
 def add_backlash(body: mujoco.MjsBody, robot: Robot, link: int) -> None:
-    """Free play of a servo's output shaft, in series with the joint."""
+    """Add the free play of a servo's output shaft to a body, as a joint in series; nothing where it is 0."""
     joint = robot.joints[robot.links[link].joint]
     if joint.servo.backlash == 0.0:
         return

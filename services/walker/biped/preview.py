@@ -32,14 +32,12 @@ class PreviewGains(NamedTuple):
     dt: float  # s
 
 
-def preview_gains(height: float, dt: float, horizon: int = HORIZON, jerk: float = WEIGHT_JERK) -> PreviewGains:
+def preview_gains(height: float, dt: float) -> PreviewGains:
     """Solve the discrete Riccati equation by doubling and unroll the preview gains.
 
     Args:
         height: of the CoM over the ground, m.
         dt: control tick, s.
-        horizon: ticks of preview.
-        jerk: weight on the jerk.
     """
     a = np.array([[1.0, dt, dt * dt / 2.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
     b = np.array([[dt**3 / 6.0], [dt * dt / 2.0], [dt]])
@@ -48,16 +46,16 @@ def preview_gains(height: float, dt: float, horizon: int = HORIZON, jerk: float 
     aug_f = np.vstack((product(c, a), a))
     aug_a = np.hstack((first, aug_f))
     q = np.diag([WEIGHT_ERROR, 0.0, 0.0, 0.0])
-    k = riccati(aug_a, aug_b, q, jerk)
+    k = riccati(aug_a, aug_b, q, WEIGHT_JERK)
     pull = product(aug_b.T, k)  # B'K, (1, 4)
-    w = 1.0 / (jerk + float(product(pull, aug_b)[0, 0]))
+    w = 1.0 / (WEIGHT_JERK + float(product(pull, aug_b)[0, 0]))
     integral = w * float(product(pull, first)[0, 0])
     state = w * product(pull, aug_f)[0]
     closed = aug_a - w * product(aug_b, product(pull, aug_a))
-    preview = np.empty(horizon)
+    preview = np.empty(HORIZON)
     preview[0] = -integral
     x = -product(closed.T, product(k, first))
-    for j in range(1, horizon):
+    for j in range(1, HORIZON):
         preview[j] = w * float(product(aug_b.T, x)[0, 0])
         x = product(closed.T, x)
     preview[-1] -= state[0] + preview.sum()  # all that lies beyond the horizon: a shifted world needs no jerk

@@ -143,7 +143,7 @@ def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
 
 
 def settle(state: WalkerState, dt: float) -> None:
-    """Lower every foot that has no contact until all stand."""
+    """Lower every foot without contact by a tick of dt s; once all stand, the robot does."""
     s = state
     if s.fresh:
         s.landed |= s.contacts

@@ -153,7 +153,7 @@ def test_a_run_whose_robot_and_model_are_gone_or_others_now_repeats_from_its_rec
     shutil.copy(shipped("ragno") or "", model)
     scenario = parse_scenario(f"{WALK}[config.footholds]\nslip_model = {json.dumps(str(model))}\n")
     path = tmp_path / "run.mcap"
-    done = run_local(replace(scenario, robot=str(robot), max_duration_s=2.0), 5, recording=path)
+    done = run_local(replace(scenario, robot=str(robot), max_duration_s=1.0), 5, recording=path)
     shutil.rmtree(robot)
     model.write_text("{}")
     assert verify(path).repeated == done.run_hash

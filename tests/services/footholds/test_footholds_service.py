@@ -1,7 +1,6 @@
 """The service around the choice: latched map, queries, refusals."""
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from pydantic import ValidationError
 from surefoot.errors import CallError, Refusal
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.lockstep.join import TickInputs
-from surefoot.lockstep.local import LocalSystem
 from surefoot.schemas.footholds import AssessRequest, BasePose, FootholdChoice, LegRequest, SelectRequest
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.terrain import HeightMapMessage
@@ -21,6 +19,7 @@ from surefoot.services.footholds.service import SERVICE, Footholds
 from tests.services.footholds.grounds import CELL, STROKE, flat, neutral, ragno
 from tests.services.refusals import refused
 
+CONFIG = FootholdsConfig(slip_model="hand-made")
 BASE = BasePose(position=(0.0, 0.0, 0.008 - float(neutral(0)[2])))
 
 
@@ -32,21 +31,6 @@ def message(z: np.ndarray, version: int = 3) -> HeightMapMessage:
 def give(service: Footholds, terrain: HeightMapMessage) -> None:
     tick = Tick.model_construct(tick=0, epoch=0)
     service.on_tick(TickInputs(tick, {TERRAIN_MAP.key: terrain}))
-
-
-@pytest.fixture
-def service() -> Iterator[Footholds]:
-    one = Footholds(FootholdsConfig(slip_model="hand-made"))
-    system = LocalSystem([one])
-    yield one
-    system.close()
-
-
-@pytest.fixture
-def mapped(service: Footholds) -> Footholds:
-    """The service with a map of flat ground."""
-    give(service, message(flat()))
-    return service
 
 
 def asked(*legs: str, **changes: Any) -> SelectRequest:

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from surefoot.errors import Refusal
-from surefoot.lockstep.local import LocalSystem
 from surefoot.schemas.footholds import LearnReply, LearnRequest, ModelRequest, SelectRequest
 from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, Report, learn, learn_and_compare
@@ -21,20 +20,7 @@ from tests.services.footholds.learning.made import samples
 from tests.services.footholds.test_footholds_service import asked, give, message
 from tests.services.refusals import refused
 
-
-@pytest.fixture
-def service() -> Footholds:
-    one = Footholds(FootholdsConfig())
-    system = LocalSystem([one])
-    yield one
-    system.close()
-
-
-@pytest.fixture
-def mapped(service: Footholds) -> Footholds:
-    """The service with a map of flat ground."""
-    give(service, message(flat()))
-    return service
+CONFIG = FootholdsConfig()
 
 
 def changed(path: Path, changes: dict[str, object]) -> Path:

@@ -20,6 +20,7 @@ from surefoot.services.footholds.service import Footholds
 from tests.services.footholds.grounds import CELL, flat
 from tests.services.footholds.test_footholds_service import asked
 
+CONFIG = FootholdsConfig(own_map=True)
 SURE = 0.002**2
 
 
@@ -41,14 +42,6 @@ def give(service: Footholds, message: ElevationMap) -> None:
 def choice(service: Footholds, request: SelectRequest):
     (leg,) = service.select(request).legs
     return leg
-
-
-@pytest.fixture
-def service():
-    one = Footholds(FootholdsConfig(own_map=True))
-    system = LocalSystem([one])
-    yield one
-    system.close()
 
 
 def test_by_its_configuration_it_reads_the_own_map_tick_by_tick_or_the_given_one_in_batches():

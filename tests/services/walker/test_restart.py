@@ -149,14 +149,6 @@ def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
     assert memory.path is None
 
 
-def test_a_file_that_cannot_be_removed_costs_the_memory_only(tmp_path):
-    (tmp_path / "walker.json").mkdir()  # as on a disk that is read-only, for root too
-    memory = MemoryFile(str(tmp_path / "walker.json"))
-    memory.forget()
-    assert "cannot be kept" in memory.problem
-    assert memory.path is None
-
-
 def test_it_writes_only_what_has_changed(tmp_path):
     path = tmp_path / "walker.json"
     memory, kept = MemoryFile(str(path)), WalkMemory(1, None, None, None, (0.0, 0.0, 0.0))

@@ -1,7 +1,6 @@
 """Keys, tokens, types and bytes on ROS 2 are those that independent implementations make and read."""
 
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +34,6 @@ def odometry() -> Odometry:
         covariance=tuple(np.diag([0.1, 0.2, 0.3, 0.4]).ravel().tolist()), initialised=True,
     )  # fmt: skip
     return pose.stamped(1_234_567_890_123, 5, 1, 5, "estimator")
-
-
-@pytest.fixture(scope="module")
-def net() -> Iterator[Net]:
-    net = Net()
-    yield net
-    net.close()
 
 
 @pytest.mark.parametrize(("kind", "published"), PUBLISHED.items())

@@ -5,28 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from surefoot.bus.codec import encode
-from surefoot.bus.interface import Raw
 from surefoot.errors import SurefootError
 from surefoot.record.chunks import MAGIC
-from surefoot.record.recording import RecordingWriter, open_readable, read_recording
-from surefoot.schemas.hw import Imu
-from surefoot.schemas.topics import HW_IMU
+from surefoot.record.recording import open_readable
+from tests.surefoot.record.conftest import MESSAGES
 
-MESSAGES = 12_000
 SHARE = re.compile(r"([\d.]+) % of its (\d+ messages|bytes)")
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """A recording of several chunks of noise, which packs badly: damage hits data."""
-    path = tmp_path_factory.mktemp("bag") / "run.mcap"
-    writer = RecordingWriter(path, {"robot": "ragno"})
-    for tick, values in enumerate(np.random.default_rng(1).normal(size=(MESSAGES, 6)).tolist()):
-        message = Imu(acc=values[:3], gyro=values[3:]).stamped(tick * 10_000_000, tick, 1, tick, "driver")
-        writer.write(HW_IMU, message, Raw(*encode(message), ""))
-    writer.close({})
-    return path.read_bytes(), [item.data for item in read_recording(path)]
 
 
 def opened(tmp_path, content):

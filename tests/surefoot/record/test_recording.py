@@ -19,8 +19,8 @@ from surefoot.schemas.system import Health, LogRecord
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import HEALTH, HW_IMU, LOG, TERRAIN_MAP
 from tests.surefoot.expect import expect_error
+from tests.surefoot.record.conftest import MESSAGES
 
-MESSAGES = 9000
 MAP = HeightMapMessage(rows=2, cols=2, cell=0.1, origin=(0.0, -1.0), data=bytes(range(16))).stamped(
     0, 0, 1, 0, "driver"
 )
@@ -146,19 +146,6 @@ def test_hash_is_of_keys_and_bytes_not_of_the_order_between_keys() -> None:
     assert run(ab) != run(ab[:-1])
     assert run(ab) != run(ab, b"{ }")
     assert run([("a", 1)]) != run([("b", 1)])
-
-
-@pytest.fixture(scope="module")
-def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """A recording of several chunks of noise, which packs badly: damage hits data."""
-    path = tmp_path_factory.mktemp("bag") / "run.mcap"
-    writer = RecordingWriter(path, {"robot": "ragno"})
-    noise = np.random.default_rng(1).normal(size=(MESSAGES, 6)).tolist()
-    for tick, values in enumerate(noise):
-        message = Imu(acc=values[:3], gyro=values[3:]).stamped(tick * 10_000_000, tick, 1, tick, "driver")
-        writer.write(HW_IMU, message, Raw(*encode(message), ""))
-    writer.close({})
-    return path.read_bytes()
 
 
 def test_a_whole_file_is_whole(content: bytes, tmp_path: Path) -> None:
