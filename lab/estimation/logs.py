@@ -63,23 +63,21 @@ class ForeignLog:
         return replace(log, name=self.name, rest=(0, self.rest), begin_s=self.begin_s, sensors=sensors)
 
 
-def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
+def humanoid(name: str) -> Log:
     """Read a set: inertial samples of every row, feet of every third.
 
     Args:
         name: `icub3_gazebo_walk` or `icub_real_com`.
-        every: rows between two foot samples.
-        data: folder of the files.
 
     Raises:
         SurefootError: the set is not there.
     """
     window, begin_s = HUMANOIDS[name]
-    log = open_log(data / f"{name}.npz").log
+    log = open_log(DATA / f"{name}.npz").log
     period = float(np.median(np.diff(log.seconds)))
     log = replace(log, stamp_ns=1 + log.stamp_ns, foot_ns=1 + log.foot_ns)  # filters of the paper skip feet at 0 ns
     return replace(
-        log.with_feet(np.arange(0, len(log.foot_ns), every)), sensors=SENSORS, rest=(0, 30),
+        log.with_feet(np.arange(0, len(log.foot_ns), 3)), sensors=SENSORS, rest=(0, 30),
         truth=replace(log.known(), v_world=slopes(log.position, window, period), window_s=(window - 1) * period),
         points=np.repeat(SOLE[None], log.feet_count, axis=0), begin_s=begin_s,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from surefoot.lab.estimation.walks import walk as simulated
 from surefoot.papers.wawrzynski.study import with_exact_encoders
 from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
 
-SEEDS = range(3)
+SEEDS = range(2)
 NAMES = ("imu", "kinematics", "kinematics_gyro", "paper")
 
 

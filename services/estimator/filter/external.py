@@ -35,7 +35,7 @@ POSITION, YAW, VELOCITY = range(3)
 
 @kernel
 def frame_of(state: BestState) -> int:
-    """Return the row of the error of t_x; that of psi is three rows on."""
+    """Return the first row of the error of the external frame: its shift has three rows, its turn the next one."""
     return E.points + 3 * state.points.shape[0]
 
 

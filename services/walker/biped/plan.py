@@ -75,7 +75,7 @@ def smooth(s: float) -> float:
 
 @kernel
 def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
-    """Return the foot at swing phase s in [0, 1]: (4,) x, y, yaw, z."""
+    """Return the foot at swing phase s in [0, 1], (4,) x, y, yaw, z, between two (x, y, yaw), `lift` m high midway."""
     out = np.empty(4)
     way = smooth(s)
     for i in range(3):
