@@ -11,14 +11,17 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from subprocess import PIPE
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from benchmarks.bench import Bench, table
+from surefoot.lab.studies import finished, keep
 from tests.processes import GRACE_S, running
 
 BENCH = Bench("report")
@@ -37,6 +40,10 @@ MACHINE = re.compile(
 SCALES = {"%": 100.0, "mm": 1e3, "cm": 1e2, "mm/s": 1e3, "cm/s": 1e2, "ms": 1e3, "us": 1e6, "ns": 1e9, "mrad": 1e3}
 """What a number in the unit is times the one in SI units, in which a command may print it."""
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d{1,2}(?!\d))?(?![\w]*/)")
+MADE = "--results F"
+"""Option whose file a command makes itself."""
+LONGEST_S = 1e6
+"""Limit of a command without one, s."""
 UNIT = re.compile(r" ?(%|mm/s|cm/s|mm|cm|ms|us|ns|mrad)(?![\w])")
 
 
@@ -58,15 +65,6 @@ class Stated(NamedTuple):
     """Half of its last digit."""
     scale: float
     """Of its unit over the SI unit."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """A row beside what its command printed."""
-
-    figure: Figure
-    missing: tuple[str, ...]
-    """Numbers that the command does not print."""
 
 
 def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]:
@@ -140,8 +138,8 @@ def absent(printed: str) -> tuple[str, ...]:
     return tuple(re.findall(r"^(.+?)(?:: absent \(| is )not installed", printed, re.MULTILINE))
 
 
-def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) -> tuple[list[Verdict], tuple[str, ...]]:
-    """Run a command and compare the rows that state its figures; return also the peers that it left out.
+def output_of(command: str, limit_s: float = math.inf, folder: Path | None = None) -> str:
+    """Run a command and return what it prints; ``--results F`` names a file in the folder.
 
     Raises:
         subprocess.CalledProcessError: it fails (exit code above 1, which a study with a missed goal may have).
@@ -149,9 +147,11 @@ def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) ->
     """
     words = _argv(command)
     assert words is not None
+    if folder is not None and MADE in command:
+        words[words.index("--results") + 1] = str(folder / f"{zlib.crc32(command.encode()):08x}.jsonl")
     with running(words, cwd=ROOT, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True) as process:
         try:
-            stdout, stderr = process.communicate(timeout=limit_s)
+            stdout, stderr = process.communicate(timeout=None if math.isinf(limit_s) else limit_s)
         except (subprocess.TimeoutExpired, KeyboardInterrupt):
             os.killpg(process.pid, signal.SIGINT)  # SIGTERM would leave the systems that it started
             with suppress(subprocess.TimeoutExpired):  # of a process that ignores it, or still writes
@@ -159,13 +159,12 @@ def check(command: str, rows: Sequence[Figure], limit_s: float | None = None) ->
             raise
     if process.returncode not in (0, 1):
         raise subprocess.CalledProcessError(process.returncode, words, stdout, stderr)
-    printed = stdout + stderr
-    return [Verdict(row, missing(row.text, printed)) for row in rows], absent(printed)
+    return stdout + stderr
 
 
 def obstacle(command: str) -> str:
     """Return why a command cannot be run by itself, empty when it can."""
-    gap = re.search(r"(?<![\w.])(DIR|F|LOG|RUN|\w+\.jsonl?)(?![\w.])", command)
+    gap = re.search(r"(?<![\w.])(DIR|F|LOG|RUN|\w+\.jsonl?)(?![\w.])", command.replace(MADE, ""))
     return f"needs {gap[1]}" if gap is not None else ""
 
 
@@ -173,43 +172,83 @@ SHORT = ("surefoot evaluate navigator --params paper --seeds 0:2000 --json", "st
 """Commands of a few seconds whose figures are no times."""
 
 
+class Outputs:
+    """What commands printed, as lines of a results file where there is one; a command that it holds is not repeated."""
+
+    def __init__(self, results: Path | None, limit_s: float = math.inf, folder: Path | None = None) -> None:
+        """Continue with a file.
+
+        Args:
+            results: of lines with command, output, or the limit that it took longer than, s; None = nothing is kept.
+            limit_s: leave a command that takes longer, s.
+            folder: of the files that commands make.
+        """
+        self.results, self.limit_s, self.folder = results, limit_s, folder
+        self.done = {line["command"]: line for line in finished(results)}
+
+    def of(self, command: str) -> tuple[str | None, str]:
+        """Return what a command prints, None and why if it did not end well; one that fails comes again next time."""
+        line = self.done.get(command)
+        if line is None or (line["output"] is None and self.limit_s > line["limit"]):
+            began, output = time.monotonic(), None
+            try:
+                output = output_of(command, self.limit_s, self.folder)
+            except subprocess.TimeoutExpired:
+                pass
+            except subprocess.CalledProcessError as error:
+                return None, f"ends with {error.returncode}: {error.stderr.strip()[-120:]}"
+            limit, took = min(self.limit_s, LONGEST_S), round(time.monotonic() - began)
+            line = {"command": command, "output": output, "limit": limit, "seconds": took}
+            self.done[command] = line
+            keep(self.results, line)
+        return line["output"], "" if line["output"] is not None else f"takes more than {line['limit']:g} s"
+
+
 @BENCH.part()
-def report(*, check_: bool = False, only: str = "", every: bool = False, limit: float = math.inf) -> None:
+def report(
+    *, check: bool = False, only: str = "", every: bool = False, limit: float = LONGEST_S, results: Path | None = None
+) -> None:
     """Compare the figures of the pages with what their commands print, the short ones by default; exit code 1: some
     differ. Without --check list the commands.
 
     Times depend on the machine: their numbers are shown, not judged.
 
     Args:
-        check_: run the commands.
+        check: run the commands.
         only: those that contain this text.
         every: long ones too, which takes hours.
         limit: leave a command that takes longer, s.
+        results: file to continue with, one line a command with its output; the pages as they are now are compared with
+            what it holds, and only other commands are run.
     """
     by_command: dict[str, list[Figure]] = {}
     for row in figures():
         by_command.setdefault(row.command, []).append(row)
-    chosen = [name for name in by_command if only in name and (every or only or name in SHORT or not check_)]
+    chosen = [name for name in by_command if only in name and (every or only or name in SHORT or not check)]
     wrong, rows = 0, list[tuple[object, ...]]()
-    for name in chosen:
-        why = obstacle(name) or ("" if check_ else "short" if name in SHORT else "long")
-        if not why:
-            try:
-                verdicts, gone = check(name, by_command[name], None if math.isinf(limit) else limit)
-            except subprocess.TimeoutExpired:
-                why = f"takes more than {limit:g} s"
-            except subprocess.CalledProcessError as error:
-                why, wrong = f"ends with {error.returncode}: {error.stderr.strip()[-120:]}", wrong + 1
-            else:
-                off = [verdict for verdict in verdicts if verdict.missing]
-                machine = MACHINE.match(name) is not None
-                wrong += 0 if machine else len(off)
-                why = f"{len(verdicts) - len(off)} of {len(verdicts)} rows" + " (times)" * machine
-                why += f"; not installed: {', '.join(gone)}" * bool(gone)
-                for verdict in off:
-                    print(f"  {verdict.figure.page}: {verdict.figure.what}: {verdict.figure.text}")
-                    print(f"    not printed: {', '.join(verdict.missing)}", flush=True)
-        rows.append((name, len(by_command[name]), why))
-    table("command", ("", "rows", "as stated" if check_ else ""), rows)
+    with TemporaryDirectory() as made:
+        outputs = Outputs(results, limit, Path(made) if results is None else results.parent)
+        for k, name in enumerate(chosen):
+            why = obstacle(name) or ("" if check else "short" if name in SHORT else "long")
+            if not why:
+                print(f"{k + 1} of {len(chosen)}: {name}", file=sys.stderr, flush=True)
+                output, why = outputs.of(name)
+                if output is not None:
+                    why, off = _compared(name, by_command[name], output)
+                    wrong += off
+                elif why.startswith("ends"):
+                    wrong += 1
+            rows.append((name, len(by_command[name]), why))
+    table("command", ("", "rows", "as stated" if check else ""), rows)
     if wrong:
         raise SystemExit(1)
+
+
+def _compared(command: str, rows: Sequence[Figure], output: str) -> tuple[str, int]:
+    """Print the rows with numbers that an output lacks; return the summary, and how many rows differ but by times."""
+    off = [(row, gone) for row in rows if (gone := missing(row.text, output))]
+    for row, gone in off:
+        print(f"  {row.page}: {row.what}: {row.text}\n    not printed: {', '.join(gone)}", flush=True)
+    machine, left_out = MACHINE.match(command) is not None, absent(output)
+    why = f"{len(rows) - len(off)} of {len(rows)} rows" + " (times)" * machine
+    return why + f"; not installed: {', '.join(left_out)}" * bool(left_out), 0 if machine else len(off)

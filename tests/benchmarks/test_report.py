@@ -4,11 +4,24 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from subprocess import Popen, TimeoutExpired
+from subprocess import CalledProcessError, Popen, TimeoutExpired
 
 import pytest
 
-from benchmarks.report import MACHINE, PAGES, ROOT, SHORT, absent, check, figures, missing, numbers, obstacle
+from benchmarks import report
+from benchmarks.report import (
+    MACHINE,
+    PAGES,
+    ROOT,
+    SHORT,
+    Outputs,
+    absent,
+    figures,
+    missing,
+    numbers,
+    obstacle,
+    output_of,
+)
 
 PAGE = """# Page
 Ten walks. `studies flat 0:10`
@@ -73,6 +86,8 @@ def test_short_commands_are_on_the_pages_and_need_nothing() -> None:
     assert set(SHORT) <= stated
     assert not any(map(obstacle, SHORT))
     assert obstacle("starts warm --against DIR")
+    assert obstacle("surefoot footholds judge ragno F")
+    assert not obstacle("trials pairs --seeds 300:310 --results F")
     assert len(stated) > 60
     assert {row.page for row in figures()} <= set(PAGES)
 
@@ -127,7 +142,7 @@ def interrupted(monkeypatch: pytest.MonkeyPatch) -> Check:
         monkeypatch.setattr("benchmarks.report._argv", lambda command: [sys.executable, "-c", *words])
         monkeypatch.setattr(Popen, "communicate", first)
         with pytest.raises(type(error)):
-            check("soak stops", [], 1.0)
+            output_of("soak stops", 1.0)
 
     return run
 
@@ -147,3 +162,34 @@ def test_an_interrupt_is_kept_where_the_command_ignores_it(monkeypatch: pytest.M
 def test_short_commands_print_no_times():
     assert not any(map(MACHINE.match, SHORT))
     assert MACHINE.match("navigator environments")
+
+
+def test_a_kept_output_is_compared_again_but_its_command_is_not_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    run = list[tuple[str, float]]()
+
+    def output(command: str, limit_s: float, folder: Path | None) -> str:
+        run.append((command, limit_s))
+        if command == "fails":
+            raise CalledProcessError(3, command, "", "no robot")
+        if limit_s < 100.0:
+            raise TimeoutExpired(command, limit_s)
+        return "margin 0.0618 m"
+
+    monkeypatch.setattr(report, "output_of", output)
+    results = tmp_path / "outputs.jsonl"
+    assert Outputs(results, 50.0).of("long") == (None, "takes more than 50 s")
+    assert Outputs(results, 20.0).of("long") == (None, "takes more than 50 s")
+    assert Outputs(results, 200.0).of("long") == ("margin 0.0618 m", "")
+    assert Outputs(results, 20.0).of("long") == ("margin 0.0618 m", "")
+    assert run == [("long", 50.0), ("long", 200.0)]
+    for _ in range(2):
+        assert Outputs(results).of("fails") == (None, "ends with 3: no robot")
+    assert len(run) == 4
+
+
+def test_a_command_makes_its_results_file_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    words = ["-c", "import sys; print(sys.argv[-1])", "--results", "F"]
+    monkeypatch.setattr(report, "_argv", lambda command: [sys.executable, *words])
+    assert Path(output_of("trials --results F", folder=tmp_path).strip()).parent == tmp_path
