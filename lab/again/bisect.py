@@ -9,7 +9,7 @@ from typing import Any
 
 from surefoot.bus.interface import Raw
 from surefoot.errors import SurefootError
-from surefoot.record.recording import LATEST_NS, Recorded, read_recording, recording_info
+from surefoot.record.recording import LATEST_NS, ReadableRecording, Recorded, open_readable
 from surefoot.schemas.base import Bulk
 from surefoot.schemas.topics import TOPICS, Kind
 
@@ -42,25 +42,29 @@ class FirstDifference:
         return f"{self.key} at tick {self.tick}, {where}: {self.a} in the first, {self.b} in the second"
 
 
-def first_difference(a: Path, b: Path, progress: Callable[[float], None] | None = None) -> FirstDifference | None:
+def first_difference(
+    a: Path | ReadableRecording, b: Path | ReadableRecording, progress: Callable[[float], None] | None = None
+) -> FirstDifference | None:
     """Return the first difference in what is the same whenever a run is repeated; None: there is none.
 
-    Both files are read once, side by side in the order of their stamps; of each key at most the messages are held that
-    one file is ahead by, within one stamp.
+    Both files are read side by side in the order of their stamps; of each key at most the messages are held that one
+    file is ahead by, within one stamp. Of a file that is cut off or damaged the part before the first loss is compared,
+    and messages after it are not absent.
 
     Args:
-        a, b: MCAP files.
+        a, b: MCAP files, or recordings that are open.
         progress: gets the share of the first that is read.
 
     Raises:
         SurefootError: a file cannot be read, or both have no key in common.
     """
-    keys = _keys(a), _keys(b)
+    x, y = open_readable(a), open_readable(b)
+    keys = _keys(x), _keys(y)
     if not keys[0] & keys[1]:
-        raise SurefootError("invalid", f"{a} and {b} have no deterministic topic in common", "recording")
-    pairing = _Pairing(keys)
+        raise SurefootError("invalid", f"{x.path} and {y.path} have no deterministic topic in common", "recording")
+    pairing = _Pairing(keys, (bool(x.damage), bool(y.damage)))
     one, other = (tuple(sorted(own)) for own in keys)
-    streams = read_recording(a, one, progress), read_recording(b, other)
+    streams = x.messages(one, progress, gapless=True), y.messages(other, gapless=True)
     ahead = [next(stream, None) for stream in streams]
     while (side := _earlier(ahead)) is not None:
         item = ahead[side]
@@ -87,9 +91,9 @@ class _Pairing:
         found: first difference of each key that has one.
     """
 
-    def __init__(self, keys: tuple[set[str], set[str]]) -> None:
+    def __init__(self, keys: tuple[set[str], set[str]], cut: tuple[bool, bool]) -> None:
         self.found: list[FirstDifference] = []
-        self._keys, self._ended = keys, set[str]()
+        self._keys, self._ended, self._cut = keys, set[str](), cut
         self._waiting: dict[str, tuple[int, deque[Recorded]]] = {}
 
     def take(self, side: int, item: Recorded, now_ns: int) -> None:
@@ -105,7 +109,7 @@ class _Pairing:
                 self._end(_field(key, _content(pair[0]), _content(pair[1]), *pair))
             return
         if key not in self._keys[1 - side]:
-            self._end(_absent(item, side))
+            self._miss(item, side)
         elif not waiting:
             self._waiting[key] = side, deque((item,))
         elif waiting[0].stamp_ns >= now_ns:  # else what waits differs from all that the other can have
@@ -115,7 +119,14 @@ class _Pairing:
         """Take what still waits as absent in the other file."""
         for side, waiting in list(self._waiting.values()):
             if waiting and waiting[0].key not in self._ended:
-                self._end(_absent(waiting[0], side))
+                self._miss(waiting[0], side)
+
+    def _miss(self, item: Recorded, side: int) -> None:
+        """Take a message as absent in the other file, unless that was cut off before it."""
+        if self._cut[1 - side]:
+            self._ended.add(item.key)
+        else:
+            self._end(_absent(item, side))
 
     def _end(self, difference: FirstDifference) -> None:
         self.found.append(difference)
@@ -129,8 +140,8 @@ def _absent(item: Recorded, side: int) -> FirstDifference:
     return FirstDifference(item.key, int(_content(item).get("tick", -1)), "", *there)
 
 
-def _keys(path: Path) -> set[str]:
-    return {key for key in recording_info(path)["topics"] if key in COMPARED}
+def _keys(recording: ReadableRecording) -> set[str]:
+    return {key for key in recording.found.messages if key in COMPARED}
 
 
 def _content(item: Recorded) -> dict[str, Any]:

@@ -22,6 +22,8 @@ def why(file: Recording, json: Json = False) -> None:
     a part of the recording cannot be read, or its clock jumps."""
     use_json(json)
     with Progress(f"causes in {file.name}", reads=[file]) as progress:
+        from surefoot.record.recording import recorded_by
+
         from ..report.why import explain
 
         found = explain(file, progress.at)
@@ -29,6 +31,8 @@ def why(file: Recording, json: Json = False) -> None:
         write_json({"sentence": found.sentence, **vars(found)})
     else:
         write(found.sentence)
+        if found.version:
+            write(f"note  {recorded_by(found.version)}")
         rows = [each for each in (found.cause, *found.chain, found.outcome) if each is not None]
         if rows:
             write_table(("time", "kind", "what was seen"), [(f"{e.begin:.2f} s", e.code, e.text) for e in rows])
@@ -66,15 +70,20 @@ def verify(
     if json:
         write_json({"same": found.same, **vars(found)})
     else:
-        write(f"recorded  {found.recorded}\nrepeated  {found.repeated}")
+        write(f"recorded  {found.recorded or 'the file was cut off before its hash'}\nrepeated  {found.repeated}")
         for name, (was, now) in found.versions.items():
             write(f"note      {name} {was} recorded, {now} here")
-        if found.recorded != found.repeated:
+        if found.damage:
+            write(f"note      only a part of the recording can be read: {found.damage}")
+            _show(found.first)
+            write(f"compared are its messages up to the first loss, at {found.compared_s:.2f} s")
+        elif found.recorded != found.repeated:
             write(f"keys that differ: {', '.join(found.keys) or 'not recorded'}")
             _show(found.first)
         if found.altered:
             write(f"keys whose messages are not those that were recorded: {', '.join(found.altered)}")
-        write("the run repeats to the bit" if found.recorded == found.repeated else "the run does not repeat")
+        part = "the part that can be compared" if found.damage and not found.recorded else "the run"
+        write(f"{part} {'repeats to the bit' if found.repeats else 'does not repeat'}")
     if not found.same:
         raise typer.Exit(EXIT_CHECK)
 
@@ -102,17 +111,24 @@ def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
 
 @app.command()
 def bisect(a: Recording, b: Annotated[Path, typer.Argument(help="Another recording.")], json: Json = False) -> None:
-    """Name the first message and field in which two recordings differ. Exit code 1: there is one."""
+    """Name the first message and field in which two recordings differ. Exit code 1: there is one, or a recording
+    cannot be read to its end."""
     use_json(json)
     with Progress(f"comparison of {near(a)} and {near(b)}", reads=[a, b]) as progress:
+        from surefoot.record.recording import open_readable
+
         from .bisect import first_difference
 
-        found = first_difference(a, b, progress.at)
+        opened = [open_readable(path) for path in (a, b)]
+        found = first_difference(opened[0], opened[1], progress.at)
+    damage = [each.damage for each in opened if each.damage]
     if json:
-        write_json({"same": found is None, "first": found})
+        write_json({"same": found is None and not damage, "first": found, "damage": damage})
     else:
         _show(found)
-    if found is not None:
+        for each in damage:
+            write(f"note  compared up to the first loss: {each}")
+    if found is not None or damage:
         raise typer.Exit(EXIT_CHECK)
 
 
@@ -143,12 +159,15 @@ def whatif(
     notify(f"surefoot: repeating the run of {near(file)}, {what}")
     with kept(out) as target, Progress(near(file)) as progress:
         found = changed(run, at, changes, target, progress.at)
-        rows = compare(file, target, at)
+        rows = compare(run.recording, target, at)
+    for note in run.recording.notes:
+        notify(f"note  {note}")
     if json:
         write_json({"same": found == run.run_hash, "run_hash": found, "rows": [row._asdict() for row in rows]})
         return
     write_table(("quantity", "recorded", "changed"), [(row.title, row.before, row.after) for row in rows])
-    write(f"hash {found}{', as recorded' if found == run.run_hash else ''}")
+    lost = "" if run.run_hash else ", the recorded one is not in the file"
+    write(f"hash {found}{', as recorded' if found == run.run_hash else lost}")
 
 
 def _show(found: "FirstDifference | None") -> None:

@@ -1,12 +1,17 @@
 """Margin, slip and end of two runs side by side, from a moment on."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.record.recording import ReadableRecording, Recorded, open_readable
+
 from ..report.judge import METRICS, Row, distance
-from ..report.traces import Traces, traces_of
+from ..report.traces import KEYS, Traces, read_traces
+
+READ = (*KEYS, "terrain/map")
 
 
 class ComparedRow(NamedTuple):
@@ -17,13 +22,28 @@ class ComparedRow(NamedTuple):
     after: str
 
 
-def compare(a: Path, b: Path, at_s: float) -> list[ComparedRow]:
-    """Return what the two runs come to after `at_s` s of simulated time."""
-    one, other = _numbers(traces_of(a), at_s), _numbers(traces_of(b), at_s)
+def compare(a: Path | ReadableRecording, b: Path, at_s: float) -> list[ComparedRow]:
+    """Return what the two runs come to after `at_s` s of simulated time.
+
+    Of a recording that is cut off or damaged, both up to its first loss.
+    """
+    opened, ends = open_readable(a), dict[str, int]()
+    one = _numbers(read_traces(_ended(opened, ends)), at_s)
+    kept = open_readable(b).messages(READ)
+    if opened.damage:
+        kept = (item for item in kept if item.stamp_ns <= ends.get(item.key, -1))
+    other = _numbers(read_traces(kept), at_s)
     rows: list[ComparedRow] = []
     for name in one:
         rows.append(ComparedRow(METRICS[name].title, *(Row(name, numbers[name]).text for numbers in (one, other))))
     return rows
+
+
+def _ended(recording: ReadableRecording, ends: dict[str, int]) -> Iterator[Recorded]:
+    """Yield the messages before the first loss, and put the stamp of the last one of each key into `ends`."""
+    for item in recording.messages(READ, gapless=True):
+        ends[item.key] = item.stamp_ns
+        yield item
 
 
 def _numbers(traces: Traces, at_s: float) -> dict[str, float | None]:

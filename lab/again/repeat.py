@@ -14,7 +14,7 @@ from surefoot.bus.codec import refusal_of
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.lockstep.local import LocalSystem
-from surefoot.record.recording import HASHES, SUMMARY, read_recording, recording_info, topic_of, verify_recording
+from surefoot.record.recording import HASHES, SUMMARY, ReadableRecording, open_readable, recording_info, topic_of
 from surefoot.record.runhash import RunHash
 from surefoot.robot.description import RobotError
 from surefoot.robot.reader import ROBOT_FILE, load_robot
@@ -41,9 +41,10 @@ class RecordedRun:
     """Statements of a recording on its run.
 
     Attributes:
+        recording: the file, as far as it is sound.
         scenario: as run, with its actuation delay and robot.
         seed: of the run.
-        run_hash: recorded hash.
+        run_hash: recorded hash; empty = the file was cut off before it.
         hashes: digest of each key.
         robot_hash: hash of the robot description.
         versions: of what computed the run.
@@ -51,7 +52,7 @@ class RecordedRun:
         files: that it depended on and the recording took with it, by name.
     """
 
-    path: Path
+    recording: ReadableRecording
     scenario: Scenario
     seed: int
     run_hash: str
@@ -68,7 +69,8 @@ class RecordedRun:
         Raises:
             SurefootError: it cannot be read, carries no scenario, or was paced.
         """
-        metadata = recording_info(path)["metadata"]
+        recording = open_readable(path)
+        metadata = recording.metadata
         run, summary = metadata.get(RUN, {}), metadata.get(SUMMARY, {})
         scenario = recorded_scenario(metadata, path)
         if run.get("mode") != "lockstep":
@@ -78,10 +80,11 @@ class RecordedRun:
             raise SurefootError("invalid", f"{path}: its scenario ends a service; such a run does not repeat", "step")
         delay = int(run.get("actuation_delay_ticks", scenario.actuation_delay_ticks))
         scenario = replace(scenario, actuation_delay_ticks=delay, robot=run.get("robot", scenario.robot))
+        last = min(scenario.max_ticks - 1, int(recording.end_ns * 1e-9 / TICK_S))
         return cls(
-            path, scenario, int(run["seed"]), summary.get("run_hash", ""),
-            metadata.get(HASHES, {}), run.get("robot_hash", ""), metadata.get(VERSIONS, {}),
-            int(summary.get("last_tick", scenario.max_ticks - 1)) + 1, verify_recording(path).attachments,
+            recording, scenario, int(run["seed"]), summary.get("run_hash", ""),
+            metadata.get(HASHES, {}), run.get("robot_hash", ""), _versions(metadata),
+            int(summary.get("last_tick", last)) + 1, recording.found.attachments,
         )  # fmt: skip
 
     def again(
@@ -122,7 +125,9 @@ class RecordedRun:
             own = folder / ROBOT_FILE
             own.write_bytes(attached or b"")
             if attached is None or load_robot(own).hash != self.robot_hash:
-                raise SurefootError("invalid", f"{self.path}: robot {robot!r} has changed since", "robot_hash")
+                raise SurefootError(
+                    "invalid", f"{self.recording.path}: robot {robot!r} has changed since", "robot_hash"
+                )
             scenario = replace(scenario, robot=str(folder))
         config = {service: dict(fields) for service, fields in scenario.config.items()}
         for service, fields in config.items():
@@ -154,6 +159,8 @@ class Verification:
         first: difference; None: the same.
         versions: name, then recorded and present version, of what has changed since.
         altered: keys whose messages in the file are not those that were recorded.
+        damage: why not all of the recording can be read; empty = it is whole.
+        compared_s: simulated time to which its messages were compared, s; None: the hashes were.
     """
 
     recorded: str
@@ -162,11 +169,18 @@ class Verification:
     first: FirstDifference | None
     versions: dict[str, tuple[str, str]]
     altered: tuple[str, ...] = ()
+    damage: str = ""
+    compared_s: float | None = None
+
+    @property
+    def repeats(self) -> bool:
+        """True if the hash is the recorded one; where that is lost, if all that can be compared is the same."""
+        return self.recorded == self.repeated or (not self.recorded and bool(self.damage) and self.first is None)
 
     @property
     def same(self) -> bool:
-        """True if the run has repeated to the bit, and the file holds its messages."""
-        return self.recorded == self.repeated and not self.altered
+        """True if the run has repeated to the bit, and the file holds all of its messages."""
+        return self.recorded == self.repeated and not self.altered and not self.damage
 
 
 @contextmanager
@@ -194,22 +208,31 @@ def verify(
         SurefootError: the recording holds too little, see `RecordedRun.of`.
     """
     run = RecordedRun.of(path)
-    altered = _altered(run)
+    altered = () if run.recording.damage else _altered(run)
     with kept(keep) as target:
         found = run.again(target, progress=progress)
         metadata = recording_info(target)["metadata"]
-        now, digests = metadata.get(VERSIONS, {}), metadata.get(HASHES, {})
+        now, digests = _versions(metadata), metadata.get(HASHES, {})
         changed = {n: (v, now.get(n, "absent")) for n, v in run.versions.items() if now.get(n) != v}
+        if run.recording.damage:
+            first, last = first_difference(run.recording, target), max(piece.end_ns for piece in run.recording.gapless)
+            return Verification(run.run_hash, found, (), first, changed, (), run.recording.damage, last * 1e-9)
         if found == run.run_hash:
             return Verification(run.run_hash, found, (), None, changed, altered)
         keys = sorted(k for k in {*run.hashes, *digests} if run.hashes.get(k) != digests.get(k))
         return Verification(run.run_hash, found, tuple(keys), first_difference(path, target), changed, altered)
 
 
+def _versions(metadata: dict[str, dict[str, str]]) -> dict[str, str]:
+    """Return the versions of what computed a run, that of this project first."""
+    own = metadata.get(RUN, {}).get("version")
+    return ({} if own is None else {"surefoot": own}) | metadata.get(VERSIONS, {})
+
+
 def _altered(run: RecordedRun) -> tuple[str, ...]:
     """Return the keys whose messages in the file have another digest than the recorded one."""
     found = RunHash()
-    for item in read_recording(run.path, tuple(run.hashes) or ("",)):
+    for item in run.recording.messages(tuple(run.hashes) or ("",)):
         raw = item.raw()
         try:
             head = json.loads(raw.attachment or raw.payload)

@@ -33,13 +33,15 @@ def audit(
     if json:
         write_json({
             "robot": found.robot, "steps": found.steps, "claims": len(found.claims), "proved": proved,
-            "contradicted": [vars(claim) for claim in bad], "unchecked": found.unchecked,
+            "contradicted": [vars(claim) for claim in bad], "unchecked": found.unchecked, "notes": found.notes,
         })  # fmt: skip
     else:
         write(
             f"{found.robot}, {found.steps} steps: {len(found.claims)} margins claimed, {proved} proved, "
             f"{len(found.claims) - proved - len(bad)} not proved, {len(bad)} contradicted, {found.unchecked} unchecked"
         )
+        for note in found.notes:
+            write(f"note  {note}")
         if bad:
             columns = ("tick", "step", "claimed m", "at least m", "at most m")
             rows = [(c.tick, c.step, f"{c.claimed:.4f}", f"{c.least:.4f}", f"{c.most:.4f}") for c in bad[:SHOWN]]

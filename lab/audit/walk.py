@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import open_readable, read_recording
+from surefoot.record.recording import open_readable
 from surefoot.record.robots import robot_of
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
@@ -64,6 +64,8 @@ class Audit:
     claims: tuple[Claim, ...]
     unchecked: int
     """Messages of `state/stability` without a margin, or without the samples that they were computed from."""
+    notes: tuple[str, ...] = ()
+    """Sentences on what of the recording could be read."""
 
     @property
     def steps(self) -> int:
@@ -86,13 +88,14 @@ def audit(path: Path, progress: Callable[[float], None] = lambda share: None) ->
     Raises:
         SurefootError: the recording cannot be read, names no robot, or claims nothing.
     """
-    robot = robot_of(open_readable(path))
+    recording = open_readable(path)
+    robot = robot_of(recording)
     joints: dict[int, Any] = {}
     up: dict[int, Any] = {}
     step: dict[int, int] = {}
     claiming: list[StabilityStatus] = []
     keys = (HW_JOINTS.key, STATE_VELOCITY.key, STATE_GAIT.key, STATE_STABILITY.key)
-    for item in read_recording(path, keys):
+    for item in recording.messages(keys):
         message: Any = item.message()
         match item.key:
             case HW_JOINTS.key:
@@ -113,7 +116,7 @@ def audit(path: Path, progress: Callable[[float], None] = lambda share: None) ->
     found = tuple(claim for claim in claims if claim is not None)
     if not claiming:
         raise SurefootError("invalid", f"{path} has no {STATE_STABILITY.key}: nothing is claimed", "recording")
-    return Audit(robot.name, found, len(claims) - len(found))
+    return Audit(robot.name, found, len(claims) - len(found), recording.notes)
 
 
 def _claim(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..cli.bag import app as bag
-from ..cli.output import Json, refuse_existing, use_json, write, write_answer, write_json, write_table
+from ..cli.output import Json, notify, refuse_existing, use_json, write, write_answer, write_json, write_table
 from ..cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -135,8 +135,13 @@ def export_recording(
     """Write a recording in a format of others."""
     use_json(json)
     with Progress(f"{file.name} to {to}", reads=[file]) as progress:
+        from surefoot.record.recording import open_readable
+
         from .exporting import SUFFIXES, export
 
         target = out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}")
-        path = export(file, to, target, robot, progress.at)
+        recording = open_readable(file)
+        path = export(recording, to, target, robot, progress.at)
+    for note in recording.notes:
+        notify(f"note  {note}")
     write_answer({"file": str(path)}, f"file  {path}")

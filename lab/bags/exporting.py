@@ -22,7 +22,7 @@ from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.nearest import did_you_mean
 from surefoot.record.columns import Columns, recorded_columns
-from surefoot.record.recording import open_readable, read_recording
+from surefoot.record.recording import ReadableRecording, open_readable
 from surefoot.record.robots import robot_for
 from surefoot.robot.description import Robot
 
@@ -38,12 +38,16 @@ Share = Callable[[float], None]
 
 
 def export(
-    recording: Path, kind: str, out: Path, robot: str | None = None, progress: Share = lambda share: None
+    recording: Path | ReadableRecording,
+    kind: str,
+    out: Path,
+    robot: str | None = None,
+    progress: Share = lambda share: None,
 ) -> Path:
-    """Write a recording in another format; all of it or nothing.
+    """Write a recording in another format: all of it that is sound, or nothing.
 
     Args:
-        recording: MCAP file of this project.
+        recording: MCAP file of this project, or one that is open.
         kind: key of `FORMATS`.
         out: file or folder to write, which must not exist.
         robot: description; None = that of the recording.
@@ -57,11 +61,12 @@ def export(
         raise SurefootError("invalid", f"got {kind!r}{hint}, allowed are {', '.join(FORMATS)}", "to")
     if out.exists():
         raise SurefootError("invalid", f"{out} exists; allowed is a new path (--out)", "out")
-    description = robot_for(open_readable(recording), robot)
+    opened = open_readable(recording)
+    description = robot_for(opened, robot)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
         part = Path(folder) / out.name
-        FORMATS[kind](recording, part, description, progress)
+        FORMATS[kind](opened, part, description, progress)
         shutil.move(part, out)
     return out
 
@@ -106,22 +111,22 @@ def table_of(columns: Columns, robot: Robot) -> dict[str, NDArray[Any]]:
     return out
 
 
-def _table(recording: Path, robot: Robot, progress: Share) -> dict[str, NDArray[Any]]:
+def _table(recording: ReadableRecording, robot: Robot, progress: Share) -> dict[str, NDArray[Any]]:
     columns = recorded_columns(recording, progress)[0]
     for need in ("joints", "touch"):
         if need not in columns:
-            raise SurefootError("invalid", f"{recording} has no {need}", need)
+            raise SurefootError("invalid", f"{recording.path} has no {need}", need)
     _check_joints(recording, columns["joints"].shape[1], robot)
     return table_of(columns, robot)
 
 
-def _check_joints(recording: Path, count: int, robot: Robot) -> None:
+def _check_joints(recording: ReadableRecording, count: int, robot: Robot) -> None:
     """Refuse the description of another robot (raises SurefootError)."""
     if count != robot.nj:
-        raise SurefootError("invalid", f"{recording} has {count} joints, {robot.name} has {robot.nj}", "robot")
+        raise SurefootError("invalid", f"{recording.path} has {count} joints, {robot.name} has {robot.nj}", "robot")
 
 
-def _csv(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
+def _csv(recording: ReadableRecording, out: Path, robot: Robot, progress: Share) -> None:
     table = _table(recording, robot, progress)
     with out.open("w", encoding="utf-8") as file:
         file.write(",".join(table) + "\n")
@@ -129,7 +134,7 @@ def _csv(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
             file.write(",".join("" if x != x else repr(x) for x in row) + "\n")
 
 
-def _parquet(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
+def _parquet(recording: ReadableRecording, out: Path, robot: Robot, progress: Share) -> None:
     try:
         import pyarrow  # pyright: ignore[reportMissingImports] - optional
         from pyarrow import parquet  # pyright: ignore[reportMissingImports] - optional
@@ -138,18 +143,18 @@ def _parquet(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
     parquet.write_table(pyarrow.table(_table(recording, robot, progress)), out)
 
 
-def _tum(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
+def _tum(recording: ReadableRecording, out: Path, robot: Robot, progress: Share) -> None:
     with out.open("w", encoding="utf-8") as file:
-        for item in read_recording(recording, ("state/odometry",), progress):
+        for item in recording.messages(("state/odometry",), progress):
             m: Any = item.message()
             w, x, y, z = m.quat_wxyz
             numbers = " ".join(f"{value:.9f}" for value in (*m.position, x, y, z, w))
             file.write(f"{m.stamp_ns * 1e-9:.9f} {numbers}\n")
         if not file.tell():
-            raise SurefootError("invalid", f"{recording} has no state/odometry", "recording")
+            raise SurefootError("invalid", f"{recording.path} has no state/odometry", "recording")
 
 
-def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
+def _rosbag2(recording: ReadableRecording, out: Path, robot: Robot, progress: Share) -> None:
     types()
     from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -158,8 +163,8 @@ def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
     written = 0
     with Writer(out, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
         links = {name: writer.add_connection(topic, KINDS[name], typestore=types()) for name, topic in TOPICS.items()}
-        for item in read_recording(
-            recording, ("hw/imu", "hw/joints", "hw/contacts", "state/velocity", "state/odometry"), progress
+        for item in recording.messages(
+            ("hw/imu", "hw/joints", "hw/contacts", "state/velocity", "state/odometry"), progress
         ):
             m: Any = item.message()
             if m.stamp_ns < 0:
@@ -180,10 +185,10 @@ def _rosbag2(recording: Path, out: Path, robot: Robot, progress: Share) -> None:
             for name, message in made.items():
                 writer.write(links[name], m.stamp_ns, types().serialize_cdr(message, KINDS[name]))
     if not written:
-        raise SurefootError("invalid", f"{recording} has none of hw/imu, hw/joints, hw/contacts", "recording")
+        raise SurefootError("invalid", f"{recording.path} has none of hw/imu, hw/joints, hw/contacts", "recording")
 
 
-FORMATS: dict[str, Callable[[Path, Path, Robot, Share], None]] = {
+FORMATS: dict[str, Callable[[ReadableRecording, Path, Robot, Share], None]] = {
     "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum, "foxglove": write_foxglove,
 }  # fmt: skip
 """Writers of exported files by the name of their format."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import ReadableRecording, media_type, open_readable
+from surefoot.record.recording import ReadableRecording, media_type
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.reader import ROBOT_FILE, ROBOTS, load_robot
 
@@ -24,14 +24,14 @@ LATEST_S = 2.0**32
 
 
 def write_foxglove(
-    recording: Path, out: Path, robot: Robot, progress: Callable[[float], None] = lambda share: None
+    recording: ReadableRecording, out: Path, robot: Robot, progress: Callable[[float], None] = lambda share: None
 ) -> None:
     """Write a recording as an MCAP file of Foxglove's messages.
 
     Its metadata are those of the recording; robot description and layout are attached.
 
     Args:
-        recording: MCAP file of this project.
+        recording: of this project.
         out: file to write.
         robot: that was recorded.
         progress: gets the share that is done.
@@ -40,20 +40,22 @@ def write_foxglove(
         SurefootError: the library is missing, or the recording cannot be read, shows no posture of the robot, or holds
             a message that is none of its topic.
     """
-    library, opened = sdk(), open_readable(recording)
+    library = sdk()
     scene, context, count = RobotScene(robot, strict=True), library.Context(), 0
-    lines, account = _log_lines(opened), ReadCount(robot)
+    lines, account = _log_lines(recording), ReadCount(robot)
     with library.open_mcap(out, context=context) as file:
-        for name, values in opened.metadata.items():
+        for name, values in recording.metadata.items():
             file.write_metadata(name, values)
-        for name, kind, data in _attachments(opened, robot):
-            file.attach(log_time=opened.start_ns, create_time=opened.start_ns, name=name, media_type=kind, data=data)
+        for name, kind, data in _attachments(recording, robot):
+            file.attach(
+                log_time=recording.start_ns, create_time=recording.start_ns, name=name, media_type=kind, data=data
+            )
         to = FoxgloveScene(scene, context)
-        messages = ((m.stamp_ns * NS, account.reading(m)) for m in opened.messages(KEYS, progress))
+        messages = ((m.stamp_ns * NS, account.reading(m)) for m in recording.messages(KEYS, progress))
         for shown in snapshots(scene, messages, 1.0 / RATE_HZ):
             if not 0.0 <= shown.time < LATEST_S:
                 got = f"a pose at {shown.time:g} s, allowed is 0 or more and below {LATEST_S:g}"
-                raise SurefootError("malformed", f"{recording}: {got}", "stamp_ns")
+                raise SurefootError("malformed", f"{recording.path}: {got}", "stamp_ns")
             to.publish(shown)
             count += 1
             while lines and lines[0][0] <= shown.time / NS:
@@ -62,7 +64,7 @@ def write_foxglove(
             to.log(*line)
     if not count:
         why = "".join(f"; {note}" for note in account.notes())
-        raise SurefootError("invalid", f"{recording} shows no posture of the robot {robot.name}{why}", "recording")
+        raise SurefootError("invalid", f"{recording.path} shows no posture of the robot {robot.name}{why}", "recording")
 
 
 def _log_lines(recording: ReadableRecording) -> list[tuple[int, str, str, str]]:

@@ -129,7 +129,10 @@ def compare(
         other = load_estimated(b)
         found = departures(one, other)
     if json:
-        sides = {"a": {"path": str(a), "errors": one.errors}, "b": {"path": str(b), "errors": other.errors}}
+        sides = {
+            name: {"path": str(each.path), "errors": each.errors, "notes": each.notes}
+            for name, each in (("a", one), ("b", other))
+        }
         write_json({"differences": {name: part._asdict() for name, part in found.items()}, **sides})
         return
     units = {"velocity": (100.0, "cm/s"), "tilt": (1.0, "deg"), "position": (1e3, "mm"), "heading": (1.0, "deg")}
@@ -144,6 +147,8 @@ def compare(
         write_table(("error", str(a), str(b)), scores)
     else:
         write("note  no scores: not both have a truth")
+    for note in (*one.notes, *other.notes):
+        write(f"note  {note}")
 
 
 def _show(report: dict[str, Any], score: "Score | None") -> None:

@@ -37,6 +37,7 @@ class Estimated:
     position: Array  # (n, 3) m, base_link in odom
     yaw: Array  # (n,) rad, not wrapped
     errors: dict[str, Any]  # against the truth, by name; empty without one
+    notes: tuple[str, ...] = ()  # on what of it could be read
 
 
 class Departure(NamedTuple):
@@ -83,12 +84,13 @@ def load_estimated(path: Path) -> Estimated:
 
 
 def _of_recording(path: Path) -> Estimated:
-    columns, _ = recorded_columns(path)
-    robot = robot_of(open_readable(path))
+    recording = open_readable(path)
+    columns, _ = recorded_columns(recording)
+    robot = robot_of(recording)
     track, log = published(columns, robot), log_of_columns(path.stem, columns, robot)
     errors = {} if log.truth is None else plain(asdict(score(log, track)))
     started = track.flags["initialised"]
-    return Estimated(path, log.stamp_ns, started, track.v, track.g, track.position, track.yaw, errors)
+    return Estimated(path, log.stamp_ns, started, track.v, track.g, track.position, track.yaw, errors, recording.notes)
 
 
 def departures(a: Estimated, b: Estimated) -> dict[str, Departure]:

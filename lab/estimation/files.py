@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import FEET_METADATA, Columns
+from surefoot.record.recording import open_readable
 from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
@@ -63,7 +64,8 @@ def open_log(
     if path.suffix.lower() == ".mcap":
         if feet is not UNSTATED and feet != UNSTATED:
             raise SurefootError("invalid", "a recording names the robot, and with it feet and contacts", "feet")
-        log, notes = log_of_recording(path, robot), ()
+        recording = open_readable(path)
+        log, notes = log_of_recording(recording, robot), recording.notes
     else:
         description = None if robot is None else load_robot(robot)
         log, notes = log_of_table(path.stem, read_table(path, sort), description, feet)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns, recorded_columns
-from surefoot.record.recording import open_readable
+from surefoot.record.recording import ReadableRecording, open_readable
 from surefoot.record.robots import robot_for
 from surefoot.robot.description import Robot
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
@@ -24,19 +24,20 @@ REST_ROWS = 50  # of the standstill that the service starts from
 SCORED_FROM_S = 2.0
 
 
-def log_of_recording(path: Path, robot: str | None = None) -> Log:
-    """Read a recording.
+def log_of_recording(path: Path | ReadableRecording, robot: str | None = None) -> Log:
+    """Read a recording, as far as it is sound.
 
     Args:
-        path: MCAP file.
+        path: MCAP file, or one that is open.
         robot: name of the description; None = the one that is attached, else the one that the recording names.
 
     Raises:
         SurefootError: it cannot be read, names no robot or another one, or has no joints or contacts.
     """
-    described = robot_for(open_readable(path), robot)
-    columns, _ = recorded_columns(path)
-    return log_of_columns(path.stem, columns, described)
+    opened = open_readable(path)
+    described = robot_for(opened, robot)
+    columns, _ = recorded_columns(opened)
+    return log_of_columns(opened.path.stem, columns, described)
 
 
 def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Log:

@@ -39,8 +39,7 @@ def report_recording(
     recording = open_readable(file)
     run, summary = recording.metadata.get("run", {}), recording.metadata.get("surefoot", {})
     traces = read_traces(recording.messages((*KEYS, "terrain/map"), lambda share: progress(READ * share)))
-    partly = (f"only a part of the recording can be read: {recording.damage}",) if recording.damage else ()
-    notes = (*partly, *explained(file, whole=not recording.damage))
+    notes = (*recording.notes, *explained(file, whole=not recording.damage))
     progress(EXPLAINED)
     if SCENARIO in recording.metadata:
         own = recorded_scenario(recording.metadata, file)

@@ -40,6 +40,8 @@ class Signals:
     """Why not all of the recording can be read; empty = it is whole."""
     jumps: str = ""
     """Where its clocks go back, or forward by more than `JUMP_S`; empty = nowhere."""
+    version: str = ""
+    """Version of surefoot that recorded it, where it is another than this one; else empty."""
 
     def joint(self, index: int) -> str:
         """Return the name of a joint, else its number."""
@@ -86,7 +88,7 @@ def read_signals(path: Path, progress: Callable[[float], None] | None = None) ->
     """
     recording = open_readable(path)
     joints, feet = _names(recording)
-    found, epoch, lost = Signals(joints=joints, feet=feet), -1, Counter[str]()
+    found, epoch, lost = Signals(joints=joints, feet=feet, version=recording.version), -1, Counter[str]()
     for item in recording.messages(READ, progress):
         try:
             row = json.loads(item.data)

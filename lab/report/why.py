@@ -34,6 +34,7 @@ class Explanation:
         chain: evidence between both, in the order of time, without them.
         damage: why not all of the recording can be read; empty = it is whole.
         jumps: where its clock jumps; empty = nowhere.
+        version: of surefoot that recorded it, where it is another; else empty.
     """
 
     outcome: Clue | None
@@ -41,6 +42,7 @@ class Explanation:
     chain: tuple[Clue, ...]
     damage: str = ""
     jumps: str = ""
+    version: str = ""
 
     @property
     def sentence(self) -> str:
@@ -63,11 +65,11 @@ def explain(path: Path, progress: Callable[[float], None] | None = None) -> Expl
     signals = read_signals(path, progress)
     outcome = find_outcome(signals)
     if outcome is None:
-        return Explanation(None, None, (), signals.damage, signals.jumps)
+        return Explanation(None, None, (), signals.damage, signals.jumps, signals.version)
     seen = [e for e in gather(signals) if e.begin <= outcome.begin and e.end >= outcome.begin - BEFORE_S]
     cause = _first(seen)
     chain = () if cause is None else tuple(e for e in seen if e is not cause and e.begin >= cause.begin)
-    return Explanation(outcome, cause, _once(chain), signals.damage, signals.jumps)
+    return Explanation(outcome, cause, _once(chain), signals.damage, signals.jumps, signals.version)
 
 
 def _first(seen: list[Clue]) -> Clue | None:

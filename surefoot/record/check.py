@@ -10,7 +10,7 @@ import mmap
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -74,6 +74,8 @@ class Findings:
     """Bytes of the file."""
     unread: int = 0
     """Bytes of what cannot be read."""
+    sound_to: int | None = None
+    """Byte before which no message is lost; None = none is."""
     pieces: list[SoundChunk] = field(default_factory=list[SoundChunk])
     channels: dict[int, str] = field(default_factory=dict[int, str])
     """Keys of the channels whose record, here or in the summary, can be read."""
@@ -190,7 +192,9 @@ class _FileCheck:
                 case _:
                     self._compare(MessageIndex.read(stream))
         except BROKEN as error:
-            found.damaged += code == Opcode.CHUNK
+            if code == Opcode.CHUNK:
+                self._lose(place)
+                found.damaged += 1
             found.unread += _HEAD.size + length
             what = {Opcode.CHUNK: "chunk", Opcode.MESSAGE_INDEX: "index"}.get(Opcode(code), "record")
             why = "its checksum is wrong" if isinstance(error, CRCValidationError) else str(error)[:120]
@@ -218,11 +222,17 @@ class _FileCheck:
     def _again(self, place: int, problem: str) -> int | None:
         """Note what is wrong here, and go on with the next chunk, by the summary or by its first bytes."""
         self.found.problems.append(problem)
+        self._lose(place)
         following = next((start for start in self.starts if start > place), None)
         if following is None and not self.starts:
             following = self._search(place + 1)
         self.found.unread += (self.size if following is None else following) - place
         return following
+
+    def _lose(self, place: int) -> None:
+        """Note the first place at which messages are lost."""
+        if self.found.sound_to is None:
+            self.found.sound_to = place
 
     def _search(self, place: int) -> int | None:
         """Return where the next chunk seems to begin."""
@@ -261,14 +271,14 @@ def _records(chunk: Chunk) -> Iterator[tuple[int, int, bytes]]:
         place = begin + length
 
 
-def sound_messages(path: Path, pieces: list[SoundChunk]) -> Iterator[StoredMessage]:
+def sound_messages(path: Path, pieces: Sequence[SoundChunk]) -> Iterator[StoredMessage]:
     """Yield the messages of chunks in the order of their stamps; holds those of chunks that overlap.
 
     Raises:
         OSError: the file cannot be read.
     """
     ordered = sorted(pieces, key=lambda piece: piece.start_ns)
-    waiting: list[tuple[int, int, StoredMessage]] = []
+    waiting: list[tuple[int, int, int, StoredMessage]] = []
     with path.open("rb") as file:
         for number, piece in enumerate(ordered):
             file.seek(piece.place)
@@ -277,7 +287,7 @@ def sound_messages(path: Path, pieces: list[SoundChunk]) -> Iterator[StoredMessa
                 if code == Opcode.MESSAGE:
                     channel, _, stamp_ns, _ = _MESSAGE.unpack_from(record)
                     stored = StoredMessage(channel, stamp_ns, record[_MESSAGE.size :])
-                    heapq.heappush(waiting, (stamp_ns, piece.place + place, stored))
+                    heapq.heappush(waiting, (stamp_ns, piece.place, place, stored))
             until = ordered[number + 1].start_ns if number + 1 < len(ordered) else None
             while waiting and (until is None or waiting[0][0] < until):
-                yield heapq.heappop(waiting)[2]
+                yield heapq.heappop(waiting)[3]

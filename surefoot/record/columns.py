@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import read_recording, recording_info
+from surefoot.record.recording import ReadableRecording, read_recording, recording_info
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import ExternalMotion, FootContacts, Imu, JointState
 from surefoot.schemas.sim import Truth
@@ -137,11 +137,13 @@ READ: dict[str, tuple[str, Callable[[Message], dict[str, tuple[float, ...]]]]] =
 """Prefix of the columns of its stamps, and the function from a message to its numbers, by key of a topic."""
 
 
-def recorded_columns(path: Path, progress: Callable[[float], None] | None = None) -> tuple[Columns, str]:
+def recorded_columns(
+    path: Path | ReadableRecording, progress: Callable[[float], None] | None = None
+) -> tuple[Columns, str]:
     """Read the hardware samples, the truth and the published estimates of the last epoch of a recording.
 
     Args:
-        path: MCAP file.
+        path: MCAP file, which must be whole, or one that is open, of which the sound part is read.
         progress: gets the share that is read.
 
     Returns:
@@ -152,7 +154,9 @@ def recorded_columns(path: Path, progress: Callable[[float], None] | None = None
     """
     tables = {key: _KeyRows() for key in READ}
     epoch = -1
-    for recorded in read_recording(path, tuple(READ), progress):
+    opened = isinstance(path, ReadableRecording)
+    keys, file = tuple(READ), path.path if opened else path
+    for recorded in path.messages(keys, progress) if opened else read_recording(path, keys, progress):
         message = recorded.message()
         if message.epoch < epoch:
             continue
@@ -160,9 +164,10 @@ def recorded_columns(path: Path, progress: Callable[[float], None] | None = None
             tables, epoch = {key: _KeyRows() for key in READ}, message.epoch
         tables[recorded.key].add(recorded.key, message, READ[recorded.key][1](message))
     if not tables["hw/imu"].stamps:
-        raise SurefootError("invalid", f"{path} has no hw/imu", "hw/imu")
+        raise SurefootError("invalid", f"{file} has no hw/imu", "hw/imu")
     out: Columns = {}
     for key, table in tables.items():
         if table.stamps:
             out.update(table.columns(READ[key][0]))
-    return out, str(recording_info(path)["metadata"].get("run", {}).get("robot", ""))
+    metadata = path.metadata if opened else recording_info(path)["metadata"]
+    return out, str(metadata.get("run", {}).get("robot", ""))

@@ -14,7 +14,7 @@ from surefoot.bus.codec import decode, encoding_of, json_schema
 from surefoot.bus.interface import Raw
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
-from surefoot.record.check import BROKEN, Findings, check, sound_messages
+from surefoot.record.check import BROKEN, Findings, SoundChunk, check, sound_messages
 from surefoot.record.chunks import MAGIC, ChunkWriter
 from surefoot.schemas.base import Bulk, Header, Message
 from surefoot.schemas.topics import TOPICS, Topic
@@ -265,33 +265,65 @@ class ReadableRecording:
     damage: str = ""
     found: Findings = field(default_factory=Findings, repr=False)
 
+    @property
+    def version(self) -> str:
+        """Version of surefoot that recorded it, where it is another than this one; else empty."""
+        made = self.metadata.get("run", {}).get("version", VERSION)
+        return "" if made == VERSION else made
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence on what cannot be read, and one on another version."""
+        part = f"only a part of the recording can be read: {self.damage}" if self.damage else ""
+        return tuple(filter(None, (part, recorded_by(self.version) if self.version else "")))
+
+    @property
+    def gapless(self) -> tuple[SoundChunk, ...]:
+        """Chunks before the first place where something is lost."""
+        end = self.found.sound_to
+        return tuple(piece for piece in self.found.pieces if end is None or piece.place < end)
+
     def messages(
-        self, keys: tuple[str, ...] | None = None, progress: Callable[[float], None] | None = None
+        self,
+        keys: tuple[str, ...] | None = None,
+        progress: Callable[[float], None] | None = None,
+        *,
+        gapless: bool = False,
     ) -> Iterator[Recorded]:
         """Yield the messages of some keys in the order of their stamps; of a damaged file those of sound chunks.
 
         Args:
             keys: of these messages; None = all.
             progress: gets the share of the recorded time that is read.
+            gapless: end at the first place where something is lost.
         """
         if not self.damage:
             yield from read_recording(self.path, keys, progress)
             return
         wanted = {number: key for number, key in self.found.channels.items() if keys is None or key in keys}
         models = {number: None if (row := topic_of(key)) is None else row.model for number, key in wanted.items()}
-        for item in sound_messages(self.path, self.found.pieces):
+        for item in sound_messages(self.path, self.gapless if gapless else self.found.pieces):
             if progress is not None:
                 progress((item.stamp_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
             if item.channel in wanted:
                 yield Recorded(wanted[item.channel], item.stamp_ns, models[item.channel], item.data)
 
 
-def open_readable(path: Path) -> ReadableRecording:
+def recorded_by(version: str) -> str:
+    """Return the remark on a recording of another version."""
+    return f"it was recorded by surefoot {version[:40]}, this is {VERSION}"
+
+
+def open_readable(path: Path | ReadableRecording) -> ReadableRecording:
     """Open a recording that may be cut off or damaged; all of it is read once, and its checksums compared.
+
+    One that is open is returned as it is.
 
     Raises:
         SurefootError: it cannot be read, is empty, no MCAP file, or holds no message that can be read.
     """
+    if isinstance(path, ReadableRecording):
+        return path
     found = verify_recording(path)
     if found.whole:
         info = recording_info(path)

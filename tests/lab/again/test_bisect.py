@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from surefoot.bus.interface import Raw
-from surefoot.lab.again import bisect
 from surefoot.lab.again.bisect import ORDER, first_difference
+from surefoot.record import recording
 from surefoot.record.recording import RecordingWriter, read_recording, topic_of
 from surefoot.schemas.base import Header
 
@@ -85,13 +85,13 @@ def test_logs_are_no_difference(tmp_path):
     assert first_difference(a, b) is None
 
 
-def test_each_file_is_read_once_in_bounded_memory(tmp_path, monkeypatch):
+def test_files_are_compared_in_bounded_memory(tmp_path, monkeypatch):
     """A key that ends early in one file, and whose messages have 2 kB, must not pile up from the other."""
     rows = [(key, tick, {**row, "pad": "x" * 2000}) for key, tick, row in rows_of(800)]
     a = write(tmp_path / "a.mcap", rows)
     b = write(tmp_path / "b.mcap", [row for row in rows if row[0] != "hw/imu" or row[1] < 20])
     read = []
-    monkeypatch.setattr(bisect, "read_recording", lambda *words: read.append(words[0]) or read_recording(*words))
+    monkeypatch.setattr(recording, "read_recording", lambda *words: read.append(words[0]) or read_recording(*words))
     tracemalloc.start()
     found = first_difference(a, b)
     peak = tracemalloc.get_traced_memory()[1]

@@ -14,7 +14,7 @@ from surefoot.lab.again.bisect import first_difference
 from surefoot.lab.again.repeat import Change, RecordedRun, changed, kept, verify
 from surefoot.lab.cli.main import main
 from surefoot.lab.runs.local import run_local
-from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
+from surefoot.record.recording import ReadableRecording, RecordingWriter, read_recording, recording_info, topic_of
 from surefoot.robot.reader import ROBOT_FILE, load_robot, robot_file
 from surefoot.schemas.base import Header
 from surefoot.services.footholds.models.files import shipped
@@ -168,7 +168,15 @@ def test_names_of_attached_files_are_no_paths(tmp_path: Path) -> None:
     config = {"../../x": {"y": "a.toml"}, "footholds": {"slip_model": "gone.json"}}
     files = {"../../x.y.toml": b"1", "..": b"2", "": b"3", "footholds.slip_model.json": b"4"}
     run = RecordedRun(
-        tmp_path / "run.mcap", replace(scenario, robot="ragno", config=config), 0, "", {}, "", {}, 1, files
+        ReadableRecording(tmp_path / "run.mcap", {}, 0, 0),
+        replace(scenario, robot="ragno", config=config),
+        0,
+        "",
+        {},
+        "",
+        {},
+        1,
+        files,
     )
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)

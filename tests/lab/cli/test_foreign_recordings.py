@@ -13,17 +13,18 @@ from mcap.writer import Writer
 Row = dict[str, Any]
 
 
-def rewritten(
-    source: Path, out: Path, change: Callable[[str, Row], Any], encoding: str = "json", robot: str = ""
-) -> Path:
-    """Write a recording again without its attachments, each JSON message changed, or left out for None."""
+def rewritten(source: Path, out: Path, change: Callable[[str, Row], Any], encoding: str = "json", **run: str) -> Path:
+    """Write a recording again without its attachments, each JSON message changed, or left out for None.
+
+    Entries of `run` are put into the metadata of this name.
+    """
     with source.open("rb") as file, out.open("wb") as stream:
         reader, writer, channels = make_reader(file), Writer(stream), dict[str, int]()
         writer.start("", "somebody else")
         for record in reader.iter_metadata():
             table = dict(record.metadata)
-            if record.name == "run" and robot:
-                table["robot"] = robot
+            if record.name == "run":
+                table |= run
             writer.add_metadata(record.name, table)
         for schema, channel, message in reader.iter_messages():
             if channel.message_encoding != "json" or schema is None:
@@ -118,7 +119,9 @@ def foreign(recorded, tmp_path_factory):
     def of(change, encoding, robot):
         key = (change, encoding, robot)
         if key not in made:
-            made[key] = rewritten(recorded, folder / f"{len(made)}.mcap", change, encoding, robot)
+            made[key] = rewritten(
+                recorded, folder / f"{len(made)}.mcap", change, encoding, **({"robot": robot} if robot else {})
+            )
         return made[key]
 
     return of

@@ -67,6 +67,34 @@ def test_without_a_summary_the_chunks_behind_a_hole_are_found(whole, tmp_path, s
     assert share == pytest.approx(1.0 - len(read) / (MESSAGES * end / size), abs=0.05)
 
 
+@pytest.mark.parametrize("share", [0.3, 0.42, 0.5, 0.61, 0.7])
+def test_without_gaps_the_messages_end_at_the_first_loss(whole, tmp_path, share):
+    content, messages = whole
+    torn = bytearray(content)
+    torn[int(share * len(content))] ^= 1
+    found, read = opened(tmp_path, torn)
+    before = [item.data for item in found.messages(gapless=True)]
+    assert before == messages[: len(before)]
+    lost = next((at for at, pair in enumerate(zip(read, messages, strict=False)) if pair[0] != pair[1]), MESSAGES)
+    assert len(before) == lost
+
+
+@pytest.mark.parametrize("kept", [1.0, 0.9])
+def test_messages_of_one_stamp_in_two_chunks_keep_their_order(tmp_path, kept):
+    """Of a file without a summary, too, whatever chunks are packed to."""
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(path, {"robot": "ragno"})
+    for seq in range(MESSAGES):
+        message = Imu(acc=(0.0, 0.0, 0.0), gyro=(0.0, 0.0, 0.0)).stamped(0, 0, 1, seq, "driver")
+        writer.write(HW_IMU, message, Raw(*encode(message), ""))
+    writer.close({})
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content)) - 1])
+    read = [item.message().seq for item in open_readable(path).messages()]
+    assert len(read) > 0.5 * MESSAGES
+    assert read == list(range(len(read)))
+
+
 @pytest.mark.parametrize("left_out", [1, 8, 40, 500])
 def test_a_missing_summary_loses_no_message(whole, tmp_path, left_out):
     found, read = opened(tmp_path, whole[0][:-left_out])
