@@ -33,7 +33,9 @@ ENDING = re.compile(r"\.(py|md|toml|yaml|json|png|cff)$")
 DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
 ROW = re.compile(r"^\| (.+) \| \d{4}-\d\d-\d\d \| (?:in force|rejected) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
 FAULT = re.compile(r"^\| ((?!fault |---)[^|]+?) \| [^|]+ \| [^|]+ \| ([^|]+) \|$", re.MULTILINE)
-FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
+MADE = {line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()}
+"""Names that commands make, as `runs` by `surefoot run`: they are there or not."""
+FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")} - MADE
 
 
 def each_page() -> pytest.MarkDecorator:
