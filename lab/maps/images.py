@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.linear import product
-from surefoot.record.recording import read_recording
-from surefoot.robot.reader import load_robot
+from surefoot.record.recording import open_readable, read_recording
+from surefoot.record.robots import robot_of
+from surefoot.robot.description import Robot
 from surefoot.schemas.topics import HW_IMAGE, HW_JOINTS, SIM_TRUTH, STATE_ODOMETRY, STATE_POSE
 from surefoot.services.vision.eye import Eye
 from surefoot.services.vision.feature_map import CODE, FeatureMap
@@ -216,17 +217,16 @@ def _improved(
     return kept[gap.argmin(axis=1)], made.world.positions, made.sd
 
 
-def read_looks(path: Path, eye: Eye, source: str | None, robot: str | None = None) -> tuple[list[FloorLook], str, str]:
+def read_looks(path: Path, eye: Eye, source: str | None) -> tuple[list[FloorLook], str, str]:
     """Return features and poses of the images of a recording, the key of the poses, and the camera in words.
 
     Args:
         path: MCAP file with `hw/image`, `hw/joints` and `state/odometry`.
         eye: finds the features.
         source: key of the poses; None = state/pose where it is recorded, else state/odometry.
-        robot: name; None = that of the recording.
 
     Raises:
-        SurefootError: the file cannot be read or lacks one of them.
+        SurefootError: the file cannot be read, lacks one of them or names no robot.
     """
     keys = (HW_IMAGE.key, HW_JOINTS.key, STATE_ODOMETRY.key, STATE_POSE.key, SIM_TRUTH.key)
     items = [(item.key, item.message()) for item in read_recording(path, keys)]
@@ -237,14 +237,14 @@ def read_looks(path: Path, eye: Eye, source: str | None, robot: str | None = Non
             raise SurefootError("invalid", f"{path} has no {key}; a map of images needs it", key)
     epoch = max(message.epoch for _, message in items)
     messages = [(key, message) for key, message in items if message.epoch == epoch]
-    return looks_of(messages, eye, chosen, robot or "nao"), chosen, camera_words(messages)
+    return looks_of(messages, eye, chosen, robot_of(open_readable(path))), chosen, camera_words(messages)
 
 
-def looks_of(messages: Iterable[tuple[str, Any]], eye: Eye, source: str, robot: str) -> list[FloorLook]:
+def looks_of(messages: Iterable[tuple[str, Any]], eye: Eye, source: str, robot: Robot) -> list[FloorLook]:
     """Return features and poses of images among messages, by key, of one run."""
     rank = {HW_IMAGE.key: 1}
     order = sorted(messages, key=lambda item: (item[1].tick, rank.get(item[0], 0)))
-    motion, looks = MotionHistory(load_robot(robot)), list[FloorLook]()
+    motion, looks = MotionHistory(robot), list[FloorLook]()
     stamps, poses = list[int](), list[tuple[float, float, float]]()
     for key, message in order:
         if key == source and getattr(message, "initialised", True):

@@ -6,13 +6,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from surefoot.bus.codec import encode
+from surefoot.bus.interface import Raw
 from surefoot.errors import SurefootError
+from surefoot.lab.maps import images
 from surefoot.lab.maps.images import map_of, map_of_photograph, map_of_source
 from surefoot.lab.maps.turned import FloorLook
+from surefoot.record.recording import RecordingWriter
+from surefoot.robot.reader import load_robot
+from surefoot.schemas.hw import JointState
+from surefoot.schemas.state import Odometry
+from surefoot.schemas.topics import HW_IMAGE, HW_JOINTS, STATE_ODOMETRY
 from surefoot.services.vision.eye import Eye
 from surefoot.services.vision.features import Extractor
 from surefoot.services.vision.view import Patch
-from tests.services.vision.shots import extractor
+from tests.services.vision.shots import extractor, shot
 from tests.surefoot.expect import expect_error
 
 N = 160
@@ -74,6 +82,23 @@ def test_images_without_features_show_no_landmark(images, exact):
     blank = FloorLook((0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros((0, 32), np.uint8))
     with expect_error(SurefootError, "no_landmarks", None):
         map_of([blank] * images, Eye(extractor(), None), "c", "s", exact=exact)
+
+
+@pytest.mark.parametrize("name", ["nao", "bioloid"])
+def test_a_recording_is_read_with_the_legs_of_its_own_robot(tmp_path, monkeypatch, name):
+    robot, path, used = load_robot(name), tmp_path / "walk.mcap", []
+    odometry = Odometry(
+        position=(0, 0, 0.3), quat_wxyz=(1, 0, 0, 0), yaw=0.0, velocity=(0, 0, 0), covariance=(0.0,) * 16,
+        initialised=True,
+    ).stamped(0, 0, 1, 0, "estimator")  # fmt: skip
+    joints = JointState(position=tuple(robot.neutral.tolist())).stamped(0, 0, 1, 0, "simulator")
+    writer = RecordingWriter(path, {"robot": name})
+    for topic, message in ((STATE_ODOMETRY, odometry), (HW_JOINTS, joints), (HW_IMAGE, shot((0.0, 0.0, 0.0)))):
+        writer.write(topic, message, Raw(*encode(message), ""))
+    writer.close({})
+    monkeypatch.setattr(images, "looks_of", lambda messages, eye, source, robot: used.append(robot.name) or [])
+    assert images.read_looks(path, Eye(extractor(), None), None)[1] == STATE_ODOMETRY.key
+    assert used == [name]
 
 
 def test_a_photograph_has_its_features_where_its_scale_puts_them(tmp_path):
