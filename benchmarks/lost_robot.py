@@ -21,8 +21,8 @@ from surefoot.schemas.state import GaitState, Odometry
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from surefoot.services.navigator.belief.matching import Detections
+from surefoot.services.navigator.belief.relocalise import between, placed
 from surefoot.services.navigator.belief.strain import turned_back
-from surefoot.services.navigator.messages import between, placed
 from surefoot.services.navigator.service import SERVICE, NavigatorConfig
 
 Array = NDArray[np.float64]

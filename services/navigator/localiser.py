@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from surefoot.schemas.hw import LandmarkDetections
 from surefoot.schemas.navigation import PoseBelief
 
+from .belief.elsewhere import OtherPlaces
+from .belief.gate import OUTLIER
 from .belief.landmarks import FloorLandmarks
 from .belief.lost import (
     Footprint,
@@ -26,14 +28,14 @@ from .belief.lost import (
 )
 from .belief.matching import DetectionError, Detections, SightNoise
 from .belief.moved import MovedLandmarks, Sight
-from .belief.relocalise import Relocaliser
+from .belief.relocalise import Relocaliser, between, placed
 from .belief.strain import DISPLACED, STRAINED, MapStrain, turned_back
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
 from .belief.ukf import wrap
 from .catalogue import errors_of
 from .config import NavigatorConfig
 from .goals import GaitView
-from .messages import LostView, Pose, between, camera_words, placed, pose_message
+from .messages import LostView, Pose, camera_words, pose_message
 from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 
@@ -55,6 +57,8 @@ SUSPECTED_S, LOST_FRAMES, SLOWEST_S = 2.0, 2.5, 4.0
 frames for which it does, of which one may be lost; longest interval, s, after which the camera was silent."""
 SURE = 0.1
 """Probability of being lost below which landmarks at other places have moved, not the robot."""
+APART_S = 1.0
+"""Least interval of frames that are searched for another place, s: of more, single landmarks decide within a second."""
 SINCE = 0.1
 """Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
 LATE_S, AHEAD_S = 0.2, 0.02
@@ -111,6 +115,7 @@ class Localiser:
         self._shares = (_share(model, "walk"), _share(model, "stand"))
         self._relocaliser: Relocaliser | None = None
         self._moved: MovedLandmarks | None = None
+        self._elsewhere: OtherPlaces | None = None
         self._widened_at = -math.inf
         self.relocated = 0
         """Number of times that the pose was found again."""
@@ -125,6 +130,8 @@ class Localiser:
         self.nis = None
         self._lost_state, self.lost = LostState(), LostView()
         self._relocaliser = None
+        if self._elsewhere is not None:
+            self._elsewhere.begin()
 
     @property
     def map_from_odom(self) -> Pose:
@@ -194,6 +201,7 @@ class Localiser:
             if world is not self._world:  # what was found by another map holds no more
                 self._world, self.camera_turn = world, (0.0, 0.0, 0.0)
                 self._moved = None if world is None else MovedLandmarks(world)
+                self._elsewhere = None if world is None else OtherPlaces(world, self.tracker.standing)
                 self._lost_state = replace(self._lost_state, usual=LostState().usual)
                 self.strain.begin()
             seen = turned_back(detections(frame), self.camera_turn, self.tracker.shared.height)
@@ -211,6 +219,11 @@ class Localiser:
         if self._moved is not None and found.matches is not None:
             sure = sure and not self.lost.lost
             found = replace(found, matches=self._moved.left_out(found.matches, seen, sight, sure=sure))
+        if self._elsewhere is not None and found.matches is not None and self._interval >= APART_S:
+            left = found.matches.fates != OUTLIER
+            kept = Detections(seen.ranges[left], seen.bearings[left], seen.looks[left])
+            if len(kept) and not self.lost.lost:
+                self._elsewhere.look(kept, sight, self.tracker.pose)
         share = self._shares[standing] if standing or match is None else match
         self._check(seen, found, cov, time, share, standing=standing)
         self._turn_camera()
@@ -258,12 +271,14 @@ class Localiser:
             self._lost_state = normalised(replace(self._lost_state, misfit=0.0))
         strain = self.strain
         strained, displaced = (strain.probabilities[case] for case in (STRAINED, DISPLACED))
-        probability = 1.0 - (1.0 - self._lost_state.probability) * (1.0 - strained - displaced)
+        other = 0.0 if self._elsewhere is None else self._elsewhere.probability
+        probability = 1.0 - (1.0 - self._lost_state.probability) * (1.0 - strained - displaced) * (1.0 - other)
         if probability >= self.lost_model.threshold or self.lost.lost:
             words = {
                 self._lost_state.probability: self._lost_state.words,
                 strained: strain.words,
                 displaced: strain.way,
+                other: "the landmarks seen of late lie together as at another place of the map",
             }
             reason = self._lost_state.reason(self.lost_model) or strain.reason or self.lost.reason
             reason = reason or words[max(words)]

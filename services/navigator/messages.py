@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from surefoot.schemas.navigation import GoalResult, MotionOrder, NavigationFeedback, PoseBelief
 from surefoot.schemas.state import SeenLandmarks
 
+from .belief.relocalise import between
 from .belief.tracker import Control, PoseTracker
 from .belief.ukf import wrap
 from .pilot import Pilot
@@ -106,23 +107,6 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float, results: tuple[GoalRe
 
 def _bearing(place: tuple[float, float], pose: Pose) -> float:
     return float(wrap(math.atan2(place[1] - pose[1], place[0] - pose[0]) - pose[2]))
-
-
-def between(pose: Pose, odom: Pose) -> Pose:
-    """Return the pose of odom in map for the pose of the robot in both, m and rad."""
-    turn = float(wrap(pose[2] - odom[2]))
-    c, s = math.cos(turn), math.sin(turn)
-    return (pose[0] - c * odom[0] + s * odom[1], pose[1] - s * odom[0] - c * odom[1], turn)
-
-
-def placed(frame: Pose, pose: Pose) -> Pose:
-    """Return a pose given in a frame, in the parent of that frame; `frame` is its pose there, m and rad."""
-    c, s = math.cos(frame[2]), math.sin(frame[2])
-    return (
-        frame[0] + c * pose[0] - s * pose[1],
-        frame[1] + s * pose[0] + c * pose[1],
-        float(wrap(frame[2] + pose[2])),
-    )
 
 
 def fresh_of(seen: SeenLandmarks | None) -> SeenLandmarks | None:

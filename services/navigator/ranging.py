@@ -5,9 +5,9 @@ import math
 from surefoot.schemas.hw import Range
 
 from .arrival import spread
+from .belief.relocalise import placed
 from .localiser import Localiser
 from .maps import Maps
-from .messages import placed
 from .planning.seen import Cone, expected_echo
 from .policy.settings import Conduct
 

@@ -10,12 +10,12 @@ from surefoot.errors import Refusal
 from surefoot.schemas import navigation as nav
 from surefoot.schemas.state import Odometry
 
+from .belief.relocalise import placed
 from .catalogue import Catalogue
 from .goals import GaitView, NavigationGoal
 from .localiser import Localiser
 from .maps import Maps
 from .memory import Kept
-from .messages import placed
 from .pilot import Pilot
 from .policy.policies import Decider
 

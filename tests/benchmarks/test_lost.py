@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.lost import put_down, undisturbed, with_map
 from benchmarks.lost_robot import MIDDLE, Robot, World, corridor, special
-from surefoot.services.navigator.messages import placed
+from surefoot.services.navigator.belief.relocalise import placed
 
 EASY = World()
 

@@ -28,6 +28,7 @@ from .places import (
     search,
 )
 from .sightings import SightingMemory, candidates
+from .ukf import wrap
 
 Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
@@ -100,6 +101,23 @@ class Relocation:
     """Pose that was searched for, in the frame of the frames' poses, m and rad."""
 
 
+def between(pose: Pose, odom: Pose) -> Pose:
+    """Return the pose of odom in map for the pose of the robot in both, m and rad."""
+    turn = float(wrap(pose[2] - odom[2]))
+    c, s = math.cos(turn), math.sin(turn)
+    return (pose[0] - c * odom[0] + s * odom[1], pose[1] - s * odom[0] - c * odom[1], turn)
+
+
+def placed(frame: Pose, pose: Pose) -> Pose:
+    """Return a pose given in a frame, in the parent of that frame; `frame` is its pose there, m and rad."""
+    c, s = math.cos(frame[2]), math.sin(frame[2])
+    return (
+        frame[0] + c * pose[0] - s * pose[1],
+        frame[1] + s * pose[0] + c * pose[1],
+        float(wrap(frame[2] + pose[2])),
+    )
+
+
 class Relocaliser:
     """Search for the pose of a lost robot, in portions that bound the time of a tick.
 
@@ -115,19 +133,20 @@ class Relocaliser:
         self._fresh = False
         self._search: PlaceSearch | None = None
 
-    def add(self, seen: Detections, pose: Pose, time: float) -> None:
+    def add(self, seen: Detections, pose: Pose, time: float, noise: SightNoise | None = None) -> None:
         """Enter a frame.
 
         Args:
             seen: its detections.
             pose: of base_link then, x, y (m) and heading (rad), in a frame that moves with no odometry.
             time: s.
+            noise: of the camera in this frame; None = as stated.
 
         Raises:
             DetectionError: descriptors of another length than the map's.
         """
         check_length(seen, self.world)
-        self.sightings.add(seen, pose, time)
+        self.sightings.add(seen, pose, time, noise)
         self._fresh = self._fresh or len(seen) > 0
 
     def step(self, here: Pose, work: int) -> Relocation | None:
@@ -143,7 +162,7 @@ class Relocaliser:
         if self._search is None:
             if not self._fresh:
                 return None
-            self._fresh, self._search = False, self._begin(here)
+            self._fresh, self._search = False, self.begun(here)
         found, limits = self._search, self.limits
         if found.places is None:
             self._search = None
@@ -154,7 +173,7 @@ class Relocaliser:
         result = _decided(found.places.places[:filled], found.known, int(found.cursor[TRIED]), self.noise, limits)
         return replace(result, reference=found.here)
 
-    def _begin(self, here: Pose) -> "PlaceSearch":
+    def begun(self, here: Pose) -> "PlaceSearch":
         """Return a search for the pose `here` from the sightings so far."""
         world, limits = self.world, self.limits
         place, spread, looks, count, total = self.sightings.seen_from(here, limits.sightings)

@@ -170,21 +170,20 @@ class SightingMemory:
             np.zeros((MOST, 2)), np.zeros((MOST, 3)), np.zeros((MOST, length)), np.zeros(MOST, dtype=np.int64),
             np.zeros(MOST),
         )  # fmt: skip
-        own = noise.array()
-        own[3:] = 0.0  # errors common to a frame do not average out: added by `seen_from`
-        self._own = own
 
-    def add(self, seen: Detections, pose: tuple[float, float, float], time: float) -> None:
-        """Enter a frame; `pose` of base_link in the frame of the memory, m and rad, at `time`, s."""
+    def add(
+        self, seen: Detections, pose: tuple[float, float, float], time: float, noise: SightNoise | None = None
+    ) -> None:
+        """Enter a frame; `pose` of base_link in the frame of the memory, m and rad, at `time`, s, of a `noise`."""
         shortest, longest = MatchLimits().shortest, MatchLimits().longest
         good = np.isfinite(seen.ranges) & np.isfinite(seen.bearings) & np.isfinite(seen.looks).all(axis=1)
         good &= (seen.ranges >= shortest) & (seen.ranges <= longest)
         if good.any() and all(map(math.isfinite, pose)):
-            look = MatchLimits().look(self.noise, self.length)
+            look, own = MatchLimits().look(self.noise, self.length), (noise or self.noise).array()
+            own[3:] = 0.0  # errors common to a frame do not average out: added by `seen_from`
             gather(
-                self.tables, seen.ranges[good], seen.bearings[good], seen.looks[good], np.array(pose), self._own, look,
-                time,
-            )  # fmt: skip
+                self.tables, seen.ranges[good], seen.bearings[good], seen.looks[good], np.array(pose), own, look, time
+            )
 
     def seen_from(self, pose: tuple[float, float, float], most: int) -> tuple[Array, Array, Array, Index, int]:
         """Return the sightings seen most often, as they lie from a pose in the frame of the memory.

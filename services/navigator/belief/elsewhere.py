@@ -1,0 +1,119 @@
+"""Odds that a robot is at another place than believed, by landmarks that agree on that place.
+
+A landmark that belongs elsewhere is soon a false one; two or more that lie to each other as they do at one other place
+hardly are. The last frames are searched for places as those of a lost robot are (`places`). With E_p the evidence of
+place p, for a robot that may be anywhere, N the normal density of its way from the believed pose, Sigma the covariances
+of both, and L the evidence of the sightings one by one at the believed pose,
+
+    odds of the frames = sum_p E_p / max(sum_p E_p 2 pi area N(p - pose; Sigma), L)
+
+A sighting that looks like m landmarks is a false one with the odds `false` view m / area: chance puts it where it fits.
+Frames are kept while they favour another place, for `KEPT_S` at most.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .landmarks import FloorLandmarks
+from .matching import Detections, SightNoise
+from .moved import Sight
+from .places import COV, EVIDENCE, FILLED, Assignment, Evidence, associate, evidence, search
+from .relocalise import Pose, RelocaliseLimits, Relocaliser, between, placed
+
+Array = NDArray[np.float64]
+
+_ORIGIN: Pose = (0.0, 0.0, 0.0)
+
+KEPT_S = 10.0
+"""Longest time between the first frame and the last of those that are searched together, s."""
+LARGEST = 32_000
+"""Work of a search, see `places.search`, about 1 ms; one that needs more is no evidence."""
+LEAST_FALSE = 0.005
+"""Least odds that a sighting is false, however large the map is."""
+RATE = 1e-4
+"""Rate at which a robot gets to another place unnoticed, 1/s: rarer than for a landmark alone, as a false alarm costs a
+goal and frames of a displaced robot soon have the evidence."""
+
+
+class OtherPlaces:
+    """Frames that favour another place than the believed one.
+
+    Args:
+        world: the map.
+        noise: of the camera.
+    """
+
+    def __init__(self, world: FloorLandmarks, noise: SightNoise) -> None:
+        self.world, self.noise = world, noise
+        self.limits = RelocaliseLimits(sightings=24)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget all frames: the pose was stated, or found."""
+        self._log, self._first, self._last = 0.0, -math.inf, -math.inf
+        self._frames: Relocaliser | None = None
+        self._moved = _ORIGIN  # map, as believed now, in the map as believed at the first sight
+        self._prior = Sight(_ORIGIN, np.eye(3), self.noise, 0.0)
+        self._apart = 10.0
+
+    @property
+    def probability(self) -> float:
+        """Probability that the robot is at another place; 0 where nothing favours it."""
+        odds = math.exp(min(50.0, self._log)) * RATE * self._apart if self._log > 0.0 else 0.0
+        return odds / (1.0 + odds)
+
+    def look(self, seen: Detections, sight: Sight, after: Pose) -> None:
+        """Take a frame.
+
+        Args:
+            seen: its detections.
+            sight: believed pose before the frame corrected it, and its circumstances.
+            after: believed pose after it, m and rad.
+        """
+        if self._frames is None or sight.time - self._first > KEPT_S:
+            self._frames, self._log = Relocaliser(self.world, self.noise, self.limits), 0.0
+            self._first, self._prior, self._moved = sight.time, sight, _ORIGIN
+            self._apart = min(max(sight.time - self._last, 0.01), 10.0)
+        here = placed(self._moved, sight.pose)
+        self._moved, self._last = between(here, after), sight.time
+        self._frames.add(seen, here, sight.time, sight.noise)
+        found = self._frames.begun(self._prior.pose)
+        if found.places is not None:
+            count = np.diff(found.evidence.starts)
+            odds = self.limits.false * self.limits.view * count / found.evidence.area
+            odds = np.clip(odds, LEAST_FALSE, self.limits.false)
+            sightings = found.evidence._replace(false=odds / (1.0 + odds))
+            if search(sightings, found.places, found.cursor, self.limits.tries, LARGEST):
+                places = found.places.places[: int(found.cursor[FILLED])]
+                self._log = self._odds(sightings, places[np.isfinite(places[:, EVIDENCE])])
+        if self._log <= 0.0:
+            self._frames = None
+
+    def _odds(self, seen: Evidence, places: Array) -> float:
+        """Return the log odds of the other places and the believed one, nats."""
+        if not len(places):
+            return 0.0
+        prior = self._prior.cov[:3, :3]
+        common = np.diag([self.noise.common_range_sd**2] * 2 + [self.noise.common_bearing_sd**2])
+        cov, off = prior + common + places[:, COV:].reshape(-1, 3, 3), places[:, :3] - self._prior.pose
+        off[:, 2] -= 2.0 * math.pi * np.round(off[:, 2] / (2.0 * math.pi))
+        square = np.einsum("pi,pij,pj->p", off, np.linalg.inv(cov), off)
+        near = math.log(seen.area) - 0.5 * (math.log(2.0 * math.pi) + np.log(np.linalg.det(cov)) + square)
+        every = places[:, EVIDENCE]
+        right = max(float(np.logaddexp.reduce(every + near)), _one_by_one(seen, self._prior))
+        return float(np.logaddexp.reduce(every)) - right
+
+
+def _one_by_one(seen: Evidence, prior: Sight) -> float:
+    """Return the evidence of the sightings at the believed pose, each with the covariance of that pose, nats."""
+    n, (c, s) = len(seen.place), (math.cos(prior.pose[2]), math.sin(prior.pose[2]))
+    by_pose = np.zeros((n, 2, 3))  # of a sighting in heading axes
+    by_pose[:, 0, :2], by_pose[:, 1, :2] = (c, s), (-s, c)
+    by_pose[:, 0, 2], by_pose[:, 1, 2] = -seen.place[:, 1], seen.place[:, 0]
+    more = by_pose @ prior.cov[:3, :3] @ by_pose.transpose(0, 2, 1)
+    wide = seen._replace(spread=seen.spread + more.reshape(n, 4)[:, [0, 1, 3]])
+    chosen = Assignment(np.full(n, -1), np.zeros(n))
+    associate(np.array(prior.pose), 0.0, 1.0, wide, chosen)
+    return float(evidence(wide, chosen))
