@@ -58,7 +58,8 @@ frames for which it does, of which one may be lost; longest interval, s, after w
 SURE = 0.1
 """Probability of being lost below which landmarks at other places have moved, not the robot."""
 APART_S = 1.0
-"""Least interval of frames that are searched for another place, s: of more, single landmarks decide within a second."""
+"""Least interval of frames that are searched for another place, s: of more, single landmarks decide within a second.
+The first frame has none."""
 SINCE = 0.1
 """Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
 LATE_S, AHEAD_S = 0.2, 0.02
@@ -219,7 +220,7 @@ class Localiser:
         if self._moved is not None and found.matches is not None:
             sure = sure and not self.lost.lost
             found = replace(found, matches=self._moved.left_out(found.matches, seen, sight, sure=sure))
-        if self._elsewhere is not None and found.matches is not None and self._interval >= APART_S:
+        if self._elsewhere is not None and found.matches is not None and APART_S <= self._interval < math.inf:
             left = found.matches.fates != OUTLIER
             kept = Detections(seen.ranges[left], seen.bearings[left], seen.looks[left])
             if len(kept) and not self.lost.lost:
