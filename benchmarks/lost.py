@@ -6,6 +6,7 @@ The service `navigator` runs whole (localiser, tracker, pilot, maps), and its ow
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from statistics import median
 
@@ -13,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, goal, seconds_of, table
-from benchmarks.lost_robot import TICK, WEIGHED_S, Robot, World, wrapped
+from benchmarks.lost_floor import World
+from benchmarks.lost_robot import TICK, WEIGHED_S, Robot, wrapped
 from surefoot.lab.studies import Line, study
 
 Array = NDArray[np.float64]
@@ -27,6 +29,9 @@ NEEDED = 8.6
 """Log likelihood ratio from which an oracle counts a robot as put down, nats: ln 9 beyond the rate of 1e-3 in 1.7 s."""
 LONGEST_S = 20.0
 """Time after which a robot that has not noticed is not waited for, s."""
+
+APART_S = 300.0
+"""Time after which a robot that has not found its pose is not waited for, s."""
 
 
 def put_down(seed: int, distance: float, turn_deg: float, walking: bool, world: World) -> Line:
@@ -167,6 +172,43 @@ def put(*, robots: int = 12, world: World, processes: int = 1) -> None:
     header = ("case", "% within 3 s", "% not in 20 s", "median s", "95 % s", "oracle %", "by no pose %", "recovered",
               "wrong poses")  # fmt: skip
     table(f"{robots} robots a case, {world}", header, rows)
+
+
+def told_apart(seed: int, world: World) -> Line:
+    """Put a walking robot down where places look alike; return how it ended, when, and how far it walked until then."""
+    robot = Robot(seed, world)
+    robot.step(0.3)
+    robot.goto(5.0, 0.0)
+    robot.step(30.0)
+    robot.put(0.7 + 0.2 * (seed % 8), 90.0 * (seed % 4))
+    robot.until(lambda: robot.lost, LONGEST_S)
+    pilot, way, here, began = robot.navigator.pilot, 0.0, robot.walker.pose[:2].copy(), robot.tick_number
+    while robot.lost and pilot.under_way and TICK * (robot.tick_number - began) < APART_S:
+        robot.step(0.1)
+        way, here = way + math.dist(here, robot.walker.pose[:2]), robot.walker.pose[:2].copy()
+    far, turned = robot.error()
+    found = not robot.lost
+    return {"found": found, "wrong": found and (far > 0.3 or turned > 0.5), "way": way,
+            "time": TICK * (robot.tick_number - began), "far": far}  # fmt: skip
+
+
+@BENCH.part("--robots 1")
+def alike(*, robots: int = 40, world: World, processes: int = 1) -> None:
+    """Share of lost robots that find their pose on a floor of which the middle looks alike when turned by half.
+
+    Args:
+        robots: number of robots.
+        world: conditions; each landmark stands twice but for `apart`, 1 m if it is 0, and none is copied.
+    """
+    floor = replace(world, twice=1.0, copied=0.0, apart=world.apart or 1.0)
+    lines = study(partial(told_apart, world=floor), [{"seed": world.first + k} for k in range(robots)],
+                  processes=processes)  # fmt: skip
+    own = [line for line in lines if line["found"]]
+    middle = [median(line[name] for line in own) if own else math.nan for name in ("time", "way")]
+    most = max(line["way"] for line in lines)
+    table(f"{robots} robots, {floor}",
+          ("found %", "median s", "walked m", "most walked m", "wrong poses"),
+          [(100.0 * len(own) / robots, *middle, most, sum(line["wrong"] for line in lines))])  # fmt: skip
 
 
 def turned(seed: int, pitch: float, roll: float, aside: float, world: World) -> Line:

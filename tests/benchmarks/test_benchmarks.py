@@ -17,8 +17,8 @@ from tests.browser import CHROMIUM, MISSING
 FOLDER = Path(benchmarks.__file__).parent
 HELPERS = {
     "__init__", "__main__", "branches", "core_system", "foreign_changes", "foreign_scores", "foreign_smooth",
-    "foreign_tables", "lost_robot", "machine", "own_slip", "bench", "rivals", "fuzz_files", "fuzz_inputs", "fuzz_live",
-    "fuzz_models", "fuzz_bodies", "own_walks", "trotting",
+    "foreign_tables", "lost_floor", "lost_robot", "machine", "own_slip", "bench", "rivals", "fuzz_files",
+    "fuzz_inputs", "fuzz_live", "fuzz_models", "fuzz_bodies", "own_walks", "trotting",
 }  # fmt: skip
 """Modules without parts."""
 SLOW = {

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.lost import put_down, undisturbed, with_map
-from benchmarks.lost_robot import MIDDLE, Robot, World, corridor, special
+from benchmarks.lost_floor import MIDDLE, World, corridor, special
+from benchmarks.lost_robot import Robot
 from surefoot.services.navigator.belief.relocalise import placed
 
 EASY = World()
