@@ -188,7 +188,7 @@ def told_apart(seed: int, world: World) -> Line:
         way, here = way + math.dist(here, robot.walker.pose[:2]), robot.walker.pose[:2].copy()
     far, turned = robot.error()
     found = not robot.lost
-    return {"found": found, "wrong": found and (far > 0.3 or turned > 0.5), "way": way,
+    return {"found": found, "wrong": found and bool(far > 0.3 or turned > 0.5), "way": way,
             "time": TICK * (robot.tick_number - began), "far": far}  # fmt: skip
 
 
@@ -298,10 +298,10 @@ def seconds(function: Callable[[], object], times: int) -> float:
 
 @BENCH.part("--minutes 0.2")
 def looks(*, minutes: float = 10.0, world: World) -> None:
-    """Times of a tick of a lost robot that stands, at first and after a while: neither grows.
+    """Times of a tick of a lost robot that stands, at first and after a while: neither grows; of frames otherwise.
 
     Args:
-        minutes: for which it stands.
+        minutes: for which it stands; a tenth of it is walked by a right map, ticks with made-up camera.
         world: conditions.
     """
     robot = Robot(world.first, world, "shuffled")
@@ -310,3 +310,11 @@ def looks(*, minutes: float = 10.0, world: World) -> None:
         spent = [seconds_of(lambda: robot.step(0.01), time.process_time) for _ in range(1000)]
         goal(f"tick of a lost robot, {when} 10 s, 99 %", 1e3 * float(np.quantile(spent, 0.99)), unit="ms")
         robot.step(60.0 * minutes if when == "first" else 0.0)
+    right, spent = Robot(world.first, world), list[float]()
+    right.step(0.3)
+    right.goto(4.5, 0.2)
+    for _ in range(round(600.0 * minutes)):
+        before = right.frames
+        each = seconds_of(lambda: right.step(0.01), time.process_time)
+        spent += [each] if right.frames > before else []
+    goal("tick with a frame, robot with a goal by a right map, 95 %", 1e3 * float(np.quantile(spent, 0.95)), unit="ms")

@@ -60,18 +60,6 @@ class Act:
 
 
 @dataclass
-class Searching:
-    """A search for the pose of a robot that is or may be lost."""
-
-    until: float
-    """End of the present look at the surroundings, s; inf = the look has not begun."""
-    lost: bool = True
-    """True if the robot is lost, False if it may be."""
-    turns: int = 0
-    """Number of turns made so far while searching."""
-
-
-@dataclass
 class NavigationGoal:
     """One goal and its progress."""
 

@@ -28,7 +28,7 @@ from .belief.lost import (
 )
 from .belief.matching import DetectionError, Detections, SightNoise
 from .belief.moved import MovedLandmarks, Sight
-from .belief.relocalise import Relocaliser, between, placed
+from .belief.relocalise import Relocaliser, Relocation, between, placed
 from .belief.strain import DISPLACED, STRAINED, MapStrain, turned_back
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
 from .belief.ukf import wrap
@@ -115,6 +115,7 @@ class Localiser:
         self._lost_state, self._lost_at = LostState(), 0.0
         self._shares = (_share(model, "walk"), _share(model, "stand"))
         self._relocaliser: Relocaliser | None = None
+        self._found: Relocation | None = None
         self._moved: MovedLandmarks | None = None
         self._elsewhere: OtherPlaces | None = None
         self._widened_at = -math.inf
@@ -130,7 +131,7 @@ class Localiser:
     def _trust(self) -> None:
         self.nis = None
         self._lost_state, self.lost = LostState(), LostView()
-        self._relocaliser = None
+        self._relocaliser = self._found = None
         if self._elsewhere is not None:
             self._elsewhere.begin()
 
@@ -311,6 +312,7 @@ class Localiser:
         if relocaliser is None or not standing or not self.lost.lost:
             return
         result = relocaliser.step(here, WORK)
+        self._found = result or self._found
         if result is None or result.pose is None:
             return
         moved, cov = _relative(here, result.reference), result.covariance.copy()
@@ -320,6 +322,14 @@ class Localiser:
         self.tracker.place(placed(result.pose, moved), cov, keep_drift=True)
         self._trust()
         self.relocated += 1
+
+    @property
+    def alike(self) -> tuple[Pose, ...]:
+        """Poses of a lost robot now that its sights fit alike, m and rad; empty = no such poses stand out."""
+        if self._found is None or not self.lost.lost:
+            return ()
+        moved = _relative(self.tracker.pose, self._found.reference)
+        return tuple(placed(pose, moved) for pose in self._found.alike)
 
     def message(self, now: float, *, ready: bool) -> PoseBelief:
         """Return the belief at `now`, s, as a message; `ready` = the estimator is calibrated, goals are accepted."""

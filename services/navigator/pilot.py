@@ -19,10 +19,11 @@ from surefoot.schemas.navigation import Decision, GoalState
 from .arrival import arrival, reach, sure_of_place
 from .belief.tracker import Motion, PoseTracker
 from .belief.ukf import wrap
-from .goals import Act, End, GaitView, NavigationGoal, Point, Searching, decision_of
+from .goals import Act, End, GaitView, NavigationGoal, Point, decision_of
 from .orders import Orders
 from .policy.policies import Decider
 from .policy.settings import Conduct
+from .searching import Aside, Search, no_way
 
 Array = NDArray[np.float64]
 
@@ -55,6 +56,7 @@ class Pilot:
         conduct: times, tolerances and recoveries; None = the defaults of `Conduct`.
         ways: obstacles; None = routes stay as they are.
         record: called once for every goal that ends, with its end.
+        aside: way of a lost robot to where places differ that its sights fit.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class Pilot:
         conduct: Conduct | None = None,
         ways: Ways | None = None,
         record: Callable[[NavigationGoal, End], None] = no_record,
+        aside: Aside = no_way,
     ) -> None:
         self.acts, self.commands, self.conduct = acts, commands, conduct or Conduct()
         self.ways, self.record = ways, record
@@ -80,9 +83,7 @@ class Pilot:
         self._frames: int | None = None
         """Number of frames at the begin of a look at the goal."""
         self._halting: End | None = None
-        self._searching: Searching | None = None
-        self._suspects_from = -math.inf
-        """Simulated time from which a suspicion makes the robot look, s."""
+        self._search = Search(self, self.conduct, aside)
         self._since = [0, 0]
         """Decisions without progress: those that an echo restricted to turns, and all."""
         self._waiting: float | None = None
@@ -98,8 +99,9 @@ class Pilot:
         decider.begin()
         goal.nearest_at = max(goal.nearest_at, goal.began)
         self.state, self.error, self.message = "navigating", "", ""
-        self.decision, self._halting, self._searching = None, None, None
-        self._since, self._waiting, self._suspects_from = [0, 0], None, -math.inf
+        self.decision, self._halting = None, None
+        self._since, self._waiting = [0, 0], None
+        self._search.begin()
 
     @property
     def under_way(self) -> bool:
@@ -135,7 +137,7 @@ class Pilot:
     def fail(self, error: str, message: str) -> None:
         """End the goal at once: no order would be obeyed, or another client commands the robot."""
         self._finish(("failed", error, message))
-        self.orders.given, self._halting, self._searching = None, None, None
+        self.orders.given, self._halting, self._search.look = None, None, None
 
     def _finish(self, end: End) -> None:
         """End the goal now, and record it."""
@@ -187,11 +189,11 @@ class Pilot:
             if gait.state == "standing" and self._halting is not None:
                 self._stand(goal, tracker)
             return
-        suspected = suspected and now >= self._suspects_from
-        if lost or self._searching is not None or (suspected and gait.state != "standing"):
-            self._search(now, gait, tracker, lost=lost, suspected=suspected)
-            if self._searching is not None or self.state != "navigating":
-                return
+        here = tracker.pose[:2]
+        if self._search.tick(goal, now, gait, here, blocked=blocked, lost=lost, suspected=suspected):
+            return
+        if self.state != "navigating":
+            return
         if self._is_time(now, gait, tracker):
             self._decide(now, gait, tracker, blocked=blocked)
 
@@ -276,42 +278,6 @@ class Pilot:
                 return refusal.message
         return ""
 
-    def _search(self, now: float, gait: GaitView, tracker: PoseTracker, *, lost: bool, suspected: bool) -> None:
-        """Halt while the robot is or may be lost, then look and turn in alternation; once around if it is."""
-        goal, conduct, search = self.goal, self.conduct, self._searching
-        assert goal is not None
-        if search is None or (lost and not search.lost):
-            if lost and goal.recoveries["relocalise"] > conduct.found_again:
-                self._searching = None
-                times = conduct.found_again
-                self.halt("failed", "lost", f"lost again after the pose was found {times} times and more")
-                return
-            self._searching = Searching(math.inf, lost)
-            goal.recoveries["stand_and_look" if lost else "suspect_look"] += 1
-            if search is None and (gait.ends_in is not None or gait.state != "standing"):
-                self._give(WalkCommand(action="stop"), None)
-        elif not lost and search.lost:
-            self._searching = None
-            goal.recoveries["relocalise"] += 1
-            goal.nearest, goal.nearest_at = math.inf, now
-            why = self.replan(goal, now, tracker.pose[:2])
-            if why:
-                self.halt("failed", "unreachable", why)
-        elif not lost and not suspected:
-            self._searching, self._suspects_from = None, now + conduct.suspect_again
-        elif gait.state == "standing" and gait.ends_in is None:
-            most = conduct.search_turns if lost else conduct.suspect_turns
-            if math.isinf(search.until):
-                search.until = now + conduct.search_look
-            elif now >= search.until and search.turns >= most:
-                self._searching, self._suspects_from = None, now + conduct.suspect_again
-                if lost:
-                    self.halt("failed", "lost", f"the pose was not found again in {most + 1} looks around")
-            elif now >= search.until:
-                search.until, search.turns = math.inf, search.turns + 1
-                goal.recoveries["turn_and_look"] += 1
-                self._turn("look", math.radians(conduct.search_turn_deg))
-
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
         """Return mean (4,) and covariance (4, 4) as they will be when the actions under way have ended."""
         rest = self.orders.execution.rest()
@@ -347,7 +313,7 @@ class Pilot:
         error = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
         if abs(error) > 0.5 * goal.yaw_tolerance and goal.turns < self.conduct.aligning_turns:
             goal.turns += 1
-            self._turn("align", error)
+            self.turn("align", error)
         else:
             self.halt("succeeded", "", "")  # as far as is known before the robot stands
 
@@ -378,7 +344,17 @@ class Pilot:
             goal.give_up(now)
         self._since = [0, 0]
 
-    def _turn(self, name: str, angle: float) -> None:
+    def stop(self) -> None:
+        """Order a stop; the goal goes on."""
+        self._give(WalkCommand(action="stop"), None)
+
+    def advance(self, name: str) -> float:
+        """Order the walk ahead that turns least; return its length, m."""
+        act = min((act for act in self.acts if act.kind == "walk"), key=lambda act: abs(act.motion.turn))
+        self._give(_command(act), replace(act, name=name))
+        return act.motion.forward
+
+    def turn(self, name: str, angle: float) -> None:
         """Order a turn on the spot by an angle, rad; its noise and time are those of the model's turns."""
         one = next(act for act in self.acts if act.kind == "turn")
         times = abs(angle / one.motion.turn)

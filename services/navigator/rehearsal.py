@@ -4,6 +4,7 @@ import contextlib
 
 import numpy as np
 
+from .belief.apart import telling
 from .belief.association import likeness
 from .belief.landmarks import FloorLandmarks
 from .belief.lost import Footprint, LostModel, LostState, evidence_of, in_view, observed
@@ -52,6 +53,7 @@ def rehearse_belief() -> None:
         expected = 0.1 * in_view(world, (0.0, 0.0, 0.0), Footprint())
         state = observed(state, evidence_of(found, cov, seen, world, noise, expected), model)
     relocalise([Glance(seen)], world, noise)
+    telling(np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0)]), np.array([(0.5, 0.0)]), world, 0.5)
     likeness(seen.looks[0], world.columns, np.empty(len(world.positions)))
 
 

@@ -24,6 +24,7 @@ from surefoot.schemas.topics import (
     TERRAIN_MAP,
 )
 
+from .aside import leading
 from .belief.matching import DetectionError
 from .catalogue import Catalogue, longest_blind_ns
 from .config import NavigatorConfig
@@ -75,7 +76,7 @@ class Navigator(Service[NavigatorConfig]):
         self.results = Results(self.localiser)
         self.pilot = Pilot(
             self.catalogue.acts, commands=self.localiser.control == "commands", conduct=self.catalogue.model.conduct,
-            ways=self.maps, record=self.results.record,
+            ways=self.maps, record=self.results.record, aside=leading(self.localiser, self.maps),
         )  # fmt: skip
         self.requests = Requests(self.catalogue, self.maps, self.localiser, self.pilot, self.log, self._keep)
         self._epoch, self._blocked, self._noted = 0, False, ("idle", 0, 0)
@@ -83,7 +84,7 @@ class Navigator(Service[NavigatorConfig]):
     def on_tick(self, inputs: TickInputs) -> None:
         requests, localiser, pilot = self.requests, self.localiser, self.pilot
         first, requests.tick, self._epoch = requests.tick < 0, inputs.number, inputs.tick.epoch
-        requests.now = now = inputs.tick.stamp_ns * 1e-9
+        requests.now = self.results.now = now = inputs.tick.stamp_ns * 1e-9
         gait, odometry = inputs.get(STATE_GAIT), inputs.get(STATE_ODOMETRY)
         requests.gait = requests.gait if gait is None else GaitView.of(gait)
         for problem in self.maps.take(inputs.get(TERRAIN_MAP), inputs.get(TERRAIN_LANDMARKS)):
@@ -98,7 +99,6 @@ class Navigator(Service[NavigatorConfig]):
         pilot.follow(now, requests.gait, localiser.tracker)
         self._take_sight(fresh_of(inputs.get(STATE_LANDMARKS)) or inputs.get(HW_LANDMARKS), inputs.get(HW_RANGE))
         localiser.search(standing=requests.gait.state == "standing")
-        self.results.now = now
         requests.carry_out()
         if gait is not None:
             at, lost, suspected = localiser.tracker, localiser.lost, now < localiser.lost.suspected_until

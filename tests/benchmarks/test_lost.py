@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.lost import put_down, undisturbed, with_map
+from benchmarks.lost import put_down, told_apart, undisturbed, with_map
 from benchmarks.lost_floor import MIDDLE, World, corridor, special
 from benchmarks.lost_robot import Robot
 from surefoot.services.navigator.belief.relocalise import placed
@@ -58,6 +58,21 @@ def test_floors_of_the_study_have_their_hole_and_stand_twice() -> None:
     off = np.hypot(*np.moveaxis(found[:, None] - (2.0 * MIDDLE - found), 2, 0)).min(axis=1)
     assert (off > 1e-9).sum() <= 1
     assert np.unique(same.round(6), axis=0).shape[0] == pytest.approx(0.5 * len(same), abs=1)
+
+
+def test_a_lost_robot_walks_to_where_places_differ_and_finds_its_pose() -> None:
+    line = told_apart(50002, World(twice=1.0, copied=0.0, apart=1.0))
+    assert line["found"]
+    assert not line["wrong"]
+    assert 1.0 < line["way"] < 3.0  # seen from where it was put down, two places fit alike
+
+
+def test_second_landmarks_look_like_no_others_near_the_ends() -> None:
+    places, looks = special(*corridor(3, 40.0, 0.0), World(twice=1.0, apart=1.0))
+    alike = np.isclose(looks @ looks.T, 1.0).sum(axis=1) == 2
+    middle = np.abs(places[:, 0] - MIDDLE[0]) < 2.75
+    assert alike[middle][:-1].mean() > 0.99
+    assert not alike[~middle].any()
 
 
 def test_maps_that_do_not_fit_are_noticed_within_a_third_of_a_metre() -> None:

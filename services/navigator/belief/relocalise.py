@@ -34,6 +34,9 @@ Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 UNBOUNDED = 2**62
 """Work of a search that is not cut into portions."""
+ALIKE, LIKELY, MOST_ALIKE = 1e-3, 0.95, 4
+"""Least evidence of a place over that of the best, probability of all these places from which on they stand out, and
+their largest number."""
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]
 """Reason for no pose. unseen: fewer than two sightings look like landmarks of the map; unknown: no place explains
 them, or chance explains them as well; ambiguous: another place explains them as well; unsure: too few of them."""
@@ -99,6 +102,8 @@ class Relocation:
     """The best place, however unsure; for reports, not for use."""
     reference: Pose = (0.0, 0.0, 0.0)
     """Pose that was searched for, in the frame of the frames' poses, m and rad."""
+    alike: tuple[Pose, ...] = ()
+    """Places that the sightings fit about alike, m and rad; empty = one is the pose, or none stands out."""
 
 
 def between(pose: Pose, odom: Pose) -> Pose:
@@ -255,4 +260,10 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
         none = math.exp(chance - top) / whole
         reason = "ambiguous" if second > 0.5 * (1.0 - first) else "unknown" if none > first else "unsure"
     explained = int(best[EXPLAINED])
-    return Relocation(None if reason else pose, cov, first, second, reason, known, explained, pose)
+    found = Relocation(None if reason else pose, cov, first, second, reason, known, explained, pose)
+    least = ALIKE * weights[0]
+    fit = [k for k in range(len(weights)) if weights[k] > least and places[k, EXPLAINED] >= limits.least]
+    held = sum(weights[k] for k in fit) / whole
+    if found.pose is not None or held < LIKELY or len(fit) > MOST_ALIKE:
+        return found
+    return replace(found, alike=tuple((float(x), float(y), float(a)) for x, y, a in places[fit, :3]))

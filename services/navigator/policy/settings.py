@@ -68,6 +68,9 @@ class Conduct(ModelPart):
         default=10, ge=0, le=1000, description="times that a goal finds a lost pose again; more end it as lost"
     )
     search_turns: int = Field(default=7, ge=0, le=100, description="turns after which a lost robot gives up")
+    search_walks: int = Field(
+        default=3, ge=0, le=100, description="walks of a lost robot to where places differ that its sights fit alike"
+    )
     suspect: float = Field(
         default=0.05, gt=0, le=1,
         description="probability that sights do not fit the belief, from which a walking robot stands and looks",

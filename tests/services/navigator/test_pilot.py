@@ -45,7 +45,7 @@ class Run:
         noise = SightNoise()
         self.tracker = PoseTracker(StartUncertainty(sd, sd, 0.0), noise, noise)
         self.now = 0.0
-        self.blocked, self.suspected = False, False
+        self.blocked, self.lost, self.suspected = False, False, False
 
     def goal(self, *route: Point, yaw: float | None = None) -> NavigationGoal:
         """Begin a goal."""
@@ -68,7 +68,9 @@ class Run:
             self.now += TICK_S
             view = self.walker.view()
             self.pilot.follow(self.now, view, self.tracker)
-            self.pilot.tick(self.now, view, self.tracker, blocked=self.blocked, suspected=self.suspected)
+            self.pilot.tick(
+                self.now, view, self.tracker, blocked=self.blocked, lost=self.lost, suspected=self.suspected
+            )
 
     def finish(self) -> tuple[str, str]:
         """Let time pass until the goal has ended; return the state and the error of the pilot."""

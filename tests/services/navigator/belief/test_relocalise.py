@@ -72,8 +72,9 @@ def test_a_patch_that_is_there_twice_is_ambiguous():
     assert (found.pose, found.reason) == (None, "ambiguous")
     assert found.probability == pytest.approx(0.5, abs=0.05)
     assert found.runner_up == pytest.approx(0.5, abs=0.05)
+    assert sorted(round(x, 1) for x, _, _ in found.alike) == [0.0, 10.0]
     only = relocalise(glances(eye, np.zeros(3), 10), one, EASY)
-    assert only.reason == ""
+    assert (only.reason, only.alike) == ("", ())
 
 
 @pytest.mark.parametrize("noise", [EASY, ROUGH])

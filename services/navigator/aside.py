@@ -1,0 +1,74 @@
+"""A way for a lost robot whose sights fit several places: to where the map differs between these."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .belief.apart import telling
+from .belief.landmarks import FloorLandmarks
+from .belief.matching import MatchLimits, SightNoise
+from .localiser import Localiser
+from .maps import Maps
+from .planning.costs import Costs
+from .searching import Aside
+
+Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
+Point = tuple[float, float]
+
+ENOUGH = 8.0
+"""Landmarks around its end that make a way no better than a shorter one."""
+LENGTHS = tuple(0.4 * k for k in range(1, 9))
+"""Lengths of ways, m."""
+BEARINGS = tuple(math.radians(22.5 * k) for k in range(-8, 8))
+"""Bearings of ways, rad."""
+FROM = 0.2
+"""Length of the begin of a way on which a robot may stand beside an obstacle, m."""
+
+
+def leading(localiser: Localiser, maps: Maps) -> Aside:
+    """Return a function that returns the way of a robot by its sights and the maps as they are then."""
+
+    def lead() -> Point | None:
+        world = localiser.tracker.world
+        return None if world is None else way_aside(localiser.alike, world, localiser.tracker.noise, maps.costs)
+
+    return lead
+
+
+def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise, costs: Costs | None) -> Point | None:
+    """Return a straight way to where landmarks differ between places, free at each: x, y in the robot's axes, m.
+
+    Args:
+        alike: poses that the sights fit, m and rad, frame map.
+        world: landmarks.
+        noise: of the camera.
+        costs: obstacles; None = there is no map of them.
+
+    Returns:
+        The way; None = there is none, or the places do not differ.
+    """
+    if len(alike) < 2:
+        return None
+    poses = np.array(alike)
+    ends = np.array([(d * math.cos(a), d * math.sin(a)) for d in LENGTHS for a in BEARINGS])
+    found = telling(poses, ends, world, MatchLimits().look(noise, world.descriptor_length))
+    if costs is not None:
+        for pose in poses:
+            found[~_free(pose, ends, costs)] = 0.0
+    best = int(np.argmax(np.minimum(found, ENOUGH)))  # of those that are enough the shortest
+    return (float(ends[best, 0]), float(ends[best, 1])) if found[best] >= 1.0 else None
+
+
+def _free(pose: Array, ends: Array, costs: Costs) -> NDArray[np.bool_]:
+    """Return whether each straight way from a pose may be walked, (e,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    length = np.hypot(*ends.T)
+    share = np.linspace(0.0, 1.0, 2 + int(length.max() / costs.grid.cell))
+    x = pose[0] + share[:, None] * (c * ends[:, 0] - s * ends[:, 1])
+    y = pose[1] + share[:, None] * (s * ends[:, 0] + c * ends[:, 1])
+    grid, (rows, cols) = costs.grid, costs.weight.shape
+    row = np.clip(np.floor((y - grid.origin[1]) / grid.cell).astype(np.int64) + 1, 0, rows - 1)
+    col = np.clip(np.floor((x - grid.origin[0]) / grid.cell).astype(np.int64) + 1, 0, cols - 1)
+    return ((costs.weight[row, col] > 0) | (share[:, None] * length < FROM)).all(axis=0)

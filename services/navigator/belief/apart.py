@@ -1,0 +1,77 @@
+"""Places from which a camera sees what differs between poses that its sights so far fit alike."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+from .gate import apart2
+from .landmarks import FloorLandmarks
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FAR = 0.25
+"""Largest distance of a landmark from where it should stand at the other pose, m."""
+AROUND = 1.0
+"""Distance within which a robot sees landmarks that looks around, m."""
+MOST_COMPARED = 256
+"""Landmarks that are compared at most, evenly from all within reach: they bound the time of a tick."""
+
+
+@row_kernel
+def alone(places: Array, looks: Array, positions: Array, others: Array, look: float) -> Flags:
+    """Return whether no landmark of the map that looks alike stands where each of some landmarks would.
+
+    Args:
+        places: where they would stand, (m, 2) m.
+        looks: their descriptors, (m, k).
+        positions: landmarks of the map, (n, 2) m.
+        others: their descriptors, (n, k).
+        look: largest distance of two descriptors of one landmark.
+    """
+    found, most = np.ones(places.shape[0], dtype=np.bool_), look * look
+    for i in range(places.shape[0]):
+        for j in range(positions.shape[0]):
+            dx, dy = positions[j, 0] - places[i, 0], positions[j, 1] - places[i, 1]
+            if dx * dx + dy * dy < FAR * FAR and apart2(looks[i], others[j], most) < most:
+                found[i] = False
+                break
+    return found
+
+
+def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
+    """Return how many landmarks around each end of a way differ between the first pose and the one most like it.
+
+    Args:
+        poses: x, y (m) and heading (rad), frame map, (p, 3), p >= 2.
+        ends: in the axes of the robot, (e, 2) m.
+        world: the map.
+        look: largest distance of two descriptors of one landmark.
+
+    Returns:
+        Numbers, (e,): landmarks at either pose that do not stand at the other.
+    """
+    least = np.full(len(ends), np.inf)
+    for other in poses[1:]:
+        there = _stranger(poses[0], other, ends, world, look)
+        least = np.minimum(least, there + _stranger(other, poses[0], ends, world, look))
+    return least
+
+
+def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
+    """Return the number of landmarks around each end at a pose that do not stand at the other one."""
+    local = (world.positions - pose[:2]) @ _axes(pose[2])
+    near = np.flatnonzero(np.hypot(*local.T) < np.hypot(*ends.T).max() + AROUND)
+    each = max(1.0, near.size / MOST_COMPARED)
+    near = near[np.arange(0.0, near.size, each).astype(np.int64)]
+    places = local[near] @ _axes(other[2]).T + other[:2]
+    new = alone(places, world.descriptors[near], world.positions, world.descriptors, look)
+    around = np.hypot(*(local[near][new][:, None] - ends).transpose(2, 0, 1)) < AROUND
+    return each * around.sum(axis=0)
+
+
+def _axes(heading: float) -> Array:
+    """Return the axes of a heading as columns, (2, 2)."""
+    c, s = np.cos(heading), np.sin(heading)
+    return np.array([[c, -s], [s, c]])

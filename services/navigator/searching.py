@@ -1,0 +1,157 @@
+"""Search of a robot that is or may be lost: it stands and looks, turns and looks, and walks to where places differ."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from surefoot.schemas.navigation import GoalState
+
+from .goals import GaitView, NavigationGoal, Point
+from .policy.settings import Conduct
+
+Aside = Callable[[], Point | None]
+"""Returns the straight way to where the places differ that the sights fit, x and y in the robot's axes, m."""
+
+
+def no_way() -> Point | None:
+    """Lead nowhere."""
+    return None
+
+
+class Moves(Protocol):
+    """Motions and ends of a robot that searches."""
+
+    def halt(self, state: GoalState, error: str, message: str) -> None:
+        """Order a stop; the goal has the given end as soon as the robot stands."""
+        ...
+
+    def stop(self) -> None:
+        """Order a stop; the goal goes on."""
+        ...
+
+    def turn(self, name: str, angle: float) -> None:
+        """Order a turn on the spot by an angle, rad."""
+        ...
+
+    def advance(self, name: str) -> float:
+        """Order the shortest walk ahead; return its length, m."""
+        ...
+
+    def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
+        """Lead a goal anew from a place, m, frame map; return why no way leads there, empty = one does."""
+        ...
+
+
+@dataclass
+class Look:
+    """A search that is under way."""
+
+    until: float = math.inf
+    """End of the present look at the surroundings, s; inf = the look has not begun."""
+    lost: bool = True
+    """True if the robot is lost, False if it may be."""
+    turns: int = 0
+    """Number of turns since it began, or walked aside last."""
+    walks: int = 0
+    """Number of walks aside."""
+    left: float = 0.0
+    """Way that it still walks aside, m."""
+
+
+class Search:
+    """Search for the pose of a robot that has a goal.
+
+    Args:
+        body: the robot.
+        conduct: times and numbers.
+        aside: way to where places differ that the sights fit.
+    """
+
+    def __init__(self, body: Moves, conduct: Conduct, aside: Aside) -> None:
+        self.body, self.conduct, self.aside = body, conduct, aside
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a goal: nothing is searched for."""
+        self.look: Look | None = None
+        self._suspects_from = -math.inf
+        """Simulated time from which a suspicion makes the robot look, s."""
+
+    def tick(
+        self, goal: NavigationGoal, now: float, gait: GaitView, here: Point, *, blocked: bool, lost: bool,
+        suspected: bool,
+    ) -> bool:  # fmt: skip
+        """Halt while the robot is or may be lost, look and turn in alternation, once around if it is; return whether.
+
+        Args:
+            goal: under way.
+            now: simulated time, s.
+            gait: of this tick.
+            here: believed place, m, frame map.
+            blocked: something is too near ahead to walk.
+            lost: the belief is wrong.
+            suspected: it may be.
+        """
+        look, suspected = self.look, suspected and now >= self._suspects_from
+        if look is None and not lost and not (suspected and gait.state != "standing"):
+            return False
+        if look is None or (lost and not look.lost):
+            self._enter(goal, gait, lost=lost)
+        elif not lost and look.lost:
+            self.look = None
+            goal.recoveries["relocalise"] += 1
+            goal.nearest, goal.nearest_at = math.inf, now
+            why = self.body.replan(goal, now, here)
+            if why:
+                self.body.halt("failed", "unreachable", why)
+        elif not lost and not suspected:
+            self._leave(now)
+        elif look.left > 0.0:
+            self._advance(look, gait, blocked=blocked)
+        elif gait.state == "standing" and gait.ends_in is None:
+            self._look_around(goal, look, now, lost=lost)
+        return self.look is not None
+
+    def _enter(self, goal: NavigationGoal, gait: GaitView, *, lost: bool) -> None:
+        found, begun = self.conduct.found_again, self.look is not None
+        if lost and goal.recoveries["relocalise"] > found:
+            self.look = None
+            self.body.halt("failed", "lost", f"lost again after the pose was found {found} times and more")
+            return
+        self.look = Look(lost=lost)
+        goal.recoveries["stand_and_look" if lost else "suspect_look"] += 1
+        if not begun and (gait.ends_in is not None or gait.state != "standing"):
+            self.body.stop()
+
+    def _leave(self, now: float) -> None:
+        self.look, self._suspects_from = None, now + self.conduct.suspect_again
+
+    def _look_around(self, goal: NavigationGoal, look: Look, now: float, *, lost: bool) -> None:
+        """Look, turn, and after a look around walk aside, or give up."""
+        conduct = self.conduct
+        most = conduct.search_turns if lost else conduct.suspect_turns
+        if math.isinf(look.until):
+            look.until = now + conduct.search_look
+        elif now >= look.until and look.turns >= most:
+            way = self.aside() if lost and look.walks < conduct.search_walks else None
+            if way is not None:
+                goal.recoveries["walk_aside"] += 1
+                look.until, look.turns, look.walks, look.left = math.inf, 0, look.walks + 1, math.hypot(*way)
+                self.body.turn("aside", math.atan2(way[1], way[0]))
+                return
+            self._leave(now)
+            if lost:
+                self.body.halt("failed", "lost", f"the pose was not found again in {most + 1} looks around")
+        elif now >= look.until:
+            look.until, look.turns = math.inf, look.turns + 1
+            goal.recoveries["turn_and_look"] += 1
+            self.body.turn("look", math.radians(conduct.search_turn_deg))
+
+    def _advance(self, look: Look, gait: GaitView, *, blocked: bool) -> None:
+        """Walk aside in short walks, as far as nothing is in the way."""
+        stands = gait.state == "standing" and gait.ends_in is None
+        if stands and blocked:
+            look.left = 0.0
+        elif stands or (gait.ends_in is not None and gait.ends_in <= self.conduct.lead and not blocked):
+            look.left -= self.body.advance("aside")
