@@ -5,9 +5,13 @@ import re
 import numpy as np
 import pytest
 
+from surefoot.bus.codec import encode
+from surefoot.bus.interface import Raw
 from surefoot.errors import SurefootError
 from surefoot.record.chunks import MAGIC
-from surefoot.record.recording import open_readable
+from surefoot.record.recording import RecordingWriter, open_readable
+from surefoot.schemas.hw import Imu
+from surefoot.schemas.topics import HW_IMU
 from tests.surefoot.record.conftest import MESSAGES
 
 SHARE = re.compile(r"([\d.]+) % of its (\d+ messages|bytes)")
