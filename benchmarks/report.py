@@ -34,6 +34,7 @@ BESIDE = ("goal", "seeds", "command")
 MACHINE = re.compile(
     r"^(make |starts|bus|core|lockstep|soak|flood|queries|peers|simulator|estimator |secure|view)"
     r"|^(footholds (times|ratios)|stability speed|foothold_walks speed)"
+    r"|^surefoot (render|run .*--view)"
     r"|^navigator (environments|filters|decisions|training|routes)|^lost looks"
 )
 """Commands whose figures are times: other machines have others."""

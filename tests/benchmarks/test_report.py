@@ -87,6 +87,7 @@ def test_short_commands_are_on_the_pages_and_need_nothing() -> None:
     assert not any(map(obstacle, SHORT))
     assert obstacle("starts warm --against DIR")
     assert obstacle("surefoot footholds judge ragno F")
+    assert all(map(obstacle, (row.command for row in figures() if re.match("surefoot (render|estimate)", row.command))))
     assert not obstacle("trials pairs --seeds 300:310 --results F")
     assert len(stated) > 60
     assert {row.page for row in figures()} <= set(PAGES)
