@@ -61,17 +61,17 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
 
 def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
     """Return the number of landmarks around each end at a pose that do not stand at the other one."""
-    local = (world.positions - pose[:2]) @ _axes(pose[2])
+    local = _turned(world.positions - pose[:2], -pose[2])
     near = np.flatnonzero(np.hypot(*local.T) < np.hypot(*ends.T).max() + AROUND)
     each = max(1.0, near.size / MOST_COMPARED)
     near = near[np.arange(0.0, near.size, each).astype(np.int64)]
-    places = local[near] @ _axes(other[2]).T + other[:2]
+    places = _turned(local[near], other[2]) + other[:2]
     new = alone(places, world.descriptors[near], world.positions, world.descriptors, look)
     around = np.hypot(*(local[near][new][:, None] - ends).transpose(2, 0, 1)) < AROUND
     return each * around.sum(axis=0)
 
 
-def _axes(heading: float) -> Array:
-    """Return the axes of a heading as columns, (2, 2)."""
-    c, s = np.cos(heading), np.sin(heading)
-    return np.array([[c, -s], [s, c]])
+def _turned(points: Array, angle: float) -> Array:
+    """Return points (n, 2) turned about the origin by an angle, rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack((c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]))

@@ -99,11 +99,21 @@ class OtherPlaces:
         common = np.diag([self.noise.common_range_sd**2] * 2 + [self.noise.common_bearing_sd**2])
         cov, off = prior + common + places[:, COV:].reshape(-1, 3, 3), places[:, :3] - self._prior.pose
         off[:, 2] -= 2.0 * math.pi * np.round(off[:, 2] / (2.0 * math.pi))
-        square = np.einsum("pi,pij,pj->p", off, np.linalg.inv(cov), off)
-        near = math.log(seen.area) - 0.5 * (math.log(2.0 * math.pi) + np.log(np.linalg.det(cov)) + square)
+        square, det = _square(cov, off)
+        near = math.log(seen.area) - 0.5 * (math.log(2.0 * math.pi) + np.log(det) + square)
         every = places[:, EVIDENCE]
         right = max(float(np.logaddexp.reduce(every + near)), _one_by_one(seen, self._prior))
         return float(np.logaddexp.reduce(every)) - right
+
+
+def _square(cov: Array, off: Array) -> tuple[Array, Array]:
+    """Return off^T cov^-1 off and det cov for covariances (p, 3, 3) and vectors (p, 3)."""
+    (a, b, c), (_, d, e), (_, _, f) = cov.transpose(1, 2, 0)
+    x, y, z = off.T
+    det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    own = (d * f - e * e) * x * x + (a * f - c * c) * y * y + (a * d - b * b) * z * z
+    crossed = (c * e - b * f) * x * y + (b * e - c * d) * x * z + (b * c - a * e) * y * z
+    return (own + 2.0 * crossed) / det, det
 
 
 def _one_by_one(seen: Evidence, prior: Sight) -> float:
@@ -112,7 +122,7 @@ def _one_by_one(seen: Evidence, prior: Sight) -> float:
     by_pose = np.zeros((n, 2, 3))  # of a sighting in heading axes
     by_pose[:, 0, :2], by_pose[:, 1, :2] = (c, s), (-s, c)
     by_pose[:, 0, 2], by_pose[:, 1, 2] = -seen.place[:, 1], seen.place[:, 0]
-    more = by_pose @ prior.cov[:3, :3] @ by_pose.transpose(0, 2, 1)
+    more = (by_pose[:, :, None, :, None] * prior.cov[:3, :3] * by_pose[:, None, :, None, :]).sum(axis=(3, 4))
     wide = seen._replace(spread=seen.spread + more.reshape(n, 4)[:, [0, 1, 3]])
     chosen = Assignment(np.full(n, -1), np.zeros(n))
     associate(np.array(prior.pose), 0.0, 1.0, wide, chosen)
