@@ -106,7 +106,7 @@ def first_walks(*robots: str) -> None:
     rows: list[tuple[object, ...]] = []
     for name in robots or WALKERS:
         with tempfile.TemporaryDirectory() as folder:
-            environment, took = Machine(Path(folder)).environment, list[str]()
+            environment, took, walks = Machine(Path(folder)).environment, list[str](), False
             command, began = f"surefoot robot import {source_file(PREFIX + name)} -o robot", time.monotonic()
             while command:
                 words, first = shlex.split(command)[1:], time.monotonic()
@@ -115,7 +115,7 @@ def first_walks(*robots: str) -> None:
                 )
                 took.append(f"{' '.join(words[:2])} {time.monotonic() - first:.0f} s")
                 command = next((x[6:] for x in done.stdout.splitlines() if x.startswith("next: ")), "")
-            walks = words[:2] == ["run", "crawl-flat"] and done.returncode == 0
+                walks = words[:2] == ["run", "crawl-flat"] and done.returncode == 0
             rows.append((name, len(took), ", ".join(took), f"{time.monotonic() - began:.0f}", walks))
     what = f"first walks, load {os.getloadavg()[0]:.0f}; goals: 5 commands, 120 s"
     table(what, ("robot", "commands", "each", "s", "walks"), rows)
