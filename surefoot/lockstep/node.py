@@ -362,8 +362,7 @@ class Node:
             box.append((publisher, token))
 
     def _replay(self, epoch: int, tick: int) -> None:
-        """Answer a repeated tick: the same bytes, and how far this service is, so that the driver sees who is
-        silent."""
+        """Answer a repeated tick by the same bytes, and by how far this service is: the driver sees who is silent."""
         self.bus.cork()
         for publisher, token in self._outbox.get((epoch, tick), ()):
             publisher.resend(token)

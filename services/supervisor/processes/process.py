@@ -12,6 +12,7 @@ from typing import IO
 from surefoot.lockstep.ending import ENDS
 
 from .identity import identify
+from .logs import tail
 
 SERVICE_MODULE = "surefoot.lockstep.discover"
 MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at the next start
@@ -75,11 +76,7 @@ class Child:
 
     def last_words(self, lines: int = 3) -> str:
         """Return the last lines of the log, for an error sentence."""
-        try:
-            text = self.log.read_text(encoding="utf-8", errors="replace")
-        except OSError:
-            return ""
-        return "\n".join(text.rstrip().splitlines()[-lines:])
+        return "\n".join(tail(self.log, lines)).rstrip()
 
 
 def resolve_command(command: Sequence[str]) -> list[str]:
