@@ -68,10 +68,18 @@ def seeds_of(text: str) -> range:
 
 
 def finished(results: Path | None, **wanted: Any) -> list[Line]:
-    """Return the lines of a results file that have the wanted values; no file has no lines."""
+    """Return the lines of a results file that have the wanted values; no file has no lines.
+
+    Raises:
+        ConfigError: it is there and cannot be read, as a folder.
+    """
     lines: list[Line] = []
     if results is not None and results.exists():
-        for text in results.read_text(encoding="utf-8").splitlines():
+        try:
+            content = results.read_text(encoding="utf-8", errors="replace")
+        except OSError as error:
+            raise ConfigError("invalid", f"got {str(results)!r}, must be a file: {error.strerror}", "results") from None
+        for text in content.splitlines():
             try:
                 line = json.loads(text)
             except ValueError:

@@ -146,7 +146,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Test every setting, or list them; return 1 when a test failed."""
     parser = argparse.ArgumentParser(prog="python -m tests.processors", description=__doc__)
     parser.add_argument("--list", action="store_true", help="print the settings and end")
-    parser.add_argument("--only", action="append", default=[], metavar="NAME", help="this setting; may be repeated")
+    names = [setting.name for setting in settings()]
+    parser.add_argument("--only", action="append", default=[], choices=names, help="this setting; may be repeated")
     parser.add_argument("--hashes", action="store_true", help="repeat the public list of runs instead of the tests")
     parser.add_argument("words", nargs="*", help="more arguments for pytest or `surefoot verify`, after --")
     options = parser.parse_args(arguments)

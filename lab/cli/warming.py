@@ -138,15 +138,21 @@ def _holds(stamp: Path) -> bool:
 
     They may stand beside the sources, which can be removed, or be compiled again from others, while the stamp stays.
     """
+    lines = _lines(stamp)
     try:
-        kept = [line.rpartition("|") for line in _lines(stamp)]
-        return stamp.exists() and all(hashed.encode() in Path(path).read_bytes() for path, _, hashed in kept)
-    except OSError:
+        return lines is not None and all(
+            hashed.encode() in Path(path).read_bytes() for path, _, hashed in (line.rpartition("|") for line in lines)
+        )
+    except (OSError, ValueError):  # a file that is gone, a path that is none
         return False
 
 
-def _lines(stamp: Path) -> list[str]:
-    return stamp.read_text().splitlines() if stamp.exists() else []
+def _lines(stamp: Path) -> list[str] | None:
+    """Return the lines of a stamp, None if there is none that can be read."""
+    try:
+        return stamp.read_text(errors="replace").splitlines()
+    except OSError:
+        return None
 
 
 def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], None]) -> None:
@@ -163,7 +169,7 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
         if listen is not None:
             refuse_taken(listen)
         warm(jobs, notify)
-    _mark({whole: [line for job in jobs for each in _either(job) for line in _lines(each.stamp)]}, notify)
+    _mark({whole: [line for job in jobs for each in _either(job) for line in _lines(each.stamp) or ()]}, notify)
 
 
 def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: None) -> list[Warmed]:

@@ -15,6 +15,7 @@ from surefoot.lab import studies
 from surefoot.lab.report.judge import Row, RunVerdict
 from surefoot.lab.studies import finished, metrics, passed, seeds_of, study, verdict_line
 from tests.processes import running
+from tests.surefoot.expect import expect_error
 
 NAPS = """
 import os, sys, time
@@ -73,6 +74,11 @@ def test_seeds_that_name_none_are_refused(text: str) -> None:
     with pytest.raises(ConfigError) as refused:
         seeds_of(text)
     assert refused.value.field == "seeds"
+
+
+def test_a_folder_in_the_place_of_results_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with expect_error(ConfigError, "invalid", "results", text=str(tmp_path)):
+        finished(tmp_path)
 
 
 @pytest.mark.parametrize("stop", [os.killpg, os.kill], ids=["by the terminal", "sent to the study alone"])

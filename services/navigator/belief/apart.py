@@ -1,5 +1,7 @@
 """Places from which a camera sees what differs between poses that its sights so far fit alike."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,5 +75,5 @@ def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, loo
 
 def _turned(points: Array, angle: float) -> Array:
     """Return points (n, 2) turned about the origin by an angle, rad."""
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = math.cos(angle), math.sin(angle)  # numpy's own depend on the processor
     return np.column_stack((c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]))

@@ -100,7 +100,8 @@ class OtherPlaces:
         cov, off = prior + common + places[:, COV:].reshape(-1, 3, 3), places[:, :3] - self._prior.pose
         off[:, 2] -= 2.0 * math.pi * np.round(off[:, 2] / (2.0 * math.pi))
         square, det = _square(cov, off)
-        near = math.log(seen.area) - 0.5 * (math.log(2.0 * math.pi) + np.log(det) + square)
+        logs = np.array([math.log(each) for each in det])  # numpy's own logarithm depends on the processor
+        near = math.log(seen.area) - 0.5 * (math.log(2.0 * math.pi) + logs + square)
         every = places[:, EVIDENCE]
         right = max(float(np.logaddexp.reduce(every + near)), _one_by_one(seen, self._prior))
         return float(np.logaddexp.reduce(every)) - right

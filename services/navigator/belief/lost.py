@@ -230,7 +230,8 @@ def evidence_of(
     here = counts["matched"] + counts["surplus"] + counts["doubled"] + counts["ambiguous"]
     away = counts["far"] + counts["unlike"]
     alike = look_alikes(matches, seen, world, noise, limits)
-    chances = (1.0 - np.exp(-alike * gate_areas(cov, seen, noise, limits) / world.area)).tolist()
+    many = (alike * gate_areas(cov, seen, noise, limits) / world.area).tolist()
+    chances = [1.0 - math.exp(-each) for each in many]  # numpy's own exponential depends on the processor
     found: tuple[list[float], list[float]] = ([], [])
     for fate, chance, count in zip(matches.fates.tolist(), chances, alike.tolist(), strict=True):
         if fate not in (INVALID, OUTLIER) and count > 0:

@@ -66,6 +66,17 @@ def test_a_stamp_holds_only_while_its_kernels_are_there(tmp_path, monkeypatch):
     assert not warming.is_cold((job,))
 
 
+@pytest.mark.parametrize("content", [b"\xff\xfe|", b"no line of a stamp", b"a\0b|" + b"a" * 64, None])
+def test_a_stamp_that_is_none_is_no_stamp(content):
+    job = Job("footholds", "ragno")
+    job.stamp.parent.mkdir(parents=True)
+    if content is None:
+        job.stamp.mkdir()
+    else:
+        job.stamp.write_bytes(content)
+    assert warming.is_cold((job,))
+
+
 def test_a_real_stamp_names_the_files_of_its_kernels():
     job = Job("footholds", "ragno")
     (found,) = warming.warm((job,))
