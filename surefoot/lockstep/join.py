@@ -36,7 +36,8 @@ STAMP_SLACK_NS = 1_000_000_000
 """An input's stamp lies between the run's beginning and its own tick, give or take 1 s."""
 
 PATIENCE_TICKS = 2
-"""In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come."""
+"""In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come, or the driver has
+repeated the newest so often: it does before a pause and at the end, where no later one comes."""
 
 BACKLOG_TICKS = 8
 """In paced mode a service this far behind leaves ticks out. In order until then: services that leave out every second
@@ -124,6 +125,8 @@ class Join:
         """Process that published the last accepted message of a key."""
         self._taken: dict[str, Any] = {}
         """Inputs of the tick that was handed out last."""
+        self._repeated = 0
+        """Times that the driver repeated the newest tick since the last one was done."""
         self._lacking: set[str] | None = None
         """Inputs that tick ``last + 1`` still waits for; None = not computed yet."""
 
@@ -227,13 +230,18 @@ class Join:
         """Drop inputs of a run that the driver has yet to begin: it has none, whoever sent them."""
         self._slots = {key: slot for key, slot in self._slots.items() if key[0] != epoch}
 
+    def _forget_before(self, tick: Tick) -> None:
+        """Drop inputs of ticks that are over, but those delayed into the next one: they leave no room for others."""
+        oldest = (tick.epoch, tick.tick - 1)
+        self._slots = {key: slot for key, slot in self._slots.items() if key >= oldest}
+
     def _begin(self, epoch: int) -> None:
         self.epoch = epoch
         self.begun += 1
         self._first_ns, self._last_ns = -math.inf, math.inf  # until the first tick
         self.last = self._newest = self._admitted = -1
         self.on_roster = False
-        self._unbegun = 0
+        self._unbegun = self._repeated = 0
         self._lacking = None
         self._ticks.clear()
         self._taken = {}
@@ -260,10 +268,12 @@ class Join:
             self._admitted = tick.tick
             self.last = tick.tick - 1  # a new participant begins with the first tick whose roster names it
             self._previous_roster = ()  # what was published while it was away is not awaited
+            self._forget_before(tick)
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
         self._unbegun = 0
-        self._newest = max(self._newest, tick.tick)
+        if tick.tick > self._newest:
+            self._newest, self._repeated = tick.tick, 0
         if self._last_ns == math.inf:
             zero = tick.stamp_ns - tick.tick * TICK_NS
             self._first_ns, self._last_ns = zero - STAMP_SLACK_NS, zero + STAMP_SLACK_NS
@@ -271,6 +281,8 @@ class Join:
         held = self._ticks.get(tick.tick)
         if held is not None and tick.roster_version == held.roster_version and tick != held:
             return "conflict"
+        if held is not None and tick.tick == self._newest:
+            self._repeated += 1
         if held is None or tick.roster_version >= held.roster_version:
             self._ticks[tick.tick] = tick
         return None
@@ -354,7 +366,8 @@ class Join:
         if newest - first >= self.backlog:
             first = min(n for n in self._ticks if n >= newest - self.patience)
         tick = self._ticks[first]
-        if newest - first >= self.patience or not self._missing(tick):
+        overtaken = newest - first >= self.patience or self._repeated >= PATIENCE_TICKS
+        if overtaken or not self._missing(tick):
             return self._bundle(tick)
         return None
 
@@ -371,6 +384,7 @@ class Join:
         self._taken = messages
         skipped = tick.tick - self.last > 1
         self.last = tick.tick
+        self._repeated = 0
         self._previous_roster = tick.roster
         self._lacking = None
         kept_for_next = {key: slot[key] for key in self._delayed_keys if key in slot}

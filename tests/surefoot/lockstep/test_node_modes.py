@@ -199,6 +199,40 @@ def test_paced_mode_is_never_stale_however_long_the_service_slept(bench: Bench) 
     assert HW_IMU.key in bench.subject.seen[-1]
 
 
+@pytest.mark.parametrize("mode", ["paced", "lockstep"])
+def test_a_service_that_was_away_for_seconds_gets_every_input_once_it_is_admitted(bench: Bench, mode: str) -> None:
+    away, back = 8 * MAX_AHEAD, 9 * MAX_AHEAD
+    for tick in range(away):
+        bench.imu(tick)
+        bench.tick(tick, roster=("walker",), mode=mode)
+    bench.both(away, mode=mode)
+    for tick in range(away + 1, back, 3):  # three at once
+        for act in (bench.imu, lambda n: bench.tick(n, mode=mode)):
+            for number in range(tick, tick + 3):
+                act(number)
+    assert bench.subject.ticks == list(range(away, back))
+    assert all(HW_IMU.key in seen for seen in bench.subject.seen)
+
+
+def test_the_last_tick_is_done_without_what_never_comes_once_the_driver_has_repeated_it(bench: Bench) -> None:
+    for tick in range(3):
+        bench.both(tick, mode="paced")
+    bench.tick(3, mode="paced", end=True)
+    bench.tick(2, mode="paced")
+    bench.tick(3, mode="paced", end=True)
+    assert bench.subject.ticks == [0, 1, 2]  # what was lost may be sent again with the first repetition
+    bench.tick(3, mode="paced", end=True)
+    assert bench.subject.ticks == [0, 1, 2, 3]
+
+
+def test_an_end_that_is_repeated_waits_in_lockstep(bench: Bench) -> None:
+    for _ in range(8):
+        bench.tick(0, end=True)
+    assert bench.subject.ticks == []
+    bench.imu(0)
+    assert bench.subject.ticks == [0]
+
+
 def test_joint_state_of_any_length_within_the_limit_is_read() -> None:
     with expect_error(Refusal, field="position"):
         decode(JointState, b'{"position":[' + b"0," * 100 + b"0]}")
