@@ -11,6 +11,8 @@ from pydantic import Field
 from .base import MAX_FEET, Bulk, Message, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
 
 MAX_WINDOW = 301
+MAX_STEPS = 64
+"""Most steps of one batch."""
 LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support", "clear"]
 FootholdStatus = Literal["ok", "raise_trunk", "infeasible"]
 
@@ -128,6 +130,52 @@ class SelectReply(Reply):
         default=None, description="tick of the first request this model answered; null = that request named none"
     )
     explored: bool = Field(default=False, description="the footholds were drawn at random, to learn from them")
+
+
+class PlannedStep(Request):
+    """Legs that land together, and where the trunk is then."""
+
+    base: BasePose = Field(description="where base_link will be when the feet land")
+    legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
+        description="one entry for each landing leg, answered in the same order"
+    )
+
+
+class FootholdsBatchRequest(TickRequest):
+    """Request of the footholds of many steps at once, for planners: nothing is learned or drawn, no choice published.
+
+    Answered beside the ticks, from the map and the slip model at the time of the request.
+    """
+
+    steps: Annotated[tuple[PlannedStep, ...], Field(min_length=1, max_length=MAX_STEPS)] = Field(
+        description="each for itself, answered in the same order"
+    )
+    mode: Literal["robust", "paper"] = Field(default="robust", description="as of footholds/select")
+
+
+class RegionFoothold(LegFoothold):
+    """The foothold of one leg, and the convex free ground about it."""
+
+    region: tuple[Vec2, ...] = Field(
+        default=(),
+        description="corners x, y of the largest rectangle of free cells of the window that holds the foothold, "
+        "counterclockwise, map frame, m; between centres of cells, so a line or point where one cell is free; of the "
+        "trunk moved by trunk_shift; empty when infeasible",
+    )
+
+
+class StepFootholds(Reply):
+    """Footholds of one step in the order of its legs."""
+
+    legs: tuple[RegionFoothold, ...] = Field(description="one answer for each leg asked about")
+
+
+class FootholdsBatchReply(Reply):
+    """Footholds in the order of the steps."""
+
+    steps: tuple[StepFootholds, ...] = Field(description="one answer for each step")
+    map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
+    model: str = Field(description="name of the slip model the answer rests on")
 
 
 class FootholdChoice(Message):

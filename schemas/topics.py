@@ -103,6 +103,7 @@ HW_DESCRIPTION = Query("hw/description", hw.DescriptionRequest, hw.DescriptionRe
 TERRAIN_MAP_GET = Query("terrain/map", terrain.MapRequest, terrain.HeightMapMessage, "driver")
 TERRAIN_LANDMARKS_GET = Query("terrain/landmarks", terrain.MapRequest, terrain.LandmarkMap, "driver")
 FOOTHOLDS_SELECT = Query("footholds/select", footholds.SelectRequest, footholds.SelectReply, "footholds")
+FOOTHOLDS_BATCH = Query("footholds/batch", footholds.FootholdsBatchRequest, footholds.FootholdsBatchReply, "footholds")
 FOOTHOLDS_MODEL = Query("footholds/model", footholds.ModelRequest, footholds.ModelReply, "footholds", acts=True)
 FOOTHOLDS_LEARN = Query("footholds/learn", footholds.LearnRequest, footholds.LearnReply, "footholds", acts=True)
 FOOTHOLDS_ASSESS = Query("footholds/assess", footholds.AssessRequest, footholds.AssessReply, "footholds")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.errors import Refusal
+from surefoot.robot.description import Robot
 from surefoot.schemas.footholds import (
     AssessReply,
     AssessRequest,
@@ -16,6 +17,7 @@ from surefoot.schemas.footholds import (
     LegRequest,
     MaskCounts,
     ModelReply,
+    RegionFoothold,
     SelectReply,
     SelectRequest,
 )
@@ -29,7 +31,7 @@ from .learning.relearner import Relearner
 from .masks import REASONS
 from .models.learned import LearnedModel
 from .models.protocol import SlipModel
-from .select import Foothold, SelectParams, TrunkPose
+from .select import Foothold, Landing, SelectParams, TrunkPose
 
 
 def base_pose(message: BaseMessage) -> TrunkPose:
@@ -112,23 +114,42 @@ def model_reply(
     )  # fmt: skip
 
 
+def asked_landings(legs: Sequence[LegRequest], robot: Robot, path: str = "") -> list[Landing]:
+    """Return the landings of a request; `path` is the field that holds `legs` (raises Refusal: an unknown leg)."""
+    return [
+        Landing(leg_index(robot, leg.leg, f"{path}legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(legs)
+    ]
+
+
+def leg_index(robot: Robot, name: str, field: str) -> int:
+    """Return the index of a leg in the robot description (raises Refusal: the robot has no leg of that name)."""
+    if name not in robot.leg_names:
+        raise Refusal("unknown_leg", f"{robot.name} has the legs {', '.join(robot.leg_names)}; got {name!r}", field)
+    return robot.leg_names.index(name)
+
+
 def leg_foothold(asked: LegRequest, found: Foothold) -> LegFoothold:
     """Return the reply for one leg; numbers that do not exist become null."""
+    return LegFoothold(**_numbers(asked, found))
+
+
+def region_foothold(asked: LegRequest, found: Foothold) -> RegionFoothold:
+    """Return the reply for one leg with the convex region about its foothold."""
+    return RegionFoothold(**_numbers(asked, found), region=found.region)
+
+
+def _numbers(asked: LegRequest, found: Foothold) -> dict[str, Any]:
+    """Return the fields of the reply for one leg."""
     point = found.foothold
-    return LegFoothold(
-        leg=asked.leg,
-        status=found.status,
-        foothold=point,
-        contact=found.contact,
-        normal=found.normal,
-        trunk_shift=found.trunk_shift,
-        score=None if math.isnan(found.score) else found.score,
-        slip=None if math.isnan(found.slip) else found.slip,
-        spread=None if math.isnan(found.spread) else found.spread,
-        offset=None if point is None else (point[0] - asked.nominal[0], point[1] - asked.nominal[1]),
-        counts=_mask_counts(found.counts),
-        reason=found.reason,
-    )
+    return {
+        "leg": asked.leg, "status": found.status, "foothold": point, "contact": found.contact,
+        "normal": found.normal, "trunk_shift": found.trunk_shift,
+        "score": None if math.isnan(found.score) else found.score,
+        "slip": None if math.isnan(found.slip) else found.slip,
+        "spread": None if math.isnan(found.spread) else found.spread,
+        "offset": None if point is None else (point[0] - asked.nominal[0], point[1] - asked.nominal[1]),
+        "counts": _mask_counts(found.counts), "reason": found.reason,
+    }  # fmt: skip
 
 
 def choice_message(reply: SelectReply, asked: int | None, now: Tick) -> FootholdChoice:

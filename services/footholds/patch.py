@@ -19,6 +19,7 @@ from .features import Layer
 from .ground import build_ground, ground_features
 from .masks import REASONS, Limits, count_reasons, mask_window
 from .models.protocol import SlipModel
+from .rectangles import in_metres, largest_rectangle
 from .select import SelectParams, best_cell, window_costs
 
 MAX_SIDE = 301
@@ -89,7 +90,7 @@ def choose_on_patch(
         foothold=(x, y, float(ground.centres.z[row, col])),
         slip=float(costs.mean[row, col]),
         spread=float(model.spread(lone, cell)[0, 0]),
-        rectangle=_metres(surface, largest_rectangle(mask == 0, row, col)),
+        rectangle=in_metres(surface, largest_rectangle(mask == 0, row, col)),
         counts=cells,
     )
 
@@ -118,36 +119,3 @@ def _surface(z: Layer, cell: float) -> HeightMap:
         return HeightMap(z=z, cell=cell, origin=(-0.5 * (nx - 1) * cell, -0.5 * (ny - 1) * cell))
     except HeightMapError as error:
         raise SurefootError("invalid", str(error), error.field) from None
-
-
-def largest_rectangle(free: NDArray[np.bool_], row: int, col: int) -> tuple[int, int, int, int]:
-    """Return first and last row, first and last column of the largest rectangle of free cells that holds a free cell.
-
-    Args:
-        free: cells that may be stepped on, (ny, nx).
-        row: row of the cell that the rectangle holds.
-        col: column of that cell.
-    """
-    best, area = (row, row, col, col), 0
-    above = free[row].copy()
-    for top in range(row, -1, -1):
-        above &= free[top]
-        if not above[col]:
-            break
-        open_ = above.copy()
-        for bottom in range(row, free.shape[0]):
-            open_ &= free[bottom]
-            if not open_[col]:
-                break
-            left = int(np.flatnonzero(~open_[:col])[-1]) + 1 if not open_[:col].all() else 0
-            right = col + int(np.flatnonzero(~open_[col:])[0]) - 1 if not open_[col:].all() else len(open_) - 1
-            size = (bottom - top + 1) * (right - left + 1)
-            if size > area:
-                best, area = (top, bottom, left, right), size
-    return best
-
-
-def _metres(surface: HeightMap, cells: tuple[int, int, int, int]) -> tuple[float, float, float, float]:
-    """Return the edges of a rectangle of cells, between the centres of the outermost cells, m."""
-    top, bottom, left, right = cells
-    return (*surface.centre(top, left), *surface.centre(bottom, right))

@@ -6,13 +6,14 @@ leg is sent; `contact` is the point of the ground, one foot radius below along t
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
@@ -31,10 +32,12 @@ from .masks import (
 )
 from .models.protocol import SlipModel
 from .reach import leg_table
+from .rectangles import in_metres, largest_rectangle
 from .rolled_reach import LegTable
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
+Flat = tuple[float, float]
 Status = Literal["ok", "raise_trunk", "infeasible"]
 BY_MODEL = np.uint8(Reason.SLIP | Reason.UNLEARNED)
 """Bits of a mask that the slip model alone sets."""
@@ -62,6 +65,8 @@ class SelectParams:
     trunk_range: float = 0.040
     """Largest change of trunk height that is proposed, m."""
     limits: Limits = field(default_factory=Limits)
+    region: bool = False
+    """Find also the convex region of free cells about the foothold."""
 
     def weight(self, model: SlipModel) -> float:
         """Return the weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = P + k K4."""
@@ -113,6 +118,9 @@ class Foothold:
     """Cells excluded per reason, then free cells."""
     reason: str = ""
     """Reason why the status is not ok, in words."""
+    region: tuple[Flat, ...] = ()
+    """Corners of the largest rectangle of free cells that holds the foothold, counterclockwise, map frame, m; empty:
+    infeasible or not asked for."""
 
 
 def select(
@@ -157,7 +165,8 @@ def select_leg(
             first = tuple(int(value) for value in counts)
         index = best_cell(mask, costs) if params.seed is None else draw(mask, (params.seed, landing.leg))
         if index >= 0:
-            return _answer(ground, landing, (row, col, index), shift, model, costs, mask, first)
+            found = _answer(ground, landing, (row, col, index), shift, model, costs, mask, first)
+            return replace(found, region=_region(surface, (row, col), mask, index)) if params.region else found
         if not _hopeful(mask):
             break  # no trunk height frees a cell that the ground itself excludes
     return Foothold("infeasible", counts=first, reason=_why(first, params))
@@ -355,6 +364,13 @@ def _answer(
         counts=counts,
         reason="" if shift == 0.0 else f"no free cell at this trunk height, one with the trunk {1e3 * shift:+.0f} mm",
     )
+
+
+def _region(surface: HeightMap, corner: tuple[int, int], mask: Mask, index: int) -> tuple[Flat, ...]:
+    """Return the corners of the free rectangle about a cell of the window that begins at `corner` (row, column)."""
+    (row, col), cells = corner, largest_rectangle(mask == 0, *divmod(index, mask.shape[1]))
+    left, low, right, high = in_metres(surface, (row + cells[0], row + cells[1], col + cells[2], col + cells[3]))
+    return (left, low), (right, low), (right, high), (left, high)
 
 
 def _why(counts: tuple[int, ...], params: SelectParams) -> str:

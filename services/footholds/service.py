@@ -1,16 +1,26 @@
 """Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`, learns slip models."""
 
+from concurrent.futures import Future
 from typing import Any
 
-from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import HeightMapError
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
-from surefoot.schemas.footholds import AssessReply, AssessRequest, ModelReply, ModelRequest, SelectReply, SelectRequest
+from surefoot.schemas.footholds import (
+    AssessReply,
+    AssessRequest,
+    FootholdsBatchReply,
+    FootholdsBatchRequest,
+    ModelReply,
+    ModelRequest,
+    SelectReply,
+    SelectRequest,
+)
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.topics import (
     FOOTHOLDS_ASSESS,
+    FOOTHOLDS_BATCH,
     FOOTHOLDS_CHOSEN,
     FOOTHOLDS_LEARN,
     FOOTHOLDS_MODEL,
@@ -20,13 +30,14 @@ from surefoot.schemas.topics import (
     Topic,
 )
 
-from .assess import assess
+from .answers import assess_answer
 from .config import FootholdsConfig
 from .latched import LatchedGround
-from .messages import asked_window, assess_reply, base_pose, choice_message, leg_foothold, select_params
+from .messages import asked_landings, base_pose, choice_message, leg_foothold, select_params
 from .registry import SlipModels
 from .rehearsal import made_up_ground, made_up_requests
-from .select import Landing, placement, select
+from .select import select
+from .steps import PlannedSteps
 
 
 class Footholds(Service[FootholdsConfig]):
@@ -37,7 +48,7 @@ class Footholds(Service[FootholdsConfig]):
     inputs = (TERRAIN_MAP, STATE_ELEVATION)
     outputs = (FOOTHOLDS_CHOSEN,)
     batched = True
-    serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS, FOOTHOLDS_MODEL, FOOTHOLDS_LEARN)
+    serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS, FOOTHOLDS_BATCH, FOOTHOLDS_MODEL, FOOTHOLDS_LEARN)
 
     def __init__(self, config: FootholdsConfig) -> None:
         super().__init__(config)
@@ -49,7 +60,7 @@ class Footholds(Service[FootholdsConfig]):
         self.robot = load_robot(self.config.robot)
         self.models = SlipModels(self.config, self.robot, self.log)
         self.params = self.config.params()
-        self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
+        self.steps = PlannedSteps(self.robot)
         self._choices, self._named = 0, ""
         """Requests of this epoch, and name of the model that answered the last one."""
         self._since: int | None = None
@@ -58,12 +69,14 @@ class Footholds(Service[FootholdsConfig]):
         self.latched = LatchedGround(self._maps.key, self.robot.foot_radius, self.config.smooth, self.config.unsure_m)
         self.handle(FOOTHOLDS_SELECT, self.choose)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
+        self.handle(FOOTHOLDS_BATCH, self.batch)
         self.handle(FOOTHOLDS_MODEL, self.use_model)
         self.handle(FOOTHOLDS_LEARN, self.models.job.answer)
 
     def on_stop(self) -> None:
-        """End the learning that is under way."""
+        """End the learning that is under way, and the thread of batches."""
         self.models.close()
+        self.steps.stop()
 
     def rehearse(self) -> None:
         """Answer made-up requests on a made-up map, as another service of the same configuration."""
@@ -114,13 +127,10 @@ class Footholds(Service[FootholdsConfig]):
         self.models.take_learned()
         ground, self._choices = self.latched.known(), self._choices + 1
         self.models.take_outcomes(request, ground)
-        landings = [
-            Landing(self._leg(leg.leg, f"legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(request.legs)
-        ]
         number = self._choices if request.tick is None else request.tick
         params, explored = select_params(request, self.params, self.config.explore, (self.config.explore_seed, number))
-        model = self.models.active
-        found = select(ground, self.robot, model, base_pose(request.base), landings, params)
+        model, legs = self.models.active, asked_landings(request.legs, self.robot)
+        found = select(ground, self.robot, model, base_pose(request.base), legs, params)
         if self._named != model.name:
             self._named, self._since = model.name, request.tick
         return SelectReply(
@@ -130,21 +140,11 @@ class Footholds(Service[FootholdsConfig]):
 
     def assess(self, request: AssessRequest) -> AssessReply:
         """Return layers of a window or of the whole map."""
-        ground, model, leg = self.latched.known(), self.models.active, None
-        window = asked_window(request, ground)
-        if request.leg is not None:
-            if request.base is None:
-                raise Refusal("invalid", "leg needs base: where the trunk is when the foot lands", "base")
-            leg = placement(self.robot, self._leg(request.leg, "leg"), base_pose(request.base), request.stroke)
-            if leg is None:
-                raise Refusal("invalid", f"no rotation: {request.base.quat_wxyz}", "base.quat_wxyz")
-        found = assess(ground, model, window, request.centre, request.stroke, request.layers, self.params, leg)
-        return assess_reply(request.layers, ground, window, found, model.name)
+        return assess_answer(request, self.latched.known(), self.models.active, self.robot, self.params)
 
-    def _leg(self, name: str, field: str) -> int:
-        if name not in self.legs:
-            raise Refusal("unknown_leg", f"{self.robot.name} has the legs {', '.join(self.legs)}; got {name!r}", field)
-        return self.legs[name]
+    def batch(self, request: FootholdsBatchRequest) -> Future[FootholdsBatchReply]:
+        """Return the footholds of many steps, later."""
+        return self.steps.answer(request, self.latched.known(), self.models.active, self.params)
 
 
 SERVICE = Footholds

@@ -2,9 +2,10 @@
 
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import TypeVar
 
+from surefoot.background import Background
 from surefoot.errors import Refusal
 from surefoot.schemas.base import Reply, Request
 from surefoot.schemas.whatif import BatchReply, BatchRequest, WhatifReply, WhatifRequest
@@ -22,9 +23,6 @@ LATER_S = 1.0
 
 AT_ONCE = 32
 """Most sets of a batch that are answered between two ticks, in about 1 ms; more go to the other thread."""
-
-MOST_WAITING = 8
-"""Most batches that wait for the other thread."""
 
 
 def answered(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
@@ -46,17 +44,20 @@ class Workers:
         self._timer = threading.Timer(LATER_S, clarabel_and_sparse)
         self._timer.daemon = True
         self._timer.start()
-        self._pool = ThreadPoolExecutor(1, "batch", initializer=many.be_nice)
-        self._waiting = threading.BoundedSemaphore(MOST_WAITING)
+        self._background = Background("batch")
 
     def stop(self) -> None:
         """End the thread of batches."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._background.stop()
 
     def batch(self, request: BatchRequest) -> BatchReply | Future[BatchReply]:
         """Answer `stability/batch`, with many sets later."""
         large = max(len(request.sets), len(request.counts)) > AT_ONCE
-        return self._aside(answered(batch_reply), request) if large else self._soon(answered(batch_reply), request)
+        return (
+            self._background.answer(answered(batch_reply), request)
+            if large
+            else self._soon(answered(batch_reply), request)
+        )
 
     def whatif(self, request: WhatifRequest) -> WhatifReply | Future[WhatifReply]:
         """Answer the query `stability/whatif` in a thread of the pool."""
@@ -64,12 +65,4 @@ class Workers:
 
     def _soon(self, answer: Callable[[Req], Rep], request: Req) -> Rep | Future[Rep]:
         """Answer with the kernel of many sets: at once, but on the other thread as long as it is not compiled."""
-        return answer(request) if many.loaded() else self._aside(answer, request)
-
-    def _aside(self, answer: Callable[[Req], Rep], request: Req) -> Future[Rep]:
-        """Answer on the thread of batches."""
-        if not self._waiting.acquire(blocking=False):
-            raise Refusal("busy", f"{MOST_WAITING} batches wait already; ask again later")
-        found: Future[Rep] = self._pool.submit(answer, request)
-        found.add_done_callback(lambda _: self._waiting.release())
-        return found
+        return answer(request) if many.loaded() else self._background.answer(answer, request)

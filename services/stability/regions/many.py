@@ -8,7 +8,6 @@ threads share the work.
 
 import math
 import os
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from surefoot.background import be_nice
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.kernels.jit import free_kernel, row_kernel
 
@@ -47,7 +47,6 @@ _OK, _INFEASIBLE, _UNBOUNDED, _POINT, _SEGMENT = range(5)
 _HARD = -1
 COARSE = 1e6  # m; margins find their own directions, so the region need not be refined
 SHARE = 64  # sets a thread takes at once
-NICE = 5  # of the threads: ticks go first
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +84,6 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 def loaded() -> bool:
     """Return whether the kernel is compiled, so that an answer takes no longer than its sets do."""
     return bool(_assess.signatures)  # pyright: ignore[reportFunctionMemberAccess] - of numba's object
-
-
-def be_nice() -> None:
-    """Let the other threads of the process go first (Linux: niceness belongs to a thread)."""
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
 
 
 def _share(contacts: ContactSet, index: Ints, begin: Ints, com: Array, first: int, last: int, out: Variants) -> None:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from surefoot.errors import SurefootError
 from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.models.score import HandScore
-from surefoot.services.footholds.patch import PatchFoothold, choose_on_patch, largest_rectangle
+from surefoot.services.footholds.patch import PatchFoothold, choose_on_patch
+from surefoot.services.footholds.rectangles import largest_rectangle
 
 RAGNO = load(shipped("ragno"))
 EXAMPLE = Path(__file__).parents[3] / "examples" / "quadruped.py"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.background import MOST_WAITING
 from surefoot.bus.codec import decode, encode
 from surefoot.bus.memory import MemoryBus, MemoryIncoming
 from surefoot.errors import Refusal
@@ -165,7 +166,7 @@ def test_too_many_large_batches_are_refused(node: Node, monkeypatch: pytest.Monk
     service = node.service
     assert isinstance(service, Stability)
     request = raw(module.AT_ONCE + 1)[0]
-    waiting = [service.workers.batch(request) for _ in range(module.MOST_WAITING)]
+    waiting = [service.workers.batch(request) for _ in range(MOST_WAITING)]
     with pytest.raises(Refusal) as refused:
         service.workers.batch(request)
     assert refused.value.code == "busy"

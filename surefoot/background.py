@@ -1,0 +1,51 @@
+"""A thread for answers that take longer than a tick allows."""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+from surefoot.errors import Refusal
+
+Asked = TypeVar("Asked")
+Answer = TypeVar("Answer")
+
+NICE = 5
+"""Niceness of threads beside the one of the ticks, which goes first."""
+
+MOST_WAITING = 8
+"""Most requests that wait for the thread, the one in work included."""
+
+
+def be_nice() -> None:
+    """Let the other threads of the process go first (Linux: niceness belongs to a thread)."""
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+
+
+class Background:
+    """One thread that works out answers in the order of their requests.
+
+    Args:
+        name: of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, name, initializer=be_nice)
+        self._waiting = threading.BoundedSemaphore(MOST_WAITING)
+
+    def answer(self, handler: Callable[[Asked], Answer], request: Asked) -> Future[Answer]:
+        """Return the answer to come of a handler.
+
+        Raises:
+            Refusal: `busy`, `MOST_WAITING` requests wait already.
+        """
+        if not self._waiting.acquire(blocking=False):
+            raise Refusal("busy", f"{MOST_WAITING} batches wait already; ask again later")
+        found = self._pool.submit(handler, request)
+        found.add_done_callback(lambda _: self._waiting.release())
+        return found
+
+    def stop(self) -> None:
+        """End the thread; requests that wait are cancelled."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
