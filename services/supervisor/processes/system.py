@@ -10,6 +10,7 @@ from surefoot.logline import said
 from surefoot.schemas.system import ServiceStatus
 
 from .compose import Compose, ComposeService
+from .heap import hand_back
 from .identity import await_end
 from .logs import tail
 from .process import Child
@@ -232,7 +233,9 @@ class System:
         self._on_action(action)
         match action.verb:
             case "start":
-                self._restarts[name] += state.phase == "exited"
+                if state.phase == "exited":
+                    self._restarts[name] += 1
+                    hand_back()
                 try:
                     self._processes[name] = self._spawn(self._services[name])
                 except OSError:
