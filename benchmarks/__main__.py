@@ -13,10 +13,10 @@ from pathlib import Path
 from surefoot.errors import SurefootError
 
 NAMES = (
-    "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "foothold_grounds", "trials", "estimator",
-    "accuracy", "foreign", "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep",
-    "simulator", "starts", "soak", "flood", "accidents", "secure", "vision", "vision_live", "robots", "fuzz", "storage",
-    "view", "report", "own_map",
+    "studies", "goals", "obstacles", "walker", "biped", "footholds", "foothold_walks", "foothold_grounds", "trials",
+    "estimator", "accuracy", "foreign", "navigator", "policies", "lost", "stability", "queries", "peers", "bus",
+    "core", "lockstep", "simulator", "starts", "soak", "flood", "accidents", "secure", "vision", "vision_live",
+    "robots", "fuzz", "storage", "view", "report", "own_map",
 )  # fmt: skip
 
 

@@ -19,6 +19,8 @@ SIZED_FAULTS = (
     "landmarks_drop", "camera_late", "camera_zoom", "sensor_wrong", "sensor_slow", "sensor_delayed",
     "sensor_intermittent",
 )  # fmt: skip
+MAX_OBSTACLES = 64
+Length = Annotated[float, Field(gt=0, le=10)]
 FAULT_FIELDS = {kind: ("value",) if kind in SIZED_FAULTS else () for kind in get_args(FaultKind)}
 
 
@@ -26,10 +28,14 @@ def _empty(values: tuple[float, ...]) -> bool:
     return not values
 
 
+def _none(value: bool | None) -> bool:
+    return value is None
+
+
 class Truth(Message):
     """Exact state of the simulation. Never read by a function service (a test proves it)."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     position: Vec3 = Field(description="m, base_link origin in world")
     quat_wxyz: QuatWxyz
     velocity: Vec3 = Field(description="m/s, base_link origin, world axes")
@@ -56,6 +62,24 @@ class Truth(Message):
     )
     tilt: float = Field(ge=0, description="rad, angle between the trunk's z axis and the vertical")
     fallen: bool = Field(description="tilt over 45 deg or trunk contact, now or earlier in this epoch")
+    touching: bool | None = Field(
+        default=None, exclude_if=_none, description="a foot or the trunk presses the side of an obstacle; null = none"
+    )
+
+
+class Obstacle(Request):
+    """Upright box on the floor that no map shows: a robot senses it by its ranger and bumpers only."""
+
+    centre: Vec2 = Field(description="x, y at first, frame map, m")
+    half: Annotated[tuple[Length, Length], Field(description="half extents along x and y, m")] = (0.15, 0.15)
+    height: float = Field(default=0.6, gt=0, le=3, description="m")
+    to: Vec2 | None = Field(default=None, description="x, y of where it goes, once, m; null = it stands")
+    speed: float = Field(default=0.3, gt=0, le=3, description="m/s")
+    gives_way: float = Field(
+        default=0.5, ge=0, le=10, description="m, it halts while the robot is nearer than this and ahead of it"
+    )
+    from_s: float = Field(default=0.0, ge=0, description="s, simulated time at which it comes, and sets out")
+    until_s: float | None = Field(default=None, gt=0, description="s, simulated time at which it is gone; null = never")
 
 
 class World(Request):
@@ -95,12 +119,15 @@ class World(Request):
     texture_seed: int | None = Field(default=None, ge=0, description="seed of the texture; null = the scenario's seed")
     light: float = Field(default=1.0, ge=0, le=10, description="brightness of the floor in images, 1 = as usual")
     image_format: Literal["gray8", "jpeg"] = Field(default="gray8", description="format of the images")
+    obstacles: Annotated[tuple[Obstacle, ...], Field(max_length=MAX_OBSTACLES)] = Field(
+        default=(), description="boxes on the floor that no map shows, standing or crossing"
+    )
 
 
 class ResetRequest(Request):
     """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
 
-    schema_version: ClassVar[str] = "1.6"
+    schema_version: ClassVar[str] = "1.7"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")

@@ -31,6 +31,7 @@ class Metric:
 
 METRICS: Mapping[str, Metric] = {
     "fell": Metric("fell (tilt over 45 deg or trunk contact)"),
+    "touches": Metric("obstacles touched", "", 0),
     "distance_m": Metric("distance walked along the first heading", "m"),
     "max_tilt_deg": Metric("largest tilt", "deg", 1),
     "mean_slip_mm": Metric("contact sliding per stance, mean", "mm", 2),
@@ -192,6 +193,8 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
             "max_tilt_deg": float(truth[:, 8].max() * DEG),
             "duration_s": float(duration),
         }
+        if traces.touches is not None:
+            values["touches"] = float(traces.touches)
         if wall_s is not None and wall_s > 0.0:
             values["real_time_factor"] = duration / wall_s
     elif len(seen := traces.series("state/velocity")):

@@ -95,9 +95,12 @@ class Traces:
     ground: tuple[Array, float, tuple[float, float]] | None = None
     """Heights (ny, nx) m, cell m, centre of cell [0, 0] (x, y) m of the map that the robot was given."""
     fallen_at: float | None = None
+    touches: int | None = None
+    """Times that the robot began to touch an obstacle of the world; None = it has none."""
     last_tick: int = -1
     _finished: tuple[int, ...] = ()
     _gait: tuple[str, str] = ("", "")
+    _touching: bool = False
     _decided: int = 0
     _goal: tuple[str, str] = ("", "")
 
@@ -131,6 +134,7 @@ class Traces:
         self.sights = SightKeeper()
         self._decided, self._goal = 0, ("", "")
         self.fallen_at, self.last_tick, self._finished, self._gait = None, -1, (), ("", "")
+        self.touches, self._touching = None, False
 
     def _row(self, key: str, message: Any, *values: float) -> float:
         time = message.stamp_ns * 1e-9
@@ -146,6 +150,9 @@ class Traces:
         if m.fallen and self.fallen_at is None:
             self.fallen_at = time
             self.note(time, "falls")
+        if m.touching is not None:
+            self.touches = (self.touches or 0) + (m.touching and not self._touching)
+            self._touching = m.touching
         before = self._finished or (0,) * len(m.stances)
         for foot, (count, old) in enumerate(zip(m.stances, before, strict=True)):
             if count > old:

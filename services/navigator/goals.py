@@ -59,6 +59,12 @@ class Act:
     """Share of the landmarks in view that a frame recognises; None = not known."""
 
 
+FAR = 1e9
+"""A way that is longer than any, m."""
+DETOUR_PACE = 0.03
+"""Pace at which a robot walks a detour at least, m/s; the Nao makes 0.05."""
+
+
 @dataclass
 class NavigationGoal:
     """One goal and its progress."""
@@ -82,6 +88,12 @@ class NavigationGoal:
     """Least distance to the present waypoint so far, m."""
     nearest_at: float = 0.0
     """Simulated time at which it was reached, s."""
+    least: float = FAR
+    """Least way over the waypoints that was left so far, m; new routes do not begin it anew."""
+    least_at: float = 0.0
+    """Simulated time at which it was left, s."""
+    detour: float = 0.0
+    """Most by which the way that is left has been longer since then, m."""
     looks: int = 0
     """Looks at the present waypoint so far."""
     waited: float = 0.0
@@ -122,6 +134,7 @@ class NavigationGoal:
         """Leave the present place out; the waypoint behind it becomes the present one."""
         self.missed.append(self.place)
         self.index = self.ends[self.place]
+        self.least, self.least_at = FAR, now
         self.go_on(now)
 
     def lead(self, ways: tuple[tuple[Point, ...], ...], now: float) -> None:
@@ -136,6 +149,19 @@ class NavigationGoal:
         ends = [at - 1 + sum(len(way) for way in ways[: i + 1]) for i in range(len(ways))]
         self.ends = (*done, *ends)
         self.nearest, self.nearest_at = math.inf, now
+
+    def stalled(self, left: float, now: float, progress: float) -> float:
+        """Return the time since the way that is left became shorter, s, without that of detours at `DETOUR_PACE`.
+
+        Args:
+            left: way over the waypoints that are left, m.
+            now: s.
+            progress: by how much shorter counts, m.
+        """
+        if left < self.least - progress:
+            self.least, self.least_at, self.detour = left, now, 0.0
+        self.detour = max(self.detour, left - self.least)
+        return now - self.least_at - self.detour / DETOUR_PACE
 
     def off_route(self, x: float, y: float) -> float:
         """Return the distance of a place from the present leg of the route, m."""
@@ -159,7 +185,7 @@ class NavigationGoal:
 
     def kept(self) -> dict[str, Any]:
         """Return the fields as plain values of JSON; an infinite distance becomes 1e9 m."""
-        return {**asdict(self), "nearest": min(self.nearest, 1e9), "recoveries": dict(self.recoveries)}
+        return {**asdict(self), "nearest": min(self.nearest, FAR), "recoveries": dict(self.recoveries)}
 
     def go_on(self, now: float) -> None:
         """Make the next waypoint the present one."""

@@ -97,7 +97,7 @@ class Pilot:
             self.record(self.goal, self._halting or ("cancelled", "replaced", f"replaced by the goal {goal.id!r}"))
         self.goal, self.decider = goal, decider
         decider.begin()
-        goal.nearest_at = max(goal.nearest_at, goal.began)
+        goal.nearest_at, goal.least_at = max(goal.nearest_at, goal.began), max(goal.least_at, goal.began)
         self.state, self.error, self.message = "navigating", "", ""
         self.decision, self._halting = None, None
         self._since, self._waiting = [0, 0], None
@@ -219,9 +219,10 @@ class Pilot:
         if not self._way_is_open(goal, now, gait, mean):
             return
         self._since = [self._since[0] + blocked, self._since[1] + 1]
+        still = goal.stalled(goal.left(float(mean[0]), float(mean[1])), now, self.conduct.progress)
         if distance < goal.nearest - self.conduct.progress:
             goal.nearest, goal.nearest_at, self._since = distance, now, [0, 0]
-        elif now - goal.nearest_at > self.conduct.stuck:
+        elif max(still, now - goal.nearest_at) > self.conduct.stuck:
             self._give_up(goal, now)
             return
         choice = decider.decide(mean, cov, goal.waypoint, blocked=blocked)
@@ -334,12 +335,13 @@ class Pilot:
         blocked, decisions = self._since
         if goal.place >= len(goal.places) - 1:
             goal.missed.append(goal.place)
-            text = f"no progress towards the goal for {self.conduct.stuck:g} s"
-            if blocked >= BLOCKED_SHARE * decisions:
+            text, routes = f"no progress towards the goal for {self.conduct.stuck:g} s", goal.recoveries["replan"]
+            close = blocked >= BLOCKED_SHARE * decisions
+            if close:
                 text += f", with an obstacle close ahead in {blocked} of {decisions} decisions"
-                self.halt("failed", "blocked", text)
-            else:
-                self.halt("failed", "stuck", text)
+            elif routes:
+                text += f", on {routes} routes around what the map does not know"
+            self.halt("failed", "blocked" if close or routes else "stuck", text)
         else:
             goal.give_up(now)
         self._since = [0, 0]

@@ -61,6 +61,7 @@ def build_world(robot: Robot, request: ResetRequest) -> BuiltWorld:
             depth_camera=w.depth_camera,
             start=(0.0, 0.0, 0.0) if w.start is None else w.start,
             drift=w.drift,
+            obstacles=w.obstacles,
         )
         world = PhysicsWorld(robot, terrain, request.seed, config)
         heights = None if w.map_profile == "none" else observed_map(terrain, w.map_profile, request.seed)

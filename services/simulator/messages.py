@@ -143,6 +143,7 @@ def truth_message(truth: ExactState) -> TruthMessage:
         stance_twist=tuple(truth.stance_twist.tolist()),
         tilt=truth.tilt,
         fallen=truth.fallen,
+        touching=truth.touching,
     )
 
 

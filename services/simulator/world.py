@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import ImuProfile, Robot, RobotError
+from surefoot.schemas.sim import Obstacle
 from surefoot.schemas.topics import HW_IMU, HW_JOINTS, TICK_NS
 
 from .ground.terrain import Terrain
@@ -28,6 +29,7 @@ from .physics.disturb import Disturbances, WorldError
 from .physics.faults import STAMPED, Fault
 from .physics.joints import read_joints
 from .physics.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
+from .physics.obstacles import Obstacles
 from .physics.placing import displace, displacement, place
 from .physics.samples import (
     Checkpoint,
@@ -52,8 +54,7 @@ Array = NDArray[np.float64]
 STEP_NS = 1_000_000
 TICK_STEPS = TICK_NS // STEP_NS
 KINEMATICS_STEPS = HW_JOINTS.period_ns // STEP_NS  # joints and foot switches are sampled together
-SETTLE_STEPS = 500  # physics steps between two checks for rest
-SETTLE_TRIES = 6
+SETTLE_STEPS, SETTLE_TRIES = 500, 6  # physics steps between two checks for rest, and checks
 SETTLED = 1e-4  # m/s and rad/s, speeds of a robot at rest
 MAY_STIR = 0.05  # m/s and rad/s, speeds allowed after the last check: feet on edges creep
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -80,6 +81,8 @@ class WorldConfig:
     """x, y in m and yaw in rad of the trunk before it settles."""
     drift: float = 0.0
     """Turn of a biped's walk by unequal legs, rad/m; see `UnequalLegs`."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """Boxes on the floor that no map shows."""
     must_rest: bool = True
     """False: a robot that does not come to rest at the start is no error: slippery trials end so."""
 
@@ -107,12 +110,10 @@ class PhysicsWorld:
         self.robot, self.terrain, self.seed = robot, terrain, seed
         self.config = config or WorldConfig()
         spec = build_spec(robot, terrain, self.config.perturbation, self.config.physics)
-        for name, kind in (("acc", mujoco.mjtSensor.mjSENS_ACCELEROMETER), ("gyro", mujoco.mjtSensor.mjSENS_GYRO)):
-            # The history holds the samples of one tick, so that ten steps run in one call.
-            site = mujoco.mjtObj.mjOBJ_SITE
-            spec.add_sensor(name=name, type=kind, objtype=site, objname="imu", nsample=TICK_STEPS)
         truth.add_sensors(spec, robot, TICK_STEPS)
+        self.obstacles = Obstacles(spec, self.config.obstacles, self.config.physics)
         self.model = spec.compile()
+        self.obstacles.find(self.model)
         self.address = find_addresses(self.model, robot)
         self.data = mujoco.MjData(self.model)
         self.tracker = truth.TruthTracker(robot, self.model, self.data, self.address)
@@ -178,10 +179,10 @@ class PhysicsWorld:
             command: joint positions for the servos, (nj,), rad, checked by the caller (`CommandGuard`); None = hold.
             torque_limit: the most the servos may give for it, (nj,), Nm, >= 0; None = what they can.
         """
+        self.obstacles.move(self.data, self.address, self.tick)
         self.tick += 1
         sent = None if command is None else ServoCommand(command, torque_limit)
-        arrived = self.disturb.before_step(self.tick, self.data, sent)
-        if arrived is not None:
+        if (arrived := self.disturb.before_step(self.tick, self.data, sent)) is not None:
             self.command, self.torque_limit = arrived
         self._line.send(self.steps, ServoCommand(self._legs(self.command) - self.sensors.zero, self.torque_limit))
         end = self.steps + TICK_STEPS
@@ -310,7 +311,7 @@ class PhysicsWorld:
             self.stamp_ns, qpos[:3], qpos[3:7], qvel[:3], qvel[3:], self.data.subtree_com[self.address.trunk].copy(),
             read_joints(qpos, self.address), feet.centre, feet.force, feet.normal_force, feet.displacement,
             feet.sliding, feet.last_sliding, feet.last_displacement, feet.stances, math.acos(min(1.0, max(-1.0, up))),
-            self.tracker.fallen, *self._twist(),
+            self.tracker.fallen, *self._twist(), self.obstacles.touched(self.data),
         )  # fmt: skip
 
     def _twist(self) -> tuple[Array, Array]:
@@ -365,8 +366,7 @@ class PhysicsWorld:
         self.sensors.restore(meta["sensors"])
         if self.sight is not None:
             self.sight.restore(meta["sight"])
-        kinds = (ImuSample, JointSample, ContactSample)
-        pairs = zip(kinds, meta["samples"], strict=True)
+        pairs = zip((ImuSample, JointSample, ContactSample), meta["samples"], strict=True)
         self.samples = Samples(*(None if s is None else unpack(kind, s) for kind, s in pairs))
         self._first_tick = meta["first_tick"]
         if restart:

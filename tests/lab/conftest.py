@@ -27,11 +27,22 @@ def message(tick, epoch=1, **fields):
 
 
 def truth(
-    tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sliding=(0.0,) * 6, twist=(), vx=0.0, y=0.0
+    tick,
+    x=0.0,
+    *,
+    epoch=1,
+    tilt=0.0,
+    fallen=False,
+    stances=(0,) * 6,
+    sliding=(0.0,) * 6,
+    twist=(),
+    vx=0.0,
+    y=0.0,
+    touching=False,
 ):
     return message(
         tick, epoch, position=(x, y, 0.08), quat_wxyz=IDENTITY, velocity=(vx, 0.0, 0.0), com=(x, y, 0.06), tilt=tilt,
-        fallen=fallen, stances=stances, stance_sliding=sliding, stance_twist=twist,
+        fallen=fallen, stances=stances, stance_sliding=sliding, stance_twist=twist, touching=touching,
         foot_position=tuple((x + 0.1, y + 0.02 * i, 0.008) for i in range(6)),
     )  # fmt: skip
 

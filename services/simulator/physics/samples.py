@@ -147,6 +147,8 @@ class ExactState(NamedTuple):
     """Turn of each sole about the vertical since its touch-down, (L,) rad; empty for point feet."""
     stance_twist: Array
     """Turn of each sole in its last finished stance, (L,) rad; empty for point feet."""
+    touching: bool | None
+    """A foot or the trunk presses the side of an obstacle; None = the world has none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,8 +100,13 @@ class SphereSteps(NamedTuple):
 
 
 def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
-    """Add what the tracker reads: force and velocity of each foot sphere in each of the last `steps` steps."""
+    """Add the inertial sensors, first, and what the tracker reads: force and velocity of each foot sphere.
+
+    Each holds its samples of the last `steps` physics steps, so that the steps of a tick run in one call.
+    """
     sensor, site = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_SITE
+    for name, kind in (("acc", sensor.mjSENS_ACCELEROMETER), ("gyro", sensor.mjSENS_GYRO)):
+        spec.add_sensor(name=name, type=kind, objtype=site, objname="imu", nsample=steps)
     names: list[str] = []
     for leg in robot.legs:
         body = spec.body(robot.links[leg.foot.link].name)

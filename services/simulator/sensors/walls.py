@@ -14,13 +14,13 @@ from surefoot.robot.profiles import RangerFile, read_profile
 from surefoot.schemas.topics import HW_RANGE
 
 from ..physics.addresses import Addresses
+from ..physics.obstacles import UPRIGHT
 from .rate import period_ms
 
 Array = NDArray[np.float64]
 
 RAYS = 13  # over the cone: 5 deg apart for 60 deg
 TERRAIN_ONLY = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)  # groups of geoms: the robot's are others
-UPRIGHT = 0.5  # a contact whose normal rises less than this is one with a wall
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,6 +59,7 @@ class Limit:
 
 LIMITS: Mapping[str, Limit] = {
     "no_fall": Limit("fell", "most", yes_no=True),
+    "max_touches": Limit("touches", "most"),
     "min_distance_m": Limit("distance_m", "least"),
     "max_distance_m": Limit("distance_m", "most"),
     "max_tilt_deg": Limit("max_tilt_deg", "most"),

@@ -123,6 +123,16 @@ def test_a_fall_is_final(invented):
     assert [event.text for event in traces.events] == ["falls"]
 
 
+def test_touches_are_counted_as_often_as_they_begin_where_there_is_something_to_touch(invented):
+    traces = Traces()
+    for tick, touching in enumerate((False, True, True, False, True)):
+        traces.feed("sim/truth", invented.truth(tick, touching=touching))
+    assert measure(traces)["touches"] == 2.0
+    bare = Traces()
+    bare.feed("sim/truth", invented.truth(0, touching=None))
+    assert "touches" not in measure(bare)
+
+
 def test_a_new_epoch_begins_anew_and_an_old_one_is_ignored(invented):
     traces = invented.walk(50)
     traces.feed("sim/truth", invented.truth(0, epoch=2))

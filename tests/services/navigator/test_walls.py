@@ -83,6 +83,16 @@ def test_a_door_that_is_shut_ends_the_goal_as_blocked_and_not_in_endless_turning
     assert journey.walker.state == "standing"
 
 
+def test_a_shut_door_that_is_forgotten_again_and_again_ends_the_goal_as_well() -> None:
+    journey = walled((1.0, -1.1, 1.1, 1.1), set=("conduct.remember=4", "conduct.replans=1000"))
+    journey.goto(1.8, 0.0)
+    end = journey.walk(40_000)
+    assert (end.state, end.error_code) == ("failed", "blocked")
+    assert end.recoveries["replan"] > 3
+    assert journey.tick < 20_000
+    assert "routes around" in end.error_msg or "close ahead" in end.error_msg
+
+
 def test_somebody_who_stands_in_the_way_and_goes_is_waited_for() -> None:
     journey = walled((0.8, -1.1, 1.0, 1.1))
     journey.goto(1.8, 0.0)
