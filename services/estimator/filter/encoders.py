@@ -95,37 +95,48 @@ def _bend(samples: SampleStore, row: int, f: int) -> float:
 
 
 @kernel
-def jumps(samples: SampleStore, row: int, f: int, point: int) -> bool:
-    """Return True if the encoders of foot f jumped between the last two rows before `row`.
+def jumped(samples: SampleStore, row: int, f: int, point: int, leap: float) -> float:
+    """Return by how far the encoders of foot f jumped between the last two rows before `row`, m; 0: they did not.
 
-    Steps are alike, and the switch stays: a foot that lands may be thrown. A foot in the air is checked by fast
-    samples alone.
+    Steps are alike. Slow samples show jumps of feet that stand alone, for one that lands may be thrown. Below 0 the
+    switch changed in that step, as it does where a model of a leg makes its foot land.
 
     Args:
         samples: filled rows.
         row: of the feet.
         f: the foot whose encoders are those of it.
         point: one of its contact points.
+        leap: distance by which it usually jumps as its switch changes, m. One that does is looked at in the step of
+            the jump alone, and not in those beside it.
     """
     stamps, feet, contact, off = samples.feet_stamps, samples.feet, samples.contact, 0.0
     if row < 3 or unknown(feet, row - 1, f) or unknown(feet, row - 2, f):
-        return False
+        return 0.0
     for i in range(3):
         a, b, c, d = feet[row - 3, f, i], feet[row - 2, f, i], feet[row - 1, f, i], feet[row, f, i]
         off += (c - b - 0.5 * (b - a + d - c)) ** 2
     if not off > FIXED.jump**2:
-        return False
+        return 0.0
     least, most = stamps[row] - stamps[row - 1], stamps[row] - stamps[row - 1]
-    stands, flies = True, True
+    stands, flies, beside = True, True, 0.0
     for i in range(row - 3, row):
         if exchanged(feet, i + 1, f) >= 0:
-            return False
+            return 0.0
         least, most = min(least, stamps[i + 1] - stamps[i]), max(most, stamps[i + 1] - stamps[i])
+        beside = max(beside, _apart(feet, i + 1, f, i, f))
     for i in range(row - 3, row + 1):
         stands, flies = stands and contact[i, point] >= 0.5, flies and not contact[i, point] >= 0.5
-    longest = FIXED.stand_step if stands else FIXED.fly_step
-    even = 2 * most <= 3 * least and (stands or flies) and 1e-9 * most <= longest
-    return bool(even and (flies or _bend(samples, row, f) > FIXED.jump))
+    even, fast = 2 * most <= 3 * least, 1e-9 * most <= FIXED.fly_step
+    lands = (contact[row - 2, point] >= 0.5) != (contact[row - 1, point] >= 0.5)
+    alone = beside < 4.0 * _apart(feet, row - 1, f, row - 2, f)
+    if even and fast and lands and alone:
+        return -math.sqrt(off)
+    shown = 1e-9 * most <= FIXED.stand_step if stands else fast and (flies or alone)
+    if lands or not even or not shown:
+        return 0.0
+    if (leap > 2.0 * FIXED.jump and not alone) or (stands and not _bend(samples, row, f) > FIXED.jump):
+        return 0.0
+    return math.sqrt(off)
 
 
 @kernel

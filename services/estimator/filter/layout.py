@@ -88,7 +88,9 @@ class SensorLayout(NamedTuple):
     """Compared samples in a row at which it stood."""
     same: int = 14
     """Time for which its switch has been closed, or open (negative), s."""
-    delay: int = 15
+    leap: int = 15
+    """Usual distance by which its encoders jump as its switch changes, m."""
+    delay: int = 16
     """Numbers that show whether its samples are late: `DelayLayout` from here on."""
 
 

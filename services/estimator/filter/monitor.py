@@ -27,7 +27,7 @@ from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
 
 from .delay import learn_delay, lift_delay
-from .encoders import exchanged, jumps, learn_repeats, unknown
+from .encoders import exchanged, jumped, learn_repeats, unknown
 from .hypotheses import likeliest, mode
 from .layout import L, M, P, S, X
 from .noise import FIXED
@@ -101,7 +101,8 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flie
             usual = total / others
             more = size[f] - (0.5 * (usual + firm / closed) if stands and closed > 0 else usual)
             more = min(more if stands else -more, 0.0 if flies and not stands else FIXED.most_more)
-        sensors[f, S.against] += min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
+        learned = sensors[f, S.against] + min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
+        sensors[f, S.against] = max(learned, FIXED.least_against)
         same = sensors[f, S.same]
         sensors[f, S.same] = max(same, 0.0) + dt if stands else min(same, 0.0) - dt
     wrong = 0
@@ -187,6 +188,29 @@ def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float)
 
 
 @kernel
+def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
+    """Learn from a row of the feet whether a foot's encoders jumped, in place.
+
+    Feet of a generated walk jump to where they land. One that does so again and again, as its switch changes, and then
+    jumps half as far without it, has a wrong switch.
+
+    Args:
+        own: numbers of the foot, see `SensorLayout`.
+        samples: filled rows.
+        row: of the feet.
+        point: one of its contact points.
+    """
+    way, leap = jumped(samples, row, int(own[S.source]), point, own[S.leap]), own[S.leap]
+    if way < 0.0:
+        own[S.leap] -= 0.5 * (way + leap)
+    elif way > 0.0 and leap > 2.0 * FIXED.jump and way > 0.5 * leap:
+        own[S.switch] = 1.0
+    elif way > 0.0:
+        own[S.jump] = 1.0
+        own[S.strange : S.against + 1] = 0.0
+
+
+@kernel
 def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, settled: bool) -> None:
     """Learn from a row of the feet which sensors of the legs are wrong, in place.
 
@@ -213,9 +237,8 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
             sensors[f, i] *= fade
     for k in range(foot.size):
         contact[foot[k]] = samples.contact[row, k]
-        if (k == 0 or foot[k] != foot[k - 1]) and jumps(samples, row, int(sensors[foot[k], S.source]), k):
-            sensors[foot[k], S.jump] = 1.0
-            sensors[foot[k], S.strange : S.against + 1] = 0.0
+        if k == 0 or foot[k] != foot[k - 1]:
+            _learn_jump(sensors[foot[k]], samples, row, k)
     for i in range(3):
         turn += (memory[M.last_gyro + i] - likely.x[X.gyro_bias + i]) ** 2
         memory[M.usual_gyro + i] += min(dt / FIXED.usual_s, 1.0) * (memory[M.last_gyro + i] - memory[M.usual_gyro + i])

@@ -218,6 +218,8 @@ class FixedNumbers(NamedTuple):
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong; twice that for one alone that changes."""
+    least_against: float = -0.6
+    """Least of that mean: a switch that was right for long is no surer. With -0.4 a clean walk reaches 0.32."""
     delay_forget_s: float = 0.25
     """Time in which what a foot shows beside the inertial unit is forgotten where late stamps are looked for, s."""
     delay_s: float = 1.0
@@ -331,8 +333,6 @@ class FixedNumbers(NamedTuple):
     """Level velocity that the feet have taken out since a rest which shows a wrong tilt, m/s."""
     woken_straight: float = 0.9
     """Share of the square of that velocity that grows with the time by which it is a tilt's. Feet 50 ms late: 0.5."""
-    suspicious: float = 0.15
-    """Mean logarithm of motion against a switch from which the feet show no tilt: half of `most_against`."""
     suspected: float = 0.05
     """Mistrust in a sensor of a leg below which it is forgotten: 20 s after a fault."""
     tilted_for: float = 0.1

@@ -116,7 +116,8 @@ def check_start(state: BestState, contact: Array, dt: float, setting: BestSettin
     nearest, least, suspected = 0, math.inf, False
     for k in range(foot.size):
         sensors = state.sensors[foot[k]]
-        suspected |= sensors[S.against] > FIXED.suspicious or np.max(sensors[S.switch : S.still + 1]) > FIXED.suspected
+        suspected |= sensors[S.against] > 0.5 * FIXED.most_against
+        suspected |= np.max(sensors[S.switch : S.still + 1]) > FIXED.suspected
         square = (push[0] - sensors[S.trunk]) ** 2 + (push[1] - sensors[S.trunk + 1]) ** 2
         if contact[k] >= 0.5 and square < least:  # not of a foot that has not been seen yet: NaN
             nearest, least = foot[k], square

@@ -22,13 +22,14 @@ MOST_BACK = 3
 """Inertial samples in a row that show that their clock has stepped back."""
 NO_ROOM = 1.5
 """Periods between two samples from which one between them is missing."""
-SPAN_NS = 40_000_000
-"""Time before and after a gap over which the motion of the feet is compared, ns."""
+SPANS_NS = (40_000_000, 20_000_000, 10_000_000)
+"""Times before and after a gap over which the motion of the feet is compared, ns: feet that turn round need short ones,
+noise long ones."""
 ALIKE = 1.5
 """Largest ratio of these times, and least ratio of a gap to the step of the stamps."""
-MOVES = 0.004
+MOVES = 0.002
 """Least motion of the feet in that time, m: several times the noise of encoders."""
-EVEN = 1.0
+EVEN = 1.4
 """Largest difference of the motion before and after the gap, share of its mean: no foot stopped in the gap."""
 FITS = 0.05
 """Share of its squared distance from the motion of the whole gap by which the motion may miss that of one step."""
@@ -47,14 +48,24 @@ def has_room(stamps: Stamps, at: int, period_ns: float) -> bool:
 @kernel
 def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
     """Return the row of the feet (n, L, 3) from which stamps (n,) are late, and by what, ns; 0: they are not."""
+    for span_ns in SPANS_NS:
+        row, late = _late_over(stamps, feet, span_ns)
+        if late > 0:
+            return row, late
+    return 0, 0
+
+
+@kernel
+def _late_over(stamps: Stamps, feet: Array, span_ns: int) -> tuple[int, int]:
+    """Return the results of `late_by` by the motion over `span_ns` before and after the last gap."""
     last, row = stamps.size - 1, stamps.size - 1
-    while row > 0 and stamps[last] - stamps[row] < SPAN_NS and stamps[row] - stamps[row - 1] < SPAN_NS // 2:
+    while row > 0 and stamps[last] - stamps[row] < span_ns and stamps[row] - stamps[row - 1] < span_ns // 2:
         row -= 1
     count = last - row
     if count == 0:
         row, count = last - 1, 1
     first = row - 1 - count
-    if first < 0 or stamps[last] - stamps[row] < SPAN_NS // 2:
+    if first < 0 or stamps[last] - stamps[row] < span_ns // 2:
         return 0, 0
     after_ns, before_ns = stamps[last] - stamps[row], stamps[row - 1] - stamps[first]
     gap_ns = stamps[row] - stamps[row - 1]

@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.geometry import rotations
 from surefoot.services.estimator.filter import monitor
-from surefoot.services.estimator.filter.encoders import jumps
+from surefoot.services.estimator.filter.encoders import jumped
 from surefoot.services.estimator.filter.layout import SENSOR_COLUMNS, S
 from surefoot.services.estimator.filter.samples import SampleStore
 
@@ -57,12 +57,12 @@ def bent(samples: SampleStore) -> float:
 def test_a_foot_that_stands_does_not_jump_when_the_trunk_is_thrown(slack: float) -> None:
     stores = [thrown(seed, slack=slack) for seed in range(60)]
     assert sum(bent(store) > 0.015 for store in stores) > 10  # the encoders alone would show jumps
-    assert not any(jumps(store, 3, 0, 0) for store in stores)
+    assert not any(jumped(store, 3, 0, 0, 0.0) > 0.0 for store in stores)
 
 
 def test_an_encoder_that_jumps_is_found_below_a_thrown_trunk() -> None:
     stores = [thrown(seed, jump_m=0.03) for seed in range(60)]
-    seen = [jumps(store, 3, 0, 0) for store in stores]
+    seen = [jumped(store, 3, 0, 0, 0.0) > 0.0 for store in stores]
     assert all(found for found, store in zip(seen, stores, strict=True) if bent(store) > 0.015)
     assert sum(seen) > 45
 
@@ -96,3 +96,47 @@ def test_two_switches_that_contradict_their_motion_may_be_swapped() -> None:
 
 def test_no_open_switch_is_wrong_while_the_robot_flies() -> None:
     assert judged(10.0, flies=True) == [False, False, False, False]
+
+
+FAST_NS, STANDS = 5_000_000, 20
+"""Step of fast samples, ns, and samples of a stance, and of a swing."""
+
+
+def fast(leap: float, missed: int, off: int = 0) -> SampleStore:
+    """Return fast samples of a foot that jumps by `leap` m to where it lands, for five steps.
+
+    Args:
+        leap: m, along x.
+        missed: number of the landing from which its switch stays open.
+        off: sample from which the encoders are 2 cm off; 0: never.
+    """
+    n = 10 * STANDS
+    step, at = np.arange(n) // (2 * STANDS), np.arange(n) % (2 * STANDS)
+    closed = at >= STANDS
+    feet = np.zeros((n, 1, 3))
+    feet[:, 0, 0] = 0.001 * np.where(closed, -at, at) + np.where(closed, leap, 0.0)
+    feet[:, 0, 1] = 0.02 if off else 0.0
+    feet[:off, 0, 1] = 0.0
+    level = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 9.81], (n, 1))
+    contact = (closed & (step < missed)).astype(float)[:, None]
+    stamps = FAST_NS * np.arange(1, n + 1)
+    return SampleStore(stamps, level, stamps, feet, np.tile(np.eye(3), (n, 1, 1, 1)), contact, contact.astype(np.int64))
+
+
+def mistrust(store: SampleStore) -> tuple[float, float]:
+    """Return the mistrust in the switch of a foot and in its encoders after all samples."""
+    own = np.zeros(SENSOR_COLUMNS)
+    for row in range(3, len(store.feet)):
+        monitor._learn_jump(own, store, row, 0)
+    return float(own[S.switch]), float(own[S.jump])
+
+
+def test_a_foot_that_always_jumps_where_it_lands_has_a_wrong_switch_once_that_stays() -> None:
+    assert mistrust(fast(0.15, 9)) == (0.0, 0.0)
+    assert mistrust(fast(0.15, 4)) == (1.0, 0.0)
+    assert mistrust(fast(0.15, 0)) == (0.0, 1.0)  # that jumps belong to landings was never seen
+
+
+def test_an_offset_that_begins_beside_a_landing_is_a_jump() -> None:
+    for off in (STANDS - 1, STANDS + 1, 3 * STANDS - 1):
+        assert mistrust(fast(0.0, 9, off)) == (0.0, 1.0)
