@@ -90,7 +90,9 @@ class SensorLayout(NamedTuple):
     """Time for which its switch has been closed, or open (negative), s."""
     leap: int = 15
     """Usual distance by which its encoders jump as its switch changes, m."""
-    delay: int = 16
+    compared: int = 16
+    """`source` at the last sample whose motion was compared."""
+    delay: int = 17
     """Numbers that show whether its samples are late: `DelayLayout` from here on."""
 
 

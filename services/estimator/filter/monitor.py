@@ -142,7 +142,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     state.memory[M.legs : M.legs + 2] *= math.exp(-dt / FIXED.legs_s)
     for f in range(count):
         source = int(sensors[f, S.source])
-        old = turned(back, samples.feet[before, source])
+        old = turned(back, samples.feet[before, int(sensors[f, S.compared])])
         for i in range(3):
             seen[i] = (old[i] - samples.feet[row, source, i]) / dt
         trunk, length = turned(rot, seen), 0.0
@@ -253,6 +253,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         memory[M.watched] = 0.0
         if settled:
             _compare(state, likely, samples, row, before, contact)
+        sensors[:, S.compared] = sensors[:, S.source]
 
 
 @kernel

@@ -216,3 +216,23 @@ def test_a_wrong_statement_on_the_legs_costs_little(factor: float) -> None:
     log = noisy()
     right = score(log, track("best", log)).smooth
     assert score(log, track("best", log, sigma_point=3e-4 * factor)).smooth <= 1.2 * right
+
+
+@pytest.mark.parametrize("first", range(51, 56))
+def test_legs_that_are_swapped_between_comparisons_are_compared_as_if_they_were_not(first: int) -> None:
+    rng, rows, step = np.random.default_rng(5), 80, 5_000_000
+    places = np.array([[0.0, 0.1, -0.5], [0.0, -0.1, -0.5], [0.3, 0.0, -0.5]])
+    feet = places + np.cumsum(rng.normal(0.0, 1e-3, (rows, 3, 3)), axis=0)
+    swapped = feet.copy()
+    swapped[first:, :2] = feet[first:, 1::-1]
+    imu = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 9.81], (rows, 1))
+    stamps, found = step * np.arange(1, rows + 1), []
+    for seen in (feet, swapped):
+        state = new_state(3)
+        rot, contact = np.tile(np.eye(3), (rows, 3, 1, 1)), np.ones((rows, 3))
+        samples = SampleStore(stamps, imu, stamps, seen, rot, contact, np.zeros((rows, 3), dtype=np.int64))
+        for row in range(rows):
+            watch_sensors(state, samples, row, np.arange(3), settled=True)
+        found.append(state.sensors)
+    assert found[1][:, S.source].tolist() == [1, 0, 2]
+    np.testing.assert_allclose(found[1][:, S.strange : S.switch], found[0][:, S.strange : S.switch], atol=1e-12)
