@@ -78,7 +78,7 @@ def judge_noise(state: BestState, stated: float) -> None:
 
 
 @kernel
-def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies: bool) -> None:
+def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies: bool, aloft: bool) -> None:
     """Learn which switches contradict the motion of their feet beside that of the others, in place.
 
     Args:
@@ -87,6 +87,7 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flie
         contact: probability that each foot touches the ground, (L,).
         dt: time since it was looked at last, s.
         flies: the robot shows no weight, so that no foot stands whose switch is open.
+        aloft: it shows its weight, and no switch is closed, so that one is wrong: half of the contradiction names it.
     """
     for f in range(size.size):
         # one that stands is compared with the middle of two means: of all others, and of those of them that stand
@@ -110,7 +111,8 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flie
         wrong += sensors[f, S.against] > FIXED.most_against
     for f in range(size.size):  # one alone hangs, and has not changed meanwhile, or is inverted
         against, alone = sensors[f, S.against], wrong == 1 and abs(sensors[f, S.same]) < FIXED.against_s
-        if against > (2.0 if alone else 1.0) * FIXED.most_against:
+        share = 0.5 if aloft and contact[f] < 0.5 else 2.0 if alone else 1.0
+        if against > share * FIXED.most_against:
             sensors[f, S.switch] = 1.0
 
 
@@ -169,7 +171,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             lift_delay(sensors[f], share)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
-    _judge_switches(sensors, size, contact, dt, flies)
+    _judge_switches(sensors, size, contact, dt, flies, state.memory[M.aloft] > 0.5 * FIXED.longest_aloft)
 
 
 @kernel

@@ -77,7 +77,7 @@ def judged(open_s: float, more: float = 1.25, *, flies: bool = False, others: in
         closed = (k * dt) % (2.0 * open_s) >= open_s
         contact, size = np.array([0.0, 1.0, 0.0, 1.0]), np.array([-0.5, -2.0, -0.5, -2.0])
         contact[:others], size[:others] = float(closed), -1.75 + more if closed else -1.5 - more
-        monitor._judge_switches(sensors, size, contact, dt, flies)
+        monitor._judge_switches(sensors, size, contact, dt, flies, False)
     return [bool(wrong) for wrong in sensors[:, S.switch] > 0.5]
 
 
@@ -96,6 +96,14 @@ def test_two_switches_that_contradict_their_motion_may_be_swapped() -> None:
 
 def test_no_open_switch_is_wrong_while_the_robot_flies() -> None:
     assert judged(10.0, flies=True) == [False, False, False, False]
+
+
+@pytest.mark.parametrize("aloft", [False, True])
+def test_half_of_a_contradiction_names_a_switch_while_none_is_closed(aloft: bool) -> None:
+    sensors, size, contact = np.zeros((2, SENSOR_COLUMNS)), np.array([-2.0, -1.8]), np.zeros(2)
+    for _ in range(60):
+        monitor._judge_switches(sensors, size, contact, 1.0 / 30.0, False, aloft)
+    assert [bool(wrong) for wrong in sensors[:, S.switch] > 0.5] == [aloft, False]
 
 
 FAST_NS, STANDS = 5_000_000, 20
