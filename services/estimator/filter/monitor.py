@@ -10,7 +10,8 @@ y seen from the IMU, E its turn by the gyro. l_f = log |e_f| (level parts count 
 encoders is added) against the mean of the other feet shows whether f moves more than they do. A switch is wrong whose
 foot moves more while it is closed, or less while it is open: with c = 1 closed, -1 open, the mean of c (l_f - l_others)
 over some tenths of a second. One such foot has a switch that hangs, and so has not changed meanwhile, or contradicts it
-twice as much; two have switches that are swapped. While the robot shows no weight, no open switch is wrong.
+twice as much; two have switches that are swapped. While the robot shows no weight, no open switch is wrong. A foot
+whose encoders always jump as its switch changes, and then without it, has a wrong switch, too.
 
 The contact of a foot whose switch is wrong is decided by its height. A foot whose encoders stand still is left out,
 feet that are swapped are taken the other way round. Jumps are outliers, which the filter leaves out one by one; of more
