@@ -218,8 +218,6 @@ class FixedNumbers(NamedTuple):
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong; twice that for one alone that changes."""
-    least_against: float = -0.6
-    """Least of that mean: a switch that was right for long is no surer. With -0.4 a clean walk reaches 0.32."""
     delay_forget_s: float = 0.25
     """Time in which what a foot shows beside the inertial unit is forgotten where late stamps are looked for, s."""
     delay_s: float = 1.0
