@@ -13,14 +13,13 @@ from dataclasses import dataclass, field, replace
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.footholds.walks import ChosenStance, JoinedWalk, Rule, Setting
 from surefoot.robot.description import Robot
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.select import Foothold, Landing, TrunkPose
 
-Array = NDArray[np.float64]
 PATIENCE_TICKS = 400
 """Ticks after which a child reports the stances that are over."""
 

@@ -13,10 +13,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, table, words_of
 from benchmarks.foothold_walks import Lines, paired, rule_of, sliding
+from surefoot.arrays import Array
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.lab.footholds.campaign import append, read, sample_of
 from surefoot.lab.footholds.rules import random_rule
@@ -31,7 +31,6 @@ from surefoot.services.simulator.ground.terrain import Terrain, TerrainBox, obse
 
 BENCH = Bench("foothold_grounds")
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 CELL, X0, NX, NY = 0.005, -0.6, 341, 221
 """Grid of all families: edge of a cell and first x, m; cells along x and y."""

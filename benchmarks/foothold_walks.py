@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, microseconds, table, words_of
 from benchmarks.own_slip import FAULTS, SlipFollower, closed, explored, faulty_walk, rms, rough, start
 from benchmarks.rivals import GridMapRule, MinK2
+from surefoot.arrays import Array
 from surefoot.lab.footholds.campaign import read
 from surefoot.lab.footholds.rules import model_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting, walk
@@ -34,7 +34,6 @@ from surefoot.services.footholds.select import SelectParams
 
 BENCH = Bench("foothold_walks")
 
-Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 Lines = dict[tuple[str, str, int], Line]
 """Walks by ground, rule and seed."""

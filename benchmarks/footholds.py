@@ -7,9 +7,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, best_of, goal, in_turns, seconds_of, table
+from surefoot.arrays import Array
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.papers.walas.evolution import evolve
 from surefoot.papers.walas.searches import cost
@@ -40,7 +40,6 @@ from tests.services.footholds.numpy_features import map_features_numpy
 
 BENCH = Bench("footholds")
 
-Array = NDArray[np.float64]
 CELL = 0.005
 """Edge of a cell, m."""
 STROKE = np.array([-0.05, 0.0, 0.0])

@@ -21,8 +21,6 @@ from surefoot.services.estimator.params import EstimatorParams
 
 from .foreign_scores import scored
 
-Array = NDArray[np.float64]
-
 FACTORS = (0.2, 5.0)
 """On each stated noise."""
 SCALES = (0.95, 1.05)

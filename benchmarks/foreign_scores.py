@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.referees import gyro_yaw, run
 from surefoot.lab.estimation.scores import base_pose, score
 from surefoot.lab.estimation.track import Track
-
-Array = NDArray[np.float64]
 
 NAN = float("nan")
 WARM_ROWS = 150

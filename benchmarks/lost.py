@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from benchmarks.bench import Bench, goal, seconds_of, table
 from benchmarks.lost_floor import World
 from benchmarks.lost_robot import TICK, WEIGHED_S, Robot, wrapped
+from surefoot.arrays import Array
 from surefoot.lab.studies import Line, study
 
-Array = NDArray[np.float64]
 BENCH = Bench("lost")
 
 CHI2_95 = 7.815

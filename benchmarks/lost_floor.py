@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from surefoot.arrays import Array
 
 LOW, HIGH = (-1.0, -1.0), (6.5, 1.0)
 """Corners of the corridor, m."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import poisson
 
 from benchmarks.lost_floor import HIGH, LOW, MIDDLE, World, corridor, special, wrong_map
+from surefoot.arrays import Array
 from surefoot.lockstep.join import TickInputs
 from surefoot.schemas import topics
 from surefoot.schemas.hw import Landmark, LandmarkDetections, Range, Tick
@@ -24,8 +25,6 @@ from surefoot.services.navigator.belief.matching import Detections
 from surefoot.services.navigator.belief.relocalise import between, placed
 from surefoot.services.navigator.belief.strain import turned_back
 from surefoot.services.navigator.service import SERVICE, NavigatorConfig
-
-Array = NDArray[np.float64]
 
 TICK = 0.01
 NEAR, FAR, HALF = 0.35, 1.18, math.radians(33)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.footholds.rules import exploring_rule, model_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.lab.studies import Line
@@ -28,7 +29,6 @@ from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose
 from surefoot.services.walker.outcomes import Outcomes
 
-Array = NDArray[np.float64]
 WITHHELD = 0.3
 """K2 / (8 cell) from which ground is withheld: edges and slopes of more than about 20 deg."""
 LIFTED_TICKS = 5

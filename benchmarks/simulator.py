@@ -14,9 +14,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, seconds_of, table
+from surefoot.arrays import Array
 from surefoot.bus.codec import decode
 from surefoot.client import connect
 from surefoot.errors import SurefootError
@@ -39,8 +39,6 @@ from surefoot.services.supervisor.scenarios.scenario import find_scenario
 from tests.ports import free_address
 
 BENCH = Bench("simulator")
-
-Array = NDArray[np.float64]
 
 ROOT = Path(__file__).parents[1]
 

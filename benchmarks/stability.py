@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 
 from benchmarks.bench import Bench, Call, best_of, goal, table
+from surefoot.arrays import Array
 from surefoot.geometry.polygon import area
 from surefoot.kernels.jit import kernel
 from surefoot.robot.reader import load_robot
-from surefoot.services.stability.programs.contacts import Array, ContactSet, contact_set, equally_spaced
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
 from surefoot.services.stability.programs.interior import SOLVED
 from surefoot.services.stability.programs.reduced import reduce
 from surefoot.services.stability.regions.careful import Oracle, Reference

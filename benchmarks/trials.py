@@ -13,12 +13,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, table, words_of
 from benchmarks.branches import PairedState, gap_share, paired_steps, trimmed
 from benchmarks.foothold_walks import GROUNDS, rule_of
 from benchmarks.rivals import nominal_rule
+from surefoot.arrays import Array
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lab.footholds.campaign import append, read, sample_of
 from surefoot.lab.footholds.primitives import paper_trials, run_trials
@@ -35,7 +35,6 @@ from tests.ports import free_address
 
 BENCH = Bench("trials")
 
-Array = NDArray[np.float64]
 START_S = 300.0
 """Time that a simulator has to answer its first trial, s."""
 

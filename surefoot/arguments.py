@@ -11,10 +11,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.nearest import did_you_mean
-
-Array = NDArray[np.float64]
 
 
 def array(

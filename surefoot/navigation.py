@@ -14,7 +14,8 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import Array, array, file_path, instance, number
+from surefoot.arguments import array, file_path, instance, number
+from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.navigator.belief import ukf

@@ -12,7 +12,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import Array, array, instance, number, whole
+from surefoot.arguments import array, instance, number, whole
+from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, contact_set
 from surefoot.services.stability.regions import margin as margins

@@ -10,9 +10,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from surefoot.arrays import Array
+
 EXACT = 1e-6
 """Residual of a proof that counts as none, m or weights; also that of its cones."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.record.recording import open_readable
 from surefoot.record.robots import robot_of
@@ -20,7 +21,7 @@ from surefoot.schemas.stability import Contact, RegionRequest, StabilityStatus
 from surefoot.schemas.topics import HW_JOINTS, STATE_GAIT, STATE_STABILITY, STATE_VELOCITY
 from surefoot.services.stability.answers import region_reply
 
-from .proof import Array, bounds, holds, inside
+from .proof import bounds, holds, inside
 
 ALLOWED_M = 2e-3
 """Difference between a claimed margin and a proved bound that is no contradiction, m: twice the tolerance of the

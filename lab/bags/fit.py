@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
@@ -20,8 +20,6 @@ from ..estimation.contacts import mean_up
 from ..estimation.go1 import OFF, ON, REST_SHARE
 from ..estimation.torques import forces_by_torques
 from .raw import RawLog, Stream, Transform
-
-Array = NDArray[np.float64]
 
 BODY = ("base_link", "base", "trunk", "body", "base_footprint", "torso", "root")
 """Usual names of the frame of the trunk."""

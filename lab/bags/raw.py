@@ -5,13 +5,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.errors import SurefootError
 from surefoot.record.tables import read_table
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TABLES = (".csv", ".npz")
 """Suffixes of logs as tables."""

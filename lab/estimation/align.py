@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from .log import Log
+from surefoot.arrays import Array
 
-Array = NDArray[np.float64]
+from .log import Log
 
 WINDOW_S = 0.1
 """Time over which rates of turn are compared, s."""

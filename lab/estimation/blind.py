@@ -1,14 +1,11 @@
 """Error of the inertial unit alone: the least error of an estimate whose feet come late."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 
 from .log import Log
-
-Array = NDArray[np.float64]
 
 STARTS = 200
 """Most rows at which a dead reckoning begins."""

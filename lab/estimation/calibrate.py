@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import times_transposed
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
@@ -18,9 +19,6 @@ from surefoot.kernels.jit import kernel
 from .legs import RESIZING, SHOWN, LegModel, Unknown, lengths_alike, unknowns_of
 from .log import Log
 from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_windows, stances, with_inflation
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""

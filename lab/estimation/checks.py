@@ -8,16 +8,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 
 from .feet import up_at
-from .log import Flags, Ints, Log
-
-Array = NDArray[np.float64]
+from .log import Log
 
 STEP_S = 0.15
 """Time between the two foot samples that are compared, s."""

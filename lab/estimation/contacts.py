@@ -3,16 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.lockstep.intake import LOW_M
 
 from .log import Log
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 USUAL, CARRIED = 90.0, 0.5
 """Percentile over a log of what all feet carry, and its share from which some foot stands: in flight, or in the hands

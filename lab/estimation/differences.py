@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
 from surefoot.npz import BROKEN_NPZ, damage_of
@@ -15,12 +15,9 @@ from surefoot.record.columns import recorded_columns
 from surefoot.record.recording import open_readable
 from surefoot.record.robots import robot_of
 
-from .log import Flags, Ints
 from .recorded import log_of_columns, published
 from .results import FILE_NAMES, SUMMARY, plain
 from .scores import score
-
-Array = NDArray[np.float64]
 
 PARTS = ("v", "g", "position", "yaw")
 

@@ -3,13 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import quat_from_matrix
 
 from .log import Log
-
-Array = NDArray[np.float64]
 
 
 def save_npz(log: Log, path: Path) -> Path:

@@ -3,16 +3,13 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns
 from surefoot.services.estimator.filter.samples import EX, EXTERNAL_WIDTH
 from surefoot.services.estimator.inputs.external import ExternalSample
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PARTS = {
     "position": slice(EX.position, EX.position + 3), "yaw": slice(EX.yaw, EX.yaw + 1),

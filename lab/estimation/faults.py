@@ -4,14 +4,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
 
 from .log import Log
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def delayed(log: Log, seconds: float) -> Log:

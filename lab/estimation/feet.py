@@ -5,16 +5,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.errors import SurefootError
 from surefoot.record.columns import Columns
 from surefoot.tables import did_you_mean
 
 from .contacts import by_force, by_height, mean_up
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 KINDS = ("point", "sole", "line")
 ON, OFF = 0.25, 0.15

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import FEET_METADATA, Columns
@@ -21,13 +21,11 @@ from .align import Alignment, align, aligned
 from .checks import check_kinematics
 from .external import externals_of
 from .feet import UNSTATED, FeetOptions, contacts, shape, up_at
-from .log import Flags, Log
+from .log import Log
 from .recorded import log_of_recording
 from .torques import forces_by_torques
 from .truth import truth_of
 from .units import check_units, quietest
-
-Array = NDArray[np.float64]
 
 STANDSTILL = {"standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5}
 """Limits of a rest where the sensors are unknown, rad/s and m/s^2; the feet must not move either."""

@@ -1,14 +1,12 @@
 """Zero and scale of the force cells of feet, by the swing and by the weight."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 
 from .calibrate import NARROW, NORMAL_95, CalibratedValue
 from .log import Log
-
-Array = NDArray[np.float64]
 
 EDGE_S = 0.03
 """Time after lift-off and before touchdown that does not count as swing, s."""

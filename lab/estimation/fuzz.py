@@ -7,16 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.services.estimator.filter.noise import FIXED
 from surefoot.services.estimator.stream import BEST
 
 from .log import Log
 from .track import LogRunner
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FASTEST = 2.0  # m/s
 WRONG = 0.15  # m/s, an error of the velocity that matters

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 
 from .contacts import schmitt
 from .log import Log
-
-Array = NDArray[np.float64]
 
 LINK = 0.213  # m, thigh and calf
 RADIUS = 0.02  # m, of the foot balls

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel, Robot
@@ -13,9 +13,6 @@ from surefoot.robot.kinematics import foot_jacobians, forward
 from surefoot.services.estimator.feet.mount import FootMount, foot_mount
 
 from .log import Log
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SHORTEST_LINK_M = 0.005
 """Links shorter than this have no length of their own, m."""

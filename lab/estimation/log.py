@@ -10,17 +10,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 from surefoot.services.estimator.feet.mount import FootSample
 
 from .external import Externals
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

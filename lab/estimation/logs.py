@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 
 from .contacts import by_force, by_height, mean_up
@@ -20,7 +21,6 @@ from .go1 import IMU_IN_TRUNK, RADIUS, go1_bag, go1_feet, go1_forces
 from .log import Log, TrueMotion
 from .truth import slopes
 
-Array = NDArray[np.float64]
 Contacts = Literal["given", "force", "torque", "none"]
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

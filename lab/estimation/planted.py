@@ -8,15 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.services.estimator.inputs.results import BACKWARD, STEPPED
 
 from .log import Log
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 Plant = Callable[[Log, float, int], Log]
 """Log, s since its start, and the foot at fault to the log with the fault."""
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns, recorded_columns
@@ -17,8 +18,6 @@ from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 from .external import released_externals
 from .log import Log, TrueMotion
 from .track import FLAGS, Track
-
-Array = NDArray[np.float64]
 
 REST_ROWS = 50  # of the standstill that the service starts from
 SCORED_FROM_S = 2.0

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 
 from .contacts import without_rolling
@@ -13,8 +13,6 @@ from .log import Log
 from .peers.legged import KINDS, LeggedNoise, installed, legged
 from .peers.legs import gyro_attitude, legs
 from .track import PEERS, Track, names, of_world, track
-
-Array = NDArray[np.float64]
 
 KNOWN = (*names(), *PEERS, "legs", *KINDS)
 """Names of all estimators that `run` knows."""

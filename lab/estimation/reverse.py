@@ -7,15 +7,12 @@ the interval that ends at its stamp; backward it is the mean over the same inter
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Flags, Ints
 from surefoot.services.estimator.filter.samples import EX
 
 from .external import Externals
 from .log import Log
-
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 GAP = 1.5
 """Step between two inertial rows, periods, from which rows are missing: the row is the mean over its last period."""

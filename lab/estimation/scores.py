@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .log import Flags, Log
+from surefoot.arrays import Array, Flags
+
+from .log import Log
 from .track import Track
 from .trajectory import (
     LENGTHS_M,
@@ -20,8 +21,6 @@ from .trajectory import (
     relative_error,
 )  # fmt: skip
 from .truth import over_window
-
-Array = NDArray[np.float64]
 
 WINDOW_S = 0.5
 """Time over which mean errors are compared, s: truth by motion capture is noisy row by row."""

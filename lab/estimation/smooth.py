@@ -20,9 +20,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from surefoot.arrays import Array, Flags
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.services.estimator.stream import BEST
@@ -31,9 +31,6 @@ from .log import Log
 from .reverse import follows, reversed_log
 from .scores import base_rot
 from .track import FLAGS, Track, check_name, track
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class _Block(NamedTuple):

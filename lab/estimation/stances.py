@@ -13,20 +13,16 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times, times_vector
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.kernels.jit import kernel
 
 from .log import Log
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 WINDOW_S = 2.0
 """Length of a window, s: about one stride, so that the body's motion differs from a parabola."""

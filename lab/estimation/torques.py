@@ -7,14 +7,12 @@ accelerates legs, friction of gears, and the moments of flat soles are left out.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_jacobians, gravity_torques
-
-Array = NDArray[np.float64]
 
 FACTOR = 2.0
 """Ratio of the forces to the weight of the robot, or its inverse, from which torques are of another scale."""

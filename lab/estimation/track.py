@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.arguments import choice
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.services.estimator.feet.contact import (
     LEVER,
     SOLE_POINTS,
@@ -30,10 +30,6 @@ from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
 from .log import Log
 from .peers.inekf import InekfNoise, PeerTrack, inekf
 from .peers.linear import LinearNoise, linear
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 LINE_POINTS = 2  # ends of a foot that touches the ground along a line
 LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk is: what the service assumes

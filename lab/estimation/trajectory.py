@@ -8,10 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from surefoot.arrays import Array, Ints
 
 KNOT_S = 0.25
 """Time over which true positions are averaged before their distances add up to the path, s: captured positions

@@ -1,16 +1,14 @@
 """Truth of a log of others: motion of the IMU from the columns, with the velocity that captured positions allow."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns
 
-from .log import Flags, TrueMotion
-
-Array = NDArray[np.float64]
+from .log import TrueMotion
 
 WINDOWS_S = (0.0, 0.05, 0.09, 0.15, 0.25, 0.4, 0.6)
 """Windows of local cubic fits behind the velocity of captured positions, s; 0 = differences of neighbours."""

@@ -35,8 +35,6 @@ GRID: dict[str, tuple[dict[str, float], ...]] = {
     "paper": tuple({"sigma_v": v, "sigma_q": s} for v in (0.3, 1.0) for s in (1.0, 4.0)),
 }
 """Factors on the first values from which the best is taken as the start of the search."""
-UNTUNED = ("kinematics", "kinematics_gyro", "imu")
-"""Estimators without a noise that changes their velocity."""
 PENALTY = 1e3  # m/s, of a track that is not finite
 
 

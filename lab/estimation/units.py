@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 
 from .log import Log
-
-Array = NDArray[np.float64]
 
 UP_MEAN_S = 0.3
 """Time over which the mean accelerometer shows the direction of gravity, s."""

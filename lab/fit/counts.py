@@ -4,17 +4,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import binom
 from scipy.stats import t as student
 
+from surefoot.arrays import Array
 from surefoot.services.navigator.policy.params import NavigationModel
 
 from .events import FRAME, Run
 from .result import Z95, Fitted, Interval
-
-Array = NDArray[np.float64]
 
 FULL = 0.99
 """Largest filling of the frames; a probability that fills all of them is not known."""

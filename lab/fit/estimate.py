@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.services.navigator.catalogue import errors_of
 from surefoot.services.navigator.policy.params import ActionModel, NavigationModel
@@ -15,8 +15,6 @@ from .counts import durations, matches
 from .events import Run
 from .result import Fitted, Interval
 from .search import FittedParameter, Likelihood, Parameter, estimate
-
-Array = NDArray[np.float64]
 
 LEAST = 1e-3
 """Least standard deviation at the begin of the search, m or rad: at zero there is no gradient."""

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
 from surefoot.schemas.state import SeenLandmarks
@@ -19,8 +19,6 @@ from surefoot.services.navigator.execution import Execution
 from surefoot.services.navigator.goals import Act
 from surefoot.services.navigator.localiser import detections
 from surefoot.services.navigator.policy.params import NavigationModel
-
-Array = NDArray[np.float64]
 
 KEYS = ("navigator/order", "state/gait", "state/pose", "hw/landmarks", "terrain/landmarks")
 IMAGES = "state/landmarks"

@@ -9,15 +9,13 @@ the noise of ranges would come out 12 % too small for 2 deg.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.belief.common_errors import ERRORS, fade, fill_gain
 from surefoot.services.navigator.belief.ukf import NUISANCE, LandmarkSighting, predict, update, wrap
 
 from .events import MOVE, SEE
-
-Array = NDArray[np.float64]
 
 ALONG, ACROSS, HEADING, TURN_PLACE, TURN_HEADING = 0, 1, 2, 3, 4  # sd of a whole action, m and rad
 RANGE, SHARE, BEARING, STANDING, TILT, DRIFT, WANDER = 5, 6, 7, 8, 9, 10, 11

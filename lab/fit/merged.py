@@ -1,9 +1,8 @@
 """Fewer events of the same content: motions between two sightings as one, frames without a sighting as time."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from surefoot.arrays import Array
 
 WHOLE = 1.0 + 1e-9
 """Shares of an action that are joined add up to at most this: a prediction covers one action."""

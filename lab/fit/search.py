@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
+
+from surefoot.arrays import Array
 
 from .events import Run
 from .likelihood import minus_log_likelihoods
 from .merged import merged
 from .result import Z95
-
-Array = NDArray[np.float64]
 
 STEP = 1e-3
 """Step of the differences for gradient and curvature."""

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 
 from .sightings import Sightings
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 HUBER = 2.0

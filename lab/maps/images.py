@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.linear import product
 from surefoot.record.recording import open_readable, read_recording
@@ -31,8 +32,6 @@ from surefoot.services.vision.view import Patch
 from .build import BuildOptions, build_map
 from .sightings import Sightings
 from .turned import ALL, TILTS, FloorLook, camera_error, effects, set_right
-
-Array = NDArray[np.float64]
 
 SAME = 0.03
 """Distance within which two sightings of a feature lie, beside what odometry drifts in between, m."""

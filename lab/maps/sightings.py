@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
 from surefoot.schemas.topics import HW_LANDMARKS, STATE_ODOMETRY, STATE_POSE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import InvalidField
-
-Array = NDArray[np.float64]
 
 HEIGHT = 0.45
 """Height of a camera over the floor where it is not stated, m."""

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
+
 from . import judge
 from .consistency import consistency
 from .drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED
 from .moments import Moment, foot_name
-from .traces import VARIANTS, Array, Traces
+from .traces import VARIANTS, Traces
 
 COLOURS: dict[str, str] = dict(zip(VARIANTS, (PURPLE, ORANGE, GREEN, BLUE, RED), strict=True))
 PALE = "#8fc0ea"

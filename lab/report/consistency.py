@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
+from surefoot.arrays import Array
+
 from . import judge
-from .traces import Array, Traces
+from .traces import Traces
 
 NIS = "NIS of the velocity filter, a slide of each foot allowed for"
 """Title of the velocity filter's NIS; its covariance allows for slides, so feet that stand firmly stay far below 1."""

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS
 
-from .signals import Array, Signals, spans
+from .signals import Signals, spans
 
 GAP_PERIODS = 5.0
 """Periods without a sample after which a sensor counts as absent."""

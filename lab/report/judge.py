@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.services.supervisor.scenarios.limits import LIMITS, Side
 
-from .traces import VARIANTS, Array, Traces
+from .traces import VARIANTS, Traces
 
 DEG = math.degrees(1.0)
 

@@ -5,8 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
+from surefoot.arrays import Array
+
 from .drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED, page_figure, thinned
-from .traces import Array, Traces
+from .traces import Traces
 
 ELLIPSES = 40
 SCALE_95 = 2.4477  # of an ellipse that holds 95 % of a plane normal distribution

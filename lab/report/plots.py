@@ -8,10 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from surefoot.arrays import Array
+
 from . import navigation_plots
 from .drawing import BLUE, GREEN, INK, ORANGE, PAPER, STYLE, page_figure, svg_of, thinned
 from .sights import figure_of
-from .traces import Array, Traces
+from .traces import Traces
 
 
 @dataclass(frozen=True)

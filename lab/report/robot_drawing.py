@@ -10,8 +10,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions, forward
@@ -19,8 +19,6 @@ from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.simulator.sensors.landmarks import camera_pose, read_camera
 
 from .drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE, save_picture
-
-Array = NDArray[np.float64]
 
 AXES = (RED, GREEN, BLUE)
 """Colours of x, y and z of every frame."""

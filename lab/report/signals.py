@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording, open_readable
 from surefoot.record.robots import robot_of
 from surefoot.schemas.topics import TICK_S
 
-Array = NDArray[np.float64]
 READ = (
     "hw/tick", "hw/imu", "hw/joints", "hw/contacts", "cmd/joints", "state/gait", "state/velocity", "state/stability",
     "navigator/feedback", "sim/truth", "sim/status",

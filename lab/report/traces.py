@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal, SurefootError
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.recording import read_recording
 
 from ..scene.sights import SightKeeper
-
-Array = NDArray[np.float64]
 
 VARIANTS = ("imu", "kinematics", "kinematics_gyro", "ekf", "best")
 KEYS = (

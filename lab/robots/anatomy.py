@@ -8,11 +8,9 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import RobotError
-
-Array = NDArray[np.float64]
 
 FOOT_NAMES = re.compile(r"foot|feet|toe|sole|_ee|contact|ankle", re.IGNORECASE)
 """Names of bodies, geoms and sites that are feet."""

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.kinematics import com, foot_jacobians, forward, gravity_torques
@@ -22,8 +22,6 @@ from .anatomy import FileMark, pose
 from .inertia import mass_matrix
 from .notes import FILE, SOURCE, ImportNotes, read_notes, read_text
 from .source import BALANCED, compiled, is_urdf
-
-Array = NDArray[np.float64]
 
 POSTURES = 20
 """Number of seeded postures at which a robot is compared."""

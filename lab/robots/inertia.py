@@ -1,13 +1,11 @@
 """Inertia of a robot's trunk and joints from its description, kg m2."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import forward
-
-Array = NDArray[np.float64]
 
 
 def mass_matrix(robot: Robot, q: Array) -> Array:

@@ -4,16 +4,14 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.damped_legs import damped_ik
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions, forward
 
 from .anatomy import SAME_M
-
-Array = NDArray[np.float64]
 
 LEG_JOINTS = 3
 """Least number of joints of a leg that can set its foot anywhere in its reach."""

@@ -10,14 +10,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import Robot, RobotError
 
 from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk_body
 from .stance import MOST_TORQUE, can_stand, doubts_of_axes, standing, torque_limit
-
-Array = NDArray[np.float64]
 
 STIFFNESS, DAMPING = 5.0, 0.1
 """Gains of a servo whose file has none, 1/rad and s/rad: times its torque."""

@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from surefoot.arrays import Array
+
 from .scene import Item, RobotScene, Snapshot
-from .shapes import Array, DrawnGround
+from .shapes import DrawnGround
 from .styles import STYLES, VALUES
 
 FINER = 2

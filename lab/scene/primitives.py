@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import quat_from_matrix
 
 from .scene import UP, Item
-from .shapes import Array, Body, DrawnGround
+from .shapes import Body, DrawnGround
 from .styles import STYLES
 
 INSTALL = "pip install 'surefoot[foxglove]'"

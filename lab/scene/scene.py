@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import product
@@ -22,7 +23,7 @@ from surefoot.services.stability.regions.equilibrium import least_forces
 from surefoot.services.vision.messages import places_of
 from surefoot.services.vision.recognise import RecogniseParams, gate_radius
 
-from .shapes import Array, DrawnGround, body_of
+from .shapes import DrawnGround, body_of
 
 KEYS = (
     "sim/truth", "hw/joints", "hw/contacts", "hw/imu", "state/velocity", "state/odometry", "state/gait",

@@ -5,10 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
-
-Array = NDArray[np.float64]
 
 TRUNK, LEG, SERVO, FOOT, NOSE = "#3d5a80", "#9fb3c8", "#46566a", "#2b3a4a", "#ee9b3a"
 """Colours of the robot's parts."""

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.services.vision import view
@@ -19,8 +20,6 @@ from surefoot.services.vision.messages import places_of
 from surefoot.services.vision.motion import OdometryAt, since
 from surefoot.services.vision.recognise import RecogniseParams, gate_radius
 from surefoot.services.vision.view import FloorPose, Patch, from_above
-
-Array = NDArray[np.float64]
 
 MOST_ACTIONS, COUNT = 4, 250
 """Actions of which an image is shown; most features of an image."""

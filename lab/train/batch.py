@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.errors import SurefootError
 from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.belief.ukf import DRIFT
@@ -30,10 +30,6 @@ from surefoot.services.navigator.policy.arrays import (
 )
 from surefoot.services.navigator.policy.choose import allow, features
 from surefoot.services.navigator.policy.params import NavigationModel
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 OBSERVATION = 6
 THREADED = 512

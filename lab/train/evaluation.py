@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from surefoot.arrays import Array
 from surefoot.services.navigator.environment.episodes import (
     DECISIONS,
     ENDED_AS,
@@ -23,8 +23,6 @@ from surefoot.services.navigator.policy.policies import Policy
 
 from .. import statistics
 from ..pools import worker_threads
-
-Array = NDArray[np.float64]
 
 EVALUATION = 0
 """Random stream of evaluations; training run k uses stream k + 1, so no episode serves both."""

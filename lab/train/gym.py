@@ -14,11 +14,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.services.navigator.policy.params import NavigationModel, load
 
 from .batch import OBSERVATION, EpisodeBatch
-
-Array = NDArray[np.float64]
 
 LOW = np.array([0.0, -1.0, -1.0, -50.0, -50.0, 0.0])
 HIGH = np.array([100.0, 1.0, 1.0, 50.0, 50.0, 1.0])

@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.environment.draws import Stream, below, seed, stream, uniform
 from surefoot.services.navigator.environment.model import EpisodeRoom, EpisodeState, episode_room, episode_state
@@ -39,10 +39,6 @@ from surefoot.services.navigator.policy.choose import (
     room_to_choose,
 )
 from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, LAYER_MAX, LAYER_MIN, MIRRORED, place
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 ALPHA_FIRST, ALPHA_LAST, EPS_FIRST, EPS_LAST, LAMBDA, ACCUMULATE, AVERAGE_FROM = 0, 1, 2, 3, 4, 5, 6
 """Settings: step size and exploration at the first and last episode (exponential in between), trace decay, 1 =

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
@@ -32,8 +31,6 @@ from .learning import (
     learn,
     learning_room,
 )
-
-Array = NDArray[np.float64]
 
 PIECE = 100  # episodes between two notes of progress
 

@@ -35,8 +35,6 @@ from ..maps.images import map_of
 from ..maps.turned import FloorLook
 from .replay import RecordedMotion, TakenAt
 
-Array = NDArray[np.float64]
-
 CAMERA, ROBOT = "nao_eyes", "nao"
 KNOWN_SD = 0.03
 """m and rad, uncertainty of the belief that restricts the search."""

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.lockstep.join import TickInputs
 from surefoot.record.recording import read_recording
@@ -47,8 +47,6 @@ from surefoot.services.simulator.sensors.landmarks import CameraPose, camera_of,
 from surefoot.services.vision.config import VisionConfig
 from surefoot.services.vision.feature_map import FeatureMap
 from surefoot.services.vision.service import VisionService
-
-Array = NDArray[np.float64]
 
 KEYS = (HW_JOINTS.key, STATE_ODOMETRY.key, STATE_GAIT.key, SIM_TRUTH.key)
 

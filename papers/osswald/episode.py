@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.lab.train.evaluation import EVALUATION
 from surefoot.services.navigator.belief.ukf import DRIFT
 from surefoot.services.navigator.environment.model import EpisodeState, episode_room, episode_state
@@ -29,9 +30,6 @@ from surefoot.services.navigator.policy.arrays import (
 )
 from surefoot.services.navigator.policy.choose import features, room_to_choose
 from surefoot.services.navigator.policy.policies import Policy, choose_with
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 Decide = Callable[[Array, Array, Array, float], int]
 """Return an action for mean (n,), covariance (n, n), status (STATUS,) and the reward since the last decision."""

@@ -11,16 +11,14 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Rectangle
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, new_figure, write_figures
 from surefoot.services.navigator.policy.params import Scene
 
 from .episode import Episode
 from .measures import WINDOW, moving_mean, typical
 from .study import NavigationStudy
-
-Array = NDArray[np.float64]
 
 CHI2 = 5.991  # 95 % of 2 degrees of freedom
 ELLIPSE_EVERY = 8  # actions

@@ -8,8 +8,8 @@ the path and leaves the table that the kernel of the training gets, bit for bit.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.train.learning import (
     ACCUMULATE,
     ALPHA_FIRST,
@@ -27,8 +27,6 @@ from surefoot.services.navigator.policy.arrays import BLOCKED, GAMMA, GOAL_X, GO
 from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, PolicyTables, choose, features, room_to_choose
 
 from .episode import Episode, follow
-
-Array = NDArray[np.float64]
 
 
 class Learner:

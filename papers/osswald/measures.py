@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from surefoot.arrays import Array
 from surefoot.services.navigator.policy.arrays import COS_HALF, KIND, MATCH, RANGE_MAX, RANGE_MIN, STAND, Arrays
 
 from .episode import Episode
-
-Array = NDArray[np.float64]
 
 WINDOW = 100  # episodes of a moving mean
 SETTLED = 0.05  # share of the mean that the moving mean stays within once it has converged

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact, near, with_known
 from surefoot.lab.statistics import welch
 from surefoot.lab.train.evaluation import paired, summary
@@ -30,8 +30,6 @@ from .measures import (
     welch_of,
 )
 from .study import PRINTED_GAMMA, NavigationStudy, Vision, study
-
-Array = NDArray[np.float64]
 
 TITLE = "Osswald, Hornung & Bennewitz (2010), section VI: navigation of a humanoid"
 SYSTEM = None

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import ConfigError
 from surefoot.lab.train.evaluation import EVALUATION, Seeds, episodes
 from surefoot.lab.train.runs import SELECTED_ON, SELECTION
@@ -21,8 +21,6 @@ from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TU
 
 from .episode import Episode, drift_of, follow_all
 from .learner import paths
-
-Array = NDArray[np.float64]
 
 THREE_STATES = "filter.states=3"
 """The paper's filter: pose only, the drift is noise."""

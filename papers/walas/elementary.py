@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from surefoot.arrays import Array, Ints
 
 POWER, SINE, DECAY = 0, 1, 2
 MAX_POWER = 4

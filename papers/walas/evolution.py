@@ -6,14 +6,13 @@ here both use the same norm.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.services.footholds.models.bases import Basis, Gaussians
 
 from .elementary import DECAY, MAX_POWER, POWER, SINE, Elementary
 from .searches import Cost, Searched
 
-Array = NDArray[np.float64]
 POPULATION = 30
 CROSSED = 0.7
 """Share of children of two parents; the others are mutated copies."""

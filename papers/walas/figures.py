@@ -6,15 +6,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, new_figure, write_figures
 
 from . import ragno as walas_ragno
 from .ragno import CM
 from .study import StabilityStudy
-
-Array = NDArray[np.float64]
 
 
 def draw(study: StabilityStudy, out: Path | None) -> tuple[Path, ...]:

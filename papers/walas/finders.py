@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.services.footholds.learning.fit import Finder
 from surefoot.services.footholds.models.bases import Basis, Gaussians
 from surefoot.services.footholds.models.learned import LearnedModel
@@ -16,7 +16,6 @@ from .evolution import evolve
 from .searches import cost
 from .swarm import swarm
 
-Array = NDArray[np.float64]
 WIDEST = 3.0
 """Largest lambda of a search, on inputs divided by their deviation."""
 

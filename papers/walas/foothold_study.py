@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.models.learned import LearnedModel
 
 from .foothold_runs import WalkResult
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.report.findings import Finding, Reproduction, fact, with_known
 from surefoot.lab.statistics import resampled_mean
 from surefoot.services.footholds.assess import assess, window_about
@@ -29,7 +29,6 @@ from .foothold_figures import draw
 from .foothold_runs import FLAT, NOISE, Runs, WalkKey, WalkResult
 from .foothold_study import FootholdStudy, predicted
 
-Array = NDArray[np.float64]
 TITLE = "Walas & Belter (2011), section 3: adaptive foothold selection"
 SYSTEM = None
 SEEDS = 10

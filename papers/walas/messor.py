@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot
@@ -31,8 +31,6 @@ from surefoot.services.walker.legged.gait import LeggedWalker
 from surefoot.services.walker.legged.params import WalkerParams
 
 from .stand import DATA_SHEET, Reading, Stand
-
-Array = NDArray[np.float64]
 
 TORQUE_VARIANCE = 4e-4  # Nm^2, of a torque (0.02 Nm)
 TILT_SD = 0.02  # rad, of the estimated tilt: bias of this robot's accelerometers

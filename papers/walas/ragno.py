@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.polygon import area, hull
 from surefoot.lab.report.findings import Finding, at_most, fact, near
 from surefoot.robot.description import Robot
@@ -16,8 +16,6 @@ from surefoot.services.stability.regions.movement import Check, check
 from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.sensing.forces import com_from_forces
 from surefoot.services.stability.sensing.posture import PosedRobot, Shift
-
-Array = NDArray[np.float64]
 
 CM = 100.0  # cm per m
 TURN_DEG = 30.0

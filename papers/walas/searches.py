@@ -4,12 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.services.footholds.learning.solve import stack
 from surefoot.services.footholds.models.bases import Basis
 
-Array = NDArray[np.float64]
 Cost = Callable[[Basis], float]
 """Returns the weighted residual norm of a basis with its best weights."""
 

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact
 from surefoot.robot.reader import load_robot
@@ -15,8 +14,6 @@ from . import ragno as walas_ragno
 from . import stand as walas_stand
 from .figures import draw
 from .study import StabilityStudy
-
-Array = NDArray[np.float64]
 
 TITLE = "Walas & Belter (2011), section 4: static stability"
 TRUE_FACTOR = 0.6356 / walas_stand.DATA_SHEET

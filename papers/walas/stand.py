@@ -8,8 +8,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy
 from surefoot.robot.description import Robot
@@ -19,8 +19,6 @@ from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.stability.sensing.calibration import SweptPose, level_from_up
-
-Array = NDArray[np.float64]
 
 DATA_SHEET = 0.845  # Nm/A, (29)
 MOVE_SPEED = 0.05  # m/s, of the trunk while it moves over its feet

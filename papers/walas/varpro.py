@@ -9,12 +9,11 @@ is an orthonormal basis of A. Kaufman (1975) leaves out the second part of its d
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.services.footholds.learning.solve import stack
 from surefoot.services.footholds.models.bases import Gaussians
 
-Array = NDArray[np.float64]
 RIDGE = 1e-12
 """Ridge that keeps two terms that have become equal from ending the search."""
 

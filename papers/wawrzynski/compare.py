@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
 from surefoot.lab.estimation.blind import blind_error
@@ -16,8 +15,6 @@ from surefoot.lab.estimation.walks import walk
 from surefoot.lab.statistics import interval
 
 from .sets import LogSet, synthetic_sets, tuned
-
-Array = NDArray[np.float64]
 
 RECOVERY_S = 3.0  # after another start, before scores are compared
 

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.recorded import log_of_columns
 from surefoot.lab.estimation.scores import Score, score
@@ -19,8 +20,6 @@ from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
 from .chain import chain_angles, chain_from_robot, descend
-
-Array = NDArray[np.float64]
 
 SEEDS = range(12)
 PAPER = ("imu", "kinematics", "kinematics_gyro", "paper")

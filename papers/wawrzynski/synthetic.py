@@ -9,18 +9,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_rotvec, matrix_from_rpy, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 from surefoot.lab.estimation.log import Log, TrueMotion
 
 from .chain import Chain, chain_from_dh, descend, foot_pose
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 FINE = 1e-3  # s, grid of the truth
 IMU_STEPS, KINEMATIC_STEPS = 10, 33  # of the fine grid

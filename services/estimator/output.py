@@ -4,14 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times_vector
 from surefoot.kernels.jit import kernel
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class VelocityAndTilt(NamedTuple):
@@ -39,8 +36,6 @@ class VelocityAndTilt(NamedTuple):
     nis: float | None  # of the last corrections (0.25 s), 3 degrees of freedom
     refused: int  # inputs refused so far
     reasons: tuple[str, ...]  # reasons of the flags, in words
-    contact_lost_s: float  # since a foot was last in contact
-    prediction_only_s: float  # since the legs last gave a velocity
 
 
 class OdometryPose(NamedTuple):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
 
@@ -26,9 +27,6 @@ from .output import OdometryPose, VelocityAndTilt, summary
 from .paper.bank import PaperEstimators, PaperOutput
 from .paper.estimators import ESTIMATORS
 from .params import EstimatorParams, StartPose, paper_params
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 BEST, PAPER = "best", "paper"
 NAMES = (BEST, *ESTIMATORS, PAPER)
@@ -272,8 +270,7 @@ class Estimator:
         return VelocityAndTilt(
             BEST, self.stamp_ns, velocity, best.v, heading, turn, up, float(roll), float(pitch), best.gyro_bias,
             best.acc_bias, best.covariance, best.settled, best.standing, *best.flags, best.slipping, best.sliding,
-            best.nis if math.isfinite(best.nis) else None, self.check.refused, texts, best.since_contact_s,
-            best.since_contact_s,
+            best.nis if math.isfinite(best.nis) else None, self.check.refused, texts,
         )  # fmt: skip
 
     def _estimate_of_paper(self, name: str) -> VelocityAndTilt:
@@ -295,7 +292,7 @@ class Estimator:
             name, self.stamp_ns, velocity, out.v, heading, turn, up, float(roll), float(pitch), group.bias,
             group.acc_bias, covariance, c.initialised, c.standing, *flags(c), group.slipping,
             np.where(group.slipping, 1.0, 0.0), None if out.nis is None or not math.isfinite(out.nis) else out.nis,
-            self.check.refused, self._reasons(c, group.slipping, c.standing), c.since_contact_s, c.since_velocity_s,
+            self.check.refused, self._reasons(c, group.slipping, c.standing),
         )  # fmt: skip
 
     def _reasons(self, condition: Condition | None, slipping: Flags, standing: bool) -> tuple[str, ...]:

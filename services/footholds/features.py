@@ -1,4 +1,4 @@
-"""Ground coefficients K1, K2, cos K3 and K4 of Walas & Belter (2011), section 2.4.
+"""Ground coefficients K1, K2 and cos K3 of Walas & Belter (2011), section 2.4.
 
 Heights are `z[row = y, col = x]` in m; dz(p, q) is the height of the cell p columns (x) and q rows (y) away, minus
 the cell's own. A cell whose 3 x 3 window touches an unknown cell or the border has no coefficients (NaN).
@@ -59,11 +59,6 @@ def window_features(z: Layer, row: int, col: int, rows: int, cols: int, stroke: 
     patch(z, row - 1, col - 1, local)
     whole = map_features(local, stroke, cell)
     return Features(whole.k1[1:-1, 1:-1], whole.k2[1:-1, 1:-1], whole.cos_k3[1:-1, 1:-1])
-
-
-def distance(xs: Vector, ys: Vector, x0: float, y0: float) -> Vector:
-    """Return K4 = hypot(x - x0, y - y0) (5) of columns xs and rows ys from the nominal foothold, (ny, nx) m."""
-    return np.hypot(xs[None, :] - x0, ys[:, None] - y0)
 
 
 class _Rows(NamedTuple):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel, row_kernel
 
 from .features import Layer
@@ -16,7 +17,6 @@ from .models.protocol import UNLEARNED
 from .reach import solve
 from .rolled_reach import LEG_NUMBERS, LegTable
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.uint8]
 Vector = tuple[float, float, float]
 Rotation = tuple[float, float, float, float, float, float, float, float, float]

@@ -11,9 +11,9 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.arrays import Array
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
@@ -35,7 +35,6 @@ from .reach import leg_table
 from .rectangles import in_metres, largest_rectangle
 from .rolled_reach import LegTable
 
-Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 Flat = tuple[float, float]
 Status = Literal["ok", "raise_trunk", "infeasible"]

@@ -24,11 +24,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
-
-Array = NDArray[np.float64]
 
 SLOPE = 0.4
 """Usual slope of ground that is walked on, rise per way: turns errors along the ground into errors of height."""

@@ -12,10 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_rpy
-
-Array = NDArray[np.float64]
 
 LEAST_FEET = 2
 """Least number of feet that stand both before and after a tick; with fewer the trunk is taken to rest."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy, rotvec_from_matrix, rpy_from_matrix
@@ -31,8 +31,6 @@ from .elevation import (
 )
 from .legs import TrunkOverFeet
 from .turned import CameraError, scale_onto, turn_onto
-
-Array = NDArray[np.float64]
 
 NOWHERE = np.empty((0, 3))
 """Array of no points, (0, 3)."""

@@ -5,8 +5,8 @@ from base64 import b64decode, b64encode
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
@@ -17,8 +17,6 @@ from surefoot.schemas.state import Odometry
 from surefoot.schemas.terrain import ElevationMap
 
 from .mapper import UNKNOWN_TILT, DepthView, Mapper, MapPose
-
-Array = NDArray[np.float64]
 
 
 def map_pose(odometry: Odometry) -> MapPose:

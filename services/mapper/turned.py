@@ -14,14 +14,12 @@ J = a_z - g . (a_x, a_y).
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_rotvec
 
 from .elevation import Grid
-
-Array = NDArray[np.float64]
 
 STEPS = 12
 """Steps of the search, half of them on level ground."""

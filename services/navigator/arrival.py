@@ -2,13 +2,10 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
+from surefoot.arrays import Array
 
 from .belief.ukf import wrap
 from .goals import End, NavigationGoal
-
-Array = NDArray[np.float64]
 
 REACH = (0.5, 0.75)
 """Parts of the tolerance within which the estimate ends the walk: of an unsure and of a sure robot. Nearer than half of

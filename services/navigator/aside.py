@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
+
 from .belief.apart import telling
 from .belief.landmarks import FloorLandmarks
 from .belief.matching import MatchLimits, SightNoise
@@ -13,7 +15,6 @@ from .maps import Maps
 from .planning.costs import Costs
 from .searching import Aside
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 Point = tuple[float, float]
 

@@ -6,9 +6,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from surefoot.arrays import Array
 from surefoot.schemas.navigation import Decision, GoalState
 from surefoot.schemas.state import GaitState
 
@@ -16,7 +14,6 @@ from .belief.tracker import Motion
 from .belief.ukf import entropy, wrap
 from .policy.settings import Conduct
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]
 End = tuple[GoalState, str, str]
 """State in which a goal ends, error code, message."""

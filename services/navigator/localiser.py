@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.schemas.hw import LandmarkDetections
 from surefoot.schemas.navigation import PoseBelief
 
@@ -38,8 +38,6 @@ from .goals import GaitView
 from .messages import LostView, Pose, camera_words, pose_message
 from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
-
-Array = NDArray[np.float64]
 
 ODOMETRY_S = 0.1
 """Longest time between two uses of odometry, s; more often would only cost time."""

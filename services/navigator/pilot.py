@@ -9,9 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import Decision, GoalState
@@ -24,8 +22,6 @@ from .orders import Orders
 from .policy.policies import Decider
 from .policy.settings import Conduct
 from .searching import Aside, Search, no_way
-
-Array = NDArray[np.float64]
 
 BLOCKED_SHARE = 0.25
 """Part of the decisions without progress that an echo forbade to walk, from which on the goal ends as blocked."""

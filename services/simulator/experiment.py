@@ -10,13 +10,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.linear import exp
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 from surefoot.schemas.sim import FootOutcome, PrimitiveTrial, TrialOutcome
 
-from .ground.grid import Array, TerrainBox, random_stream
+from .ground.grid import TerrainBox, random_stream
 from .ground.terrain import Terrain
 from .physics.model import Physics
 from .world import PhysicsWorld, WorldConfig, WorldError

@@ -17,8 +17,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import ImuProfile, Robot, RobotError
 from surefoot.schemas.sim import Obstacle
 from surefoot.schemas.topics import HW_IMU, HW_JOINTS, TICK_NS
@@ -48,8 +48,6 @@ from .sensors import images
 from .sensors import noise as sensors
 from .sensors.sight import Floor, Senses, sight_of
 from .sensors.suite import SensorSuite
-
-Array = NDArray[np.float64]
 
 STEP_NS = 1_000_000
 TICK_STEPS = TICK_NS // STEP_NS

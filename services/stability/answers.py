@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
@@ -24,7 +25,7 @@ from surefoot.schemas.stability import (
 )
 from surefoot.schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
 
-from .programs.contacts import Array, StabilityError, contacts_of, within
+from .programs.contacts import StabilityError, contacts_of, within
 from .regions.equilibrium import equilibrium, least_forces, least_friction
 from .regions.many import STATUSES, Variants, batch, what_if
 from .regions.margin import Extent

@@ -2,19 +2,13 @@
 
 import numpy as np
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.linear import norm
 from surefoot.robot.description import Robot
 from surefoot.schemas.calibration import CalibrateReply, CalibrateRequest
 
-from .programs.contacts import Array, StabilityError
-from .sensing.calibration import (
-    APART_SD,
-    Calibration,
-    Flags,
-    PoseCollector,
-    SweptPose,
-    calibrate,
-)
+from .programs.contacts import StabilityError
+from .sensing.calibration import APART_SD, Calibration, PoseCollector, SweptPose, calibrate
 
 MAX_COLLECTED = 256
 

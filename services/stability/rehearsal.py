@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import solve
 from surefoot.robot.description import Robot
@@ -12,7 +13,7 @@ from surefoot.schemas.stability import Actuation, CheckRequest, ComRequest, Cont
 from surefoot.schemas.whatif import BatchRequest, WhatifRequest
 
 from .answers import batch_reply, check_reply, com_reply, equilibrium_reply, region_reply, whatif_reply
-from .programs.contacts import AXES, Array, ContactSet
+from .programs.contacts import AXES, ContactSet
 from .regions.margin import extent, margin
 from .regions.region import region
 from .sensing import state

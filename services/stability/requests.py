@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot, robot_names
@@ -21,7 +22,7 @@ from surefoot.schemas.stability import (
 from surefoot.schemas.whatif import BatchRequest
 from surefoot.tables import TableError
 
-from .programs.contacts import Array, ContactSet, StabilityError, contacts_of, directions_of, within
+from .programs.contacts import ContactSet, StabilityError, contacts_of, directions_of, within
 from .regions.many import PackedSets, pack
 from .regions.modes import Actuated, AtRest, Mode, Moving, Refinement, Tilted, leanings
 from .regions.movement import Movement

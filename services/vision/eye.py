@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 from surefoot.schemas.hw import CameraImage
 
@@ -17,7 +18,6 @@ from .features import Extractor, FoundFeatures, nothing
 from .recognise import Believed, Recognised, RecogniseParams, recognise, seen_from
 from .view import FloorPose, Patch, from_above, greys, in_image
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 FEW_FEATURES = 12

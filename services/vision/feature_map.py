@@ -14,13 +14,12 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.disk import regular_size
 from surefoot.errors import Refusal
 from surefoot.npz import BROKEN_NPZ, damage_of
 
 from .features import KINDS, MOST_COMPARED, Kind, distances, nothing
-
-Array = NDArray[np.float64]
 
 SCHEMA, CONTENT = "surefoot.landmarks/1", "surefoot.features/1"
 CODE = 8

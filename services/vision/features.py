@@ -6,11 +6,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 
 from .opencv import opencv
 
-Array = NDArray[np.float64]
 Kind = Literal["orb", "sift"]
 
 MOST_COMPARED = 100_000

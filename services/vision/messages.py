@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.schemas.hw import Landmark, LandmarkDetections
@@ -14,8 +14,6 @@ from surefoot.schemas.state import SeenLandmarks
 from .eye import Seen
 from .motion import OdometryAt
 from .recognise import Believed
-
-Array = NDArray[np.float64]
 
 UNSURE = (0.5, 0.6)
 """Standard deviations of a belief, m and rad, from which on it restricts no search."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot
@@ -18,7 +18,6 @@ from surefoot.schemas.state import Odometry
 
 from .view import FloorPose
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 KEPT = 300

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 
 from .feature_map import FeatureMap
 from .features import KINDS, distances
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

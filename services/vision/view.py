@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
@@ -20,7 +21,6 @@ from surefoot.schemas.hw import CameraImage
 
 from .opencv import opencv
 
-Array = NDArray[np.float64]
 Greys = NDArray[np.uint8]
 
 EDGE = 9

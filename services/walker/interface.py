@@ -7,11 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from surefoot.arrays import Array, Flags
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Vec3 = tuple[float, float, float]
 
 WalkState = Literal["waiting", "standing", "walking", "stopping", "turning", "recovering", "refused", "hold"]

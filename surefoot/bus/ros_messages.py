@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.bus.ros2 import types
 from surefoot.geometry.linear import product
 from surefoot.schemas.hw import FootContacts, Imu, JointState
 from surefoot.schemas.state import Odometry, VelocityEstimate
 from surefoot.schemas.terrain import HeightMapMessage
-
-Array = NDArray[np.float64]
 
 KINDS = {
     "imu": "sensor_msgs/msg/Imu", "joints": "sensor_msgs/msg/JointState", "contacts": "std_msgs/msg/UInt8MultiArray",

@@ -9,9 +9,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from surefoot.arrays import Array
 
 SWEEPS = 12
 """Most sweeps of Jacobi's method; six make a 3x3 matrix diagonal to rounding."""

@@ -7,11 +7,9 @@ see `surefoot.geometry.linear`.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
-
-Array = NDArray[np.float64]
 
 
 @row_kernel

@@ -6,11 +6,9 @@ A polygon is its vertices (n, 2) in m, counter-clockwise, not closed; one vertex
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
-
-Array = NDArray[np.float64]
 
 FLAT = 1e-12  # relative; a turn below it is taken as straight
 MISSED = math.nan

@@ -7,11 +7,9 @@ Frames: x forward, y left, z up; gravity is -z of the world, `g_up` is the upwar
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
-
-Array = NDArray[np.float64]
 
 SMALL_ANGLE = 1e-8  # rad; below it series are exact to machine precision
 
@@ -28,32 +26,12 @@ def multiply(qa: Array, qb: Array) -> Array:
 
 
 @kernel
-def conjugate(q: Array) -> Array:
-    """Inverse of a unit quaternion, (4,)."""
-    return np.array([q[0], -q[1], -q[2], -q[3]])
-
-
-@kernel
 def normalized(q: Array) -> Array:
     """Unit quaternion with the sign that makes the scalar part positive, (4,)."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if q[0] < 0.0:
         n = -n
     return q / n
-
-
-@kernel
-def rotate(q_a_from_b: Array, v_b: Array) -> Array:
-    """Vector of frame b expressed in frame a, (3,): v + 2 u x (u x v + w v)."""
-    w, x, y, z = q_a_from_b[0], q_a_from_b[1], q_a_from_b[2], q_a_from_b[3]
-    cx = y * v_b[2] - z * v_b[1] + w * v_b[0]
-    cy = z * v_b[0] - x * v_b[2] + w * v_b[1]
-    cz = x * v_b[1] - y * v_b[0] + w * v_b[2]
-    v_a = np.empty(3)
-    v_a[0] = v_b[0] + 2.0 * (y * cz - z * cy)
-    v_a[1] = v_b[1] + 2.0 * (z * cx - x * cz)
-    v_a[2] = v_b[2] + 2.0 * (x * cy - y * cx)
-    return v_a
 
 
 @kernel

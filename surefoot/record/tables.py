@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Ints
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
 from surefoot.npz import BROKEN_NPZ, damage_of
 from surefoot.record.columns import METADATA, SHAPES, Columns
 from surefoot.record.csv_table import read_csv
 from surefoot.schemas.base import UNIT_WITHIN
-
-Ints = NDArray[np.int64]
 
 ALIASES = {
     "time": "t", "w": "gyro", "a": "acc", "pf": "foot_position", "Rf": "foot_rotation", "fz": "force",

@@ -3,14 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.rotations import axis_angle_into
 from surefoot.kernels.jit import kernel
 
 from .description import KinematicModel
-
-Array = NDArray[np.float64]
 
 ROUNDS = 100
 """Largest number of steps; from neutral a point in reach takes five to ten."""

@@ -8,12 +8,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.tables import TableError
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class RobotError(TableError):

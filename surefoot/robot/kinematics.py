@@ -6,16 +6,13 @@ All functions are numba kernels on a `KinematicModel` and joint angles `q` (nj,)
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.rotations import axis_angle_into
 from surefoot.kernels.jit import kernel
 from surefoot.robot.damped_legs import damped_ik
 from surefoot.robot.description import KinematicModel
 from surefoot.robot.rolled_legs import REACH_SLACK, rolled_ik
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 LIMIT_SLACK = 1e-7  # rad; a joint on its limit counts as inside
 
@@ -155,15 +152,17 @@ def com_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
 
 
 @kernel
-def com_jacobian(model: KinematicModel, q: Array) -> Array:
-    """d com / d q, (3, nj): m_sub/m axis x (c_sub - o), "sub" = all links moved by the joint."""
-    rot, pos = forward(model, q)
-    return com_jacobian_of(model, rot, pos)
-
-
-@kernel
 def com_jacobian_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """Return d com / d q, (3, nj) m/rad, as `com_jacobian`, from the links' poses of `forward`."""
+    """Return the derivative of the centre of mass by the joint angles, (3, nj) m/rad, base_link axes.
+
+    Column j is the sum of m_sub/m axis x (c_sub - o) over the links that motor j turns: m_sub, c_sub mass and centre of
+    the link and all beyond it, o a point of its axis, m the robot's mass.
+
+    Args:
+        model: the robot, n links and nj joints.
+        rot: orientations of the links, (n, 3, 3), base_link from link.
+        pos: their origins in base_link, (n, 3) m.
+    """
     n = model.mass.size
     mass, moment = np.empty(n), np.empty((n, 3))
     for i in range(n):
@@ -191,12 +190,14 @@ def com_jacobian_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
 
 @kernel
 def gravity_torques(model: KinematicModel, q: Array, g_up: Array) -> Array:
-    """G(q) = dV/dq with the trunk fixed, (nj,) Nm: what the servos hold against the links' own weight.
+    """Return the torques that hold the links' own weight while the trunk is fixed, (nj,) Nm.
+
+    G(q) = dV/dq, V the potential energy of the links.
 
     Args:
-        model: the robot.
-        q: joint angles, (nj,).
-        g_up: upward specific force at rest in base_link, (3,) m/s2 (length 9.81).
+        model: the robot, nj joints.
+        q: joint angles, (nj,) rad.
+        g_up: upward specific force at rest in base_link, (3,) m/s^2 (length 9.81).
     """
     rot, pos = forward(model, q)
     return gravity_torques_of(model, rot, pos, g_up)
@@ -204,8 +205,14 @@ def gravity_torques(model: KinematicModel, q: Array, g_up: Array) -> Array:
 
 @kernel
 def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Array) -> Array:
-    """Return the torques that hold the links' weight, (nj,) Nm, as `gravity_torques`, from the links' poses of
-    `forward`."""
+    """Return the torques that hold the links' own weight while the trunk is fixed, (nj,) Nm, from the links' poses.
+
+    Args:
+        model: the robot, n links and nj joints.
+        rot: orientations of the links, (n, 3, 3), base_link from link.
+        pos: their origins in base_link, (n, 3) m.
+        g_up: upward specific force at rest in base_link, (3,) m/s^2 (length 9.81).
+    """
     jac, weight = com_jacobian_of(model, rot, pos), total_mass(model)
     torques = np.empty(model.lower.size)
     for j in range(model.lower.size):

@@ -6,9 +6,10 @@ as much as a plain one.
 
 from typing import NamedTuple
 
+from surefoot.arrays import Array, Ints
 from surefoot.errors import FieldError
 from surefoot.kernels.jit import kernel
-from surefoot.robot.description import Array, Ints, KinematicModel
+from surefoot.robot.description import KinematicModel
 from surefoot.robot.kinematics import foot_jacobians_of, foot_positions_of, forward
 
 LegArrays = tuple[Ints, Ints, Array, Array, Array, Ints, Array, Ints, int]

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import dot, norm, product
 
-from .description import Array, Joint, Leg, Link, RolledLegs
+from .description import Joint, Leg, Link, RolledLegs
 
 PARALLEL = 1e-5  # rad, axes count as parallel or perpendicular (pi / 2 written as 1.5708): a foot is 10 um per m off
 SHORTEST = 1e-6  # m; a shorter femur or tibia is none

@@ -10,9 +10,10 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import dot, norm, product
 from surefoot.robot import description as r
-from surefoot.robot.description import Array, RobotError
+from surefoot.robot.description import RobotError
 from surefoot.robot.files import ContactTable, FootTable, LimbTable, LinkTable, RobotFile, ServoTable, Sourced
 from surefoot.robot.legs import closed_forms, matrix
 from surefoot.robot.profiles import ROBOTS, ImuFile, imu_profile, read_profile

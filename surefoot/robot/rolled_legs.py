@@ -3,14 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.kernels.jit import kernel
 
 from .description import RolledLegs
-
-Array = NDArray[np.float64]
 
 REACH_SLACK = 1e-9
 """Slack of the knee's cosine, and of the foot's distance from the first axis in m: a leg on its edge counts as

@@ -8,7 +8,8 @@ Angles in rad, positions in m, frame base_link, joints and legs in the order of 
 
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import Array, array, instance
+from surefoot.arguments import array, instance
+from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot, RobotError

@@ -13,32 +13,29 @@ Nothing is gated; noise is constant. For the laboratory: it multiplies by BLAS a
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.constants import GRAVITY
 from surefoot.kernels.jit import kernel
 
 from ..log import Log, Segments, segments
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FREE = 1e4
 """Variance of a point that does not touch, m^2: it takes no part."""
 
 
 class InekfNoise(NamedTuple):
-    """Standard deviations; of the IMU per sample of 10 ms."""
+    """Standard deviations of the invariant extended Kalman filter; those of the inertial unit hold per 10 ms sample."""
 
-    sigma_w: float = 0.0054  # rad/s
-    sigma_q: float = 0.035  # m/s^2
-    sigma_c: float = 0.001  # m/sqrt(s), walk of a contact point
+    sigma_w: float = 0.0054  # rad/s, of the gyro
+    sigma_q: float = 0.035  # m/s^2, of the accelerometer
+    sigma_c: float = 0.001  # m/sqrt(s), random walk of a contact point in the world
     sigma_p: float = 0.0008  # m, of a point by forward kinematics
-    walk_g: float = 2e-4  # rad/s/sqrt(s), of the gyro bias
-    walk_a: float = 1e-3  # m/s^2/sqrt(s), of the accelerometer bias
-    bias_g: float = 0.002  # rad/s, of the gyro bias after a standstill; without one 0.02
-    bias_a: float = 0.05  # m/s^2
-    points: bool = False  # all points of a sole, else the foot centre
+    walk_g: float = 2e-4  # rad/s/sqrt(s), random walk of the gyro bias
+    walk_a: float = 1e-3  # m/s^2/sqrt(s), random walk of the accelerometer bias
+    bias_g: float = 0.002  # rad/s, of the gyro bias at the start, after a standstill; without one 0.02
+    bias_a: float = 0.05  # m/s^2, of the accelerometer bias at the start
+    points: bool = False  # True: a contact for each point of a sole; False: one, the foot centre
 
 
 class Readings(NamedTuple):

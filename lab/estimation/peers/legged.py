@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 
 from ..log import Log, Segments, segments
 from .inekf import PeerTrack, at_rest, new_track, skew, upright
-
-Array = NDArray[np.float64]
 
 KINDS = {
     "gtsam_iekf": "LeggedInvariantEKF", "gtsam_graph": "LeggedInvariantIEKF", "gtsam_lag": "LeggedFixedLagSmoother",

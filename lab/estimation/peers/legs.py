@@ -8,16 +8,14 @@ Attitude as in `linear`: gyro, kept upright by the accelerometer; heading is tha
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 
 from ..log import Log
 from .inekf import PeerTrack, at_rest
 from .linear import LinearNoise, linear
-
-Array = NDArray[np.float64]
 
 SIGMA = 0.05  # m/s, stated error of the velocity: what the paper's kinematics state
 TILT = 0.02  # rad, stated error of the attitude

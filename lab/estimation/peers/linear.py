@@ -13,15 +13,13 @@ A foot in the air gets 100 times the noise, as there.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.kernels.jit import kernel
 
 from ..log import Log, Segments, segments
 from .inekf import PeerStart, PeerTrack, Readings, at_rest, exp3, new_track, readings, upright
-
-Array = NDArray[np.float64]
 
 SUSPECT = 100.0
 """Factor on the noise of a foot in the air."""

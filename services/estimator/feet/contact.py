@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
-
-Array = NDArray[np.float64]
 
 SOLE_POINTS = 3
 MOST_SWITCHES = 48  # of a foot; with more they count as one

@@ -9,12 +9,9 @@ rises is stuck.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.robot.description import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 STILL_S = 0.35
 """Time of one and the same number after which an encoder stands still at the end of a stance, s."""

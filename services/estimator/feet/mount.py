@@ -4,17 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.geometry.linear_kernels import times, times_vector
 from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import forward
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 class FootSample(NamedTuple):

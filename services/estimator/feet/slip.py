@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.linear_kernels import times, times_transposed, times_vector
 from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
@@ -29,8 +30,6 @@ from surefoot.kernels.jit import kernel
 from ..output import OdometryPose
 from .mount import FootMount, feet_in_imu
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
 RISE = 0.008

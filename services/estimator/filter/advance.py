@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
@@ -28,7 +29,6 @@ from .state import BestState, Felt, felt_variance, forget_levels, forget_velocit
 from .tilt import check_start, check_tilt
 from .update import follow, persistence, remember_slides, take_points
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 

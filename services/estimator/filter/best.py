@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import kernel
 
@@ -22,9 +23,6 @@ from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .replay import bring_up, clear, new_replay
 from .state import FRAME, fit_in, new_state
 from .summary import QUAT, R, condition, summary
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class BestOutput(NamedTuple):
@@ -43,7 +41,6 @@ class BestOutput(NamedTuple):
     yaw: float  # rad
     nis: float  # 3 degrees of freedom
     excess: float  # factor of the inertial noise
-    since_contact_s: float
     standing: bool
     settled: bool
     slipping: Flags  # (L,)
@@ -64,11 +61,11 @@ class ExternalUse(NamedTuple):
 @kernel
 def report(
     box: KernelBox[FilterParts],
-) -> tuple[Array, Array, Array, Array, Flags, Array, float, bool, bool, bool, tuple[bool, bool, bool]]:
+) -> tuple[Array, Array, Array, Array, Flags, Array, bool, bool, bool, tuple[bool, bool, bool]]:
     """Bring the state up to the newest inertial sample, in place.
 
     Returns:
-        The results of `summary`; slipping, expressed, since_contact_s, standing, settled, quiet, flags of `BestOutput`.
+        The results of `summary`; slipping, expressed, standing, settled, quiet, flags of `BestOutput`.
     """
     parts = box.parts
     bring_up(parts.replay, parts.state, parts.setting)
@@ -78,7 +75,7 @@ def report(
     expressed = express(rows[R.g], rows[R.v], rate, geometry.rot_base_from_imu, geometry.imu_position)
     slipping, c = more[QUAT:] > FIXED.slides, condition(parts, rows, more, covariance)
     return (
-        rows, more, covariance, pose, slipping, expressed, c.since_contact_s, c.standing, c.initialised, is_quiet(c),
+        rows, more, covariance, pose, slipping, expressed, c.standing, c.initialised, is_quiet(c),
         flags_of(c),
     )  # fmt: skip
 
@@ -171,14 +168,12 @@ class BestFilter:
     def output(self) -> BestOutput:
         """The estimate at the newest inertial sample; late samples cost one replay of at most the window."""
         if self._output is None:
-            rows, more, covariance, pose, slipping, expressed, since, standing, settled, quiet, flags = report(
-                self._box
-            )
+            rows, more, covariance, pose, slipping, expressed, standing, settled, quiet, flags = report(self._box)
             g, v, position, v_odom, gyro_bias, acc_bias, (yaw, _, _), fit = rows
             nis, excess, _ = fit.tolist()
             self._output = BestOutput(
                 g, v, covariance, position, more[:QUAT], v_odom, pose, gyro_bias, acc_bias, more[QUAT:], float(yaw),
-                nis, excess, since, standing, settled, slipping, expressed, flags, quiet,
+                nis, excess, standing, settled, slipping, expressed, flags, quiet,
             )  # fmt: skip
         return self._output
 

@@ -12,15 +12,11 @@ with sums S over all feet and the last second or so. Level axes count more than 
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
 from .layout import L, S
 from .noise import FIXED
-
-Array = NDArray[np.float64]
 
 
 @kernel

@@ -11,8 +11,8 @@ differs from its mean of the last second, too: the learned bias may be wrong.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import times, turned
 from surefoot.kernels.jit import kernel
 
@@ -20,8 +20,6 @@ from .layout import S
 from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import turn_matrix
-
-Array = NDArray[np.float64]
 
 
 @kernel

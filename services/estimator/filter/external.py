@@ -13,8 +13,8 @@ frame of the source has jumped, and psi and t are unknown again.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import inverse3, quadratic, times_transposed, turned
 from surefoot.geometry.rotations import wrap_angle
@@ -26,8 +26,6 @@ from .noise import FIXED, BestSetting
 from .point import determinant, retract
 from .samples import EX, ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, isolate, rotation
-
-Array = NDArray[np.float64]
 
 POSITION, YAW, VELOCITY = range(3)
 """Parts of a sample from elsewhere by number."""

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import times_transposed
 from surefoot.kernels.jit import kernel
 
@@ -17,7 +18,6 @@ from .layout import E, M, P, X
 from .noise import FIXED
 from .state import BestState, rotation
 
-Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
 

@@ -18,6 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import times_transposed, turned
 from surefoot.geometry.rotations import rotvec_from_matrix
 from surefoot.kernels.jit import kernel
@@ -27,7 +28,6 @@ from .noise import FIXED, BestNoise
 from .point import retract
 from .state import BestState, rotation
 
-Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
 OWN = (

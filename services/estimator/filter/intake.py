@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import kernel
 
@@ -36,9 +36,6 @@ from .noise import FIXED, BestSetting
 from .replay import EXTERNAL_END, FEET_END, IMU_END, Replay, note_sample, restart_clock, step_clock
 from .samples import ROW_Q, ROW_W, after, insert_external, insert_feet, insert_imu
 from .state import BestState
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NOW_NS, FEET_NS, CONTACT_NS = range(3)
 """Parts of `Clock.stamps`."""

@@ -21,6 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
@@ -30,7 +31,6 @@ from .noise import FIXED
 from .point import retract
 from .state import BestState
 
-Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
 

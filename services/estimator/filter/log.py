@@ -6,8 +6,8 @@ It calls the kernels that `stream.Estimator` calls, in the same order: estimates
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import inner_kernel, kernel
@@ -20,10 +20,6 @@ from .replay import bring_up
 from .samples import EXTERNAL_WIDTH
 from .state import rotation
 from .summary import QUAT, YAW, condition, joint_covariance, summary
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 FLAGS = ("initialised", "standing", "inputs_ok", "filter_ok", "sensors_ok")
 """Columns of `LogRows.flags`."""

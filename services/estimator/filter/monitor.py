@@ -23,6 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
@@ -35,7 +36,6 @@ from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, rotation, turn_matrix
 
-Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
 

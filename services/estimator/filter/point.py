@@ -15,16 +15,14 @@ time (`hypotheses`), each of them is corrected by itself, `observe` without hypo
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
 
 from .layout import E, M, P, X
 from .noise import FIXED, BestNoise
 from .state import BestState, isolate, rotation, set_rotation, turn_matrix
-
-Array = NDArray[np.float64]
 
 
 @kernel

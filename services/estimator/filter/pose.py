@@ -10,8 +10,8 @@ rotation about the axes of odom.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import congruence
 from surefoot.kernels.jit import kernel
 
@@ -19,8 +19,6 @@ from .hypotheses import likeliest
 from .layout import E, M, X
 from .noise import FIXED, BestNoise
 from .state import BestState
-
-Array = NDArray[np.float64]
 
 XX, XY, YY, XT, YT, TT, ZZ = range(M.pose_extra, M.pose_extra + 7)
 """Places of the numbers of Q in the memory; T: heading."""

@@ -1,8 +1,8 @@
 """Corrections of the `best` filter by a rest: what the gyro reads then is its bias."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
 from .layout import E, M, X
@@ -10,8 +10,6 @@ from .noise import BestLimits, BestNoise
 from .point import retract
 from .samples import ROW_W
 from .state import BestState, rotation
-
-Array = NDArray[np.float64]
 
 
 @kernel

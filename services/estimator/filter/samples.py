@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CAPACITY = 4096

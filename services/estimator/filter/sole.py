@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import add_outer, turned
 from surefoot.kernels.jit import kernel
 
@@ -13,7 +14,6 @@ from .layout import E, P, X
 from .noise import FIXED, BestNoise
 from .state import BestState
 
-Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
 

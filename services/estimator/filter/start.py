@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
@@ -16,8 +16,6 @@ from .noise import FIXED, BestLimits, BestSetting
 from .point import lift
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, forget_levels, isolate, set_rotation
-
-Array = NDArray[np.float64]
 
 BLOCK = 16
 """Rows of a rest that are checked at a time."""

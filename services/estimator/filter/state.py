@@ -21,16 +21,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times, turned
 from surefoot.kernels.jit import kernel
 
 from .layout import LEVEL, LEVELS, LONG_AGO, MEMORY, NO_FEET, POINT_COLUMNS, SENSOR_COLUMNS, E, M, P, S, X
 from .noise import FIXED, BestNoise
-
-Array = NDArray[np.float64]
 
 
 class Felt(NamedTuple):

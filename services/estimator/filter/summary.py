@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import congruence
 from surefoot.geometry.rotations import quat_from_matrix
@@ -21,8 +21,6 @@ from .layout import M, P, S, X
 from .noise import FIXED
 from .pose import pose_covariance
 from .state import BestState, rotation
-
-Array = NDArray[np.float64]
 
 
 class RowLayout(NamedTuple):

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times
 from surefoot.kernels.jit import kernel
@@ -15,8 +15,6 @@ from .layout import DOUBTED, LONG_AGO, E, M, P, S, X
 from .noise import FIXED, BestSetting
 from .point import lift
 from .state import BestState, forget_velocity, isolate, rotation, set_rotation, turn_matrix
-
-Array = NDArray[np.float64]
 
 
 @kernel

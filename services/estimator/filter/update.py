@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import inverse3, times, turned
 from surefoot.kernels.jit import kernel
 
@@ -17,7 +18,6 @@ from .point import lift, observe, put_down
 from .sole import rock_soles, turn_soles
 from .state import BestState, forget_velocity, rotation
 
-Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
 

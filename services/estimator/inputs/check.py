@@ -12,16 +12,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import points_of
 from .clock import CLOCK, KNOWN, LARGEST_NS, NEWEST, check_clock
 from .results import AHEAD, GAP, NONFINITE, OK, RESTART, RESULTS, SATURATED, STEPPED, UNIT
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 IMU, KINEMATICS = 0, 1
 """Numbers of the sources of samples."""

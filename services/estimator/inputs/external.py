@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from surefoot.arrays import Array
 
 from .results import InputResult
-
-Array = NDArray[np.float64]
 
 SHAPES = (("position", 3), ("yaw", 1), ("velocity", 3))
 """Parts of a sample in the order of a row, and the size of each."""

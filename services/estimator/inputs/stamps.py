@@ -13,9 +13,9 @@ it, T the mean step of the stamps,
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 MOST_BACK = 3

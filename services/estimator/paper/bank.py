@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm
 from surefoot.kernels.jit import kernel
@@ -22,9 +22,6 @@ from .estimators import ESTIMATORS, UNKNOWN_TILT, VelocityEstimator
 from .history import History
 from .legs import LegTracker
 from .standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 THETA, G = slice(0, 3), slice(3, 6)  # columns of the history
 NIS_MEMORY = 0.1  # weight of the last correction in the smoothed value

@@ -11,8 +11,8 @@ filterpy's ExtendedKalmanFilter is the referee in the tests; it does not run in 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import congruence, inverse3, joseph, quadratic, times, times_transposed
 from surefoot.kernels.jit import kernel
@@ -20,8 +20,6 @@ from surefoot.kernels.jit import kernel
 from ..params import EstimatorParams
 from .inertial import predict, widened, without_velocity
 from .legs import LegVelocity
-
-Array = NDArray[np.float64]
 
 G, V = slice(0, 3), slice(3, 6)  # parts of the state, equation (15)
 

@@ -4,16 +4,14 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 
 from ..params import UNKNOWN_SPEED, EstimatorParams
 from .ekf import PaperEkf
 from .inertial import predict, widened, without_velocity
 from .legs import LegVelocity
-
-Array = NDArray[np.float64]
 
 UNKNOWN_TILT = 0.5
 """Standard deviation of an unknown tilt, rad."""

@@ -7,12 +7,10 @@ parallel to the IMU at the moment. Inputs: w (3,) rad/s, q (3,) m/s^2 from the I
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import congruence, times_transposed
 from surefoot.kernels.jit import kernel
-
-Array = NDArray[np.float64]
 
 SMALL_ANGLE_SQUARED = 1e-16  # rad^2; below it the series is exact to machine precision
 
@@ -105,14 +103,8 @@ def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) 
 
 
 @kernel
-def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
-    """Return F P F^T + C C^T of equation (31), symmetric, (6, 6); `noise` = (sigma_w, sigma_q)."""
-    out = _covariance(p, g, v, w, d, noise, exact)
-    return 0.5 * (out + out.T)
-
-
-@kernel
 def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
+    """Return F P F^T + C C^T of equation (31), (6, 6); `noise` = (sigma_w, sigma_q)."""
     f = transition(w, d, exact)
     out, more = congruence(f, p), process_noise(g, v, d, noise[0], noise[1])
     for i in range(6):

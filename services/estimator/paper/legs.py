@@ -15,13 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.kernels.jit import kernel
 
 from ..feet.mount import FootSample, foot_turn
 from ..params import EstimatorParams
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 MAX_INTERVAL = 3.5
 """Longest time between samples of the feet that are compared, kinematic periods."""

@@ -7,16 +7,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import dot, eigen3, norm, product
 from surefoot.kernels.jit import kernel
 
 from ..params import EstimatorParams
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 DISAGREE = 4.0  # sigma
 PATIENCE = 4

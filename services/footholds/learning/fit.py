@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 
 from ..models.bases import Basis, Gaussians, Warp, warped
@@ -17,7 +18,6 @@ from .quality import HeldOutFigures, compared, folds_of, slip_interval, spread
 from .samples import SampleSet, StanceSample
 from .solve import weights
 
-Array = NDArray[np.float64]
 Report = Callable[[float], bool]
 """Receives the share of the work that is done; returns whether to continue."""
 

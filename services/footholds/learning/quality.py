@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
+
 from ..features import Features, window_features
 from ..models.lattice import inputs
 from ..models.learned import LearnedModel
@@ -14,7 +16,6 @@ from ..relief import patch_features
 from ..select import landing_weights
 from .samples import SampleSet, StanceSample, gather
 
-Array = NDArray[np.float64]
 FLAT = 0.05
 """K2 / (8 cell) below which ground counts as flat."""
 LEAST = 0.003

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
+
 from ..features import Layer
 from ..models.lattice import LARGEST, coordinates
 from ..relief import SCALES, patch_features
 
-Array = NDArray[np.float64]
 PATCH = 13
 """Number of cells along an edge of the heights that a sample keeps."""
 UNKNOWN_UM = -(2**31)

@@ -1,9 +1,8 @@
 """Weights of terms by least squares with a ridge, without the Gram matrix."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from surefoot.arrays import Array
 
 
 def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:

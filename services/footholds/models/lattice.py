@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import InvalidField
 
-Array = NDArray[np.float64]
 Key = tuple[int, int, int]
 
 UNIT = 1e-9

@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
 from ..features import Features, Layer
@@ -19,7 +20,6 @@ from .bases import Basis, Warp, warped
 from .lattice import FLAT, Bin, Key, Lattice, coordinates, inputs
 from .protocol import UNLEARNED
 
-Array = NDArray[np.float64]
 NODES = (17, 65, 33)
 """Number of nodes of the table along K1 / K2, K2 / (8 cell), cos K3."""
 CELL_TOLERANCE = 0.01

@@ -3,15 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.kernels.jit import row_kernel
 
 from .gate import apart2
 from .landmarks import FloorLandmarks
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FAR = 0.25
 """Largest distance of a landmark from where it should stand at the other pose, m."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
 from .consensus import consensus, matched_of
@@ -23,7 +24,6 @@ from .gate import (
     nearest_look,
 )
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

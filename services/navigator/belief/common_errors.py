@@ -13,14 +13,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
 from .matching import SightNoise
 from .ukf import NUISANCE
-
-Array = NDArray[np.float64]
 
 TYPICAL = 0.75
 """Distance of a landmark, m."""

@@ -6,15 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.linear_kernels import inverse3, solve3
 from surefoot.kernels.jit import row_kernel
 
 from .gate import GATE, PAIRS, SPREAD, FrameTables, variances
 from .ukf import THETA, X, Y, wrap
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
 

@@ -14,15 +14,14 @@ Frames are kept while they favour another place, for `KEPT_S` at most.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+
+from surefoot.arrays import Array
 
 from .landmarks import FloorLandmarks
 from .matching import Detections, SightNoise
 from .moved import Sight
 from .places import COV, EVIDENCE, FILLED, Assignment, Evidence, associate, evidence, search
 from .relocalise import Pose, RelocaliseLimits, Relocaliser, between, placed
-
-Array = NDArray[np.float64]
 
 _ORIGIN: Pose = (0.0, 0.0, 0.0)
 

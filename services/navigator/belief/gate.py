@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
 from .ukf import THETA, X, Y, wrap
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 # fates of a detection

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 
 from .gate import MapTables
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST_LANDMARKS = 100_000

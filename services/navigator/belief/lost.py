@@ -18,9 +18,7 @@ P(none) = exp(-E `trust`) unless the robot is blind. Lost is 1 - p_right above a
 import math
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 
 from . import association
@@ -28,7 +26,6 @@ from .gate import FAR, INVALID, OUTLIER, UNLIKE
 from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, gate_areas, look_alikes
 
-Array = NDArray[np.float64]
 Shares = tuple[float, float, float]
 """Shares of detections here, elsewhere, strange; they add up to 1."""
 

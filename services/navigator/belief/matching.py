@@ -10,13 +10,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 
 from . import association
 from .gate import FAR, UNLIKE, FrameTables
 from .landmarks import FloorLandmarks
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST_DETECTIONS = 256

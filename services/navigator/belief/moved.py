@@ -11,14 +11,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from surefoot.arrays import Array
 
 from . import association
 from .gate import FAR, OUTLIER, UNLIKE
 from .landmarks import FloorLandmarks
 from .matching import FATES, Detections, Matches, MatchLimits, SightNoise
-
-Array = NDArray[np.float64]
 
 AFTER_S = 1.0
 """Least time between the first sight of a landmark at another place and the one that shows that it has moved, s."""

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 
@@ -24,7 +25,6 @@ from .association import sort_by
 from .sightings import WIDE
 from .ukf import wrap
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
+
 from .landmarks import FloorLandmarks
 from .matching import Detections, MatchLimits, SightNoise, check_length
 from .places import (
@@ -30,7 +32,6 @@ from .places import (
 from .sightings import SightingMemory, candidates
 from .ukf import wrap
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 UNBOUNDED = 2**62
 """Work of a search that is not cut into portions."""

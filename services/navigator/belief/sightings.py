@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
 from .association import likeness
 from .gate import apart2, variances
 from .matching import Detections, MatchLimits, SightNoise
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST = 256

@@ -28,8 +28,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.kernels.jit import row_kernel
 
@@ -37,7 +37,6 @@ from .common_errors import NEAREST, CommonErrors, fill_gain
 from .landmarks import FloorLandmarks
 from .matching import Detections, MatchLimits, SightNoise, match
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 Turn = tuple[float, float, float]
 

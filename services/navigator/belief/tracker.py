@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+
+from surefoot.arrays import Array
 
 from . import ukf
 from .common_errors import ERRORS, TYPICAL, CommonErrors, fade, fill_gain
@@ -17,7 +18,6 @@ from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, match
 from .strain import MapStrain
 
-Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]
 
 STATES = 4

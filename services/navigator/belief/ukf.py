@@ -22,11 +22,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
-
-Array = NDArray[np.float64]
 
 X, Y, THETA, DRIFT, NUISANCE = 0, 1, 2, 3, 4  # parts of the state
 ALONG, ACROSS, HEADING, DRIFTING = 0, 1, 2, 3  # parts of the noise

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import free_kernel
 
 from ..belief.ukf import THETA, X, Y, wrap
@@ -25,8 +25,6 @@ from ..policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from ..policy.policies import Policy
 from .model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from .world import act, begin
-
-Array = NDArray[np.float64]
 
 SECONDS_TAKEN, ENDED_AS, DECISIONS, STANDS_MADE, TURNS_MADE, ERROR, NEES_SUM, NEES_AT = 0, 1, 2, 3, 4, 5, 6, 7
 RESULTS = 8

@@ -4,14 +4,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from surefoot.arrays import Array, Ints
 
 from ..belief.ukf import NUISANCE
 from ..policy.arrays import DENSITY, STATUS, X_MAX, X_MIN, Y_MAX, Y_MIN, Arrays
 from .draws import Stream
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CELL = 0.25  # m, edge of the squares by which landmarks are found
 IN_VIEW = 128  # landmarks of one frame that are considered before `most` are drawn of them

@@ -6,9 +6,7 @@ decides about walls, landmarks in view and the arrival at the goal, as in the pa
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import DRIFT, NUISANCE, THETA, LandmarkSighting, X, Y, predict, update, wrap
@@ -76,9 +74,6 @@ from ..policy.arrays import (
 )
 from .draws import Stream, below, normal_pair, seed, uniform
 from .model import BEGAN, CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FLOOR, BEGIN, STEP = 1, 2, 3  # purposes of random streams
 

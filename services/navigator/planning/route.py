@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import Refusal
 
 from . import astar, straighten
 from .costs import Costs, nearest_free
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]
 
 FARTHEST = 1e6

@@ -9,11 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .grid import OCCUPIED, FloorGrid
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]
 Pose = tuple[float, float, float]
 

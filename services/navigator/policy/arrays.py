@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .params import KINDS, ActionModel, NavigationModel, mirror_of
+from surefoot.arrays import Array
 
-Array = NDArray[np.float64]
+from .params import KINDS, ActionModel, NavigationModel, mirror_of
 
 # columns of an action
 KIND, FORWARD, TURN, SECONDS, FRAMES, MATCH = 0, 1, 2, 3, 4, 5

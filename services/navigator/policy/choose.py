@@ -8,8 +8,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import entropy, spread, wrap
@@ -31,9 +31,6 @@ from .arrays import (
 )
 from .grids import add_values
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
 HAND, STEER, PLANNER, SARSA = 0, 1, 2, 3  # kinds of policy
 
 # numbers of hand and steer
@@ -41,8 +38,6 @@ STAND_ABOVE, STAND_SLOPE, TURN_BEYOND, STEER_GAIN = 0, 1, 2, 3
 # numbers of the planner
 SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE = 0, 1, 2, 3
 NUMBERS = 8
-
-POINTS = 8  # sigma points of (x, y, heading, drift)
 
 
 class PolicyTables(NamedTuple):

@@ -6,14 +6,10 @@ d_max, clamped; phi = its bearing, periodic, row 0 at -pi. Weights are multiline
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
 from .arrays import MIRROR
-
-Array = NDArray[np.float64]
 
 D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M = 0, 1, 2, 3, 4, 5
 """Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror (-1:

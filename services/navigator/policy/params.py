@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from surefoot.errors import ConfigError
 from surefoot.files import MAX_FILE_BYTES, FileError, read_regular
+from surefoot.lockstep.config import value_of
 from surefoot.nearest import did_you_mean
 
 from .settings import Conduct, ModelPart, NotNegative, OdometryNoise, Positive
@@ -27,7 +28,6 @@ Kind = Literal["stand", "turn", "walk"]
 KINDS: tuple[Kind, ...] = ("stand", "turn", "walk")
 DETOUR = 1.16
 """Actions to a goal per straight step: 58 for 5 m in 10 cm steps, rotations included (paper's robot)."""
-MIRRORED = {"left": "right", "right": "left"}
 
 
 class Scene(ModelPart):
@@ -269,7 +269,7 @@ def load(source: str | Path, overrides: Iterable[str] = ()) -> NavigationModel:
         key, sign, text = item.partition("=")
         if not sign or not key.strip():
             raise ConfigError("invalid", f"got {item!r}, allowed is key=value such as drift.per_10cm_deg=2", "set")
-        _put(values, key.strip().split("."), _value(text), item)
+        _put(values, key.strip().split("."), value_of(text), item)
     return validated(values, str(source))
 
 
@@ -331,10 +331,3 @@ def _put(values: dict[str, Any], keys: list[str], value: Any, item: str) -> None
         if at is None:
             raise ConfigError("unknown_key", f"{item!r}: {key!r} has no fields", ".".join(keys))
     at[keys[-1]] = value
-
-
-def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
-        return text

@@ -10,8 +10,8 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import free_kernel
 
 from .arrays import (
@@ -42,9 +42,6 @@ from .arrays import (
 from .choose import PLANNER
 from .grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED, PER_M
 from .policies import Policy, planner_numbers
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NOTHING = -1e9
 SIGHT_PRICE = 0.05  # s an action that sees nothing costs more than the one that sees best, of 0 .. 0.8 s

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from surefoot.arrays import Array
 
 from .arrays import (
     BLOCKED,
@@ -43,8 +44,6 @@ from .choose import (
     room_to_choose,
 )
 from .grids import GRID
-
-Array = NDArray[np.float64]
 
 KIND_NAMES = {HAND: "hand", STEER: "steer", PLANNER: "planner", SARSA: "sarsa"}
 

@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .grid import BLEND, PAD_END, Array, Shape, ShapeSpec, random_stream, smooth
+from surefoot.arrays import Array
+
+from .grid import BLEND, PAD_END, Shape, ShapeSpec, random_stream, smooth
 
 ELEVATION_HEIGHT = 0.087  # m, the same as of the mixed ground
 ELEVATION_CELL = 0.005  # m between two of its heights

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat, multiply, quat_from_matrix, quat_from_rpy
-
-Array = NDArray[np.float64]
 
 PAD_END = 0.25  # m, the ground is flat for x below this: the feet of Ragno reach to .17 m ahead of the trunk centre
 BLEND = 0.10  # m, over which hills grow behind the pad

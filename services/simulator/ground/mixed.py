@@ -8,21 +8,10 @@ import math
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import dot, exp
 
-from .grid import (
-    BLEND,
-    PAD_END,
-    Array,
-    Shape,
-    ShapeSpec,
-    TerrainBox,
-    TerrainGrid,
-    box_heights,
-    random_stream,
-    slab,
-    smooth,
-)
+from .grid import BLEND, PAD_END, Shape, ShapeSpec, TerrainBox, TerrainGrid, box_heights, random_stream, slab, smooth
 
 MIXED_HEIGHT = 0.087  # m, the highest point (section 3.4); all heights scale with it
 LOWEST = -0.0035 / MIXED_HEIGHT  # of the amplitude

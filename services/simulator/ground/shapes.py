@@ -12,22 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import exp
 
 from .elevation import ELEVATION_HEIGHT, elevation
-from .grid import (
-    BLEND,
-    CORRIDOR,
-    PAD_END,
-    Array,
-    Shape,
-    ShapeSpec,
-    TerrainBox,
-    TerrainGrid,
-    random_stream,
-    slab,
-    smooth,
-)
+from .grid import BLEND, CORRIDOR, PAD_END, Shape, ShapeSpec, TerrainBox, TerrainGrid, random_stream, slab, smooth
 from .mixed import MIXED_HEIGHT, mixed
 
 Outline = tuple[tuple[float, float], ...]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import InvalidField
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
@@ -32,7 +33,6 @@ __all__ = [
     "terrain_from_map",
 ]
 
-Array = NDArray[np.float64]
 KINDS = tuple(SHAPES)
 MAP_PROFILES = ("exact", "noise", "shifted")
 

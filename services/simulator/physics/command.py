@@ -4,10 +4,7 @@ import math
 from collections.abc import Sequence
 from operator import le
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from surefoot.arrays import Array
 
 COMMAND_SLACK = 1e-6  # rad, rounding of a command at the limit
 

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import InvalidField
 from surefoot.robot.description import Robot
 from surefoot.schemas.topics import TICK_S
@@ -26,8 +27,6 @@ from .samples import (
     pack,
     unpack,
 )
-
-Array = NDArray[np.float64]
 
 QUANTITIES = ("friction", "mass", "servo")
 MAX_VALUE = 100.0

@@ -7,6 +7,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.errors import InvalidField
 from surefoot.schemas.sim import FaultKind
 from surefoot.schemas.topics import TICK_S
@@ -14,7 +15,6 @@ from surefoot.schemas.topics import TICK_S
 from ..ground.grid import random_stream
 from .samples import Detection
 
-Array = NDArray[np.float64]
 KINDS: tuple[str, ...] = get_args(FaultKind)
 IMU_AXES = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
 CHANNELS = ("imu", "joints", "contacts", "command")

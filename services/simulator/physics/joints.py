@@ -5,15 +5,12 @@
 from typing import TYPE_CHECKING
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import Robot
 
 if TYPE_CHECKING:
     from .addresses import Addresses
-
-Array = NDArray[np.float64]
 
 COUPLING_SOLREF = (0.004, 1.0)  # s, damping ratio, of one motor's second axis
 BACKLASH_ARMATURE = 2e-4  # kg m2

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm
 from surefoot.robot.description import Robot
@@ -20,9 +20,6 @@ from surefoot.robot.description import Robot
 from ..ground.terrain import Terrain
 from .addresses import Addresses
 from .joints import add_backlash, add_coupled, add_joint, coupled_links
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TERRAIN_BIT = 1  # contype of the terrain, conaffinity of what it may touch
 BASE_THICKNESS = 0.05  # m, solid ground below the lowest cell of a height field

@@ -3,13 +3,11 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import Robot
 
 from .samples import ServoCommand, pack, unpack
-
-Array = NDArray[np.float64]
 
 EXACT = 1e-9  # rad, step of a servo that takes any set-point, beside others that do not
 

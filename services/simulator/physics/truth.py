@@ -19,15 +19,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 
 from .addresses import Addresses
 from .placing import Displacement
 from .twist import TwistTracker
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 GATE_N = 0.5  # N, a foot stands from this normal force on
 LIFT_TICKS = 3  # ticks below the gate that end a stance: a bounce of 20 ms does not

@@ -12,16 +12,13 @@ Newton step; of a robot whose legs share a joint the trunk takes the mean turn t
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel, Robot
 
 from .disturb import WorldError
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROWS = 6  # of a foot: 3 of its place, 3 of its turn
 

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_rpy
 from surefoot.robot.profiles import DepthCameraFile, read_profile
@@ -22,8 +23,6 @@ from surefoot.schemas.topics import HW_DEPTH, TICK_NS
 from ..ground.grid import random_stream
 from .landmarks import CAMERA_AXES
 from .rate import period_ms
-
-Array = NDArray[np.float64]
 
 TERRAIN = 0  # group of the ground's geoms
 

@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 from surefoot.robot.profiles import CameraFile
 from surefoot.schemas.topics import HW_IMAGE, TICK_NS, TICK_S
@@ -26,8 +27,6 @@ from ..physics.faults import FaultBank
 from .floors import LEVELS, WALL_GREY, Texture
 from .landmarks import CameraPose
 from .rate import period_ms
-
-Array = NDArray[np.float64]
 
 SUBFRAMES = 8
 """Number of moments of an exposure whose pictures are averaged."""

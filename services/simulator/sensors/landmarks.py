@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import exp, product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot, RobotError
@@ -28,8 +29,6 @@ from ..ground.grid import random_stream
 from ..ground.terrain import Terrain
 from ..physics.samples import Detection
 from .rate import period_ms
-
-Array = NDArray[np.float64]
 
 DESCRIPTOR = 8  # numbers in a descriptor
 CAMERA_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # rot_link_from_camera, looking ahead

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import ContactSensor, CurrentSensor, Encoder, ImuProfile
 
 from ..ground.grid import random_stream
 
-Array = NDArray[np.float64]
 BLOCK = 256  # rows of normal numbers drawn at once
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
@@ -32,8 +31,6 @@ from .landmarks import (
     scatter,
 )
 from .walls import bumped, echo, read_ranger
-
-Array = NDArray[np.float64]
 
 TICK_MS = TICK_NS // 1_000_000
 FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where an open floor has landmarks at least

@@ -3,16 +3,14 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import ImuProfile, Robot
 from surefoot.robot.profiles import imu_profile_names, read_imu_profile
 
 from ..physics.disturb import WorldError, by_foot
 from ..physics.samples import ContactSample, ImuSample, JointSample, Samples
 from . import noise as sensors
-
-Array = NDArray[np.float64]
 
 NO_LIMIT = 1e9
 

@@ -10,14 +10,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.profiles import RangerFile, read_profile
 from surefoot.schemas.topics import HW_RANGE
 
 from ..physics.addresses import Addresses
 from ..physics.obstacles import UPRIGHT
 from .rate import period_ms
-
-Array = NDArray[np.float64]
 
 RAYS = 13  # over the cone: 5 deg apart for 60 deg
 TERRAIN_ONLY = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)  # groups of geoms: the robot's are others

@@ -12,15 +12,12 @@ as certain as a support point, for a fraction of its price.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from .lanes import PIVOT
 from .reduced import Reduced
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST = 1e-4  # of the area; smaller triangles over a chord are left out
 BALANCED = 1e-10  # of the weight, largest error that a step may add to the balance

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.kernels.jit import row_kernel
 from surefoot.schemas.stability import MAX_CONTACTS
-
-Array = NDArray[np.float64]
 
 MAX_COORDINATE = 1e6  # m; beyond it lengths lose the digits the answers promise
 MAX_MU = 1e4  # of a steeper cone regions reach kilometres, and lose the digits; what does not slip at all has inf

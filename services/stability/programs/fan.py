@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.polygon import area, half_planes, hull
 from surefoot.kernels.jit import row_kernel
 
@@ -18,9 +18,6 @@ from .chords import beyond_chords
 from .interior import FAILED, SOLVED, solve_lanes
 from .lanes import LANES
 from .reduced import THIN, Reduced
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PARALLEL = 1e-9  # neighbours whose directions differ by less are not split further
 NEAR = 0.98  # share of the neighbours' answers in the start of a direction between them

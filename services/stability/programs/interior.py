@@ -12,8 +12,8 @@ kappa > 0 proves that one of them has no solution. Newton steps are reduced to t
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from .lanes import (
@@ -51,13 +51,10 @@ from .lanes import (
     SIGMA,
     SIZE,
     TAU,
-    Array,
     S,
     X,
 )
 from .newton import add_dot, add_gram, add_products, factor, move, solve, step, subtract_combination
-
-Ints = NDArray[np.int64]
 
 FAILED, SOLVED, NO_PRIMAL, NO_DUAL = 0, 1, 2, 3
 """Outcome of a lane. NO_PRIMAL: no forces exist, lam proves it. NO_DUAL: the gain has no bound, x proves it."""

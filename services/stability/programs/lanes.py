@@ -8,11 +8,6 @@ Two arrays hold everything. The block of contact i begins at `BLOCK * i` of the 
 the compiler that they are not negative: without that the loops are not vectorised (a factor of three).
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
-
 LANES = 8
 MASK = 0xFFFFFF
 MAX_UNKNOWNS = 6

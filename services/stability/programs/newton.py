@@ -6,6 +6,7 @@ scaled point loses eight digits near the boundary. The normal equations of a lan
 
 import math
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
 from .lanes import (
@@ -38,7 +39,6 @@ from .lanes import (
     STEP,
     TARGET,
     TAU,
-    Array,
     S,
     X,
 )

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.polygon import gap, hull
 from surefoot.kernels.jit import row_kernel
 
@@ -13,8 +13,6 @@ from .contacts import AXES
 from .fan import ENCLOSE, FEW, FEW_AT_ONCE, Fan, FanGoal, enclose, new_fan
 from .lanes import LANES
 from .reduced import Reduced
-
-Array = NDArray[np.float64]
 
 NEEDLE = 1e-3  # sine of the least turn between two edges at the sharp end of a hull
 

@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
-from .contacts import Array, ContactSet
+from .contacts import ContactSet
 
 SPOT = 1e-9  # m; contacts that lie nearer together are at one point: what is left of their distances is rounding
 RANK = 1e-10  # relative; smaller singular values are taken as zero

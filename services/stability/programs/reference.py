@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import combined, dot, product
 
 from .clarabel_tools import clarabel_and_sparse
-from .contacts import Array, StabilityError
+from .contacts import StabilityError
 from .fan import APPROACH, Fan, FanGoal, explore, insert, near_arcs, settled, with_room
 from .interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
 from .lanes import LANES

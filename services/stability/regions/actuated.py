@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.polygon import gap, half_planes, hull
 
 from ..programs.clarabel_tools import clarabel_and_sparse
-from ..programs.contacts import Array, ContactSet, StabilityError, equally_spaced
+from ..programs.contacts import ContactSet, StabilityError, equally_spaced
 from ..programs.reduced import SMALL_MU, THIN, matrices
 from .model import Region, RegionStatus, Support, SupportStatus
 

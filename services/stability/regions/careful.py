@@ -9,13 +9,13 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.linear import combined, dot, product
 from surefoot.geometry.polygon import gap, hull
 from surefoot.kernels.jit import row_kernel
 
-from ..programs.contacts import Array, ContactSet, StabilityError
+from ..programs.contacts import ContactSet, StabilityError
 from ..programs.fan import (
     ASKED,
     ENCLOSE,
@@ -34,8 +34,6 @@ from ..programs.lanes import LANES
 from ..programs.reduced import CONE, THIN, Reduced, Subspace
 from ..programs.reference import Reference
 from .model import Region, Solved, Support, SupportStatus
-
-Ints = NDArray[np.int64]
 
 STATUS: dict[int, SupportStatus] = {SOLVED: "ok", NO_DUAL: "unbounded", NO_PRIMAL: "infeasible"}
 FLAT = 1e-9  # of a direction's effect on free forces; below it they do not carry the CoM

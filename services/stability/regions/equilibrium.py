@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from surefoot.arrays import Array
+
 from ..programs.clarabel_tools import clarabel_and_sparse
-from ..programs.contacts import Array, ContactSet, StabilityError
+from ..programs.contacts import ContactSet, StabilityError
 from ..programs.interior import NO_PRIMAL, SOLVED
 from ..programs.reduced import SMALL_MU, SPOT, matrices
 from ..programs.reference import solve_one

@@ -17,18 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from surefoot.background import be_nice
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.kernels.jit import free_kernel, row_kernel
 
-from ..programs.contacts import (
-    MAX_CONTACTS,
-    MAX_COORDINATE,
-    Array,
-    ContactSet,
-    StabilityError,
-    contact_set,
-    within,
-)
+from ..programs.contacts import MAX_CONTACTS, MAX_COORDINATE, ContactSet, StabilityError, contact_set, within
 from ..programs.fan import ANSWER, APPROACH, FanGoal, explore, new_fan, settled, wide
 from ..programs.interior import NO_PRIMAL
 from ..programs.lanes import LANES
@@ -39,8 +32,6 @@ from .careful import POINT, WIDE, along, flat_ends, holds, line_of
 from .margin import ON_EDGE, margin
 from .model import RegionStatus
 from .region import plane, region
-
-Ints = NDArray[np.int64]
 
 STATUSES: tuple[RegionStatus, ...] = ("ok", "infeasible", "unbounded", "point", "segment")
 _OK, _INFEASIBLE, _UNBOUNDED, _POINT, _SEGMENT = range(5)

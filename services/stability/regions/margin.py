@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import dot, product
 from surefoot.geometry.polygon import ray, signed_distance
 
-from ..programs.contacts import Array
 from ..programs.interior import NO_DUAL, NO_PRIMAL
 from ..programs.reference import nearest_border, solve_one
 from .careful import FLAT

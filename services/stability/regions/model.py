@@ -5,10 +5,11 @@ from typing import Literal
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import product, solve
 from surefoot.geometry.polygon import area
 
-from ..programs.contacts import Array, ContactSet
+from ..programs.contacts import ContactSet
 from ..programs.fan import Fan, insert, with_room
 from ..programs.reduced import Reduced
 

@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm, product, solve
 from surefoot.geometry.polygon import gap, half_planes, hull
 
-from ..programs.contacts import Array, ContactSet, StabilityError
+from ..programs.contacts import ContactSet, StabilityError
 from ..programs.reduced import THIN
 from .actuated import ServoLegs, actuated_region
 from .model import Plane, Region, RegionStatus, Support
@@ -192,11 +193,6 @@ class Leaning:
         (2,)."""
         spin = np.array([-a[1], a[0], twist[3]])
         return np.concatenate((product(self.rot.T, twist[:3]), product(self.rot.T, spin)))
-
-
-def upward(acceleration: Array, g: float = GRAVITY) -> Array:
-    """-g_eff = g e_z + a for an acceleration (3,) m/s2 of the CoM in the world."""
-    return np.array([acceleration[0], acceleration[1], g + acceleration[2]])
 
 
 def lean(contacts: ContactSet, up: Array) -> Leaning:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..programs.contacts import Array, ContactSet
+from surefoot.arrays import Array
+
+from ..programs.contacts import ContactSet
 from .margin import Extent, Margin, extent, margin
 from .model import Region
 from .modes import Mode, Refinement, in_common, regions_in

@@ -13,10 +13,11 @@ import math
 
 import numpy as np
 
+from surefoot.arrays import Array
 from surefoot.geometry.polygon import hull
 from surefoot.kernels.jit import row_kernel
 
-from ..programs.contacts import AXES, Array, ContactSet
+from ..programs.contacts import AXES, ContactSet
 from ..programs.fan import ANSWER, ENCLOSE, FanGoal
 from ..programs.outline import outline
 from ..programs.reduced import CONE, SMALL_MU, SPOT, reduce

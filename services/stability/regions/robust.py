@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..programs.contacts import Array, ContactSet
+from surefoot.arrays import Array
+
+from ..programs.contacts import ContactSet
 from .equilibrium import equilibrium
 from .margin import Margin
 from .model import Region, Support

@@ -15,16 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.linear import dot, norm, product, solve
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
 
-from ..programs.contacts import Array, StabilityError
+from ..programs.contacts import StabilityError
 from .forces import leg_inverses
-
-Flags = NDArray[np.bool_]
 
 COMMON_SD = 0.5  # prior standard deviation of the common factor (1 = as reported)
 APART_SD = 0.03  # prior standard deviation of one joint's factor from the common one

@@ -5,18 +5,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.linear import dot, norm, product
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import forward, gravity_torques_of
 
-from ..programs.contacts import Array
 from .posture import contact_jacobians_of
-
-Flags = NDArray[np.bool_]
 
 LEAST_SHARE = 0.02  # of the weight: torques that make less of it do not determine their gain
 BLIND = 0.5  # standard deviation of a tangential force that nothing measures, as a share of the normal force

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm, product
 from surefoot.geometry.linear_kernels import solve3
@@ -23,10 +24,8 @@ from surefoot.robot.kinematics import (
 )
 from surefoot.schemas.stability import Actuation, BasePose
 
-from ..programs.contacts import Array, ContactSet, StabilityError, within
+from ..programs.contacts import ContactSet, StabilityError, within
 from ..regions.actuated import ServoLegs
-
-Flags = NDArray[np.bool_]
 
 NEAR = 0.03  # m; a contact belongs to a leg whose foot sphere is nearer than that
 REACHED = 1e-6  # m; a foot that stays further off its place is out of reach

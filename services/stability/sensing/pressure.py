@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..programs.contacts import Array
+from surefoot.arrays import Array
 
 KILOGRAM = 9.81  # N, weight of one
 

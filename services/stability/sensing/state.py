@@ -5,20 +5,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.linear import norm, product
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import com_of, foot_positions_of, forward
 
-from ..programs.contacts import Array, ContactSet
+from ..programs.contacts import ContactSet
 from ..regions.margin import Margin, margin
 from ..regions.model import Region
 from ..regions.region import region
 from .forces import MeasuredCom, com_from_forces, leg_forces_of
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

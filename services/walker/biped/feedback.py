@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.robot.description import Robot
 from surefoot.schemas.topics import TICK_S
 
@@ -13,8 +13,6 @@ from .ik import LegGeometry
 from .params import BipedParams
 from .plan import smooth
 from .state import BipedState, Mode
-
-Array = NDArray[np.float64]
 
 REST_TICKS = 100  # of standing, after which the tilt counts as that of the quiet stance
 REST_GAIN = 0.02

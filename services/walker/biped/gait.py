@@ -10,8 +10,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
@@ -30,8 +30,6 @@ from .report import ends_in_s, outputs
 from .route import route_of, upcoming
 from .servos import SetPoints
 from .state import AcceptedCommand, BipedState, Mode
-
-Array = NDArray[np.float64]
 
 LATE_TICKS = 25
 """A command that comes later than this before the last landing does not begin until the robot stands: one in the last

@@ -12,15 +12,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.rotations import matrix_from_axis_angle
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.kinematics import LIMIT_SLACK, REACH_SLACK
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NEWTON_STEPS = 6  # at most; one to three when the search begins at the last tick's angle
 NEWTON_DIFFERENCE = 1e-4  # rad

@@ -7,11 +7,9 @@ moves from the foot that will swing to the other, then it rests there while the 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
-
-Array = NDArray[np.float64]
 
 LEFT, RIGHT = 0, 1
 

@@ -5,15 +5,13 @@ follow in closed form, and torques give the sag of the servos under the load.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel
 
 from .ik import LegGeometry, legs_ik
-
-Array = NDArray[np.float64]
 
 COM_ITERATIONS = 2
 

@@ -8,13 +8,11 @@ optimal jerk is u_k = -G_I sum_{i<=k} (p_i - p_ref,i) - G_x x_k - sum_{j=1..N} G
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import product, solve
 from surefoot.kernels.jit import kernel
-
-Array = NDArray[np.float64]
 
 HORIZON = 160  # ticks of preview, 1.6 s
 WEIGHT_ERROR = 1.0  # on the sum of the ZMP error

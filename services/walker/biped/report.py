@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.schemas.topics import TICK_S
 
 from ..interface import WalkerOutputs, WalkState
 from .params import BipedParams
 from .state import BipedState, Mode
-
-Array = NDArray[np.float64]
 
 
 def walk_state(s: BipedState) -> WalkState:

@@ -4,16 +4,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from surefoot.arrays import Array
 from surefoot.schemas.topics import TICK_S
 
 from ..interface import MotionCommand
 from .params import BipedParams
 from .plan import LEFT, RIGHT, advanced, between, placed
-
-Array = NDArray[np.float64]
 
 DONE = 1e-6  # m and rad, rest of a command that is nothing
 LITTLE = 0.2  # of a step, rest of a walk that is not worth one

@@ -3,8 +3,8 @@ the trunk's rate at the standing ankles.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
@@ -15,8 +15,6 @@ from .ik import LegGeometry
 from .params import BipedParams
 from .plan import between, smooth
 from .state import BipedState, Mode
-
-Array = NDArray[np.float64]
 
 
 class SetPoints:

@@ -4,13 +4,11 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
+
+from surefoot.arrays import Array, Flags
 
 from ..interface import MotionCommand
 from .route import BipedRoute, Footstep
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class Mode(Enum):

@@ -7,8 +7,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry import rotations
 from surefoot.geometry.linear import dot
 from surefoot.robot import kinematics
@@ -19,8 +19,6 @@ from . import posture
 from .ground import Ground
 from .params import WalkerParams
 from .state import Stage, WalkerState
-
-Array = NDArray[np.float64]
 
 MIN_FEET = 5  # standing feet on known ground from which a tilt is learned; all feet of a quadruped
 MIN_SPREAD = 0.1  # m, of the feet

@@ -7,8 +7,8 @@ a shorter step, of a leaning gait another leg; refusal. The asked-for gait retur
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry import rotations
 from surefoot.geometry.linear import product
 from surefoot.kernels.jit import kernel
@@ -21,8 +21,6 @@ from .patterns import HEXAPOD_GAITS, GaitPattern
 from .planning import PlanningContext
 from .standins import ring_of
 from .state import Stage, WalkerState
-
-Array = NDArray[np.float64]
 
 SWEEPS = 200
 FEASIBLE = 1e-5  # m

@@ -8,7 +8,6 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry import rotations
 from surefoot.geometry.heightmap import HeightMap
@@ -37,8 +36,6 @@ from .patterns import gaits_of
 from .route import LeggedRoute, advance, finished, moved, remaining
 from .standins import HullCheck, nominal_footholds
 from .state import Stage, WalkerState
-
-Array = NDArray[np.float64]
 
 
 class LeggedWalker:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.kernels.jit import kernel
 
-Array = NDArray[np.float64]
 Heights = NDArray[np.float32]
 
 FILL_ROUNDS = 6  # cells by which known ground grows into unknown ground

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry import rotations
 from surefoot.geometry.linear import product
 from surefoot.robot import kinematics
@@ -18,9 +18,6 @@ from .params import WalkerParams
 from .patterns import GaitPattern
 from .route import moved
 from .swing import SwingShape
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 HEIGHT_TRIALS = tuple(0.005 * k for n in range(9) for k in ((n, -n) if n else (0,)))  # m, nearest first
 

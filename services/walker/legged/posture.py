@@ -1,15 +1,12 @@
 """From trunk pose and feet to servo set-points: closed-form leg solutions and compensation of the servos' sag."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array, Flags
 from surefoot.geometry.constants import GRAVITY
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @kernel

@@ -4,15 +4,12 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
+
+from surefoot.arrays import Array, Flags, Ints
 
 from .patterns import TRIPOD, GaitPattern
 from .planning import StepPlan
 from .route import LeggedRoute
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 class Stage(Enum):

@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from surefoot.arrays import Flags
 from surefoot.geometry import rotations
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 
 from . import posture, swing
 from .params import WalkerParams
-from .planning import Flags, StepPlan
+from .planning import StepPlan
 from .state import Stage, WalkerState
 
 TOUCH_PHASE = 0.05  # of the swing after the fall begins: earlier switch readings belong to the lift-off

@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.kernels.jit import kernel
-
-Array = NDArray[np.float64]
 
 SAMPLES = 13  # heights taken along a swept path
 

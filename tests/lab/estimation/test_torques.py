@@ -6,7 +6,7 @@ import pytest
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.files import log_of_table
 from surefoot.lab.estimation.torques import forces_by_torques
-from surefoot.robot.kinematics import com_jacobian, foot_positions, total_mass
+from surefoot.robot.kinematics import com_jacobian_of, foot_positions, forward, total_mass
 from surefoot.robot.reader import load_robot
 from tests.lab.estimation.test_files import standing
 from tests.surefoot.expect import expect_error
@@ -17,11 +17,11 @@ STEP = 1e-6
 
 def torques_of(robot, q, force, up):
     """Torques (nj,) by virtual work: forces (F, 3) N at the feet, and the weight of the links."""
-    out = np.zeros(robot.nj)
+    out, jacobian = np.zeros(robot.nj), com_jacobian_of(robot.model, *forward(robot.model, q))
     for j in range(robot.nj):
         step = STEP * np.eye(robot.nj)[j]
         moved = (foot_positions(robot.model, q + step) - foot_positions(robot.model, q - step)) / (2.0 * STEP)
-        weight = total_mass(robot.model) * 9.81 * (com_jacobian(robot.model, q)[:, j] @ up)
+        weight = total_mass(robot.model) * 9.81 * (jacobian[:, j] @ up)
         out[j] = weight - np.sum(moved * force)
     return out
 

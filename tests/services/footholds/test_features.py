@@ -1,4 +1,4 @@
-"""K1 to K4 against their equations, written out with plain loops."""
+"""K1 to K3 against their equations, written out with plain loops."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surefoot.services.footholds.features import distance, map_features, push_direction, window_features
+from surefoot.services.footholds.features import map_features, push_direction, window_features
 from tests.services.footholds.numpy_features import map_features_numpy
 
 CELL = 0.005
@@ -126,8 +126,3 @@ def test_maps_without_inner_cells(shape: tuple[int, int]) -> None:
     got = map_features(np.zeros(shape, dtype=np.float32), np.array([1.0, 0.0, 0.0]), CELL)
     assert np.isnan(got.k1).all()
     assert np.isnan(got.cos_k3).all()
-
-
-def test_distance_is_planar() -> None:
-    got = distance(np.array([0.0, 0.03]), np.array([0.04, 0.0, 1.0]), 0.0, 0.0)
-    np.testing.assert_allclose(got, [[0.04, 0.05], [0.0, 0.03], [1.0, math.hypot(1.0, 0.03)]])

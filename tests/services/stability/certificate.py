@@ -6,7 +6,8 @@ can exert. With Om = w_z e_z - a x e_z and forces that balance the weight at a C
 
 import numpy as np
 
-from surefoot.services.stability.programs.contacts import Array, ContactSet
+from surefoot.arrays import Array
+from surefoot.services.stability.programs.contacts import ContactSet
 
 
 def twist_velocity(twist: Array, direction: Array, position: Array) -> Array:

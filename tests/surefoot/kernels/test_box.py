@@ -7,12 +7,10 @@ import weakref
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import free_kernel, kernel
-
-Array = NDArray[np.float64]
 
 
 class Parts(NamedTuple):

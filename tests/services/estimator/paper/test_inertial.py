@@ -93,9 +93,9 @@ def test_exact_transition_is_the_derivative_of_the_step():
 
 def test_covariance_stays_symmetric_and_grows():
     p, noise = np.eye(6) * 1e-4, np.array([0.0054, 0.035])
-    g, v, w = np.array([0.0, 0.0, 9.81]), np.zeros(3), np.array([0.2, 0.1, -0.3])
+    x, w = np.array([0.0, 0.0, 9.81, 0.0, 0.0, 0.0]), np.array([0.2, 0.1, -0.3])
     for _ in range(1000):
-        p = inertial.propagate_covariance(p, g, v, w, 0.01, noise, False)
+        _, p = inertial.predict(x, p, w, x[:3], 0.01, noise, False, True)
     np.testing.assert_allclose(p, p.T, rtol=1e-9, atol=1e-15)
     assert np.linalg.eigvalsh(p).min() > 0.0
     assert p[3, 3] > 1e-4

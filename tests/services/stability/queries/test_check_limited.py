@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.arrays import Array
 from surefoot.bus.codec import decode
 from surefoot.robot.kinematics import gravity_torques
 from surefoot.schemas.stability import CheckReply, CheckRequest, RegionRequest
 from surefoot.services.stability.answers import check_reply, region_reply
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, equally_spaced
+from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, equally_spaced
 from surefoot.services.stability.regions.actuated import ServoLegs, actuated_region
 from surefoot.services.stability.sensing.posture import PosedRobot, contact_jacobians
 from tests.services.stability.regions.test_actuated import RADIUS, RAGNO, TRIPOD, UP, stance

@@ -8,13 +8,15 @@ from surefoot.services.stability.programs.contacts import ContactSet, StabilityE
 from surefoot.services.stability.regions.equilibrium import equilibrium
 from surefoot.services.stability.regions.margin import margin
 from surefoot.services.stability.regions.model import Region
-from surefoot.services.stability.regions.modes import Refinement, Tilted, in_common, lean, regions_in, upward
+from surefoot.services.stability.regions.modes import Refinement, Tilted, in_common, lean, regions_in
 from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import feasible_sets
 
 SQUARE = np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.1, -0.1, 0.0]])
 UP = [[0.0, 0.0, 1.0]] * 4
 STILL = np.zeros(3)
+WEIGHT = np.array([0.0, 0.0, 9.81])
+"""-g; with an acceleration a of the CoM -g_eff = WEIGHT + a."""
 
 
 def common(mode: Tilted, contacts: ContactSet) -> Region:
@@ -24,7 +26,7 @@ def common(mode: Tilted, contacts: ContactSet) -> Region:
 def test_an_acceleration_shifts_the_square_by_its_share_of_the_height() -> None:
     """c must lie over the square along g_eff: the shift is h a/g towards the acceleration."""
     contacts, acceleration = contact_set(SQUARE, UP, 0.8), np.array([2.0, 0.0, 0.0])
-    leaning = lean(contacts, upward(acceleration))
+    leaning = lean(contacts, WEIGHT + acceleration)
     found = region(leaning.contacts)
     for height in (0.0, 0.3):
         corners = leaning.at_height(found.inner, height)
@@ -37,15 +39,15 @@ def test_an_acceleration_shifts_the_square_by_its_share_of_the_height() -> None:
 
 def test_more_acceleration_than_friction_is_infeasible() -> None:
     contacts = contact_set(SQUARE, UP, 0.2)
-    assert region(lean(contacts, upward(np.array([1.9, 0.0, 0.0]))).contacts).status == "ok"
-    assert region(lean(contacts, upward(np.array([2.0, 0.0, 0.0]))).contacts).status == "infeasible"
+    assert region(lean(contacts, WEIGHT + np.array([1.9, 0.0, 0.0])).contacts).status == "ok"
+    assert region(lean(contacts, WEIGHT + np.array([2.0, 0.0, 0.0])).contacts).status == "infeasible"
 
 
 def test_points_of_the_leaning_region_are_held_by_forces() -> None:
     """Inside and outside of the region at a height, against the balance of forces with the acceleration."""
     rng = np.random.default_rng(0)
     for contacts in feasible_sets(40, 6):
-        leaning = lean(contacts, upward(rng.uniform(-0.3, 0.3, 3)))
+        leaning = lean(contacts, WEIGHT + rng.uniform(-0.3, 0.3, 3))
         found = region(leaning.contacts)
         if found.status != "ok":
             continue
