@@ -15,23 +15,9 @@ from surefoot.bus.publish import BATCH, FRAME, apart, participants_key
 from surefoot.lockstep.driver import Driver
 from surefoot.lockstep.join import DRIVER, Delayed
 from surefoot.lockstep.service import Service
+from surefoot.schemas import topics
 from surefoot.schemas.base import Bulk, BulkRequest
-from surefoot.schemas.topics import (
-    CMD_ESTOP,
-    CMD_JOINTS,
-    CONFIG_GET,
-    CONFIGURE,
-    HEALTH,
-    HEALTH_GET,
-    HW_TICK,
-    LOG,
-    QUERIES,
-    SIM_JOIN,
-    TICK_DONE,
-    TOPICS,
-    Query,
-    Topic,
-)
+from surefoot.schemas.topics import Query, Topic
 
 ROUTER = "supervisor"
 """Identity of the router. Peers get what clients send from it, so they trust it with every key."""
@@ -79,34 +65,37 @@ def _of(service: type[Service[Any]]) -> Iterator[tuple[Verb, str]]:
         yield Verb.SHOW, f"{LIVE}/{owner}/*"
     yield Verb.SHOW, f"{STARTS}/{service.name}/*"
     yield from ((Verb.WATCH, tokens) for tokens in TOKENS)
-    own = (*service.outputs, *(family.of(service.name) for family in (TICK_DONE, HEALTH, LOG)))
-    for topic in (*own, HW_TICK) if drives else own:
+    own = (*service.outputs, *(family.of(service.name) for family in (topics.TICK_DONE, topics.HEALTH, topics.LOG)))
+    for topic in (*own, topics.HW_TICK) if drives else own:
         yield Verb.PUBLISH, topic.key
         if apart(topic):
             yield Verb.PUBLISH, participants_key(topic, "*")
     inputs = [item.topic if isinstance(item, Delayed) else item for item in service.inputs]
-    for topic in (TICK_DONE, CMD_JOINTS) if drives else (HW_TICK, *inputs):
+    for topic in (topics.TICK_DONE, topics.CMD_JOINTS) if drives else (topics.HW_TICK, *inputs):
         for family in (BATCH, FRAME) if service.batched else (FRAME,):  # footholds takes single ticks with an own map
             yield Verb.READ, family.format(topic.owner) if topic.framed else participants_key(topic, "*")
     for topic in service.observes:
         yield Verb.READ, participants_key(topic, "*") if apart(topic) else topic.key
-    for query in (*service.serves, *(family.of(service.name) for family in (HEALTH_GET, CONFIG_GET, CONFIGURE))):
+    for query in (
+        *service.serves,
+        *(family.of(service.name) for family in (topics.HEALTH_GET, topics.CONFIG_GET, topics.CONFIGURE)),
+    ):
         yield Verb.SERVE, query.key
         yield Verb.SERVE, participants_key(query, "*")
-    for query in (*service.calls, SIM_JOIN):
+    for query in (*service.calls, topics.SIM_JOIN):
         yield Verb.ASK, participants_key(query, "*")
-    yield Verb.ASK, SIM_JOIN.key  # of participants in other languages
+    yield Verb.ASK, topics.SIM_JOIN.key  # of participants in other languages
 
 
 def _of_role(role: Role) -> Iterator[tuple[Verb, str]]:
     yield from ((Verb.WATCH, tokens) for tokens in TOKENS)
-    for topic in TOPICS:
+    for topic in topics.TOPICS:
         yield Verb.READ, topic.key
-    for query in QUERIES:
+    for query in topics.QUERIES:
         if role is Role.OPERATOR or not query.acts:
             yield Verb.ASK, query.key
     if role is Role.OPERATOR:
-        yield Verb.PUBLISH, CMD_ESTOP.key
+        yield Verb.PUBLISH, topics.CMD_ESTOP.key
 
 
 def areas(granted: Iterable[Grant]) -> tuple[str, ...]:
@@ -118,7 +107,7 @@ def areas(granted: Iterable[Grant]) -> tuple[str, ...]:
 def limits() -> dict[int, tuple[str, ...]]:
     """Return the keys of each size limit, bytes of a payload."""
     found: dict[int, list[str]] = {MAX_FRAME_BYTES: [FRAME.format("*"), BATCH.format("*")]}
-    rows: list[Topic[Any] | Query[Any, Any]] = [*TOPICS, *QUERIES]
+    rows: list[Topic[Any] | Query[Any, Any]] = [*topics.TOPICS, *topics.QUERIES]
     bulky = {row.key for row in rows if any(issubclass(model, (Bulk, BulkRequest)) for model in _models(row))}
     for row in rows:
         keys = found.setdefault(MAX_BULK_BYTES if row.key in bulky else MAX_JSON_BYTES, [])

@@ -14,20 +14,8 @@ from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.belief.ukf import DRIFT
 from surefoot.services.navigator.environment.model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin
-from surefoot.services.navigator.policy.arrays import (
-    BLOCKED,
-    CUT_OFF,
-    GOAL_X,
-    GOAL_Y,
-    KIND,
-    OUTCOME,
-    REACHED,
-    TIME,
-    TURNING,
-    WALK,
-    ModelTables,
-    arrays,
-)
+from surefoot.services.navigator.policy import arrays as slots
+from surefoot.services.navigator.policy.arrays import ModelTables, arrays
 from surefoot.services.navigator.policy.choose import allow, features
 from surefoot.services.navigator.policy.params import NavigationModel
 
@@ -77,14 +65,14 @@ def _one_of(states: EpisodeState, e: int) -> EpisodeState:
 def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) -> None:
     """Write row e of observation, mask and ends."""
     mean, status, row = state.ahead_mean, state.status, batch.observation[e]
-    d, phi, h = features(mean, state.ahead_cov, model.scene[GOAL_X], model.scene[GOAL_Y])
+    d, phi, h = features(mean, state.ahead_cov, model.scene[slots.GOAL_X], model.scene[slots.GOAL_Y])
     row[0] = min(d, 100.0)
     row[1], row[2] = math.sin(phi), math.cos(phi)
     row[3] = min(max(h, -50.0), 50.0)
     row[4] = min(max(mean[DRIFT], -50.0), 50.0) if mean.size > DRIFT else 0.0
-    row[5] = status[BLOCKED]
-    batch.terminated[e] = status[OUTCOME] == REACHED
-    batch.truncated[e] = status[OUTCOME] == CUT_OFF
+    row[5] = status[slots.BLOCKED]
+    batch.terminated[e] = status[slots.OUTCOME] == slots.REACHED
+    batch.truncated[e] = status[slots.OUTCOME] == slots.CUT_OFF
     allow(model, status, batch.mask[e])
 
 
@@ -92,9 +80,9 @@ def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) 
 def _allowed(model: ModelTables, batch: BatchRoom, e: int, blocked: bool) -> int:
     """Return the chosen action of an episode, or the first turn or walk in place of one that is not allowed."""
     if not batch.mask[e, batch.chosen[e]]:
-        wanted = TURNING if blocked else WALK
+        wanted = slots.TURNING if blocked else slots.WALK
         for a in range(model.actions.shape[0]):
-            if model.actions[a, KIND] == wanted:
+            if model.actions[a, slots.KIND] == wanted:
                 return a
     return batch.chosen[e]
 
@@ -120,7 +108,7 @@ def _step(
         elif only_renew:
             continue
         else:
-            action = _allowed(model, batch, e, state.status[BLOCKED] > 0.0)
+            action = _allowed(model, batch, e, state.status[slots.BLOCKED] > 0.0)
             batch.reward[e] = act(model, run, batch.episodes[e] - stride, action, state, room)
         _observe(model, state, e, batch)
 
@@ -172,7 +160,7 @@ class EpisodeBatch:
     @property
     def seconds(self) -> Array:
         """Time of each episode so far, s, (count,)."""
-        return self._states.status[:, TIME]
+        return self._states.status[:, slots.TIME]
 
     def begin(self, which: Flags) -> None:
         """Begin a new episode where `which` (count,) is true."""

@@ -19,19 +19,9 @@ from surefoot.record.recording import read_recording
 from surefoot.robot.description import Robot
 from surefoot.robot.profiles import CameraFile, read_profile
 from surefoot.robot.reader import load_robot
+from surefoot.schemas import topics
 from surefoot.schemas.hw import CameraImage, Tick
 from surefoot.schemas.state import SeenLandmarks
-from surefoot.schemas.topics import (
-    HW_IMAGE,
-    HW_JOINTS,
-    SIM_TRUTH,
-    STATE_GAIT,
-    STATE_LANDMARKS,
-    STATE_ODOMETRY,
-    STATE_POSE,
-    TICK_NS,
-    TICK_S,
-)
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError
 from surefoot.services.navigator.config import NavigatorConfig
@@ -48,7 +38,7 @@ from surefoot.services.vision.config import VisionConfig
 from surefoot.services.vision.feature_map import FeatureMap
 from surefoot.services.vision.service import VisionService
 
-KEYS = (HW_JOINTS.key, STATE_ODOMETRY.key, STATE_GAIT.key, SIM_TRUTH.key)
+KEYS = (topics.HW_JOINTS.key, topics.STATE_ODOMETRY.key, topics.STATE_GAIT.key, topics.SIM_TRUTH.key)
 
 
 @dataclass(frozen=True)
@@ -60,7 +50,7 @@ class RecordedMotion:
 
     def truth(self, tick: int) -> tuple[float, float, float]:
         """Return the true x, y (m) and heading (rad) at a tick."""
-        message = self.ticks[tick][SIM_TRUTH.key]
+        message = self.ticks[tick][topics.SIM_TRUTH.key]
         w, x, y, z = message.quat_wxyz
         return (*message.position[:2], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
@@ -76,7 +66,7 @@ def read_motion(path: Path, seconds: float = math.inf, robot: str = "nao") -> Re
         if not any(key in messages for messages in ticks):
             raise SurefootError("invalid", f"{path} has no {key}; a replay needs it", key)
     whole = next((n for n, m in enumerate(ticks) if n > 0 and not {*KEYS[1:]} <= set(m)), len(ticks))
-    return RecordedMotion(load_robot(robot), ticks[: int(min(whole, seconds / TICK_S))])
+    return RecordedMotion(load_robot(robot), ticks[: int(min(whole, seconds / topics.TICK_S))])
 
 
 def floor(texture: str, seed: int, terrain: str = "corridor", width: float = 2.0) -> Texture:
@@ -112,7 +102,7 @@ def images_of(
     for fault in faults:
         bank.add(fault)
     for tick, messages in enumerate(motion.ticks):
-        truth = messages.get(SIM_TRUTH.key)
+        truth = messages.get(topics.SIM_TRUTH.key)
         if truth is None:
             yield None
             continue
@@ -191,31 +181,33 @@ class WalkReplay:
         found: list[Published] = []
         belief: Any = None
         for tick, (messages, taken) in enumerate(zip(motion.ticks, images, strict=True)):
-            if STATE_ODOMETRY.key not in messages:
+            if topics.STATE_ODOMETRY.key not in messages:
                 continue
             self.change(tick, vision, localiser)
-            inputs = {key: messages[key] for key in (HW_JOINTS.key, STATE_ODOMETRY.key) if key in messages}
-            inputs |= {} if taken is None else {HW_IMAGE.key: taken.image}
-            inputs |= {} if belief is None else {STATE_POSE.key: belief}
-            now, belief, outlet.last = tick * TICK_NS, None, None
+            inputs = {
+                key: messages[key] for key in (topics.HW_JOINTS.key, topics.STATE_ODOMETRY.key) if key in messages
+            }
+            inputs |= {} if taken is None else {topics.HW_IMAGE.key: taken.image}
+            inputs |= {} if belief is None else {topics.STATE_POSE.key: belief}
+            now, belief, outlet.last = tick * topics.TICK_NS, None, None
             head = Tick(roster=(), roster_version=0, due=(), mode="lockstep").stamped(now, tick, 1, tick, "simulator")
             vision.on_tick(TickInputs(head, inputs))
             self._believe(messages, outlet.last, localiser, now)
-            if STATE_POSE.due(tick):
+            if topics.STATE_POSE.due(tick):
                 belief = localiser.message(1e-9 * now, ready=True)
-            if STATE_LANDMARKS.due(tick):
+            if topics.STATE_LANDMARKS.due(tick):
                 found.append(self._measured(motion, tick, outlet.last, localiser))
         vision.on_stop()
         return found
 
     def _believe(self, messages: dict[str, Any], seen: SeenLandmarks | None, localiser: Localiser, now: int) -> None:
         """Let the belief take odometry and landmarks of a tick."""
-        odometry, gait = messages[STATE_ODOMETRY.key], GaitView.of(messages[STATE_GAIT.key])
+        odometry, gait = messages[topics.STATE_ODOMETRY.key], GaitView.of(messages[topics.STATE_GAIT.key])
         if odometry.initialised:
             localiser.odometry(odometry.position[0], odometry.position[1], odometry.yaw, now * 1e-9)
         if seen is not None and seen.fresh:
             try:
-                localiser.look(seen.stamped(now, now // TICK_NS, 1, 0, "vision"), gait, now * 1e-9)
+                localiser.look(seen.stamped(now, now // topics.TICK_NS, 1, 0, "vision"), gait, now * 1e-9)
             except DetectionError:
                 return
         localiser.search(standing=gait.state == "standing")
@@ -224,5 +216,5 @@ class WalkReplay:
         error = np.array(localiser.tracker.pose) - motion.truth(tick)
         error[2] = math.atan2(math.sin(error[2]), math.cos(error[2]))
         covariance = np.array(localiser.tracker.cov)[:3, :3].copy()
-        gait = motion.ticks[tick][STATE_GAIT.key].state
+        gait = motion.ticks[tick][topics.STATE_GAIT.key].state
         return Published(tick, gait, seen, error, covariance, localiser.lost.lost)

@@ -14,20 +14,8 @@ from surefoot.lab.train.evaluation import EVALUATION
 from surefoot.services.navigator.belief.ukf import DRIFT
 from surefoot.services.navigator.environment.model import EpisodeState, episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin
-from surefoot.services.navigator.policy.arrays import (
-    BLOCKED,
-    GOAL_X,
-    GOAL_Y,
-    KIND,
-    OUTCOME,
-    REACHED,
-    RUNNING,
-    STAND,
-    TIME,
-    TURN,
-    TURNING,
-    Arrays,
-)
+from surefoot.services.navigator.policy import arrays as slots
+from surefoot.services.navigator.policy.arrays import Arrays
 from surefoot.services.navigator.policy.choose import features, room_to_choose
 from surefoot.services.navigator.policy.policies import Policy, choose_with
 
@@ -90,17 +78,24 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
     actions: list[int] = []
     reward = 0.0
     while True:
-        seen = features(mean, cov, scene[GOAL_X], scene[GOAL_Y])
+        seen = features(mean, cov, scene[slots.GOAL_X], scene[slots.GOAL_Y])
         rows.append(
-            (truth[:3].copy(), mean[:3].copy(), cov[:3, :3].copy(), seen, float(status[TIME]), status[BLOCKED] > 0.0)
+            (
+                truth[:3].copy(),
+                mean[:3].copy(),
+                cov[:3, :3].copy(),
+                seen,
+                float(status[slots.TIME]),
+                status[slots.BLOCKED] > 0.0,
+            )
         )
         chosen = decide(mean, cov, status, reward)
-        if status[OUTCOME] != RUNNING:
+        if status[slots.OUTCOME] != slots.RUNNING:
             break
         actions.append(chosen)
         reward = act(world.tables, run, episode, chosen, state, room)
     done = np.array(actions, dtype=np.int64)
-    kinds, turn = world.actions[done, KIND], world.actions[done, TURN]
+    kinds, turn = world.actions[done, slots.KIND], world.actions[done, slots.TURN]
     true, estimate, spread, seen_all, time, blocked = zip(*rows, strict=True)
     return Episode(
         np.array(time),
@@ -110,11 +105,11 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
         np.array(seen_all),
         np.array(blocked),
         done,
-        kinds == STAND,
-        np.where(kinds == TURNING, np.sign(turn), 0.0).astype(np.int64),
+        kinds == slots.STAND,
+        np.where(kinds == slots.TURNING, np.sign(turn), 0.0).astype(np.int64),
         float(truth[DRIFT]),
         state.marks[: state.first[-1]].copy(),
-        status[OUTCOME] == REACHED,
+        status[slots.OUTCOME] == slots.REACHED,
     )
 
 
@@ -133,7 +128,7 @@ def _begun(world: Arrays, run: int, episode: int) -> EpisodeState:
 def deciding(world: Arrays, policy: Policy) -> Decide:
     """Return the function by which `follow` follows a policy."""
     room = room_to_choose(world.states, len(world.names))
-    goal = float(world.scene[GOAL_X]), float(world.scene[GOAL_Y])
+    goal = float(world.scene[slots.GOAL_X]), float(world.scene[slots.GOAL_Y])
 
     def decide(mean: Array, cov: Array, status: Array, reward: float) -> int:
         return choose_with(policy, world, mean, cov, goal, status, room)

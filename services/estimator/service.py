@@ -5,20 +5,8 @@ import numpy as np
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
+from surefoot.schemas import topics
 from surefoot.schemas.hw import FootContacts, JointState
-from surefoot.schemas.topics import (
-    HW_CONTACTS,
-    HW_EXTERNAL,
-    HW_IMU,
-    HW_JOINTS,
-    STATE_ODOMETRY,
-    STATE_VELOCITY,
-    STATE_VELOCITY_EKF,
-    STATE_VELOCITY_IMU,
-    STATE_VELOCITY_KINEMATICS,
-    STATE_VELOCITY_KINEMATICS_GYRO,
-    TICK_S,
-)
 
 from .config import EstimatorConfig
 from .feet.contact import touch_rows
@@ -35,10 +23,10 @@ LATE_TICK = 100
 """Tick after which a service that joins an epoch no longer relies on the stated start pose."""
 
 VARIANTS = {
-    "imu": STATE_VELOCITY_IMU,
-    "kinematics": STATE_VELOCITY_KINEMATICS,
-    "kinematics_gyro": STATE_VELOCITY_KINEMATICS_GYRO,
-    "ekf": STATE_VELOCITY_EKF,
+    "imu": topics.STATE_VELOCITY_IMU,
+    "kinematics": topics.STATE_VELOCITY_KINEMATICS,
+    "kinematics_gyro": topics.STATE_VELOCITY_KINEMATICS_GYRO,
+    "ekf": topics.STATE_VELOCITY_EKF,
 }
 
 
@@ -47,8 +35,8 @@ class EstimatorService(Service[EstimatorConfig]):
 
     name = "estimator"
     Config = EstimatorConfig
-    inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, HW_EXTERNAL)
-    outputs = (STATE_VELOCITY, STATE_ODOMETRY, *VARIANTS.values())
+    inputs = (topics.HW_IMU, topics.HW_JOINTS, topics.HW_CONTACTS, topics.HW_EXTERNAL)
+    outputs = (topics.STATE_VELOCITY, topics.STATE_ODOMETRY, *VARIANTS.values())
 
     def on_start(self) -> None:
         self._robot = load_robot(self.config.robot)
@@ -77,8 +65,8 @@ class EstimatorService(Service[EstimatorConfig]):
         if self._first and inputs.number > LATE_TICK:
             self.estimator.reset(stated=False)
         self._first = False
-        imu, joints, contacts = inputs.get(HW_IMU), inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
-        external = inputs.get(HW_EXTERNAL)
+        imu, joints, contacts = inputs.get(topics.HW_IMU), inputs.get(topics.HW_JOINTS), inputs.get(topics.HW_CONTACTS)
+        external = inputs.get(topics.HW_EXTERNAL)
         if imu is not None:
             self._log("imu", self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc, imu.saturated))
         if contacts is not None:
@@ -88,10 +76,10 @@ class EstimatorService(Service[EstimatorConfig]):
         if external is not None:
             self._log("external", self.estimator.external(external.stamp_ns, sample_of(external)))
         e = self.estimator
-        e.silent = {key: age for key, age in inputs.late.items() if key != HW_EXTERNAL.key}  # it may come and go
-        self.publish(STATE_VELOCITY, velocity_message(e.estimate(self.config.mode)), e.stamp_ns)
-        if STATE_ODOMETRY.due(inputs.number):
-            self.publish(STATE_ODOMETRY, odometry_message(e.pose(), e.initialised, self._stances), e.stamp_ns)
+        e.silent = {key: age for key, age in inputs.late.items() if key != topics.HW_EXTERNAL.key}  # it may come and go
+        self.publish(topics.STATE_VELOCITY, velocity_message(e.estimate(self.config.mode)), e.stamp_ns)
+        if topics.STATE_ODOMETRY.due(inputs.number):
+            self.publish(topics.STATE_ODOMETRY, odometry_message(e.pose(), e.initialised, self._stances), e.stamp_ns)
             self._stances = []
         for name, topic in VARIANTS.items():
             if topic.due(inputs.number):
@@ -103,7 +91,7 @@ class EstimatorService(Service[EstimatorConfig]):
         result = e.joints(joints.stamp_ns, q, touch)
         self._log("kinematics", result)
         behind_s = 1e-9 * (e.stamp_ns - joints.stamp_ns)
-        if result is InputResult.OK and e.initialised and -TICK_S < behind_s < LATE_JOINTS_S:
+        if result is InputResult.OK and e.initialised and -topics.TICK_S < behind_s < LATE_JOINTS_S:
             feet, closed = feet_in_odom(self._mount, q, e.pose(), behind_s), np.asarray(touch.any(axis=1))
             faulty = self._faults.update(q, joints.stamp_ns, closed, self._slip.risen(feet[0]))
             self._stances += self._slip.update(closed, *feet, faulty | e.wrong_legs)

@@ -7,6 +7,7 @@ from surefoot.geometry.heightmap import HeightMapError
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
+from surefoot.schemas import topics
 from surefoot.schemas.footholds import (
     AssessReply,
     AssessRequest,
@@ -18,17 +19,7 @@ from surefoot.schemas.footholds import (
     SelectRequest,
 )
 from surefoot.schemas.hw import Tick
-from surefoot.schemas.topics import (
-    FOOTHOLDS_ASSESS,
-    FOOTHOLDS_BATCH,
-    FOOTHOLDS_CHOSEN,
-    FOOTHOLDS_LEARN,
-    FOOTHOLDS_MODEL,
-    FOOTHOLDS_SELECT,
-    STATE_ELEVATION,
-    TERRAIN_MAP,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 
 from .answers import assess_answer
 from .config import FootholdsConfig
@@ -45,14 +36,17 @@ class Footholds(Service[FootholdsConfig]):
 
     name = "footholds"
     Config = FootholdsConfig
-    inputs = (TERRAIN_MAP, STATE_ELEVATION)
-    outputs = (FOOTHOLDS_CHOSEN,)
+    inputs = (topics.TERRAIN_MAP, topics.STATE_ELEVATION)
+    outputs = (topics.FOOTHOLDS_CHOSEN,)
     batched = True
-    serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS, FOOTHOLDS_BATCH, FOOTHOLDS_MODEL, FOOTHOLDS_LEARN)
+    serves = (
+        topics.FOOTHOLDS_SELECT, topics.FOOTHOLDS_ASSESS, topics.FOOTHOLDS_BATCH, topics.FOOTHOLDS_MODEL,
+        topics.FOOTHOLDS_LEARN,
+    )  # fmt: skip
 
     def __init__(self, config: FootholdsConfig) -> None:
         super().__init__(config)
-        self._maps: Topic[Any] = STATE_ELEVATION if config.own_map else TERRAIN_MAP
+        self._maps: Topic[Any] = topics.STATE_ELEVATION if config.own_map else topics.TERRAIN_MAP
         self.inputs, self.batched = (self._maps,), not config.own_map  # a given map comes once a run, not in ticks
 
     def on_start(self) -> None:
@@ -67,11 +61,11 @@ class Footholds(Service[FootholdsConfig]):
         """Tick of the first request that the model in force answered."""
         self._now: Tick | None = None
         self.latched = LatchedGround(self._maps.key, self.robot.foot_radius, self.config.smooth, self.config.unsure_m)
-        self.handle(FOOTHOLDS_SELECT, self.choose)
-        self.handle(FOOTHOLDS_ASSESS, self.assess)
-        self.handle(FOOTHOLDS_BATCH, self.batch)
-        self.handle(FOOTHOLDS_MODEL, self.use_model)
-        self.handle(FOOTHOLDS_LEARN, self.models.job.answer)
+        self.handle(topics.FOOTHOLDS_SELECT, self.choose)
+        self.handle(topics.FOOTHOLDS_ASSESS, self.assess)
+        self.handle(topics.FOOTHOLDS_BATCH, self.batch)
+        self.handle(topics.FOOTHOLDS_MODEL, self.use_model)
+        self.handle(topics.FOOTHOLDS_LEARN, self.models.job.answer)
 
     def on_stop(self) -> None:
         """End the learning that is under way, and the thread of batches."""
@@ -119,7 +113,7 @@ class Footholds(Service[FootholdsConfig]):
         """Answer `footholds/select`, and publish the choice under the tick of the request."""
         reply = self.select(request)
         if self._now is not None:
-            self.publish(FOOTHOLDS_CHOSEN, choice_message(reply, request.tick, self._now))
+            self.publish(topics.FOOTHOLDS_CHOSEN, choice_message(reply, request.tick, self._now))
         return reply
 
     def select(self, request: SelectRequest) -> SelectReply:

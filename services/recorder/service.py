@@ -10,28 +10,17 @@ from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.logline import sendable
 from surefoot.record.runhash import RunHash
+from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.system import RecorderReply, RecorderRequest, SaveReply, SaveRequest
-from surefoot.schemas.topics import (
-    FOOTHOLDS_CHOSEN,
-    HW_DEPTH,
-    HW_IMAGE,
-    HW_TICK,
-    LOG,
-    RECORDER_SAVE,
-    RECORDER_STATUS,
-    SIM_STATUS,
-    TOPICS,
-    Kind,
-    Topic,
-)
+from surefoot.schemas.topics import Kind, Topic
 
 from .config import RecorderConfig
 from .outputs import Output, output_of
 
-JOINED = tuple(t for t in TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))
-IMAGES = (HW_IMAGE, HW_DEPTH)
-LATCHED = tuple(t for t in TOPICS if t.deterministic and t.kind is Kind.LATCHED)
+JOINED = tuple(t for t in topics.TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))
+IMAGES = (topics.HW_IMAGE, topics.HW_DEPTH)
+LATCHED = tuple(t for t in topics.TOPICS if t.deterministic and t.kind is Kind.LATCHED)
 
 
 class Recorder(Service[RecorderConfig]):
@@ -40,8 +29,8 @@ class Recorder(Service[RecorderConfig]):
     name = "recorder"
     Config = RecorderConfig
     inputs = (*JOINED, *IMAGES, *LATCHED)
-    observes = (FOOTHOLDS_CHOSEN, SIM_STATUS, LOG)
-    serves = (RECORDER_STATUS, RECORDER_SAVE)
+    observes = (topics.FOOTHOLDS_CHOSEN, topics.SIM_STATUS, topics.LOG)
+    serves = (topics.RECORDER_STATUS, topics.RECORDER_SAVE)
     raw = batched = True
 
     def on_start(self) -> None:
@@ -53,8 +42,8 @@ class Recorder(Service[RecorderConfig]):
         self._known: set[tuple[str, int, int]] = set()
         self._tick, self._epoch = -1, 0
         self._finished, self._failed = False, False
-        self.handle(RECORDER_STATUS, self.status)
-        self.handle(RECORDER_SAVE, self.save)
+        self.handle(topics.RECORDER_STATUS, self.status)
+        self.handle(topics.RECORDER_SAVE, self.save)
 
     def on_reset(self) -> None:
         self._close()
@@ -84,7 +73,7 @@ class Recorder(Service[RecorderConfig]):
             self._try(lambda output: output.begin(tick.epoch, tick.seed, begun=tick.tick > 0))
         self._take_latched(inputs)
         self._flush()
-        self._write(HW_TICK, tick, Raw(*encode(tick), encoding_of(type(tick))))
+        self._write(topics.HW_TICK, tick, Raw(*encode(tick), encoding_of(type(tick))))
         for topic in (*JOINED, *IMAGES) if self.config.images else JOINED:
             delivery = inputs.messages.get(topic.key)
             if delivery is not None:

@@ -8,6 +8,7 @@ import numpy as np
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.lockstep.driver import DueSample
+from surefoot.schemas import topics
 from surefoot.schemas.hw import (
     CameraImage,
     DepthImage,
@@ -21,18 +22,7 @@ from surefoot.schemas.hw import (
 )
 from surefoot.schemas.sim import Truth as TruthMessage
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
-from surefoot.schemas.topics import (
-    HW_CONTACTS,
-    HW_DEPTH,
-    HW_IMAGE,
-    HW_IMU,
-    HW_JOINTS,
-    HW_LANDMARKS,
-    HW_RANGE,
-    TERRAIN_LANDMARKS,
-    TERRAIN_MAP,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 
 from .ground.terrain import Terrain
 from .physics.samples import ExactState, Samples
@@ -48,19 +38,19 @@ def sample_messages(samples: Samples) -> list[DueSample]:
     out: list[DueSample] = []
     if imu is not None:
         message = Imu(acc=tuple(imu.acc.tolist()), gyro=tuple(imu.gyro.tolist()), saturated=imu.saturated)
-        out.append(DueSample(HW_IMU, message, imu.stamp_ns, imu.seq))
+        out.append(DueSample(topics.HW_IMU, message, imu.stamp_ns, imu.seq))
     if joints is not None:
         state = JointState(
             position=tuple(joints.position.tolist()),
             current=tuple(joints.current.tolist()),
             torque=tuple(joints.torque.tolist()),
         )
-        out.append(DueSample(HW_JOINTS, state, joints.stamp_ns, joints.seq))
+        out.append(DueSample(topics.HW_JOINTS, state, joints.stamp_ns, joints.seq))
     if contacts is not None:
         force = contacts.normal_force
         normal = (None,) * len(contacts.touch) if force is None else tuple(force.tolist())
         feet = FootContacts(touch=contacts.touch, normal_force_n=normal)
-        out.append(DueSample(HW_CONTACTS, feet, contacts.stamp_ns, contacts.seq))
+        out.append(DueSample(topics.HW_CONTACTS, feet, contacts.stamp_ns, contacts.seq))
     return out
 
 
@@ -78,19 +68,21 @@ def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
             ),
             goal=None if goal is None else Sighting(range=goal.range, bearing=goal.bearing),
         )
-        out.append(DueSample(HW_LANDMARKS, message, stamp_ns, frame.seq))
+        out.append(DueSample(topics.HW_LANDMARKS, message, stamp_ns, frame.seq))
     if sight.image is not None:
         taken = sight.image
-        out.append(DueSample(HW_IMAGE, image_message(taken), taken.stamp_ns, taken.seq))
+        out.append(DueSample(topics.HW_IMAGE, image_message(taken), taken.stamp_ns, taken.seq))
     if sight.depths is not None and sight.depth is not None:
-        out.append(DueSample(HW_DEPTH, depth_message(sight.depths, sight.depth.camera), stamp_ns, sight.depths.seq))
+        out.append(
+            DueSample(topics.HW_DEPTH, depth_message(sight.depths, sight.depth.camera), stamp_ns, sight.depths.seq)
+        )
     if sight.reach is not None and sight.ranger is not None:
         r = sight.ranger
         near = Range(
             distance=sight.reach.distance, shortest=r.shortest, longest=r.longest, field_of_view=2.0 * r.half_cone,
             bump=sight.reach.bump,
         )  # fmt: skip
-        out.append(DueSample(HW_RANGE, near, stamp_ns, sight.reach.seq))
+        out.append(DueSample(topics.HW_RANGE, near, stamp_ns, sight.reach.seq))
     return out
 
 
@@ -117,11 +109,11 @@ def depth_message(frame: DepthFrame, camera: DepthCamera) -> DepthImage:
 
 def lacking(sight: Senses | None, heights: HeightMapMessage | None) -> tuple[Topic[Any], ...]:
     """Return the topics that a robot with these sensors and this map never publishes; None = no sensors, no map."""
-    blind = () if sight is not None and sight.landmarks is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
-    blind = blind if sight is not None and sight.eye is not None else (*blind, HW_IMAGE)
-    blind = blind if sight is not None and sight.depth is not None else (*blind, HW_DEPTH)
-    blind = blind if heights is not None else (*blind, TERRAIN_MAP)
-    return blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)
+    blind = () if sight is not None and sight.landmarks is not None else (topics.HW_LANDMARKS, topics.TERRAIN_LANDMARKS)
+    blind = blind if sight is not None and sight.eye is not None else (*blind, topics.HW_IMAGE)
+    blind = blind if sight is not None and sight.depth is not None else (*blind, topics.HW_DEPTH)
+    blind = blind if heights is not None else (*blind, topics.TERRAIN_MAP)
+    return blind if sight is not None and sight.ranger is not None else (*blind, topics.HW_RANGE)
 
 
 def truth_message(truth: ExactState) -> TruthMessage:

@@ -7,29 +7,11 @@ from typing import Any
 import mujoco
 
 from surefoot.errors import Refusal
-from surefoot.schemas import sim
+from surefoot.schemas import sim, topics
 from surefoot.schemas.hw import DescriptionReply, DescriptionRequest
 from surefoot.schemas.status import SimStatus, StatusRequest
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap, MapRequest
-from surefoot.schemas.topics import (
-    HW_DESCRIPTION,
-    SIM_CHECKPOINT,
-    SIM_EXPERIMENT,
-    SIM_FAULT,
-    SIM_FEATURES,
-    SIM_PAUSE,
-    SIM_PLACE,
-    SIM_PUSH,
-    SIM_RESET,
-    SIM_RESTORE,
-    SIM_SET,
-    SIM_SPEED,
-    SIM_STATUS_GET,
-    SIM_STEP,
-    TERRAIN_LANDMARKS_GET,
-    TERRAIN_MAP_GET,
-    Query,
-)
+from surefoot.schemas.topics import Query
 
 from .experiment import outcome_of
 from .ground.terrain import KINDS, MAP_PROFILES
@@ -50,11 +32,13 @@ class SimulatorQueries:
     def handlers(self) -> tuple[tuple[Query[Any, Any], Callable[[Any], Any]], ...]:
         """Return each query with its handler."""
         return (
-            (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_SPEED, self.speed), (SIM_PAUSE, self.pause),
-            (SIM_PUSH, self.push), (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault),
-            (SIM_CHECKPOINT, self.checkpoint), (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status),
-            (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description), (SIM_EXPERIMENT, self.experiment),
-            (TERRAIN_MAP_GET, self.heights), (TERRAIN_LANDMARKS_GET, self.landmarks),
+            (topics.SIM_RESET, self.reset), (topics.SIM_STEP, self.step), (topics.SIM_SPEED, self.speed),
+            (topics.SIM_PAUSE, self.pause), (topics.SIM_PUSH, self.push), (topics.SIM_PLACE, self.place),
+            (topics.SIM_SET, self.set), (topics.SIM_FAULT, self.fault), (topics.SIM_CHECKPOINT, self.checkpoint),
+            (topics.SIM_RESTORE, self.restore), (topics.SIM_STATUS_GET, self.status),
+            (topics.SIM_FEATURES, self.features), (topics.HW_DESCRIPTION, self.description),
+            (topics.SIM_EXPERIMENT, self.experiment), (topics.TERRAIN_MAP_GET, self.heights),
+            (topics.TERRAIN_LANDMARKS_GET, self.landmarks),
         )  # fmt: skip
 
     def close(self) -> None:

@@ -7,41 +7,10 @@ from pydantic import Field
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.robot.reader import load_robot
-from surefoot.schemas import sim
+from surefoot.schemas import sim, topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import EmergencyStop, JointCommand
-from surefoot.schemas.topics import (
-    CMD_ESTOP,
-    HW_CONTACTS,
-    HW_DEPTH,
-    HW_DESCRIPTION,
-    HW_IMAGE,
-    HW_IMU,
-    HW_JOINTS,
-    HW_LANDMARKS,
-    HW_RANGE,
-    SIM_CHECKPOINT,
-    SIM_EXPERIMENT,
-    SIM_FAULT,
-    SIM_FEATURES,
-    SIM_JOIN,
-    SIM_PAUSE,
-    SIM_PLACE,
-    SIM_PUSH,
-    SIM_RESET,
-    SIM_RESTORE,
-    SIM_SET,
-    SIM_SPEED,
-    SIM_STATUS,
-    SIM_STATUS_GET,
-    SIM_STEP,
-    SIM_TRUTH,
-    TERRAIN_LANDMARKS,
-    TERRAIN_LANDMARKS_GET,
-    TERRAIN_MAP,
-    TERRAIN_MAP_GET,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 
 from . import world as worlds
 from .messages import sample_messages, sight_messages, truth_message
@@ -68,14 +37,15 @@ class Simulator(Driver[SimulatorConfig]):
     name = "simulator"
     Config = SimulatorConfig
     outputs = (
-        HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_IMAGE, HW_DEPTH, HW_RANGE, SIM_TRUTH, TERRAIN_MAP,
-        TERRAIN_LANDMARKS, SIM_STATUS,
+        topics.HW_IMU, topics.HW_JOINTS, topics.HW_CONTACTS, topics.HW_LANDMARKS, topics.HW_IMAGE, topics.HW_DEPTH,
+        topics.HW_RANGE, topics.SIM_TRUTH, topics.TERRAIN_MAP, topics.TERRAIN_LANDMARKS, topics.SIM_STATUS,
     )  # fmt: skip
-    observes = (CMD_ESTOP,)
+    observes = (topics.CMD_ESTOP,)
     serves = (
-        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_SPEED, SIM_PUSH, SIM_PLACE,
-        SIM_SET, SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES, SIM_EXPERIMENT,
-        TERRAIN_LANDMARKS_GET,
+        topics.SIM_JOIN, topics.HW_DESCRIPTION, topics.TERRAIN_MAP_GET, topics.SIM_RESET, topics.SIM_STEP,
+        topics.SIM_PAUSE, topics.SIM_SPEED, topics.SIM_PUSH, topics.SIM_PLACE, topics.SIM_SET, topics.SIM_FAULT,
+        topics.SIM_CHECKPOINT, topics.SIM_RESTORE, topics.SIM_STATUS_GET, topics.SIM_FEATURES, topics.SIM_EXPERIMENT,
+        topics.TERRAIN_LANDMARKS_GET,
     )  # fmt: skip
 
     def on_start(self) -> None:
@@ -111,7 +81,7 @@ class Simulator(Driver[SimulatorConfig]):
 
     def reveal(self, tick: int) -> list[DueSample]:
         truth = self.run.built.world.truth()
-        return [DueSample(SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
+        return [DueSample(topics.SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
         self.run.step(tick, command)
@@ -121,7 +91,10 @@ class Simulator(Driver[SimulatorConfig]):
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
         heights, landmarks = self.run.built.heights, self.run.built.landmarks
-        known: list[tuple[Topic[Any], Message | None]] = [(TERRAIN_MAP, heights), (TERRAIN_LANDMARKS, landmarks)]
+        known: list[tuple[Topic[Any], Message | None]] = [
+            (topics.TERRAIN_MAP, heights),
+            (topics.TERRAIN_LANDMARKS, landmarks),
+        ]
         return [(topic, message) for topic, message in known if message is not None]
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
@@ -131,7 +104,7 @@ class Simulator(Driver[SimulatorConfig]):
             self.on_status()
 
     def on_status(self) -> None:
-        self.publish(SIM_STATUS, self.run.status())
+        self.publish(topics.SIM_STATUS, self.run.status())
 
 
 SERVICE = Simulator

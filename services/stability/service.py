@@ -7,22 +7,9 @@ import numpy as np
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
+from surefoot.schemas import topics
 from surefoot.schemas.hw import FootContacts, JointState
 from surefoot.schemas.state import VelocityEstimate
-from surefoot.schemas.topics import (
-    HW_CONTACTS,
-    HW_JOINTS,
-    STABILITY_BATCH,
-    STABILITY_CALIBRATE,
-    STABILITY_CHECK,
-    STABILITY_COM,
-    STABILITY_EQUILIBRIUM,
-    STABILITY_REGION,
-    STABILITY_WHATIF,
-    STATE_GAIT,
-    STATE_STABILITY,
-    STATE_VELOCITY,
-)
 
 from .answers import check_reply, com_reply, equilibrium_reply, no_status, region_reply, status_message
 from .config import StabilityConfig
@@ -43,16 +30,16 @@ class Stability(Service[StabilityConfig]):
 
     name = "stability"
     Config = StabilityConfig
-    inputs = (HW_JOINTS, HW_CONTACTS, STATE_VELOCITY, Delayed(STATE_GAIT))
-    outputs = (STATE_STABILITY,)
+    inputs = (topics.HW_JOINTS, topics.HW_CONTACTS, topics.STATE_VELOCITY, Delayed(topics.STATE_GAIT))
+    outputs = (topics.STATE_STABILITY,)
     serves = (
-        STABILITY_REGION,
-        STABILITY_CHECK,
-        STABILITY_COM,
-        STABILITY_WHATIF,
-        STABILITY_EQUILIBRIUM,
-        STABILITY_BATCH,
-        STABILITY_CALIBRATE,
+        topics.STABILITY_REGION,
+        topics.STABILITY_CHECK,
+        topics.STABILITY_COM,
+        topics.STABILITY_WHATIF,
+        topics.STABILITY_EQUILIBRIUM,
+        topics.STABILITY_BATCH,
+        topics.STABILITY_CALIBRATE,
     )
 
     def on_start(self) -> None:
@@ -61,13 +48,13 @@ class Stability(Service[StabilityConfig]):
         self.params = self.config.watch()
         self.workers = Workers()
         self.on_reset()
-        self.handle(STABILITY_REGION, answered(lambda r: region_reply(r, self.robot)))
-        self.handle(STABILITY_CHECK, answered(lambda r: check_reply(r, self.robot)))
-        self.handle(STABILITY_COM, answered(lambda r: com_reply(r, self.robot)))
-        self.handle(STABILITY_WHATIF, self.workers.whatif)
-        self.handle(STABILITY_EQUILIBRIUM, answered(equilibrium_reply))
-        self.handle(STABILITY_BATCH, self.workers.batch)
-        self.handle(STABILITY_CALIBRATE, answered(lambda r: self.calibration.answer(r)))
+        self.handle(topics.STABILITY_REGION, answered(lambda r: region_reply(r, self.robot)))
+        self.handle(topics.STABILITY_CHECK, answered(lambda r: check_reply(r, self.robot)))
+        self.handle(topics.STABILITY_COM, answered(lambda r: com_reply(r, self.robot)))
+        self.handle(topics.STABILITY_WHATIF, self.workers.whatif)
+        self.handle(topics.STABILITY_EQUILIBRIUM, answered(equilibrium_reply))
+        self.handle(topics.STABILITY_BATCH, self.workers.batch)
+        self.handle(topics.STABILITY_CALIBRATE, answered(lambda r: self.calibration.answer(r)))
 
     def rehearse(self) -> None:
         """Answer made-up requests, and compute the status of made-up stances."""
@@ -93,24 +80,24 @@ class Stability(Service[StabilityConfig]):
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Keep the latest samples; publish the status every second tick."""
-        self._joints = inputs.get(HW_JOINTS) or self._joints
-        self._velocity = inputs.get(STATE_VELOCITY) or self._velocity
-        if (contacts := inputs.get(HW_CONTACTS)) is not None:
+        self._joints = inputs.get(topics.HW_JOINTS) or self._joints
+        self._velocity = inputs.get(topics.STATE_VELOCITY) or self._velocity
+        if (contacts := inputs.get(topics.HW_CONTACTS)) is not None:
             self._contacts = contacts
             self._closed = np.array([any(foot) for foot in contacts.touch])
         if self._closed is not None:
-            gait = inputs.get(STATE_GAIT)
+            gait = inputs.get(topics.STATE_GAIT)
             planned = None if gait is None or gait.state == "waiting" else np.array(gait.stance)
             self._touch = self._standing.update(inputs.tick.stamp_ns * 1e-9, self._closed, planned)
         if report := self.calibration.on_tick(inputs.number):
             self.log("info", f"calibration: {report}")
-        if self.calibration.collector is not None and inputs.get(HW_JOINTS) is not None:
+        if self.calibration.collector is not None and inputs.get(topics.HW_JOINTS) is not None:
             self._collect()
-        if not STATE_STABILITY.due(inputs.number):
+        if not topics.STATE_STABILITY.due(inputs.number):
             return
         joints, contacts, velocity, touch = self._joints, self._contacts, self._velocity, self._touch
         if joints is None or contacts is None or velocity is None or touch is None or not _points_up(velocity.g_up):
-            self.publish(STATE_STABILITY, no_status(len(self.robot.legs), self.config.mu))
+            self.publish(topics.STATE_STABILITY, no_status(len(self.robot.legs), self.config.mu))
             return
         oldest = min(joints.stamp_ns, contacts.stamp_ns, velocity.stamp_ns)
         torque = np.array(joints.torque) if joints.torque is not None and self.config.measured_com else None
@@ -118,7 +105,7 @@ class Stability(Service[StabilityConfig]):
             torque = self.calibration.gain * torque
         now = state.watch(self.robot, np.array(joints.position), touch, np.array(velocity.g_up), torque, self.params)
         fresh = inputs.tick.stamp_ns - oldest <= STALE_NS
-        self.publish(STATE_STABILITY, status_message(now, self.config.mu, fresh), joints.stamp_ns)
+        self.publish(topics.STATE_STABILITY, status_message(now, self.config.mu, fresh), joints.stamp_ns)
 
     def on_stop(self) -> None:
         """End the threads that answer queries."""

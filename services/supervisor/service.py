@@ -9,19 +9,11 @@ from surefoot.errors import CallError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
+from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health, SupervisorStatus
-from surefoot.schemas.topics import (
-    HEALTH,
-    NAVIGATOR_FEEDBACK,
-    SIM_PAUSE,
-    SIM_STATUS,
-    SIM_TRUTH,
-    STATE_GAIT,
-    SUPERVISOR_STATUS,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 
 from .scenarios.director import Director, TimedOrder
 from .scenarios.limits import JUDGED
@@ -46,9 +38,9 @@ class Supervisor(Service[ServiceConfig]):
     name = "supervisor"
     Config = ServiceConfig
     inputs = JUDGED
-    outputs = (SUPERVISOR_STATUS,)
-    calls = (*dict.fromkeys(query for query, _ in COMMANDS.values()), SIM_PAUSE)
-    observes = (HEALTH, SIM_STATUS)
+    outputs = (topics.SUPERVISOR_STATUS,)
+    calls = (*dict.fromkeys(query for query, _ in COMMANDS.values()), topics.SIM_PAUSE)
+    observes = (topics.HEALTH, topics.SIM_STATUS)
     raw = batched = True
 
     def __init__(self, config: ServiceConfig, director: Director | None = None, watched: Watched | None = None) -> None:
@@ -98,9 +90,9 @@ class Supervisor(Service[ServiceConfig]):
                 self.watched.ticked(owner)
         if self.director is not None:
             self.kept += inputs.messages.values()
-            self._feedback = inputs.messages.get(NAVIGATOR_FEEDBACK.key, self._feedback)
+            self._feedback = inputs.messages.get(topics.NAVIGATOR_FEEDBACK.key, self._feedback)
         if self.director is not None and inputs.tick.report:
-            truth, gait = _read(inputs, SIM_TRUTH), _read(inputs, STATE_GAIT)
+            truth, gait = _read(inputs, topics.SIM_TRUTH), _read(inputs, topics.STATE_GAIT)
             fallen = truth is not None and truth.fallen
             feedback = None if self._feedback is None else self._feedback.message()
             for order in self.director.on_tick(inputs.number, gait, fallen=fallen, feedback=feedback):
@@ -117,7 +109,7 @@ class Supervisor(Service[ServiceConfig]):
             return
         self.health[message.service] = message
         if message.service == self.name:
-            self.publish(SUPERVISOR_STATUS, self._status())
+            self.publish(topics.SUPERVISOR_STATUS, self._status())
         elif self.watched is not None and message.state != "stopping":  # the end of the process is seen anyway
             self.watched.heard(message.service, message.pid, well=message.state in WELL)
 

@@ -11,27 +11,12 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
+from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.cmd import WalkCommand, WalkReply
 from surefoot.schemas.hw import EmergencyStop, JointCommand
 from surefoot.schemas.state import Odometry, VelocityEstimate
-from surefoot.schemas.topics import (
-    CMD_ESTOP,
-    CMD_JOINTS,
-    CMD_WALK,
-    FOOTHOLDS_SELECT,
-    HW_CONTACTS,
-    HW_JOINTS,
-    NAVIGATOR_ORDER,
-    STABILITY_CHECK,
-    STATE_ELEVATION,
-    STATE_GAIT,
-    STATE_ODOMETRY,
-    STATE_STABILITY,
-    STATE_VELOCITY,
-    TERRAIN_MAP,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 
 from .advisors import Advisors
 from .biped.gait import BipedWalker
@@ -65,13 +50,13 @@ class Walker(Service[WalkerConfig]):
     name = "walker"
     Config = WalkerConfig
     inputs = (
-        STATE_VELOCITY, STATE_ODOMETRY, HW_JOINTS, HW_CONTACTS, TERRAIN_MAP, STATE_ELEVATION,
-        Delayed(STATE_STABILITY), Delayed(NAVIGATOR_ORDER),
+        topics.STATE_VELOCITY, topics.STATE_ODOMETRY, topics.HW_JOINTS, topics.HW_CONTACTS, topics.TERRAIN_MAP,
+        topics.STATE_ELEVATION, Delayed(topics.STATE_STABILITY), Delayed(topics.NAVIGATOR_ORDER),
     )  # fmt: skip
-    outputs = (CMD_JOINTS, STATE_GAIT)
-    serves = (CMD_WALK,)
-    calls = (FOOTHOLDS_SELECT, STABILITY_CHECK)
-    observes = (CMD_ESTOP,)
+    outputs = (topics.CMD_JOINTS, topics.STATE_GAIT)
+    serves = (topics.CMD_WALK,)
+    calls = (topics.FOOTHOLDS_SELECT, topics.STABILITY_CHECK)
+    observes = (topics.CMD_ESTOP,)
 
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
@@ -80,7 +65,7 @@ class Walker(Service[WalkerConfig]):
         self.params = None if self.robot.kind == "biped" else WalkerParams.for_robot(self.robot, **changes)
         self.memory = MemoryFile(self.config.memory)
         self.on_reset()
-        self.handle(CMD_WALK, self.walk)
+        self.handle(topics.CMD_WALK, self.walk)
 
     def rehearse(self) -> None:
         rotations.quat_from_rpy(0.0, 0.0, 0.1)
@@ -113,7 +98,11 @@ class Walker(Service[WalkerConfig]):
         self.advisors.begin(inputs.tick.epoch, inputs.number)
         self._take_map(inputs)
         self.commander.begin(inputs.tick.epoch, inputs.number)
-        velocity, odometry, order = inputs.get(STATE_VELOCITY), inputs.get(STATE_ODOMETRY), inputs.get(NAVIGATOR_ORDER)
+        velocity, odometry, order = (
+            inputs.get(topics.STATE_VELOCITY),
+            inputs.get(topics.STATE_ODOMETRY),
+            inputs.get(topics.NAVIGATOR_ORDER),
+        )
         for stance in () if odometry is None else odometry.stances:
             self.advisors.outcomes.ended(self.robot.leg_names[stance.foot], stance.slip, stance.healthy)
         if order is not None:
@@ -124,8 +113,10 @@ class Walker(Service[WalkerConfig]):
         self._out = out
         self.commander.keep()
         degraded = self.advisors.missing or self.commander.refused
-        self.publish(STATE_GAIT, gait_message(out, degraded, self.commander.order, order is not None))
-        self.publish(CMD_JOINTS, JointCommand(position=None if out.command is None else tuple(out.command.tolist())))
+        self.publish(topics.STATE_GAIT, gait_message(out, degraded, self.commander.order, order is not None))
+        self.publish(
+            topics.CMD_JOINTS, JointCommand(position=None if out.command is None else tuple(out.command.tolist()))
+        )
 
     def _held(self, held: bool) -> WalkerOutputs | None:
         """Return the last set-points again while the driver holds the joints: the gait stands still until then."""

@@ -10,68 +10,8 @@ from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import DRIFT, NUISANCE, THETA, LandmarkSighting, X, Y, predict, update, wrap
-from ..policy.arrays import (
-    BLOCKED,
-    BOX_AT,
-    BOX_HALF,
-    COS_HALF,
-    COURSE,
-    CUT_OFF,
-    DENSITY,
-    DRIFT_KNOWN,
-    DRIFT_NORMAL,
-    DRIFT_SIZE,
-    FILTER_HEADING,
-    FORWARD,
-    FRAMES,
-    GOAL_RADIUS,
-    GOAL_REWARD,
-    GOAL_X,
-    GOAL_Y,
-    HEIGHT,
-    KIND,
-    LAST,
-    LATE,
-    LOOK_AHEAD,
-    MATCH,
-    MOST,
-    NO_ACTION,
-    OUTCOME,
-    RADIUS,
-    RANGE_MAX,
-    RANGE_MIN,
-    REACHED,
-    RUNNING,
-    SD_BEARING,
-    SD_RANGE,
-    SD_SHARE,
-    SECONDS,
-    STAND,
-    STANDS,
-    START_SD,
-    START_X,
-    START_Y,
-    START_YAW,
-    START_YAW_SD,
-    STEPS,
-    TILT_KEEP,
-    TILT_SD,
-    TIME,
-    TIME_LIMIT,
-    TURN,
-    TURNING,
-    TURNS,
-    VAR_ACROSS,
-    VAR_ALONG,
-    VAR_DRIFT,
-    VAR_HEADING,
-    WAY,
-    X_MAX,
-    X_MIN,
-    Y_MAX,
-    Y_MIN,
-    ModelTables,
-)
+from ..policy import arrays as slots
+from ..policy.arrays import ModelTables
 from .draws import Stream, below, normal_pair, seed, uniform
 from .model import BEGAN, CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState
 
@@ -88,18 +28,18 @@ def scatter(scene: Array, rng: Stream, marks: Array, first: Ints) -> None:
         marks: x and y of landmarks in the map, (M, 2), m, square by square.
         first: index of the first landmark of each square, and their number at the end, (squares + 1,).
     """
-    nx = math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL)
-    ny = math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
-    floor, count = math.exp(-scene[DENSITY] * CELL * CELL), 0
+    nx = math.ceil((scene[slots.X_MAX] - scene[slots.X_MIN]) / CELL)
+    ny = math.ceil((scene[slots.Y_MAX] - scene[slots.Y_MIN]) / CELL)
+    floor, count = math.exp(-scene[slots.DENSITY] * CELL * CELL), 0
     for ix in range(nx):
         for iy in range(ny):
             first[ix * ny + iy] = count
             product = uniform(rng)
             while product > floor and count < marks.shape[0]:
-                marks[count, 0] = scene[X_MIN] + (ix + uniform(rng)) * CELL
-                marks[count, 1] = scene[Y_MIN] + (iy + uniform(rng)) * CELL
+                marks[count, 0] = scene[slots.X_MIN] + (ix + uniform(rng)) * CELL
+                marks[count, 1] = scene[slots.Y_MIN] + (iy + uniform(rng)) * CELL
                 product *= uniform(rng)
-                if marks[count, 0] <= scene[X_MAX] and marks[count, 1] <= scene[Y_MAX]:
+                if marks[count, 0] <= scene[slots.X_MAX] and marks[count, 1] <= scene[slots.Y_MAX]:
                     count += 1
     first[nx * ny] = count
 
@@ -107,10 +47,12 @@ def scatter(scene: Array, rng: Stream, marks: Array, first: Ints) -> None:
 @row_kernel
 def is_blocked(scene: Array, truth: Array) -> float:
     """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0."""
-    x = truth[X] + scene[LOOK_AHEAD] * math.cos(truth[THETA])
-    y = truth[Y] + scene[LOOK_AHEAD] * math.sin(truth[THETA])
-    r = scene[RADIUS]
-    free = scene[X_MIN] + r <= x <= scene[X_MAX] - r and scene[Y_MIN] + r <= y <= scene[Y_MAX] - r
+    x = truth[X] + scene[slots.LOOK_AHEAD] * math.cos(truth[THETA])
+    y = truth[Y] + scene[slots.LOOK_AHEAD] * math.sin(truth[THETA])
+    r = scene[slots.RADIUS]
+    free = (
+        scene[slots.X_MIN] + r <= x <= scene[slots.X_MAX] - r and scene[slots.Y_MIN] + r <= y <= scene[slots.Y_MAX] - r
+    )
     return 0.0 if free else 1.0
 
 
@@ -128,44 +70,44 @@ def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
     seed(rng, run, episode, FLOOR)
     scatter(scene, rng, state.marks, state.first)
     seed(rng, run, episode, BEGIN)
-    mean[X], mean[Y], mean[THETA] = scene[START_X], scene[START_Y], scene[START_YAW]
+    mean[X], mean[Y], mean[THETA] = scene[slots.START_X], scene[slots.START_Y], scene[slots.START_YAW]
     for i in range(n):
         if i > THETA:
             mean[i] = 0.0
         for j in range(n):
             cov[i, j] = 0.0
-    cov[X, X] = cov[Y, Y] = scene[START_SD] ** 2
-    cov[THETA, THETA] = scene[START_YAW_SD] ** 2
+    cov[X, X] = cov[Y, Y] = scene[slots.START_SD] ** 2
+    cov[THETA, THETA] = scene[slots.START_YAW_SD] ** 2
     if n > DRIFT:
-        cov[DRIFT, DRIFT] = scene[DRIFT_KNOWN] ** 2
+        cov[DRIFT, DRIFT] = scene[slots.DRIFT_KNOWN] ** 2
     for i in range(NUISANCE, n):
-        cov[i, i] = scene[TILT_SD] ** 2
+        cov[i, i] = scene[slots.TILT_SD] ** 2
     ex, ey = normal_pair(rng)
     eh, ed = normal_pair(rng)
-    r = scene[RADIUS]
-    truth[X] = min(max(mean[X] + scene[START_SD] * ex, scene[X_MIN] + r), scene[X_MAX] - r)
-    truth[Y] = min(max(mean[Y] + scene[START_SD] * ey, scene[Y_MIN] + r), scene[Y_MAX] - r)
-    truth[THETA] = wrap(mean[THETA] + scene[START_YAW_SD] * eh)
-    if scene[DRIFT_NORMAL] > 0.0:
-        truth[DRIFT] = scene[DRIFT_SIZE] * ed
+    r = scene[slots.RADIUS]
+    truth[X] = min(max(mean[X] + scene[slots.START_SD] * ex, scene[slots.X_MIN] + r), scene[slots.X_MAX] - r)
+    truth[Y] = min(max(mean[Y] + scene[slots.START_SD] * ey, scene[slots.Y_MIN] + r), scene[slots.Y_MAX] - r)
+    truth[THETA] = wrap(mean[THETA] + scene[slots.START_YAW_SD] * eh)
+    if scene[slots.DRIFT_NORMAL] > 0.0:
+        truth[DRIFT] = scene[slots.DRIFT_SIZE] * ed
     else:
-        truth[DRIFT] = scene[DRIFT_SIZE] if ed > 0.0 else -scene[DRIFT_SIZE]
+        truth[DRIFT] = scene[slots.DRIFT_SIZE] if ed > 0.0 else -scene[slots.DRIFT_SIZE]
     truth[BEGAN] = truth[DRIFT]
     truth[DRIFT] = drift_at(scene, truth[BEGAN], 0.0)
     tilt_a, tilt_b = normal_pair(rng)
-    truth[ROLL], truth[PITCH] = scene[TILT_SD] * tilt_a, scene[TILT_SD] * tilt_b
+    truth[ROLL], truth[PITCH] = scene[slots.TILT_SD] * tilt_a, scene[slots.TILT_SD] * tilt_b
     for i in range(state.status.size):
         state.status[i] = 0.0
-    state.status[LAST] = NO_ACTION
-    state.status[BLOCKED] = is_blocked(scene, truth)
+    state.status[slots.LAST] = slots.NO_ACTION
+    state.status[slots.BLOCKED] = is_blocked(scene, truth)
     copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
 
 
 @row_kernel
 def drift_at(scene: Array, began: float, way: float) -> float:
     """Return the drift, rad per m, after `way` m walked, by the course of the model; `began` is the first."""
-    course = int(scene[COURSE])
-    dx, dy = scene[GOAL_X] - scene[START_X], scene[GOAL_Y] - scene[START_Y]
+    course = int(scene[slots.COURSE])
+    dx, dy = scene[slots.GOAL_X] - scene[slots.START_X], scene[slots.GOAL_Y] - scene[slots.START_Y]
     part = min(1.0, way / math.sqrt(dx * dx + dy * dy))
     if course == 1:
         return began if part < 0.5 else -began
@@ -212,15 +154,15 @@ def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None
 def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -> int:
     """Write the landmarks that a frame recognises into the last column of work; return their number."""
     truth, marks, first = state.truth, state.marks, state.first
-    nx = math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL)
-    ny = math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
+    nx = math.ceil((scene[slots.X_MAX] - scene[slots.X_MIN]) / CELL)
+    ny = math.ceil((scene[slots.Y_MAX] - scene[slots.Y_MIN]) / CELL)
     c, s = math.cos(truth[THETA]), math.sin(truth[THETA])
-    at_x, at_y, half = truth[X] + action[BOX_AT] * c, truth[Y] + action[BOX_AT] * s, action[BOX_HALF]
-    ix0 = max(math.floor((at_x - half - scene[X_MIN]) / CELL), 0)
-    ix1 = min(math.floor((at_x + half - scene[X_MIN]) / CELL), nx - 1)
-    iy0 = max(math.floor((at_y - half - scene[Y_MIN]) / CELL), 0)
-    iy1 = min(math.floor((at_y + half - scene[Y_MIN]) / CELL), ny - 1)
-    near2, far2, cos_half = action[RANGE_MIN] ** 2, action[RANGE_MAX] ** 2, action[COS_HALF]
+    at_x, at_y, half = truth[X] + action[slots.BOX_AT] * c, truth[Y] + action[slots.BOX_AT] * s, action[slots.BOX_HALF]
+    ix0 = max(math.floor((at_x - half - scene[slots.X_MIN]) / CELL), 0)
+    ix1 = min(math.floor((at_x + half - scene[slots.X_MIN]) / CELL), nx - 1)
+    iy0 = max(math.floor((at_y - half - scene[slots.Y_MIN]) / CELL), 0)
+    iy1 = min(math.floor((at_y + half - scene[slots.Y_MIN]) / CELL), ny - 1)
+    near2, far2, cos_half = action[slots.RANGE_MIN] ** 2, action[slots.RANGE_MAX] ** 2, action[slots.COS_HALF]
     found, column = 0, work.shape[1] - 1
     if iy1 < iy0:
         return 0
@@ -229,7 +171,7 @@ def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -
             dx, dy = marks[k, 0] - truth[X], marks[k, 1] - truth[Y]
             r2 = dx * dx + dy * dy
             inside = near2 <= r2 <= far2 and c * dx + s * dy >= cos_half * math.sqrt(r2)
-            if inside and found < IN_VIEW and uniform(state.rng) < action[MATCH]:
+            if inside and found < IN_VIEW and uniform(state.rng) < action[slots.MATCH]:
                 work[found, column] = k
                 found += 1
     return found
@@ -241,7 +183,7 @@ def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) ->
     truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
     gain, work, n = room.gain, room.work, state.mean.size
     found, column = _recognised(scene, action, state, work), work.shape[1] - 1
-    used = min(found, int(scene[MOST]))
+    used = min(found, int(scene[slots.MOST]))
     for i in range(used):
         if found > used:  # a random choice of them
             j = i + below(rng, found - i)
@@ -252,18 +194,18 @@ def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) ->
         dx, dy = marks[k, 0] - truth[X], marks[k, 1] - truth[Y]
         r, b = math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - truth[THETA])
         er, eb = normal_pair(rng)
-        var_r = action[SD_RANGE] ** 2 + (action[SD_SHARE] * r) ** 2
-        seen_r, seen_b = r + math.sqrt(var_r) * er, b + action[SD_BEARING] * eb
+        var_r = action[slots.SD_RANGE] ** 2 + (action[slots.SD_SHARE] * r) ** 2
+        seen_r, seen_b = r + math.sqrt(var_r) * er, b + action[slots.SD_BEARING] * eb
         if n > NUISANCE:
-            tilt_gain(r, b, scene[HEIGHT], gain)
+            tilt_gain(r, b, scene[slots.HEIGHT], gain)
             seen_r += gain[0, 0] * truth[ROLL] + gain[0, 1] * truth[PITCH]
             seen_b += gain[1, 0] * truth[ROLL] + gain[1, 1] * truth[PITCH]
         seen_r = max(seen_r, 0.01)
         if n > NUISANCE:
             px, py = marks[k, 0] - mean[X], marks[k, 1] - mean[Y]  # at the predicted place: the one seen is noisy
-            near = max(math.sqrt(px * px + py * py), action[RANGE_MIN])
-            tilt_gain(near, math.atan2(py, px) - mean[THETA], scene[HEIGHT], gain)
-        seen = LandmarkSighting(marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[SD_BEARING] ** 2)
+            near = max(math.sqrt(px * px + py * py), action[slots.RANGE_MIN])
+            tilt_gain(near, math.atan2(py, px) - mean[THETA], scene[slots.HEIGHT], gain)
+        seen = LandmarkSighting(marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[slots.SD_BEARING] ** 2)
         update(mean, state.cov, seen, gain, work)
     return used
 
@@ -273,14 +215,14 @@ def move(scene: Array, action: Array, share: float, rng: Stream, truth: Array) -
     """Carry the truth over a share of an action, in place; a wall stops it."""
     along_e, across_e = normal_pair(rng)
     heading_e, _ = normal_pair(rng)
-    change = share * (action[TURN] + truth[DRIFT] * action[FORWARD])
+    change = share * (action[slots.TURN] + truth[DRIFT] * action[slots.FORWARD])
     middle = truth[THETA] + 0.5 * change
-    along = share * action[FORWARD] + math.sqrt(share * action[VAR_ALONG]) * along_e
-    across = math.sqrt(share * action[VAR_ACROSS]) * across_e
-    c, s, r = math.cos(middle), math.sin(middle), scene[RADIUS]
-    truth[X] = min(max(truth[X] + along * c - across * s, scene[X_MIN] + r), scene[X_MAX] - r)
-    truth[Y] = min(max(truth[Y] + along * s + across * c, scene[Y_MIN] + r), scene[Y_MAX] - r)
-    truth[THETA] = wrap(truth[THETA] + change + math.sqrt(share * action[VAR_HEADING]) * heading_e)
+    along = share * action[slots.FORWARD] + math.sqrt(share * action[slots.VAR_ALONG]) * along_e
+    across = math.sqrt(share * action[slots.VAR_ACROSS]) * across_e
+    c, s, r = math.cos(middle), math.sin(middle), scene[slots.RADIUS]
+    truth[X] = min(max(truth[X] + along * c - across * s, scene[slots.X_MIN] + r), scene[slots.X_MAX] - r)
+    truth[Y] = min(max(truth[Y] + along * s + across * c, scene[slots.Y_MIN] + r), scene[slots.Y_MAX] - r)
+    truth[THETA] = wrap(truth[THETA] + change + math.sqrt(share * action[slots.VAR_HEADING]) * heading_e)
 
 
 @row_kernel
@@ -289,31 +231,31 @@ def _frames_of(scene: Array, action: Array, state: EpisodeState, room: EpisodeRo
 
     That one lacks the frames of the last `decision_delay` s: it is predicted instead.
     """
-    frames, late = int(action[FRAMES]), int(action[LATE])
+    frames, late = int(action[slots.FRAMES]), int(action[slots.LATE])
     share, noise = 1.0 / frames, room.noise
-    noise[0], noise[1] = share * action[VAR_ALONG], share * action[VAR_ACROSS]
-    noise[2], noise[3] = share * action[FILTER_HEADING], share * action[VAR_DRIFT]
-    still, mean, cov, truth = action[KIND] == STAND, state.mean, state.cov, state.truth
+    noise[0], noise[1] = share * action[slots.VAR_ALONG], share * action[slots.VAR_ACROSS]
+    noise[2], noise[3] = share * action[slots.FILTER_HEADING], share * action[slots.VAR_DRIFT]
+    still, mean, cov, truth = action[slots.KIND] == slots.STAND, state.mean, state.cov, state.truth
     for f in range(frames):
         if late > 0 and f == frames - late:
             copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
         if not still:
             move(scene, action, share, state.rng, truth)
-            way = share * action[FORWARD]
-            predict(mean, cov, way, 0.0, share * action[TURN], way, noise, room.work)
+            way = share * action[slots.FORWARD]
+            predict(mean, cov, way, 0.0, share * action[slots.TURN], way, noise, room.work)
         if mean.size > NUISANCE:
-            keep = action[TILT_KEEP]
+            keep = action[slots.TILT_KEEP]
             ea, eb = normal_pair(state.rng)
-            fresh = math.sqrt(1.0 - keep * keep) * scene[TILT_SD]
+            fresh = math.sqrt(1.0 - keep * keep) * scene[slots.TILT_SD]
             truth[ROLL], truth[PITCH] = keep * truth[ROLL] + fresh * ea, keep * truth[PITCH] + fresh * eb
-            age_nuisances(mean, cov, keep, scene[TILT_SD] ** 2)
+            age_nuisances(mean, cov, keep, scene[slots.TILT_SD] ** 2)
         look(scene, action, state, room)
     if late == 0:
         copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
     elif not still:
         for i in range(4):
             noise[i] *= late
-        way, turn = late * share * action[FORWARD], late * share * action[TURN]
+        way, turn = late * share * action[slots.FORWARD], late * share * action[slots.TURN]
         predict(state.ahead_mean, state.ahead_cov, way, 0.0, turn, way, noise, room.work)
 
 
@@ -330,22 +272,22 @@ def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeS
         room: scratch.
     """
     scene, action, status = model.scene, model.actions[chosen], state.status
-    state.truth[DRIFT] = drift_at(scene, state.truth[BEGAN], status[WAY])
-    seed(state.rng, run, episode, STEP + int(status[STEPS]))
+    state.truth[DRIFT] = drift_at(scene, state.truth[BEGAN], status[slots.WAY])
+    seed(state.rng, run, episode, STEP + int(status[slots.STEPS]))
     _frames_of(scene, action, state, room)
-    kind, last = int(action[KIND]), int(status[LAST])
-    before = STAND if last < 0 else int(model.actions[last, KIND])
-    seconds = action[SECONDS] + model.switching[before, kind]
-    status[TIME] += seconds
-    status[WAY] += action[FORWARD]
-    status[LAST] = chosen
-    status[STEPS] += 1.0
-    status[STANDS] = status[STANDS] + 1.0 if kind == STAND else 0.0
-    status[TURNS] = status[TURNS] + 1.0 if kind == TURNING else 0.0
-    status[BLOCKED] = is_blocked(scene, state.truth)
-    dx, dy = scene[GOAL_X] - state.truth[X], scene[GOAL_Y] - state.truth[Y]
-    if dx * dx + dy * dy < scene[GOAL_RADIUS] ** 2:
-        status[OUTCOME] = REACHED
-        return scene[GOAL_REWARD]
-    status[OUTCOME] = CUT_OFF if status[TIME] >= scene[TIME_LIMIT] else RUNNING
+    kind, last = int(action[slots.KIND]), int(status[slots.LAST])
+    before = slots.STAND if last < 0 else int(model.actions[last, slots.KIND])
+    seconds = action[slots.SECONDS] + model.switching[before, kind]
+    status[slots.TIME] += seconds
+    status[slots.WAY] += action[slots.FORWARD]
+    status[slots.LAST] = chosen
+    status[slots.STEPS] += 1.0
+    status[slots.STANDS] = status[slots.STANDS] + 1.0 if kind == slots.STAND else 0.0
+    status[slots.TURNS] = status[slots.TURNS] + 1.0 if kind == slots.TURNING else 0.0
+    status[slots.BLOCKED] = is_blocked(scene, state.truth)
+    dx, dy = scene[slots.GOAL_X] - state.truth[X], scene[slots.GOAL_Y] - state.truth[Y]
+    if dx * dx + dy * dy < scene[slots.GOAL_RADIUS] ** 2:
+        status[slots.OUTCOME] = slots.REACHED
+        return scene[slots.GOAL_REWARD]
+    status[slots.OUTCOME] = slots.CUT_OFF if status[slots.TIME] >= scene[slots.TIME_LIMIT] else slots.RUNNING
     return -seconds

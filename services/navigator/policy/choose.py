@@ -13,22 +13,8 @@ from surefoot.arrays import Array, Flags
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import entropy, spread, wrap
-from .arrays import (
-    BLOCKED,
-    FORWARD,
-    GOAL_RADIUS,
-    KIND,
-    LAST,
-    MAX_STANDS,
-    MAX_TURNS,
-    SECONDS,
-    STAND,
-    STANDS,
-    TURN,
-    TURNING,
-    TURNS,
-    ModelTables,
-)
+from . import arrays as slots
+from .arrays import ModelTables
 from .grids import add_values
 
 HAND, STEER, PLANNER, SARSA = 0, 1, 2, 3  # kinds of policy
@@ -75,15 +61,15 @@ def room_to_choose(states: int, actions: int) -> ChoiceRoom:
 @row_kernel
 def allow(model: ModelTables, status: Array, mask: Flags) -> None:
     """Mark the allowed actions: only turns while blocked, limited numbers of stands and of turns in a row."""
-    actions, scene, blocked = model.actions, model.scene, status[BLOCKED] > 0.0
+    actions, scene, blocked = model.actions, model.scene, status[slots.BLOCKED] > 0.0
     for a in range(actions.shape[0]):
-        kind = actions[a, KIND]
+        kind = actions[a, slots.KIND]
         if blocked:
-            mask[a] = kind == TURNING
-        elif kind == STAND:
-            mask[a] = status[STANDS] < scene[MAX_STANDS]
-        elif kind == TURNING:
-            mask[a] = status[TURNS] < scene[MAX_TURNS]
+            mask[a] = kind == slots.TURNING
+        elif kind == slots.STAND:
+            mask[a] = status[slots.STANDS] < scene[slots.MAX_STANDS]
+        elif kind == slots.TURNING:
+            mask[a] = status[slots.TURNS] < scene[slots.MAX_TURNS]
         else:
             mask[a] = True
 
@@ -116,14 +102,14 @@ def _by_hand(policy: PolicyTables, actions: Array, d: float, phi: float, h: floa
     unsure = h > numbers[STAND_ABOVE] + numbers[STAND_SLOPE] * d
     aside = abs(phi) > numbers[TURN_BEYOND]
     for a in range(actions.shape[0]):
-        what, turn = actions[a, KIND], actions[a, TURN]
-        if what == STAND:
+        what, turn = actions[a, slots.KIND], actions[a, slots.TURN]
+        if what == slots.STAND:
             values[a] = 1.0 if unsure else -1.0
-        elif what == TURNING:
+        elif what == slots.TURNING:
             towards = turn * phi > 0.0
             values[a] = (0.9 if aside else -0.5) if towards else -0.8
         elif policy.kind == STEER:
-            off = abs(turn + drift * actions[a, FORWARD] - numbers[STEER_GAIN] * phi)
+            off = abs(turn + drift * actions[a, slots.FORWARD] - numbers[STEER_GAIN] * phi)
             values[a] = 0.5 - 0.05 * off
         else:
             values[a] = 0.5 - 0.05 * abs(turn)
@@ -135,7 +121,7 @@ def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy
     for a in range(out.size):
         out[a] = 0.0
     dx, dy = gx - x[0], gy - x[1]
-    d = max(math.sqrt(dx * dx + dy * dy), model.scene[GOAL_RADIUS])
+    d = max(math.sqrt(dx * dx + dy * dy), model.scene[slots.GOAL_RADIUS])
     add_values(policy.table, policy.grid, model.actions, d, wrap(math.atan2(dy, dx) - x[2]), x[3], 1.0, out)
 
 
@@ -159,7 +145,9 @@ def _average(
             d = math.sqrt(dx * dx + dy * dy)
             phi = wrap(math.atan2(dy, dx) - theta)
             b = drift + sign * low[3, j] * numbers[SPREAD_DRIFT]
-            add_values(policy.table, policy.grid, model.actions, max(d, model.scene[GOAL_RADIUS]), phi, b, 0.125, out)
+            add_values(
+                policy.table, policy.grid, model.actions, max(d, model.scene[slots.GOAL_RADIUS]), phi, b, 0.125, out
+            )
 
 
 @row_kernel
@@ -230,15 +218,15 @@ def _gain_of_sight(
             _values_at(policy, model, there, gx, gy, single)
             top = -math.inf
             for a in range(na):
-                kind = int(model.actions[a, KIND])
-                if kind != STAND:
-                    value = single[a] - model.switching[STAND, kind]
+                kind = int(model.actions[a, slots.KIND])
+                if kind != slots.STAND:
+                    value = single[a] - model.switching[slots.STAND, kind]
                     average[a] += 0.125 * value
                     top = max(top, value)
             chosen_later += 0.125 * top
     chosen_now = -math.inf
     for a in range(na):
-        if int(model.actions[a, KIND]) != STAND:
+        if int(model.actions[a, slots.KIND]) != slots.STAND:
             chosen_now = max(chosen_now, average[a])
     return chosen_later - chosen_now
 
@@ -258,15 +246,15 @@ def _planned(
     _average(policy, model, mean, low, gx, gy, values)
     can_stand, later = -1, -math.inf  # value of going on after a stand
     for a in range(values.size):
-        kind = int(model.actions[a, KIND])
-        if kind == STAND:
+        kind = int(model.actions[a, slots.KIND])
+        if kind == slots.STAND:
             can_stand = a
         else:
-            later = max(later, values[a] - model.switching[STAND, kind])
+            later = max(later, values[a] - model.switching[slots.STAND, kind])
         values[a] -= model.switching[last, kind]
     if can_stand < 0:
         return
-    stand = later - model.actions[can_stand, SECONDS] - model.switching[last, STAND]
+    stand = later - model.actions[can_stand, slots.SECONDS] - model.switching[last, slots.STAND]
     if policy.numbers[SIGHT_SHARE] > 0.0:
         stand += policy.numbers[SIGHT_SHARE] * _gain_of_sight(policy, model, mean, gx, gy, room)
     values[can_stand] = stand
@@ -296,8 +284,8 @@ def choose(
         room: results and scratch.
     """
     allow(model, status, room.mask)
-    last = int(status[LAST])
-    last_kind = STAND if last < 0 else int(model.actions[last, KIND])
+    last = int(status[slots.LAST])
+    last_kind = slots.STAND if last < 0 else int(model.actions[last, slots.KIND])
     d, phi, h = features(mean, cov, gx, gy)
     if policy.kind == PLANNER:
         _planned(policy, model, mean, cov, gx, gy, last_kind, room)
@@ -308,6 +296,6 @@ def choose(
     else:
         drift = mean[3] if mean.size > 3 else 0.0
         _by_hand(policy, model.actions, d, phi, h, drift, room.values)
-    if status[BLOCKED] > 0.0 and last_kind == TURNING:
+    if status[slots.BLOCKED] > 0.0 and last_kind == slots.TURNING:
         return last  # the same turn again: turns to and fro would never lead away from the wall
     return best(room.values, room.mask)

@@ -14,31 +14,8 @@ import numpy as np
 from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import free_kernel
 
-from .arrays import (
-    COS_HALF,
-    DENSITY,
-    FORWARD,
-    FRAMES,
-    GOAL_RADIUS,
-    HEIGHT,
-    KIND,
-    LATE,
-    MATCH,
-    MOST,
-    RANGE_MAX,
-    RANGE_MIN,
-    SD_BEARING,
-    SD_RANGE,
-    SD_SHARE,
-    SECONDS,
-    STAND,
-    TILT_SD,
-    TURN,
-    VAR_ACROSS,
-    VAR_ALONG,
-    VAR_HEADING,
-    Arrays,
-)
+from . import arrays as slots
+from .arrays import Arrays
 from .choose import PLANNER
 from .grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED, PER_M
 from .policies import Policy, planner_numbers
@@ -79,14 +56,14 @@ class PlanRoom(NamedTuple):
 def _motions(actions: Array, drift: float, samples: Array, moved: Array) -> None:
     """Write forward and left (m) and turn (rad) of each action and sample into moved (A, k, 3)."""
     for a in range(actions.shape[0]):
-        change = actions[a, TURN] + drift * actions[a, FORWARD]
+        change = actions[a, slots.TURN] + drift * actions[a, slots.FORWARD]
         c, s = math.cos(0.5 * change), math.sin(0.5 * change)
         for k in range(samples.shape[0]):
-            along = actions[a, FORWARD] + math.sqrt(actions[a, VAR_ALONG]) * samples[k, 0]
-            across = math.sqrt(actions[a, VAR_ACROSS]) * samples[k, 1]
+            along = actions[a, slots.FORWARD] + math.sqrt(actions[a, slots.VAR_ALONG]) * samples[k, 0]
+            across = math.sqrt(actions[a, slots.VAR_ACROSS]) * samples[k, 1]
             moved[a, k, 0] = along * c - across * s
             moved[a, k, 1] = along * s + across * c
-            moved[a, k, 2] = change + math.sqrt(actions[a, VAR_HEADING]) * samples[k, 2]
+            moved[a, k, 2] = change + math.sqrt(actions[a, slots.VAR_HEADING]) * samples[k, 2]
 
 
 @free_kernel
@@ -127,15 +104,15 @@ def _sweep(v: Array, q: Array, actions: Array, switching: Array, room: PlanRoom)
                 phi = -math.pi + kp * (2.0 * math.pi / nphi)
                 gx, gy = d * math.cos(phi), d * math.sin(phi)
                 for a in range(na):
-                    if actions[a, KIND] == STAND:
+                    if actions[a, slots.KIND] == slots.STAND:
                         q[ib, jd, kp, a] = NOTHING
                         continue
-                    after = room.groups[int(actions[a, KIND])]
-                    q[ib, jd, kp, a] = _mean_after(v[after, ib], gx, gy, moved[a], room) - actions[a, SECONDS]
+                    after = room.groups[int(actions[a, slots.KIND])]
+                    q[ib, jd, kp, a] = _mean_after(v[after, ib], gx, gy, moved[a], room) - actions[a, slots.SECONDS]
                 for kind in range(3):
                     top = NOTHING
                     for a in range(na):
-                        top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a, KIND])])
+                        top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a, slots.KIND])])
                     worst = max(worst, abs(top - v[room.groups[kind], ib, jd, kp]))
                     v[room.groups[kind], ib, jd, kp] = top
     return worst
@@ -150,7 +127,7 @@ def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
 
 def _per_m(world: Arrays) -> float:
     """Return the seconds that a metre takes."""
-    return min(float(row[SECONDS] / row[FORWARD]) for row in world.actions if row[FORWARD] > 0.0)
+    return min(float(row[slots.SECONDS] / row[slots.FORWARD]) for row in world.actions if row[slots.FORWARD] > 0.0)
 
 
 def plan(
@@ -177,7 +154,11 @@ def plan(
     v = np.zeros((int(world.groups.max()) + 1, nb, nd, nphi))
     v += _guess(world, np.linspace(0.0, d_max, nd), nphi)
     q = np.zeros((nb, nd, nphi, len(world.names)))
-    grid, drifts, radius = grid_of(world, d_max, drift_max), np.linspace(0.0, drift_max, nb), world.scene[GOAL_RADIUS]
+    grid, drifts, radius = (
+        grid_of(world, d_max, drift_max),
+        np.linspace(0.0, drift_max, nb),
+        world.scene[slots.GOAL_RADIUS],
+    )
     room = PlanRoom(world.groups, noise_samples(samples), drifts, float(radius), d_max, _per_m(world))
     priced, sweeps, worst = _priced(world.actions), 0, math.inf
     while worst > tolerance and sweeps < most:
@@ -190,17 +171,17 @@ def _priced(actions: Array) -> Array:
     """Return the actions with a price for seeing less than the moving action that sees most."""
     out, best = actions.copy(), 0.0
     for row in actions:
-        best = max(best, float(row[MATCH])) if row[KIND] != STAND else best
+        best = max(best, float(row[slots.MATCH])) if row[slots.KIND] != slots.STAND else best
     for row in out:
-        if row[KIND] != STAND and best > 0.0:
-            row[SECONDS] += SIGHT_PRICE * (1.0 - row[MATCH] / best)
+        if row[slots.KIND] != slots.STAND and best > 0.0:
+            row[slots.SECONDS] += SIGHT_PRICE * (1.0 - row[slots.MATCH] / best)
     return out
 
 
 def _guess(world: Arrays, d: Array, nphi: int) -> Array:
     """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it."""
-    turns = [row for row in world.actions if row[FORWARD] == 0.0 and row[TURN] != 0.0]
-    per_rad = min(row[SECONDS] / abs(row[TURN]) for row in turns)
+    turns = [row for row in world.actions if row[slots.FORWARD] == 0.0 and row[slots.TURN] != 0.0]
+    per_rad = min(row[slots.SECONDS] / abs(row[slots.TURN]) for row in turns)
     phi = np.abs(-math.pi + np.arange(nphi) * (2.0 * math.pi / nphi))
     return -(1.1 * _per_m(world) * d[:, None] + per_rad * phi[None, :])
 
@@ -212,29 +193,29 @@ def shown_by_standing(world: Arrays) -> Array:
     footprint, times the frames that arrive before the decision; scaled down where more would be seen than are used.
     A tilt common to all frames moves the pose by height * tilt, which no number of landmarks averages out.
     """
-    stands = [row for row in world.actions if row[KIND] == STAND]
+    stands = [row for row in world.actions if row[slots.KIND] == slots.STAND]
     if not stands:
         return np.eye(3) * VARIANCE_UNSEEN
-    row, density = stands[0], world.scene[DENSITY]
-    info, seen, half = np.zeros((3, 3)), 0.0, math.acos(row[COS_HALF])
+    row, density = stands[0], world.scene[slots.DENSITY]
+    info, seen, half = np.zeros((3, 3)), 0.0, math.acos(row[slots.COS_HALF])
     nr, na = 24, 24
-    dr, da = (row[RANGE_MAX] - row[RANGE_MIN]) / nr, 2.0 * half / na
+    dr, da = (row[slots.RANGE_MAX] - row[slots.RANGE_MIN]) / nr, 2.0 * half / na
     for i in range(nr):
-        r = row[RANGE_MIN] + (i + 0.5) * dr
+        r = row[slots.RANGE_MIN] + (i + 0.5) * dr
         for j in range(na):
             a = -half + (j + 0.5) * da
-            weight = density * row[MATCH] * r * dr * da
+            weight = density * row[slots.MATCH] * r * dr * da
             h_range = np.array([-math.cos(a), -math.sin(a), 0.0])
             h_bearing = np.array([math.sin(a) / r, -math.cos(a) / r, -1.0])
-            var_range = row[SD_RANGE] ** 2 + (row[SD_SHARE] * r) ** 2
+            var_range = row[slots.SD_RANGE] ** 2 + (row[slots.SD_SHARE] * r) ** 2
             info += weight * np.multiply.outer(h_range, h_range) / var_range
-            info += weight * np.multiply.outer(h_bearing, h_bearing) / row[SD_BEARING] ** 2
+            info += weight * np.multiply.outer(h_bearing, h_bearing) / row[slots.SD_BEARING] ** 2
             seen += weight
-    frames = max(row[FRAMES] - row[LATE], 0.0)
+    frames = max(row[slots.FRAMES] - row[slots.LATE], 0.0)
     if seen <= 0.0 or frames <= 0.0:
         return np.eye(3) * VARIANCE_UNSEEN
-    info *= frames * min(1.0, world.scene[MOST] / seen)
-    return _inverse(info) + np.diag([(world.scene[HEIGHT] * world.scene[TILT_SD]) ** 2] * 2 + [0.0])
+    info *= frames * min(1.0, world.scene[slots.MOST] / seen)
+    return _inverse(info) + np.diag([(world.scene[slots.HEIGHT] * world.scene[slots.TILT_SD]) ** 2] * 2 + [0.0])
 
 
 def _inverse(m: Array) -> Array:

@@ -8,21 +8,8 @@ import numpy as np
 
 from surefoot.arrays import Array
 
-from .arrays import (
-    BLOCKED,
-    KIND,
-    LAST,
-    NO_ACTION,
-    SECONDS,
-    STAND,
-    STANDS,
-    STATUS,
-    TURN,
-    TURNING,
-    TURNS,
-    WALK,
-    Arrays,
-)
+from . import arrays as slots
+from .arrays import Arrays
 from .choose import (
     HAND,
     NUMBERS,
@@ -120,8 +107,8 @@ class Decider:
 
     def begin(self) -> None:
         """Forget the actions so far, for a new goal."""
-        self.status = np.zeros(STATUS)
-        self.status[LAST] = NO_ACTION
+        self.status = np.zeros(slots.STATUS)
+        self.status[slots.LAST] = slots.NO_ACTION
 
     def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> PolicyDecision:
         """Return the next action for a belief mean (n,), cov (n, n) as it will be when the action begins.
@@ -132,7 +119,7 @@ class Decider:
             goal: m, frame map.
             blocked: a wall is close ahead, only turns are allowed.
         """
-        self.status[BLOCKED] = float(blocked)
+        self.status[slots.BLOCKED] = float(blocked)
         index, room = choose_with(self.policy, self.world, mean, cov, goal, self.status, self._room), self._room
         decision = PolicyDecision(
             index,
@@ -144,10 +131,10 @@ class Decider:
 
     def did(self, index: int) -> None:
         """Record that an action was done; `decide` does so for the one it returns."""
-        kind, status = self.world.actions[index, KIND], self.status
-        status[LAST] = index
-        status[STANDS] = status[STANDS] + 1.0 if kind == STAND else 0.0
-        status[TURNS] = status[TURNS] + 1.0 if kind == TURNING else 0.0
+        kind, status = self.world.actions[index, slots.KIND], self.status
+        status[slots.LAST] = index
+        status[slots.STANDS] = status[slots.STANDS] + 1.0 if kind == slots.STAND else 0.0
+        status[slots.TURNS] = status[slots.TURNS] + 1.0 if kind == slots.TURNING else 0.0
 
     def _reason(self, index: int, mean: Array, cov: Array, goal: tuple[float, float], blocked: bool) -> str:
         name, policy, values = self.world.names[index], self.policy, self._room.values
@@ -163,8 +150,8 @@ class Decider:
         ahead = values[index] - values[second]
         if policy.kind == SARSA:
             return f"{name}: return {values[index]:.1f}, {ahead:.1f} more than {self.world.names[second]}"
-        if self.world.actions[index, KIND] == STAND:
-            cost = self.world.actions[index, SECONDS]
+        if self.world.actions[index, slots.KIND] == slots.STAND:
+            cost = self.world.actions[index, slots.SECONDS]
             return f"{name}: a look of {cost:.1f} s may change the way and saves {ahead:.2f} s on average (h {h:.1f})"
         return f"{name}: {-values[index]:.1f} s to the goal, {ahead:.2f} s less than {self.world.names[second]}"
 
@@ -172,7 +159,7 @@ class Decider:
 def _rule(policy: Policy, name: str, action: Array, d: float, phi_deg: float, h: float) -> str:
     limit = policy.numbers[STAND_ABOVE] + policy.numbers[STAND_SLOPE] * d
     side, beyond = "left" if phi_deg > 0 else "right", math.degrees(policy.numbers[TURN_BEYOND])
-    if action[KIND] == STAND:
+    if action[slots.KIND] == slots.STAND:
         return f"{name}: entropy {h:.1f} is above {limit:.1f} nats"
     where = f"goal {abs(phi_deg):.0f} deg to the {side}"
     return f"{name}: {where}, {'beyond' if abs(phi_deg) > beyond else 'within'} {beyond:.0f} deg"
@@ -239,7 +226,7 @@ def planner_numbers(world: Arrays) -> Array:
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0
-    if any(row[KIND] == WALK and row[TURN] != 0.0 for row in world.actions):
+    if any(row[slots.KIND] == slots.WALK and row[slots.TURN] != 0.0 for row in world.actions):
         numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.6, 0.6, 0.6, 3.0
         if world.switching.any():
             numbers[SIGHT_SHARE] = 5.0

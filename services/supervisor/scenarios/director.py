@@ -13,9 +13,9 @@ from surefoot.lockstep.leader import REPORT_TICKS, WINDOW_TICKS
 from surefoot.schemas.base import Request
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.sim import PauseRequest
-from surefoot.schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, Query
+from surefoot.schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, TICK_S, Query
 
-from .scenario import COMMANDS, GOALS, TICK_S, WALKING, Scenario, Step
+from .scenario import COMMANDS, GOALS, WALKING, Scenario, Step
 
 LEAD_TICKS = WINDOW_TICKS + 1
 """Least number of ticks between an order and its tick."""

@@ -6,36 +6,23 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, create_model
 
-from surefoot.schemas.topics import (
-    NAVIGATOR_FEEDBACK,
-    SIM_TRUTH,
-    STATE_GAIT,
-    STATE_ODOMETRY,
-    STATE_POSE,
-    STATE_STABILITY,
-    STATE_VELOCITY,
-    STATE_VELOCITY_EKF,
-    STATE_VELOCITY_IMU,
-    STATE_VELOCITY_KINEMATICS,
-    STATE_VELOCITY_KINEMATICS_GYRO,
-    TERRAIN_MAP,
-    Topic,
-)
+from surefoot.schemas import topics
+from surefoot.schemas.topics import Topic
 from surefoot.tables import FileModel, Number
 
 JUDGED: tuple[Topic[Any], ...] = (
-    SIM_TRUTH,
-    STATE_VELOCITY,
-    STATE_ODOMETRY,
-    STATE_GAIT,
-    STATE_STABILITY,
-    STATE_VELOCITY_IMU,
-    STATE_VELOCITY_KINEMATICS,
-    STATE_VELOCITY_KINEMATICS_GYRO,
-    STATE_VELOCITY_EKF,
-    TERRAIN_MAP,
-    STATE_POSE,
-    NAVIGATOR_FEEDBACK,
+    topics.SIM_TRUTH,
+    topics.STATE_VELOCITY,
+    topics.STATE_ODOMETRY,
+    topics.STATE_GAIT,
+    topics.STATE_STABILITY,
+    topics.STATE_VELOCITY_IMU,
+    topics.STATE_VELOCITY_KINEMATICS,
+    topics.STATE_VELOCITY_KINEMATICS_GYRO,
+    topics.STATE_VELOCITY_EKF,
+    topics.TERRAIN_MAP,
+    topics.STATE_POSE,
+    topics.NAVIGATOR_FEEDBACK,
 )
 """Topics from which the metrics of a run are computed."""
 

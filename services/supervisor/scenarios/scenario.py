@@ -18,25 +18,13 @@ from pydantic.json_schema import models_json_schema
 from surefoot.bus.codec import first_complaint
 from surefoot.files import FileError, find, read_text
 from surefoot.lockstep.config import PREFIX
+from surefoot.schemas import topics
 from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import CancelRequest, GotoRequest, SetPoseRequest, WaypointsRequest
 from surefoot.schemas.sim import FaultRequest, PlaceRequest, PushRequest, SetRequest, World
-from surefoot.schemas.topics import (
-    CMD_WALK,
-    NAVIGATOR_CANCEL,
-    NAVIGATOR_GOTO,
-    NAVIGATOR_SET_POSE,
-    NAVIGATOR_WAYPOINTS,
-    SIM_FAULT,
-    SIM_PLACE,
-    SIM_PUSH,
-    SIM_SET,
-    STABILITY_CALIBRATE,
-    TICK_S,
-    Query,
-)
+from surefoot.schemas.topics import Query
 from surefoot.tables import FileModel, Number, Positive, Text, Whole, refused, shown, unknown_key, validated
 
 from .limits import Limits
@@ -51,19 +39,19 @@ Policy = Literal["hold", "degrade", "fail"]
 MAX_DURATION_S = 3600.0
 
 COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
-    "walk": (CMD_WALK, WalkCommand),
-    "turn": (CMD_WALK, WalkCommand),
-    "stand": (CMD_WALK, WalkCommand),
-    "stop": (CMD_WALK, WalkCommand),
-    "push": (SIM_PUSH, PushRequest),
-    "set": (SIM_SET, SetRequest),
-    "fault": (SIM_FAULT, FaultRequest),
-    "place": (SIM_PLACE, PlaceRequest),
-    "goto": (NAVIGATOR_GOTO, GotoRequest),
-    "waypoints": (NAVIGATOR_WAYPOINTS, WaypointsRequest),
-    "cancel": (NAVIGATOR_CANCEL, CancelRequest),
-    "set_pose": (NAVIGATOR_SET_POSE, SetPoseRequest),
-    "calibrate": (STABILITY_CALIBRATE, CalibrateRequest),
+    "walk": (topics.CMD_WALK, WalkCommand),
+    "turn": (topics.CMD_WALK, WalkCommand),
+    "stand": (topics.CMD_WALK, WalkCommand),
+    "stop": (topics.CMD_WALK, WalkCommand),
+    "push": (topics.SIM_PUSH, PushRequest),
+    "set": (topics.SIM_SET, SetRequest),
+    "fault": (topics.SIM_FAULT, FaultRequest),
+    "place": (topics.SIM_PLACE, PlaceRequest),
+    "goto": (topics.NAVIGATOR_GOTO, GotoRequest),
+    "waypoints": (topics.NAVIGATOR_WAYPOINTS, WaypointsRequest),
+    "cancel": (topics.NAVIGATOR_CANCEL, CancelRequest),
+    "set_pose": (topics.NAVIGATOR_SET_POSE, SetPoseRequest),
+    "calibrate": (topics.STABILITY_CALIBRATE, CalibrateRequest),
 }
 """Commands of a step, each with the query that carries it; beside them `kill` ends a service at once."""
 
@@ -121,7 +109,7 @@ class Step:
         if do == "kill":
             return {**head, **Kill.model_validate(fields).model_dump()}
         query, model = COMMANDS[do]
-        if query is CMD_WALK:
+        if query is topics.CMD_WALK:
             if "action" in fields:
                 raise refused("unknown_key", "is not known here; `do` states what happens", "action")
             fields["action"] = do
@@ -218,7 +206,7 @@ class Scenario:
     @property
     def max_ticks(self) -> int:
         """Control ticks after which the run is ended."""
-        return max(1, round(self.max_duration_s / TICK_S))
+        return max(1, round(self.max_duration_s / topics.TICK_S))
 
 
 def scenario_schema() -> dict[str, Any]:

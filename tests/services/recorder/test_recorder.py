@@ -13,21 +13,12 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
 from surefoot.record.recording import read_recording, recording_info
+from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.system import LogRecord, RecorderReply, RecorderRequest
 from surefoot.schemas.terrain import HeightMapMessage
-from surefoot.schemas.topics import (
-    CMD_JOINTS,
-    HW_IMU,
-    HW_TICK,
-    LOG,
-    RECORDER_STATUS,
-    STATE_GAIT,
-    STATE_VELOCITY,
-    TERRAIN_MAP,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 from surefoot.services.recorder.config import RecorderConfig
 from surefoot.services.recorder.service import JOINED, Recorder
 from surefoot.version import VERSION
@@ -42,20 +33,20 @@ MAP = HeightMapMessage(rows=1, cols=1, cell=0.1, origin=(0.0, 0.0), version=1, d
 class ToyRecorder(Recorder):
     """Joins what the toys publish; otherwise the real one."""
 
-    inputs = (HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS, TERRAIN_MAP)
+    inputs = (topics.HW_IMU, topics.STATE_VELOCITY, topics.STATE_GAIT, topics.CMD_JOINTS, topics.TERRAIN_MAP)
 
 
 class MappedDriver(ToyDriver):
     """Starts at a place that the seed gives, and publishes a map."""
 
-    outputs = (*ToyDriver.outputs, TERRAIN_MAP)
+    outputs = (*ToyDriver.outputs, topics.TERRAIN_MAP)
 
     def __init__(self, seed: int) -> None:
         super().__init__()
         self.x = 0.001 * seed
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
-        return [(TERRAIN_MAP, MAP)]
+        return [(topics.TERRAIN_MAP, MAP)]
 
 
 def begun(path: Path | None, ticks: int = 30, seed: int = 0, order: tuple[int, ...] = (0, 1, 2, 3)) -> Any:
@@ -86,14 +77,14 @@ def finish(system: LocalSystem, driver: ToyDriver) -> None:
 
 
 def status(system: LocalSystem) -> RecorderReply:
-    return system.bus.call(RECORDER_STATUS, RecorderRequest())
+    return system.bus.call(topics.RECORDER_STATUS, RecorderRequest())
 
 
 def test_every_message_of_every_tick_is_on_disk_once(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     system, _ = record(path)
     info = recording_info(path)
-    for topic in (HW_TICK, HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS):
+    for topic in (topics.HW_TICK, topics.HW_IMU, topics.STATE_VELOCITY, topics.STATE_GAIT, topics.CMD_JOINTS):
         assert info["topics"][topic.key] == 30
     assert info["metadata"]["run"]["seed"] == "0"
     reply = status(system)
@@ -150,7 +141,7 @@ def test_a_map_of_the_coming_epoch_that_is_early_belongs_to_its_own_run() -> Non
     first = status(system).run_hash
     driver.x = 0.0
     early = MAP.relabelled(0, 0, 2, 0, "simulator")
-    system.nodes[3].handle(Delivery(TERRAIN_MAP, early, None, None, driver.node.instance))  # before its prime
+    system.nodes[3].handle(Delivery(topics.TERRAIN_MAP, early, None, None, driver.node.instance))  # before its prime
     begin(driver, 10)
     finish(system, driver)
     second = status(system)
@@ -172,11 +163,11 @@ def test_a_map_that_is_lost_comes_again_and_changes_no_hash(
     handle = node.handle
 
     def lose_one(item: Any) -> None:
-        if isinstance(item, Delivery) and item.key == TERRAIN_MAP.key and not item.prime and not lost:
+        if isinstance(item, Delivery) and item.key == topics.TERRAIN_MAP.key and not item.prime and not lost:
             lost.append(item)
             if damaged is not None:
                 header = item.raw().attachment if damaged == "body" else None
-                handle(Delivery(TERRAIN_MAP, None, Raw(b"\0" * 3, header, ""), None, item.sender))
+                handle(Delivery(topics.TERRAIN_MAP, None, Raw(b"\0" * 3, header, ""), None, item.sender))
                 assert node.refused["malformed"] + node.refused["invalid"] == 1
             return
         handle(item)
@@ -191,12 +182,12 @@ def test_a_map_that_is_lost_comes_again_and_changes_no_hash(
 def test_a_driver_that_counts_its_epochs_from_one_again_has_its_map_recorded() -> None:
     recorder = ToyRecorder(RecorderConfig(path=None))
     LocalSystem([MappedDriver(0), recorder])
-    terrain = Delivery(TERRAIN_MAP, MAP.stamped(0, 0, 1, 0, "driver"), None, None, "driver")
+    terrain = Delivery(topics.TERRAIN_MAP, MAP.stamped(0, 0, 1, 0, "driver"), None, None, "driver")
     last = Tick(tick=0, epoch=1, roster=("recorder",), due=(), mode="paced", roster_version=1, end=True)
     found = list[tuple[int, str]]()
     for _ in range(2):
         recorder.on_reset()
-        recorder.on_tick(TickInputs(last, {TERRAIN_MAP.key: terrain}))
+        recorder.on_tick(TickInputs(last, {topics.TERRAIN_MAP.key: terrain}))
         reply = recorder.status(RecorderRequest())
         found.append((reply.messages, reply.run_hash))
     assert found[0] == found[1]
@@ -238,7 +229,7 @@ def test_a_path_that_cannot_be_written_is_logged_and_the_run_goes_on(tmp_path: P
         (tmp_path / "x").write_text("")
     told: list[LogRecord] = []
     system, driver = begun(path)
-    system.bus.subscribe(LOG, lambda delivery: told.append(delivery.message()))  # type: ignore[arg-type]
+    system.bus.subscribe(topics.LOG, lambda delivery: told.append(delivery.message()))  # type: ignore[arg-type]
     finish(system, driver)
     assert status(system).run_hash == status(record(None)[0]).run_hash
     assert status(system).path == ""
@@ -254,7 +245,7 @@ def test_a_path_that_is_no_utf8_is_written_and_reported(tmp_path: Path) -> None:
 
 
 def test_everything_deterministic_is_joined() -> None:
-    assert {HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS} <= set(JOINED)
+    assert {topics.HW_IMU, topics.STATE_VELOCITY, topics.STATE_GAIT, topics.CMD_JOINTS} <= set(JOINED)
     assert all(topic.deterministic for topic in JOINED)
     assert HeightMapMessage not in {topic.model for topic in JOINED}  # latched: comes beside the ticks
 

@@ -15,23 +15,13 @@ from surefoot.bus.interface import Delivery, Incoming, Life
 from surefoot.bus.publish import FramedPublisher
 from surefoot.bus.zenoh import BOUNDED_KEEP, ZenohBus, ZenohOptions, zenoh_config
 from surefoot.errors import BusError, CallError, Refusal
+from surefoot.schemas import topics
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import Imu
 from surefoot.schemas.sim import FeaturesReply, FeaturesRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
 from surefoot.schemas.system import Health
 from surefoot.schemas.terrain import HeightMapMessage, MapRequest
-from surefoot.schemas.topics import (
-    HEALTH,
-    HW_IMU,
-    SIM_FEATURES,
-    SIM_PAUSE,
-    STABILITY_REGION,
-    STATE_VELOCITY,
-    STATE_VELOCITY_EKF,
-    TERRAIN_MAP,
-    TERRAIN_MAP_GET,
-)
 from tests.ports import free_address
 from tests.surefoot.expect import expect_error
 from tests.surefoot.net import WAIT_S, Inbox, Net, matched, own, reached, serve, wait_until
@@ -46,8 +36,8 @@ EMPTY = RegionReply(status="infeasible", inner=(), outer=(), support=())
 
 def test_message_arrives_as_it_was(net: Net) -> None:
     inbox, tool = Inbox(), net.open("client")
-    tool.subscribe(HW_IMU, inbox.put)
-    publisher = matched(net.open(), HW_IMU)
+    tool.subscribe(topics.HW_IMU, inbox.put)
+    publisher = matched(net.open(), topics.HW_IMU)
     token = publisher.put(IMU)
     delivery: Delivery = inbox.get()
     assert delivery.message() == IMU
@@ -58,9 +48,9 @@ def test_message_arrives_as_it_was(net: Net) -> None:
 
 def test_a_reader_that_looks_now_and_then_gets_the_newest(net: Net) -> None:
     inbox, tool = Inbox(), net.open("client")
-    look = tool.newest(HW_IMU)
-    tool.subscribe(HW_IMU, inbox.put)
-    publisher = matched(net.open(), HW_IMU)
+    look = tool.newest(topics.HW_IMU)
+    tool.subscribe(topics.HW_IMU, inbox.put)
+    publisher = matched(net.open(), topics.HW_IMU)
     for seq in range(5):
         publisher.put(IMU.model_copy(update={"seq": seq}))
     assert [inbox.get().message().seq for _ in range(5)] == [*range(5)]  # type: ignore[attr-defined]
@@ -73,17 +63,17 @@ def test_message_says_what_it_is(net: Net) -> None:
     inbox = Inbox()
     with net.plain() as stranger:
         heard = stranger.declare_subscriber(f"{net.namespace}/hw/imu", lambda sample: inbox.put(str(sample.encoding)))
-        matched(net.open(), HW_IMU).put(IMU)
+        matched(net.open(), topics.HW_IMU).put(IMU)
         assert inbox.get() == "application/json;surefoot/Imu/1.0"
         heard.undeclare()
 
 
 def test_array_travels_raw_beside_its_header(net: Net) -> None:
     inbox, tool = Inbox(), net.open()
-    tool.subscribe(TERRAIN_MAP, inbox.put)
+    tool.subscribe(topics.TERRAIN_MAP, inbox.put)
     data = bytes(range(256)) * 4096  # 1 MiB
     message = HeightMapMessage(rows=512, cols=512, cell=0.02, origin=(-1.0, 2.0), data=data)
-    publisher = matched(net.open(), TERRAIN_MAP)
+    publisher = matched(net.open(), topics.TERRAIN_MAP)
 
     def arrived() -> bool:
         publisher.put(message)  # again and again: for an observer on a busy machine it may be dropped
@@ -104,9 +94,9 @@ def test_array_travels_raw_beside_its_header(net: Net) -> None:
 def test_order_of_one_key_is_kept_and_participants_lose_nothing(net: Net) -> None:
     """An observer may lose messages (on a busy machine it does); those that reach it are in order."""
     frames, observer, reader, owner = Inbox(), Inbox(), net.open(), net.open()
-    reader.take((STATE_VELOCITY,), frames.put)
-    reader.subscribe(STATE_VELOCITY, observer.put)
-    publisher = matched(owner, STATE_VELOCITY)
+    reader.take((topics.STATE_VELOCITY,), frames.put)
+    reader.subscribe(topics.STATE_VELOCITY, observer.put)
+    publisher = matched(owner, topics.STATE_VELOCITY)
     frames_of: Any = owner._framers["estimator"]._frames
     wait_until(lambda: frames_of.matching_status.matching)
     ticks = itertools.count()
@@ -140,7 +130,7 @@ def velocities(bus: ZenohBus, publishers: list[Any], tick: int, *, batch: bool) 
 
 def test_participants_get_a_tick_in_one_piece_and_a_batch_when_it_is_full(net: Net) -> None:
     ticks, batches, owner = Inbox(), Inbox(), net.open()
-    both = (STATE_VELOCITY, STATE_VELOCITY_EKF)
+    both = (topics.STATE_VELOCITY, topics.STATE_VELOCITY_EKF)
     net.open().take(both, ticks.put)
     net.open().take(both, batches.put, batched=True)
     publishers = [owner.publisher(topic) for topic in both]
@@ -167,9 +157,9 @@ def test_participants_get_a_tick_in_one_piece_and_a_batch_when_it_is_full(net: N
 
 def test_onlookers_hear_the_topic_itself_from_when_they_listen(net: Net) -> None:
     inbox, owner = Inbox(), net.open()
-    publisher = owner.publisher(STATE_VELOCITY)
+    publisher = owner.publisher(topics.STATE_VELOCITY)
     velocities(owner, [publisher], 0, batch=True)  # nobody listens
-    net.open("client").subscribe(STATE_VELOCITY, inbox.put)
+    net.open("client").subscribe(topics.STATE_VELOCITY, inbox.put)
     assert isinstance(publisher, FramedPublisher)
     wait_until(lambda: publisher.watched)
     velocities(owner, [publisher], 1, batch=False)
@@ -178,9 +168,9 @@ def test_onlookers_hear_the_topic_itself_from_when_they_listen(net: Net) -> None
 
 def test_namespaces_do_not_hear_each_other(net: Net) -> None:
     mine, other = Inbox(), Inbox()
-    net.open(namespace="test/other").subscribe(HW_IMU, other.put)
-    net.open().subscribe(HW_IMU, mine.put)
-    matched(net.open(), HW_IMU).put(IMU)
+    net.open(namespace="test/other").subscribe(topics.HW_IMU, other.put)
+    net.open().subscribe(topics.HW_IMU, mine.put)
+    matched(net.open(), topics.HW_IMU).put(IMU)
     assert mine.get().message() == IMU
     assert other.queue.empty()
 
@@ -198,7 +188,7 @@ def test_namespaces_do_not_hear_each_other(net: Net) -> None:
 )
 def test_what_strangers_publish_is_refused_by_name(net: Net, payload: bytes, encoding: str, code: str) -> None:
     inbox = Inbox()
-    net.open().subscribe(HW_IMU, inbox.put)
+    net.open().subscribe(topics.HW_IMU, inbox.put)
     with net.plain() as stranger:
         publisher: Any = stranger.declare_publisher(
             f"{net.namespace}/hw/imu", encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK
@@ -216,9 +206,9 @@ def test_what_strangers_publish_is_refused_by_name(net: Net, payload: bytes, enc
 def test_question_and_answer(net: Net) -> None:
     seen: list[RegionRequest] = []
     serve(net.open(), lambda request: seen.append(request) or EMPTY)
-    tool = reached(net.open("client"), STABILITY_REGION)
+    tool = reached(net.open("client"), topics.STABILITY_REGION)
     request = RegionRequest(contacts=(), directions=16)
-    assert tool.call(STABILITY_REGION, request) == EMPTY
+    assert tool.call(topics.STABILITY_REGION, request) == EMPTY
     assert seen == [request]
 
 
@@ -227,25 +217,25 @@ def test_refusal_comes_back_typed(net: Net) -> None:
         raise Refusal("refused", "no feet", "contacts")
 
     serve(net.open(), refuses)
-    tool = reached(net.open("client"), STABILITY_REGION)
+    tool = reached(net.open("client"), topics.STABILITY_REGION)
     with expect_error(CallError, "refused", field="contacts") as caught:
-        tool.call(STABILITY_REGION, RegionRequest(contacts=()))
+        tool.call(topics.STABILITY_REGION, RegionRequest(contacts=()))
     assert caught.value.message == "no feet"
 
 
 def test_absent_server_is_told_at_once(net: Net) -> None:
     began = time.monotonic()
     with expect_error(CallError, "absent"):
-        net.open("client").call(STABILITY_REGION, RegionRequest(contacts=()), 60.0)
+        net.open("client").call(topics.STABILITY_REGION, RegionRequest(contacts=()), 60.0)
     assert time.monotonic() - began < 20.0
 
 
 def test_silent_server_is_a_time_out(net: Net) -> None:
     kept: list[Incoming] = []
-    own(net.open(), STABILITY_REGION, lambda q: q.accept_probe() if q.probe else kept.append(q))
-    tool = reached(net.open("client"), STABILITY_REGION)
+    own(net.open(), topics.STABILITY_REGION, lambda q: q.accept_probe() if q.probe else kept.append(q))
+    tool = reached(net.open("client"), topics.STABILITY_REGION)
     with expect_error(CallError, "timeout", text="0.3 s"):
-        tool.call(STABILITY_REGION, RegionRequest(contacts=()), 0.3)
+        tool.call(topics.STABILITY_REGION, RegionRequest(contacts=()), 0.3)
 
 
 def test_reply_in_another_schema_is_refused(net: Net) -> None:
@@ -253,20 +243,20 @@ def test_reply_in_another_schema_is_refused(net: Net) -> None:
 
     def wrong(asked: zenoh.Query) -> None:
         with asked:
-            asked.reply(STABILITY_REGION.key, b"{}", encoding="application/json;surefoot/RegionReply/9.0")
+            asked.reply(topics.STABILITY_REGION.key, b"{}", encoding="application/json;surefoot/RegionReply/9.0")
 
-    server._keep.append(server.session.declare_queryable(STABILITY_REGION.key, wrong, complete=True))
-    own(server, STABILITY_REGION)
-    tool = reached(net.open("client"), STABILITY_REGION)
+    server._keep.append(server.session.declare_queryable(topics.STABILITY_REGION.key, wrong, complete=True))
+    own(server, topics.STABILITY_REGION)
+    tool = reached(net.open("client"), topics.STABILITY_REGION)
     with expect_error(CallError, "schema"):
-        tool.call(STABILITY_REGION, RegionRequest(contacts=()))
+        tool.call(topics.STABILITY_REGION, RegionRequest(contacts=()))
 
 
 def test_array_as_an_answer(net: Net) -> None:
     message = HeightMapMessage(rows=1, cols=2, cell=0.02, origin=(0.0, 0.0), data=b"\0" * 8)
-    own(net.open(), TERRAIN_MAP_GET, lambda q: q.accept_probe() if q.probe else q.reply(message))
-    tool = reached(net.open("client"), TERRAIN_MAP_GET)
-    assert tool.call(TERRAIN_MAP_GET, MapRequest()) == message
+    own(net.open(), topics.TERRAIN_MAP_GET, lambda q: q.accept_probe() if q.probe else q.reply(message))
+    tool = reached(net.open("client"), topics.TERRAIN_MAP_GET)
+    assert tool.call(topics.TERRAIN_MAP_GET, MapRequest()) == message
 
 
 class Asked:
@@ -299,8 +289,8 @@ def test_bad_question_of_a_stranger_gets_a_typed_error(
     net: Net, payload: bytes | None, encoding: str | None, code: str, field: str | None
 ) -> None:
     serve(net.open(), lambda request: EMPTY)
-    reached(net.open("client"), STABILITY_REGION)
-    asked = Asked(net, STABILITY_REGION.key, payload, encoding)
+    reached(net.open("client"), topics.STABILITY_REGION)
+    asked = Asked(net, topics.STABILITY_REGION.key, payload, encoding)
     assert not asked.ok
     error = json.loads(asked.text)
     assert (error["code"], error["field"]) == (code, field)
@@ -324,8 +314,8 @@ def test_an_empty_question_asks_for_the_defaults_but_never_acts(net: Net) -> Non
             incoming.fail(refusal)
 
     server = net.open()
-    own(server, SIM_PAUSE)
-    for query in (SIM_PAUSE, SIM_FEATURES):
+    own(server, topics.SIM_PAUSE)
+    for query in (topics.SIM_PAUSE, topics.SIM_FEATURES):
         server.serve(query, answer)
         reached(net.open("client"), query)
     with net.plain() as stranger:
@@ -339,8 +329,8 @@ def test_an_empty_question_asks_for_the_defaults_but_never_acts(net: Net) -> Non
 @pytest.mark.parametrize("encoding", [None, "application/json", "zenoh/bytes", "text/plain"])
 def test_plain_question_of_a_stranger_is_answered(net: Net, encoding: str | None) -> None:
     serve(net.open(), lambda request: EMPTY)
-    reached(net.open("client"), STABILITY_REGION)
-    asked = Asked(net, STABILITY_REGION.key, b'{"contacts":[]}', encoding)
+    reached(net.open("client"), topics.STABILITY_REGION)
+    asked = Asked(net, topics.STABILITY_REGION.key, b'{"contacts":[]}', encoding)
     assert asked.ok
     assert asked.encoding == encoding_of(RegionReply)
 
@@ -386,9 +376,9 @@ def test_settings_keep_to_the_loopback_and_off_multicast() -> None:
 def test_a_service_observes_heartbeats_of_services_only(net: Net) -> None:
     """Strangers that flood a heartbeat displace none: they publish on the key that is open to every reader."""
     inbox, onlooker = Inbox(), Inbox()
-    net.open().subscribe(HEALTH, inbox.put, bounded=True)
-    net.open("client").subscribe(HEALTH, onlooker.put)
-    publisher = matched(net.open(), HEALTH.of("estimator"))
+    net.open().subscribe(topics.HEALTH, inbox.put, bounded=True)
+    net.open("client").subscribe(topics.HEALTH, onlooker.put)
+    publisher = matched(net.open(), topics.HEALTH.of("estimator"))
     with net.plain() as stranger:
         for _ in range(2 * BOUNDED_KEEP):
             stranger.put(f"{net.namespace}/health/walker", b"{")

@@ -9,24 +9,12 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER, Delayed, TickInputs
 from surefoot.lockstep.node import Node
 from surefoot.lockstep.service import Service
+from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.footholds import SelectReply
 from surefoot.schemas.hw import Imu, Tick
 from surefoot.schemas.stability import RegionReply
-from surefoot.schemas.topics import (
-    FOOTHOLDS_ASSESS,
-    FOOTHOLDS_SELECT,
-    HEALTH_GET,
-    HW_IMU,
-    HW_TICK,
-    LOG,
-    STABILITY_REGION,
-    STATE_GAIT,
-    STATE_VELOCITY,
-    TICK_DONE,
-    TICK_NS,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 from tests.surefoot.toys import estimate
 
 MEGABYTE = 1 << 20
@@ -39,10 +27,10 @@ class Subject(Service[ServiceConfig]):
     """An estimator that also answers queries."""
 
     name = "estimator"
-    inputs = (HW_IMU, Delayed(STATE_GAIT))
-    outputs = (STATE_VELOCITY,)
-    serves = (STABILITY_REGION, FOOTHOLDS_SELECT)
-    calls = (FOOTHOLDS_ASSESS,)
+    inputs = (topics.HW_IMU, Delayed(topics.STATE_GAIT))
+    outputs = (topics.STATE_VELOCITY,)
+    serves = (topics.STABILITY_REGION, topics.FOOTHOLDS_SELECT)
+    calls = (topics.FOOTHOLDS_ASSESS,)
 
     def __init__(self) -> None:
         super().__init__(ServiceConfig())
@@ -55,8 +43,10 @@ class Subject(Service[ServiceConfig]):
         )
 
     def on_start(self) -> None:
-        self.handle(STABILITY_REGION, lambda request: self.answer(request))
-        self.handle(FOOTHOLDS_SELECT, lambda request: SelectReply(legs=(), map_version=len(self.ticks), model="m"))
+        self.handle(topics.STABILITY_REGION, lambda request: self.answer(request))
+        self.handle(
+            topics.FOOTHOLDS_SELECT, lambda request: SelectReply(legs=(), map_version=len(self.ticks), model="m")
+        )
 
     def on_reset(self) -> None:
         self.resets += 1
@@ -64,8 +54,8 @@ class Subject(Service[ServiceConfig]):
     def on_tick(self, inputs: TickInputs) -> None:
         self.ticks.append(inputs.number)
         self.seen.append(dict(inputs.messages))
-        imu = inputs.get(HW_IMU)
-        self.publish(STATE_VELOCITY, estimate(0.0 if imu is None else imu.acc[0]))
+        imu = inputs.get(topics.HW_IMU)
+        self.publish(topics.STATE_VELOCITY, estimate(0.0 if imu is None else imu.acc[0]))
 
     def on_stop(self) -> None:
         self.stopped = True
@@ -80,12 +70,12 @@ class Bench:
         self.node = Node(self.service, self.bus)
         self.node.start()
         self.out: list[Message] = []
-        for topic in (STATE_VELOCITY, TICK_DONE, LOG):
+        for topic in (topics.STATE_VELOCITY, topics.TICK_DONE, topics.LOG):
             self.bus.subscribe(topic, self._keep)
-        for query in (*self.service.serves, HEALTH_GET.of(self.service.name)):
+        for query in (*self.service.serves, topics.HEALTH_GET.of(self.service.name)):
             self.bus.pump_with(query, self.node.pump)
-        self.tick_publisher = self.bus.publisher(HW_TICK)
-        self.imu_publisher = self.bus.publisher(HW_IMU)
+        self.tick_publisher = self.bus.publisher(topics.HW_TICK)
+        self.imu_publisher = self.bus.publisher(topics.HW_IMU)
 
     @property
     def subject(self) -> Subject:
@@ -102,13 +92,13 @@ class Bench:
     def tick(self, tick: int, *, epoch: int = 1, roster: tuple[str, ...] = ("estimator",), **fields: Any) -> None:
         given = {"due": ("hw/imu",), "mode": "lockstep", "roster_version": 1, **fields}
         self.tick_publisher.put(
-            Tick(tick=tick, epoch=epoch, stamp_ns=tick * TICK_NS, seq=max(tick, 0), roster=roster, **given)
+            Tick(tick=tick, epoch=epoch, stamp_ns=tick * topics.TICK_NS, seq=max(tick, 0), roster=roster, **given)
         )
         self.node.pump()
 
     def imu(self, tick: int, *, epoch: int = 1, x: float = 0.5) -> None:
         message = Imu(acc=(x, 0.0, 9.81), gyro=(0.0, 0.0, 0.0))
-        self.imu_publisher.put(message.stamped(tick * TICK_NS, tick, epoch, tick, "driver"))
+        self.imu_publisher.put(message.stamped(tick * topics.TICK_NS, tick, epoch, tick, "driver"))
         self.node.pump()
 
     def prime_as(self, instance: str, *, epoch: int = 1) -> None:
@@ -121,10 +111,10 @@ class Bench:
     ) -> None:
         """A manifest that names its publisher."""
         message = Tick(
-            tick=tick, epoch=epoch, stamp_ns=max(0, tick) * TICK_NS, seq=max(tick, 0), roster=roster,
+            tick=tick, epoch=epoch, stamp_ns=max(0, tick) * topics.TICK_NS, seq=max(tick, 0), roster=roster,
             roster_version=version, due=("hw/imu",), mode="lockstep",
         )  # fmt: skip
-        self.node.handle(Delivery(HW_TICK, message, None, None, instance))
+        self.node.handle(Delivery(topics.HW_TICK, message, None, None, instance))
         self.node.pump()
 
     def both(self, tick: int, **fields: Any) -> None:

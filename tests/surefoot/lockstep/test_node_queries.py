@@ -11,19 +11,12 @@ from surefoot.bus.memory import MemoryBus, MemoryIncoming
 from surefoot.errors import CallError, Refusal
 from surefoot.lockstep import answers
 from surefoot.lockstep.answers import Answers
+from surefoot.schemas import topics
 from surefoot.schemas.cmd import WalkCommand, WalkReply
 from surefoot.schemas.footholds import AssessRequest, SelectReply, SelectRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
 from surefoot.schemas.system import Health, HealthRequest
-from surefoot.schemas.topics import (
-    CMD_WALK,
-    FOOTHOLDS_ASSESS,
-    FOOTHOLDS_SELECT,
-    HEALTH_GET,
-    HW_IMU,
-    STABILITY_REGION,
-    Query,
-)
+from surefoot.schemas.topics import Query
 from tests.surefoot.expect import expect_error
 from tests.surefoot.lockstep.node_bench import MEGABYTE, SELECT, Bench
 
@@ -58,14 +51,14 @@ class Asked(MemoryIncoming):
 def test_bad_request_gets_a_typed_error(
     bench: Bench, payload: bytes, encoding: str, code: str, field: str | None
 ) -> None:
-    asked = Asked(STABILITY_REGION, payload, encoding)
+    asked = Asked(topics.STABILITY_REGION, payload, encoding)
     bench.node.handle(asked)
     assert asked.error is not None
     reply = asked.error.reply()
     assert (reply.code, reply.field) == (code, field)
     assert len(reply.message) < 400
     assert bench.node.refused == {code: 1}
-    again = Asked(STABILITY_REGION, b'{"contacts":[]}')
+    again = Asked(topics.STABILITY_REGION, b'{"contacts":[]}')
     bench.node.handle(again)
     assert isinstance(again.answer, RegionReply)
 
@@ -76,7 +69,7 @@ def test_a_handler_that_fails_answers_internal_and_the_node_lives(bench: Bench) 
 
     bench.subject.answer = broken
     with expect_error(CallError, "internal", text="no feet"):
-        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()), instance=bench.node.instance)
+        bench.bus.call(topics.STABILITY_REGION, RegionRequest(contacts=()), instance=bench.node.instance)
     assert bench.node.refused == {"internal": 1}
     bench.both(0)
     assert bench.subject.ticks == [0]
@@ -88,7 +81,7 @@ def test_a_handler_that_refuses_is_heard_under_its_own_code(bench: Bench) -> Non
 
     bench.subject.answer = refuses
     with pytest.raises(CallError) as caught:
-        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()), instance=bench.node.instance)
+        bench.bus.call(topics.STABILITY_REGION, RegionRequest(contacts=()), instance=bench.node.instance)
     assert (caught.value.code, caught.value.message, caught.value.field) == ("refused", "not today", "contacts")
     assert bench.node.refused == {"refused": 1}
 
@@ -98,12 +91,12 @@ def test_an_answer_from_another_thread_comes_when_it_is_there(bench: Bench) -> N
     work: list[Future[RegionReply]] = [Future(), Future(), Future()]
     pending = iter(work)
     bench.subject.answer = lambda request: next(pending)
-    late = [MemoryIncoming(STABILITY_REGION, RegionRequest(contacts=())) for _ in work]
+    late = [MemoryIncoming(topics.STABILITY_REGION, RegionRequest(contacts=())) for _ in work]
     for incoming in late:
         bench.node.handle(incoming)
     bench.both(0)
     assert bench.subject.ticks == [0]
-    assert bench.bus.call(HEALTH_GET.of("estimator"), HealthRequest()).health.service == "estimator"
+    assert bench.bus.call(topics.HEALTH_GET.of("estimator"), HealthRequest()).health.service == "estimator"
     assert [incoming.answer for incoming in late] == [None] * 3
     reply = RegionReply(status="infeasible", inner=(), outer=(), support=())
     work[1].set_exception(Refusal("refused", "not today", "contacts"))
@@ -119,13 +112,13 @@ def test_an_answer_from_another_thread_comes_when_it_is_there(bench: Bench) -> N
 
 def test_a_request_for_a_tick_waits_until_it_is_consumed(bench: Bench) -> None:
     bench.both(0)
-    asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 1, "epoch": 1, **SELECT}))
+    asked = MemoryIncoming(topics.FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 1, "epoch": 1, **SELECT}))
     bench.node.handle(asked)
     assert asked.answer is None
     bench.both(1)
     assert isinstance(asked.answer, SelectReply)
     assert asked.answer.map_version == 2
-    at_once = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 1, **SELECT}))
+    at_once = MemoryIncoming(topics.FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 1, **SELECT}))
     bench.node.handle(at_once)
     assert at_once.answer is not None
 
@@ -134,16 +127,16 @@ def test_the_same_request_of_a_tick_is_handled_once(bench: Bench, monkeypatch: p
     """Its first answer was lost on the way; a new tick or another request is handled."""
     bench.both(0)
     handled: list[Any] = []
-    original = bench.node.service.handlers[FOOTHOLDS_SELECT.key]
+    original = bench.node.service.handlers[topics.FOOTHOLDS_SELECT.key]
     monkeypatch.setitem(
         bench.node.service.handlers,
-        FOOTHOLDS_SELECT.key,
+        topics.FOOTHOLDS_SELECT.key,
         lambda request: (handled.append(request), original(request))[1],
     )
 
     def ask(participant: bool = True, **fields: Any) -> Any:
         request = SelectRequest.model_validate({**SELECT, **fields})
-        asked = MemoryIncoming(FOOTHOLDS_SELECT, request, participant=participant)
+        asked = MemoryIncoming(topics.FOOTHOLDS_SELECT, request, participant=participant)
         bench.node.handle(asked)
         return asked.answer
 
@@ -163,7 +156,7 @@ def test_the_same_order_for_a_tick_is_carried_out_once() -> None:
 
     def order(participant: bool, at_tick: int | None) -> Any:
         request = WalkCommand(action="walk", distance=0.1, at_tick=at_tick)
-        asked = MemoryIncoming(CMD_WALK, request, participant=participant)
+        asked = MemoryIncoming(topics.CMD_WALK, request, participant=participant)
         found.settle(asked, lambda: (made.append(1), WalkReply(accepted=True, id=len(made)))[1], request)
         return asked.answer
 
@@ -190,14 +183,14 @@ def test_an_answer_of_the_last_run_is_not_given_again() -> None:
 
     for runs in (1, 2):
         for _ in range(2):
-            found.settle(MemoryIncoming(FOOTHOLDS_SELECT, request, participant=True), make, request)
+            found.settle(MemoryIncoming(topics.FOOTHOLDS_SELECT, request, participant=True), make, request)
         assert len(made) == runs
         found.begin()
 
 
 def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.both(0)
-    asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 10**6, "epoch": 1, **SELECT}))
+    asked = MemoryIncoming(topics.FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 10**6, "epoch": 1, **SELECT}))
     bench.node.handle(asked)
     bench.node.timers()
     assert asked.error is None
@@ -210,7 +203,7 @@ def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monk
 def test_probe_is_answered_without_a_request(bench: Bench) -> None:
     asked: list[object] = []
     bench.subject.answer = asked.append  # type: ignore[assignment]
-    incoming = MemoryIncoming(STABILITY_REGION, None)
+    incoming = MemoryIncoming(topics.STABILITY_REGION, None)
     bench.node.handle(incoming)
     assert incoming.answer is None
     assert incoming.error is None
@@ -220,24 +213,24 @@ def test_probe_is_answered_without_a_request(bench: Bench) -> None:
 def test_nobody_there_and_nobody_answers() -> None:
     bus = MemoryBus()
     with expect_error(CallError, "absent"):
-        bus.call(STABILITY_REGION, RegionRequest(contacts=()))
-    bus.serve(STABILITY_REGION, lambda incoming: None, instance="s")
+        bus.call(topics.STABILITY_REGION, RegionRequest(contacts=()))
+    bus.serve(topics.STABILITY_REGION, lambda incoming: None, instance="s")
     bus.announce("stability", "s")
     with expect_error(CallError, "timeout"):
-        bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+        bus.call(topics.STABILITY_REGION, RegionRequest(contacts=()))
 
 
 def test_a_call_within_a_tick_goes_only_to_the_roster(bench: Bench) -> None:
     request = AssessRequest.model_construct()
     with expect_error(CallError, "absent"):
-        bench.node.call(FOOTHOLDS_ASSESS, request, None)
+        bench.node.call(topics.FOOTHOLDS_ASSESS, request, None)
     with pytest.raises(ValueError, match="does not declare"):
-        bench.node.call(STABILITY_REGION, RegionRequest(contacts=()), None)
+        bench.node.call(topics.STABILITY_REGION, RegionRequest(contacts=()), None)
 
 
 def test_health_is_asked_like_any_query_and_counts_refusals_by_name(bench: Bench) -> None:
-    bench.raw(HW_IMU, b"{")
-    health: Health = bench.bus.call(HEALTH_GET.of("estimator"), HEALTH_GET.request()).health
+    bench.raw(topics.HW_IMU, b"{")
+    health: Health = bench.bus.call(topics.HEALTH_GET.of("estimator"), topics.HEALTH_GET.request()).health
     assert health.refused == {"malformed": 1}
     assert health.instance == bench.node.instance
     assert health.state == "joining"

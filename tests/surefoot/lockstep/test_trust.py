@@ -16,23 +16,13 @@ from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.join import DRIVER, SENDER_BYTES, Join
 from surefoot.lockstep.node import Node
 from surefoot.lockstep.service import Service
+from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.footholds import AssessReply, AssessRequest
 from surefoot.schemas.hw import Imu, JointCommand, Tick
 from surefoot.schemas.system import Done, LogRecord
 from surefoot.schemas.terrain import HeightMapMessage
-from surefoot.schemas.topics import (
-    CMD_JOINTS,
-    FOOTHOLDS_ASSESS,
-    HW_IMU,
-    HW_TICK,
-    LOG,
-    STATE_VELOCITY,
-    TERRAIN_MAP,
-    TICK_DONE,
-    TICK_NS,
-    Topic,
-)
+from surefoot.schemas.topics import Topic
 from tests.surefoot.expect import expect_error
 from tests.surefoot.lockstep.driver_bench import Bench as DriverBench
 from tests.surefoot.lockstep.driver_bench import GuardedDriver, reference
@@ -53,13 +43,13 @@ def texts(bench: Bench) -> list[str]:
 class Mapped(Subject):
     """A subject that needs the map as well."""
 
-    inputs = (*Subject.inputs, TERRAIN_MAP)
+    inputs = (*Subject.inputs, topics.TERRAIN_MAP)
 
 
 class MapObserver(ToyObserver):
     """An observer of the map, as the recorder is one."""
 
-    observes = (TERRAIN_MAP,)
+    observes = (topics.TERRAIN_MAP,)
 
     def __init__(self) -> None:
         super().__init__()
@@ -86,24 +76,24 @@ def offer(bench: Bench, topic: Topic[Any], message: Message, sender: str) -> Non
 
 
 def test_a_strangers_map_of_the_present_epoch_is_refused_counted_and_named(bench: Bench) -> None:
-    offer(bench, TERRAIN_MAP, height_map(7), "stranger")
-    offer(bench, TERRAIN_MAP, height_map(4), "real")
-    offer(bench, TERRAIN_MAP, height_map(8), "stranger")
+    offer(bench, topics.TERRAIN_MAP, height_map(7), "stranger")
+    offer(bench, topics.TERRAIN_MAP, height_map(4), "real")
+    offer(bench, topics.TERRAIN_MAP, height_map(8), "stranger")
     bench.imu(0)
     bench.signed_tick("real", 0)
-    assert bench.subject.seen[0][TERRAIN_MAP.key].version == 4
+    assert bench.subject.seen[0][topics.TERRAIN_MAP.key].version == 4
     assert bench.node.refused == {"unbound": 2}
     (text,) = texts(bench)
-    assert TERRAIN_MAP.key in text
+    assert topics.TERRAIN_MAP.key in text
     assert "'stranger'" in text
     assert "'real'" in text
 
 
 def test_each_key_that_a_stranger_publishes_is_logged_once(bench: Bench) -> None:
     for _ in range(3):
-        offer(bench, TERRAIN_MAP, height_map(7), "stranger")
-        offer(bench, HW_IMU, Imu(acc=(0.0, 0.0, 9.0), gyro=(0.0, 0.0, 0.0)), "stranger")
-    assert [text.split(": ")[1].split(" ")[0] for text in texts(bench)] == [TERRAIN_MAP.key, HW_IMU.key]
+        offer(bench, topics.TERRAIN_MAP, height_map(7), "stranger")
+        offer(bench, topics.HW_IMU, Imu(acc=(0.0, 0.0, 9.0), gyro=(0.0, 0.0, 0.0)), "stranger")
+    assert [text.split(": ")[1].split(" ")[0] for text in texts(bench)] == [topics.TERRAIN_MAP.key, topics.HW_IMU.key]
 
 
 def test_over_the_network_maps_come_from_the_bound_driver_only_to_observers_and_late_joiners(net: Net) -> None:
@@ -114,7 +104,7 @@ def test_over_the_network_maps_come_from_the_bound_driver_only_to_observers_and_
     for node in (driving, first):
         node.start()
     driving.begin(("recorder",), "paced", 1.0, 1, "degrade", 0)
-    forger = net.open().publisher(TERRAIN_MAP, "forger")
+    forger = net.open().publisher(topics.TERRAIN_MAP, "forger")
     with spinning(driving, first):
         wait_until(lambda: driving.leader.tick > 2)
         for version in range(50):
@@ -135,14 +125,14 @@ class Asked(Service[ServiceConfig]):
     """A server of assessments."""
 
     name = "footholds"
-    serves = (FOOTHOLDS_ASSESS,)
+    serves = (topics.FOOTHOLDS_ASSESS,)
 
     def __init__(self) -> None:
         super().__init__(ServiceConfig())
         self.questions = 0
 
     def on_start(self) -> None:
-        self.handle(FOOTHOLDS_ASSESS, self._answer)
+        self.handle(topics.FOOTHOLDS_ASSESS, self._answer)
 
     def _answer(self, request: AssessRequest) -> AssessReply:
         self.questions += 1
@@ -157,7 +147,7 @@ def joined() -> tuple[Bench, Node]:
     bench = Bench()
     asked = Node(Asked(), bench.bus)
     asked.start()
-    bench.bus.pump_with(FOOTHOLDS_ASSESS, asked.pump)
+    bench.bus.pump_with(topics.FOOTHOLDS_ASSESS, asked.pump)
     bench.imu_publisher.prime()
     bench.tick(-1, roster=ROSTER)
     return bench, asked
@@ -170,11 +160,11 @@ def test_a_strangers_queryable_gets_no_question_of_a_service() -> None:
     """Neither on the common key, nor with a token of the owner's name beside the bound one."""
     bench, asked = joined()
     stolen: list[Any] = []
-    bench.bus.serve(FOOTHOLDS_ASSESS, stolen.append, stolen.append, "stranger")
+    bench.bus.serve(topics.FOOTHOLDS_ASSESS, stolen.append, stolen.append, "stranger")
     bench.bus.announce("footholds", "stranger")
     bench.node.pump()
     for _ in range(5):
-        bench.node.call(FOOTHOLDS_ASSESS, REQUEST, None)
+        bench.node.call(topics.FOOTHOLDS_ASSESS, REQUEST, None)
     assert isinstance(asked.service, Asked)
     assert (asked.service.questions, stolen) == (5, [])
     assert bench.node.refused["second"] == 1
@@ -183,13 +173,13 @@ def test_a_strangers_queryable_gets_no_question_of_a_service() -> None:
 
 def test_a_server_that_is_started_again_is_asked_and_one_that_is_gone_is_absent() -> None:
     bench, _ = joined()
-    bench.node.call(FOOTHOLDS_ASSESS, REQUEST, None)
+    bench.node.call(topics.FOOTHOLDS_ASSESS, REQUEST, None)
     bench.bus.depart("footholds")
     again = Node(Asked(), bench.bus)
     again.start()
-    bench.bus.pump_with(FOOTHOLDS_ASSESS, again.pump)
+    bench.bus.pump_with(topics.FOOTHOLDS_ASSESS, again.pump)
     bench.node.pump()
-    bench.node.call(FOOTHOLDS_ASSESS, REQUEST, None)
+    bench.node.call(topics.FOOTHOLDS_ASSESS, REQUEST, None)
     assert isinstance(again.service, Asked)
     assert again.service.questions == 1
     assert bench.node.bindings.bound["footholds"] == again.instance
@@ -198,9 +188,9 @@ def test_a_server_that_is_started_again_is_asked_and_one_that_is_gone_is_absent(
 def test_without_a_process_that_proves_its_link_nobody_is_asked() -> None:
     bench = Bench()
     stolen: list[Any] = []
-    bench.bus.serve(FOOTHOLDS_ASSESS, stolen.append)
+    bench.bus.serve(topics.FOOTHOLDS_ASSESS, stolen.append)
     with expect_error(CallError, "absent"):
-        bench.node.call(FOOTHOLDS_ASSESS, REQUEST, None)
+        bench.node.call(topics.FOOTHOLDS_ASSESS, REQUEST, None)
     assert stolen == []
 
 
@@ -217,10 +207,10 @@ def test_over_the_network_a_silent_queryable_on_the_keys_of_a_query_holds_no_ser
         for node in (serving, asking):
             node.start()
         with spinning(serving):
-            wait_until(lambda: not asking.pump() and bool(asking.links.server(FOOTHOLDS_ASSESS)))
+            wait_until(lambda: not asking.pump() and bool(asking.links.server(topics.FOOTHOLDS_ASSESS)))
             kept.clear()
             with pytest.raises(CallError, match="Assess"):  # it answers that an empty request is none
-                asking.call(FOOTHOLDS_ASSESS, REQUEST, None)
+                asking.call(topics.FOOTHOLDS_ASSESS, REQUEST, None)
         assert kept == []
         del queryables, token
 
@@ -230,15 +220,15 @@ def test_over_the_network_a_silent_queryable_on_the_keys_of_a_query_holds_no_ser
 
 def test_contradictions_of_one_process_are_counted_and_named(bench: Bench) -> None:
     """Of the next tick's sensors, of the manifest and of what was used already: the same again is no contradiction."""
-    offer(bench, TERRAIN_MAP, height_map(4), "real")
+    offer(bench, topics.TERRAIN_MAP, height_map(4), "real")
     imu = Imu(acc=(0.5, 0.0, 9.81), gyro=(0.0, 0.0, 0.0))
     forged = Imu(acc=(9.0, 0.0, 9.81), gyro=(0.0, 0.0, 0.0))
     for message in (imu, imu, forged):
-        offer(bench, HW_IMU, message.stamped(0, 0, 1, 0, "simulator"), "real")
+        offer(bench, topics.HW_IMU, message.stamped(0, 0, 1, 0, "simulator"), "real")
     bench.signed_tick("real", 0)
     bench.signed_tick("real", 0)
     for message in (imu, forged):
-        offer(bench, HW_IMU, message.stamped(0, 0, 1, 0, "simulator"), "real")
+        offer(bench, topics.HW_IMU, message.stamped(0, 0, 1, 0, "simulator"), "real")
     assert bench.subject.ticks == [0]
     assert bench.node.refused == {"conflict": 2}
     (text,) = texts(bench)
@@ -250,8 +240,8 @@ def test_a_second_command_of_a_tick_is_a_contradiction(no_waiting: None) -> None
     walker = next(node for node in driven.system.nodes if node.name == "walker")
     driven.until(lambda: driven.node.commands.known(driven.leader.tick - 1))
     tick = driven.leader.tick - 1
-    command = JointCommand(position=(30.0,)).stamped(tick * TICK_NS, tick, 1, tick, "walker")
-    driven.node.handle(Delivery(CMD_JOINTS, command, None, None, walker.instance))
+    command = JointCommand(position=(30.0,)).stamped(tick * topics.TICK_NS, tick, 1, tick, "walker")
+    driven.node.handle(Delivery(topics.CMD_JOINTS, command, None, None, walker.instance))
     assert driven.node.refused["conflict"] == 1
     assert driven.finish(40) == reference(40)
 
@@ -260,26 +250,26 @@ def test_an_answer_to_a_tick_that_has_not_come_lets_no_service_be_left_behind(no
     driven = DriverBench(at=10)
     estimator = next(node for node in driven.system.nodes if node.name == "estimator")
     far = Done(tick=10**6, epoch=1, source="estimator", instance=estimator.instance)
-    driven.node.handle(Delivery(TICK_DONE, far, None))
+    driven.node.handle(Delivery(topics.TICK_DONE, far, None))
     assert driven.leader.members["estimator"].done <= driven.leader.tick
     assert driven.node.refused["too_far_ahead"] == 1
 
 
 def test_frames_and_messages_beyond_their_size_are_refused() -> None:
     for payload, count in ((b"x" * (MAX_JSON_BYTES + 1), 1), (b"x" * MAX_JSON_BYTES, 9)):
-        parts = count * [FramePart(HW_IMU.key, payload, Stamp(0, 1, 0, 0))]
+        parts = count * [FramePart(topics.HW_IMU.key, payload, Stamp(0, 1, 0, 0))]
         with expect_error(Refusal, "too_large"):
-            Frame(DRIVER, {HW_IMU.key: HW_IMU}, *pack(parts, "real")).deliveries()
+            Frame(DRIVER, {topics.HW_IMU.key: topics.HW_IMU}, *pack(parts, "real")).deliveries()
 
 
 def test_batches_of_one_sender_hold_no_more_than_its_share() -> None:
     """Twenty batches of 7 MB for ticks to come, as the recorder and the supervisor take them."""
-    join = Join("recorder", (HW_IMU, STATE_VELOCITY), batched=True)
+    join = Join("recorder", (topics.HW_IMU, topics.STATE_VELOCITY), batched=True)
     join.epoch, join.on_roster, join.last = 1, True, 0
     held = 0
     for tick in range(1, 60):
-        header = Stamp(tick, 1, tick * TICK_NS, tick)
-        for topic in (HW_IMU, STATE_VELOCITY):
+        header = Stamp(tick, 1, tick * topics.TICK_NS, tick)
+        for topic in (topics.HW_IMU, topics.STATE_VELOCITY):
             raw = Raw(b"x" * MAX_JSON_BYTES, None, "")
             reason = join.offer(topic, header, Delivery(topic, None, raw), "real", MAX_JSON_BYTES)  # type: ignore[arg-type]
             held += MAX_JSON_BYTES * (reason is None)
@@ -295,24 +285,24 @@ def storm(driven: DriverBench, seed: int) -> None:
     for _ in range(60):
         tick = draw.choice([-1, 0, driven.leader.tick, driven.leader.tick + draw.randrange(100), 10**9])
         epoch = draw.choice([0, 1, 2, 3, 10**9])
-        header = (tick * TICK_NS, tick, epoch, max(tick, 0), "x")
+        header = (tick * topics.TICK_NS, tick, epoch, max(tick, 0), "x")
         node = draw.choice(driven.system.nodes)
         manifest = Tick(
-            tick=tick, epoch=epoch, stamp_ns=max(0, tick) * TICK_NS, roster=tuple(sorted(names)), roster_version=1,
-            due=("hw/imu",), mode="lockstep",
+            tick=tick, epoch=epoch, stamp_ns=max(0, tick) * topics.TICK_NS, roster=tuple(sorted(names)),
+            roster_version=1, due=("hw/imu",), mode="lockstep",
         )  # fmt: skip
         done = Done(tick=tick, epoch=epoch, source="walker", instance=names["walker"], ready=tick < 0)
         topic, message, sender = draw.choice(
             [
-                (HW_TICK, manifest, driver),
-                (HW_IMU, Imu(acc=(draw.random(), 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(*header), driver),
-                (STATE_VELOCITY, estimate(draw.random()).stamped(*header), names["estimator"]),
-                (TERRAIN_MAP, height_map(draw.randrange(9), epoch), driver),
-                (CMD_JOINTS, JointCommand(position=(draw.random(),)).stamped(*header), names["walker"]),
-                (TICK_DONE, done, ""),
+                (topics.HW_TICK, manifest, driver),
+                (topics.HW_IMU, Imu(acc=(draw.random(), 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(*header), driver),
+                (topics.STATE_VELOCITY, estimate(draw.random()).stamped(*header), names["estimator"]),
+                (topics.TERRAIN_MAP, height_map(draw.randrange(9), epoch), driver),
+                (topics.CMD_JOINTS, JointCommand(position=(draw.random(),)).stamped(*header), names["walker"]),
+                (topics.TICK_DONE, done, ""),
             ]
         )
-        if (node is driven.node) == (topic in (CMD_JOINTS, TICK_DONE)):
+        if (node is driven.node) == (topic in (topics.CMD_JOINTS, topics.TICK_DONE)):
             node.handle(Delivery(topic, message, None, None, sender))
         driven.node.handle(Life("walker", "x", draw.random() < 0.5))
 
@@ -335,14 +325,14 @@ def test_a_reset_heals_whatever_came_before(no_waiting: None, monkeypatch: pytes
 class Listener(ToyObserver):
     """An observer of logs."""
 
-    observes = (LOG,)
+    observes = (topics.LOG,)
 
     def __init__(self) -> None:
         super().__init__()
         self.lines: list[str] = []
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        assert topic is LOG
+        assert topic is topics.LOG
         assert isinstance(message, LogRecord)
         self.lines.append(f"{message.source}: {message.text}")
 
@@ -352,7 +342,7 @@ def test_a_log_is_observed_and_not_refused_as_an_input_of_another_epoch() -> Non
     node = Node(Listener(), bus)
     node.start()
     node.epoch = node.join.epoch = 3
-    bus.publisher(LOG.of("navigator")).put(LogRecord(source="navigator", level="info", text="planned"))
+    bus.publisher(topics.LOG.of("navigator")).put(LogRecord(source="navigator", level="info", text="planned"))
     node.pump()
     assert isinstance(node.service, Listener)
     assert (node.service.lines, dict(node.refused)) == (["navigator: planned"], {})

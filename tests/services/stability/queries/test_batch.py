@@ -14,17 +14,9 @@ from surefoot.bus.codec import decode, encode
 from surefoot.bus.memory import MemoryBus, MemoryIncoming
 from surefoot.errors import Refusal
 from surefoot.lockstep.node import Node
+from surefoot.schemas import topics
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.stability import CheckRequest, StabilityStatus
-from surefoot.schemas.topics import (
-    HW_CONTACTS,
-    HW_JOINTS,
-    HW_TICK,
-    STABILITY_BATCH,
-    STABILITY_CHECK,
-    STATE_STABILITY,
-    TICK_NS,
-)
 from surefoot.schemas.whatif import MAX_SETS, BatchReply, BatchRequest
 from surefoot.services.stability import workers as module
 from surefoot.services.stability.config import StabilityConfig
@@ -73,7 +65,7 @@ def test_json_and_raw_numbers_get_the_same_answer(node: Node) -> None:
         {"contacts": [], "com": [0, 0]},
         {"contacts": FLOOR[:1], "com": [0, 0]},
     ]
-    handler = node.service.handlers[STABILITY_BATCH.key]
+    handler = node.service.handlers[topics.STABILITY_BATCH.key]
 
     def answer(data: bytes, header: bytes | None = None) -> BatchReply:
         reply = handler(decode(BatchRequest, data, header))
@@ -92,7 +84,7 @@ def test_json_and_raw_numbers_get_the_same_answer(node: Node) -> None:
 def test_unlimited_friction_travels_as_infinity(node: Node) -> None:
     wall = [-1.0, 0.0, 0.0, 1.0, 0.0, 0.0, np.inf]
     request = BatchRequest(counts=(1,), data=np.array([0.0, 0.0, *wall]).astype("<f8").tobytes())
-    reply = node.service.handlers[STABILITY_BATCH.key](request)
+    reply = node.service.handlers[topics.STABILITY_BATCH.key](request)
     assert (reply.results[0].status, reply.results[0].margin) == ("point", -1.0)
 
 
@@ -109,7 +101,7 @@ def test_unlimited_friction_travels_as_infinity(node: Node) -> None:
 )  # fmt: skip
 def test_refused(node: Node, fields: dict[str, Any], code: str, field: str) -> None:
     with pytest.raises(Refusal) as refused:
-        node.service.handlers[STABILITY_BATCH.key](BatchRequest.model_validate(fields))
+        node.service.handlers[topics.STABILITY_BATCH.key](BatchRequest.model_validate(fields))
     assert (refused.value.code, refused.value.field) == (code, field)
 
 
@@ -124,15 +116,15 @@ def test_limits_of_the_schema() -> None:
 
 def test_ten_thousand_sets_while_ticks_and_queries_go_on(node: Node) -> None:
     request, expected = raw(MAX_SETS)
-    large, bus = MemoryIncoming(STABILITY_BATCH, request), node.bus
+    large, bus = MemoryIncoming(topics.STABILITY_BATCH, request), node.bus
     said: list[StabilityStatus] = []
-    bus.subscribe(STATE_STABILITY, lambda delivery: said.append(delivery.message()))  # type: ignore[arg-type]
-    publish = {topic.key: bus.publisher(topic) for topic in (HW_TICK, HW_JOINTS, HW_CONTACTS)}
+    bus.subscribe(topics.STATE_STABILITY, lambda delivery: said.append(delivery.message()))  # type: ignore[arg-type]
+    publish = {topic.key: bus.publisher(topic) for topic in (topics.HW_TICK, topics.HW_JOINTS, topics.HW_CONTACTS)}
     node.handle(large)
     check = CheckRequest.model_validate({"contacts": FLOOR, "com": (0.0, 0.0)})
     meanwhile = 0
     while large.answer is None and large.error is None:
-        small = MemoryIncoming(STABILITY_CHECK, check)
+        small = MemoryIncoming(topics.STABILITY_CHECK, check)
         node.handle(small)
         assert small.answer is not None
         if meanwhile < 20:
@@ -148,15 +140,15 @@ def test_ten_thousand_sets_while_ticks_and_queries_go_on(node: Node) -> None:
 
 
 def tick_all(node: Node, publish: dict[str, Any], number: int) -> None:
-    given = samples(number * TICK_NS)
+    given = samples(number * topics.TICK_NS)
     for key in ("joints", "contacts"):
-        message = given[key].relabelled(number * TICK_NS, number, 1, number, "driver")
+        message = given[key].relabelled(number * topics.TICK_NS, number, 1, number, "driver")
         publish[f"hw/{key}"].put(message)
     due = ("hw/joints", "hw/contacts")
     tick = Tick(
-        tick=number, stamp_ns=number * TICK_NS, roster=("stability",), roster_version=1, due=due, mode="lockstep"
+        tick=number, stamp_ns=number * topics.TICK_NS, roster=("stability",), roster_version=1, due=due, mode="lockstep"
     )
-    publish["hw/tick"].put(tick.relabelled(number * TICK_NS, number, 1, number, "driver"))
+    publish["hw/tick"].put(tick.relabelled(number * topics.TICK_NS, number, 1, number, "driver"))
     node.pump()
 
 
@@ -190,17 +182,17 @@ def test_over_zenoh() -> None:
             asker, other = net.open("client"), net.open("client")
             check = CheckRequest.model_validate({"contacts": FLOOR, "com": (0.0, 0.0)})
             until = time.monotonic() + WAIT_S
-            for one, wanted in ((other, STABILITY_CHECK), (asker, STABILITY_BATCH)):
+            for one, wanted in ((other, topics.STABILITY_CHECK), (asker, topics.STABILITY_BATCH)):
                 while not one.probe(wanted):
                     assert time.monotonic() < until, f"not found within {WAIT_S:g} s: {wanted.key}"
             answers: list[BatchReply] = []
             caller = threading.Thread(
-                target=lambda: answers.append(asker.call(STABILITY_BATCH, request, CALL_S)), daemon=True
+                target=lambda: answers.append(asker.call(topics.STABILITY_BATCH, request, CALL_S)), daemon=True
             )
             caller.start()
             checks = 0
             while caller.is_alive():
-                assert other.call(STABILITY_CHECK, check, CALL_S).margin == pytest.approx(0.1)
+                assert other.call(topics.STABILITY_CHECK, check, CALL_S).margin == pytest.approx(0.1)
                 checks += 1
             caller.join()
             matches(answers[0], expected)
