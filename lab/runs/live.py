@@ -159,7 +159,7 @@ def conduct(
                 )
         except KeyboardInterrupt:  # the report covers what there is
             start_s, problems, interrupted = 0.0, ["it was interrupted"], True
-        end = _End.of(session)
+        end = _End.of(session, 0.0 if interrupted else RECORDER_S)
     supervisor = session.supervisor
     written = recording if recording is not None and recording.exists() else None
     facts = {**about.facts, **end.facts(supervisor.wall_s, start_s), **({"Recording": written.name} if written else {})}
@@ -216,9 +216,9 @@ class _End(NamedTuple):
         }
 
     @classmethod
-    def of(cls, session: Session) -> "_End":
-        """Ask the services of a system that still runs."""
-        recorded = _recorder(session) if "recorder" in session.alive else None
+    def of(cls, session: Session, patience_s: float) -> "_End":
+        """Ask the services of a system that still runs, the recorder until it has finished or this long."""
+        recorded = recorder_of(session, patience_s) if "recorder" in session.alive else None
         health, status = session.health(), session.supervisor.status
         timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in health.items() if h.tick_p50_us > 0}
         silences = [f"{n}: {key} was silent for {s:.2f} s" for n, h in health.items() for key, s in h.silences.items()]
@@ -254,9 +254,9 @@ def _about(scenario: Scenario, compose: Compose, options: Options, seed: int) ->
     return About(scenario.name, scenario.description, seed, facts, scenario.limits)
 
 
-def _recorder(session: Session) -> RecorderReply | None:
-    """Wait until the recorder has the last tick on disk."""
-    deadline = time.monotonic() + RECORDER_S
+def recorder_of(session: Session, patience_s: float) -> RecorderReply | None:
+    """Return the state of the recorder once it has the last tick on disk or after this long; None: it is silent."""
+    deadline = time.monotonic() + patience_s
     while True:
         try:
             reply = session.call(RECORDER_STATUS, RecorderRequest(), 2.0)

@@ -6,6 +6,7 @@ from typing import Any
 
 from surefoot.errors import BusError
 from surefoot.lab.runs import live
+from surefoot.schemas.system import RecorderReply
 from surefoot.services.supervisor.processes.session import Session
 
 
@@ -36,6 +37,13 @@ def test_a_stall_is_a_problem_of_the_verdict() -> None:
 
 def test_a_service_that_is_given_up_is_a_problem_of_the_verdict() -> None:
     assert follow(Stuck(BusError("service_failed", "walker does not run"))) == ["walker does not run"]
+
+
+def test_an_interrupted_run_does_not_wait_for_the_last_tick() -> None:
+    unfinished, asked = RecorderReply(path="x", epoch=1, tick=5, messages=9, finished=False), []
+    session: Any = SimpleNamespace(call=lambda *words: asked.append(words) or unfinished)
+    assert live.recorder_of(session, 0.0) == unfinished
+    assert len(asked) == 1
 
 
 def test_a_run_waits_longer_than_the_driver_holds() -> None:
