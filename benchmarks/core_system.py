@@ -115,7 +115,7 @@ class BareStability(Bare):
 
 
 class BareRecorder(Bare):
-    """The topics of the recorder."""
+    """Recorder that reads its topics and does nothing with them."""
 
     name = "recorder"
     inputs = tuple(MADE)
@@ -212,7 +212,10 @@ def system_of(way: str) -> local.LocalSystem:
 
 
 def run_blocks(way: str) -> None:
-    """Run a block of ticks for each line that comes and print its processor time, s."""
+    """Run a block of ticks for each line of standard input; print its processor time, s.
+
+    way: memory, or frames.
+    """
     system = system_of(way)
     driver = system.nodes[0]
     assert isinstance(driver, DriverNode)

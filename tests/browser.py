@@ -1,6 +1,5 @@
 """A headless Chromium that a test or benchmark drives: pages, scripts in them, pictures, addresses they asked for."""
 
-import base64
 import json
 import shutil
 import subprocess
@@ -112,8 +111,3 @@ class Browser:
             assert time.monotonic() < end, f"{script} is {value!r} after {timeout_s:g} s; faults: {self.faults}"
             time.sleep(0.05)
         return value
-
-    def picture(self, path: Path) -> None:
-        """Write what the page looks like, all of it, as PNG."""
-        found = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)
-        path.write_bytes(base64.b64decode(found["data"]))

@@ -247,7 +247,7 @@ class LiveFrames:
 
 
 class Reader:
-    """State of one page: each next text holds the newest frame, and all marks and reports it lacks."""
+    """What one open page has been given: `next` returns the newest frame and the marks and reports that it lacks."""
 
     def __init__(self, live: LiveFrames) -> None:
         self._live, self._seen = live, live.unseen()

@@ -59,7 +59,10 @@ class Learner:
         return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
 
     def decide(self, mean: Array, cov: Array, status: Array, reward: float) -> int:
-        """Learn from the reward of the last action, and return the next one (for `follow`)."""
+        """Learn from the reward of the last action, and return the number of the next one.
+
+        mean, cov: believed x, y (m), heading (rad) and more, with covariance; status: elements `STATUS` of the episode.
+        """
         chosen, following = 0, 0.0
         if status[OUTCOME] != REACHED:
             chosen = self._choose(mean, cov, status)

@@ -82,7 +82,10 @@ def measured_com(robot: Robot, reading: Reading, factor: float | None, sensor: P
 
 
 def printed_com(robot: Robot, reading: Reading, factor: float = 1.0) -> Array:
-    """(30) and (31) as printed: F = J^-T Q without the legs' weight, y = -A2+ A1 F with the weight as described."""
+    """Return the CoM (2,) m, level axes, from the mean foot, by (30) and (31) of Walas & Belter as printed.
+
+    F = J^-T Q without the legs' weight, y = -A2+ A1 F; factor: on the torque for a current of the data sheet.
+    """
     found = leg_inverses(robot, reading.joints, reading.g_up)
     torque = factor * DATA_SHEET * reading.current
     force = -np.einsum("iqk,ik->iq", found.inverse, torque[robot.model.leg_joints[:, :3]]) @ reading.rot.T

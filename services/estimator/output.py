@@ -88,7 +88,10 @@ def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position
 
 @kernel
 def healthy(g: Array, v: Array, p: Array) -> bool:
-    """Return True for finite values, positive variances, a length of g near 9.81 and a speed of a legged robot."""
+    """Return True for finite values, positive variances, a length of g near 9.81 and a speed of a legged robot.
+
+    g, v: (3,) m/s^2 and m/s, IMU axes; p: their covariance, (6, 6) or larger.
+    """
     length, speed = 0.0, 0.0
     for i in range(3):
         length += g[i] * g[i]
@@ -105,7 +108,17 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
 def summary(
     g: Array, v: Array, p: Array, w: Array, gyro_bias: Array, rot_base_from_imu: Array, imu_position: Array
 ) -> tuple[Array, bool]:
-    """Return `express` of the gyro w less its bias, and if the estimate is `healthy`."""
+    """Return an estimate in the frames of users, the rows of `express`, and if its numbers are `healthy`.
+
+    Args:
+        g: (3,) m/s^2, IMU axes, points up.
+        v: (3,) m/s, IMU axes.
+        p: covariance of both, (6, 6).
+        w: gyro, (3,) rad/s.
+        gyro_bias: taken off the gyro, (3,) rad/s.
+        rot_base_from_imu: (3, 3).
+        imu_position: (3,) m in base_link.
+    """
     rate = np.empty(3)
     for i in range(3):
         rate[i] = w[i] - gyro_bias[i]

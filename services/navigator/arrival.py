@@ -26,25 +26,39 @@ def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
 
 
 def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
-    """Return the distance of the estimate from the last waypoint at which the walk ends, m: the surer, the farther."""
+    """Return the distance of the estimate from the last waypoint at which the walk ends, m: the surer, the farther.
+
+    cov: of x, y (m) and heading (rad); sure: standard deviations to spare.
+    """
     tolerance = goal.xy_tolerance
     return min(REACH[1] * tolerance, max(REACH[0] * tolerance, tolerance - sure * spread(cov)))
 
 
 def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return whether the position lies within the goal's tolerance with `sure` standard deviations to spare."""
+    """Return whether the position lies within the goal's tolerance with `sure` standard deviations to spare.
+
+    mean, cov: believed x, y (m) and heading (rad) in the map, (3,), and their covariance, (3, 3).
+    """
     return beside(goal, mean)[0] + sure * spread(cov) <= goal.xy_tolerance
 
 
 def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return whether the heading does so; a goal that asks for none is always turned."""
+    """Return whether the heading lies within the goal's tolerance with `sure` standard deviations to spare.
+
+    A goal that asks for no heading is always turned. mean, cov: believed x, y (m) and heading (rad) in the map, (3,),
+    and their covariance, (3, 3).
+    """
     if goal.yaw is None:
         return True
     return abs(beside(goal, mean)[1]) + sure * math.sqrt(max(0.0, float(cov[2, 2]))) <= goal.yaw_tolerance
 
 
 def sure_of_place(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return whether looking would not help: the robot is surely there, and turned as asked for or about to turn."""
+    """Return whether looking would not help: the robot is surely there, and turned as asked for or about to turn.
+
+    mean, cov: believed x, y (m) and heading (rad) in the map, (3,), and their covariance, (3, 3); sure: standard
+    deviations to spare.
+    """
     turning = abs(beside(goal, mean)[1]) > 0.5 * goal.yaw_tolerance
     return surely_there(goal, mean, cov, sure) and (turning or surely_turned(goal, mean, cov, sure))
 

@@ -121,7 +121,7 @@ class Localiser:
         """Number of times that the pose was found again."""
 
     def place(self, pose: Pose, cov: Array | None = None) -> None:
-        """Begin anew at a stated pose; the drift stays."""
+        """Begin anew at a stated pose x, y (m), heading (rad), map, with covariance (3, 3); the drift stays."""
         self._take_odometry(self._taken_at, force=True)
         self.tracker.place(pose, cov, keep_drift=True)
         self._trust()

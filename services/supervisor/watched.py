@@ -20,5 +20,5 @@ class Watched(Protocol):
         """End a service without warning."""
 
     def rows(self) -> tuple[ServiceStatus, ...]:
-        """Return how every service does."""
+        """Return the state of every service."""
         ...

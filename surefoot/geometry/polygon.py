@@ -76,7 +76,7 @@ def area(polygon: Array) -> float:
 
 @row_kernel
 def distance_to_segment(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Distance of the point p from the segment a b."""
+    """Return the distance of the point (px, py) from the segment between (ax, ay) and (bx, by), in their unit."""
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy
     t = 0.0
@@ -109,7 +109,7 @@ def signed_distance(polygon: Array, x: float, y: float) -> float:
 
 @row_kernel
 def clip(polygon: Array, ax: float, ay: float, limit: float) -> Array:
-    """Part of the polygon where a'p <= limit (Sutherland and Hodgman)."""
+    """Return the part of a polygon (n, 2) of points p with ax p_x + ay p_y <= limit (Sutherland and Hodgman)."""
     n = polygon.shape[0]
     out = np.empty((n + 1, 2))
     m = 0

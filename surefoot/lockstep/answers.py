@@ -25,10 +25,10 @@ class LateAnswer(NamedTuple):
 
 
 class Answers:
-    """Ends queries; late answers go through the node's inbox.
+    """Sends the answers to queries of a node; one worked out on another thread comes back through its inbox.
 
     Args:
-        put: puts something into that inbox.
+        put: puts such an answer into the inbox.
         refuse: counts a refusal by its reason, with a detail for the log.
         clock: returns monotonic wall time, s.
     """

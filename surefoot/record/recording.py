@@ -204,7 +204,7 @@ def _broken(path: Path, why: str) -> SurefootError:
 
 
 def recording_info(path: Path) -> dict[str, Any]:
-    """Counts, times and metadata of a recording (raises as ``read_recording``)."""
+    """Return messages by topic, first and last time, ns, and metadata (raises SurefootError: no recording)."""
     try:
         regular_size(path)
         with path.open("rb") as file:

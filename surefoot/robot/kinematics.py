@@ -74,15 +74,21 @@ def foot_positions_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
 
 @kernel
 def foot_jacobians(model: KinematicModel, q: Array) -> Array:
-    """d foot_i / d (joints of leg i), (L, 3, n); columns in the order of `model.leg_joints`, padding is 0."""
+    """Return d foot_i / d (joints of leg i), (L, 3, n) m/rad, base_link, at joint angles q, (nj,) rad.
+
+    Columns are in the order of `model.leg_joints`, padding is 0.
+    """
     rot, pos = forward(model, q)
     return foot_jacobians_of(model, rot, pos)
 
 
 @kernel
 def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """Return d foot_i / d (joints of leg i), (L, 3, n) m/rad, as `foot_jacobians`, from the links' poses of
-    `forward`."""
+    """Return d foot_i / d (joints of leg i), (L, 3, n) m/rad, base_link.
+
+    Columns are in the order of `model.leg_joints`, padding is 0. rot, pos: orientations (links, 3, 3), base_link from
+    link, and origins (links, 3) m of the links.
+    """
     legs, width = model.leg_joints.shape
     jac = np.zeros((legs, 3, width))
     foot, arm, column = np.empty(3), np.empty(3), np.empty(3)
@@ -139,7 +145,10 @@ def com(model: KinematicModel, q: Array) -> Array:
 
 @kernel
 def com_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """Return the centre of mass of all links in base_link, (3,) m, from the links' poses of `forward`."""
+    """Return the centre of mass of all links in base_link, (3,) m.
+
+    rot, pos: orientations (n, 3, 3), base_link from link, and origins (n, 3) m of the links.
+    """
     total, c = np.zeros(3), np.empty(3)
     for i in range(model.mass.size):
         _point_into(c, rot[i], pos[i], model.com[i])

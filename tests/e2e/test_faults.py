@@ -2,7 +2,6 @@
 
 import json
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,7 +37,6 @@ MID_STEP = 140
 """A tick in which the tripod swings: the walk begins a little before tick 100."""
 KILLED = {"stability": MID_STEP, "footholds": 190, "estimator": 290, "walker": 420}
 """Services killed in one walk, each in a tick in which feet are in the air; the robot pauses after the last two."""
-BIN = Path(sys.executable).parent
 
 
 @pytest.fixture(scope="module")

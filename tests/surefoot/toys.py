@@ -9,7 +9,7 @@ from surefoot.lockstep.service import Service
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import Imu, JointCommand
 from surefoot.schemas.state import GaitState, VelocityEstimate
-from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, SIM_JOIN, STATE_GAIT, STATE_VELOCITY, TICK_NS, Topic
+from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, SIM_JOIN, STATE_GAIT, STATE_VELOCITY, TICK_NS
 
 
 def estimate(x: float) -> VelocityEstimate:
@@ -92,6 +92,3 @@ def toys() -> tuple[ToyDriver, list[Service[Any]]]:
     """A driver and its three services."""
     driver = ToyDriver()
     return driver, [driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), ToyObserver()]
-
-
-TOY_TOPICS: tuple[Topic[Any], ...] = (HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS)

@@ -193,7 +193,14 @@ def _height(rot: Array, y: Array) -> float:
 
 @kernel
 def by_height(rot: Array, y: Array, radius: Array, contact: Array) -> Array:
-    """Return probabilities of contact (K,); of feet without a sensor (NaN) by the height over the lowest point."""
+    """Return probabilities of contact (K,); of points without a sensor (NaN) by the height over the lowest one.
+
+    Args:
+        rot: rot_odom_from_imu, (3, 3).
+        y: contact points, (K, 3) m, IMU axes.
+        radius: of their spheres, (K,) m.
+        contact: probability by the sensor, (K,), NaN = none.
+    """
     lowest = math.inf
     for k in range(contact.size):
         lowest = min(lowest, _height(rot, y[k]) - radius[k])

@@ -120,7 +120,10 @@ class BestFilter:
         self._condition: Condition | None = None
 
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
-        """Take an inertial sample and return the code of its result, see `take_imu`."""
+        """Take gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes, at their limits if `clipped`; return a code.
+
+        The code says if the sample was taken, as the number of an `InputResult`.
+        """
         self.outdate()
         code = take_imu(self._box, stamp_ns, w, q, clipped, OK)
         if RESTART <= code <= STEPPED:
@@ -129,7 +132,14 @@ class BestFilter:
         return code
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
-        """Take a sample of the feet and return the code of its result, see `take_feet`."""
+        """Take a sample of L feet and return the number of its `InputResult`.
+
+        Args:
+            stamp_ns: time of the sample, ns.
+            position: feet, (L, 3) m, IMU axes.
+            rot: rot_imu_from_foot, (L, 3, 3).
+            contact: probability at each switch, (L, S), NaN = unknown.
+        """
         self.outdate()
         code = take_feet(self._box, stamp_ns, position, rot, contact, OK)
         if RESTART <= code <= STEPPED:

@@ -74,7 +74,10 @@ def _imu_errors(rot: Array, size: int) -> Array:
 
 @kernel
 def joint_covariance(rot: Array, cov: Array) -> Array:
-    """Return the covariance (12, 12) of g, v, gyro and accelerometer bias in IMU axes."""
+    """Return the covariance (12, 12) of g, v, gyro and accelerometer bias in IMU axes.
+
+    rot: rot_odom_from_imu, (3, 3); cov: of the filter's error, (12, 12) or larger, order of `ErrorLayout`.
+    """
     out = congruence(_imu_errors(rot, 12), np.ascontiguousarray(cov[:12, :12]))
     for i in range(3):
         for k in range(3):

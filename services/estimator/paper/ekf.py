@@ -64,12 +64,12 @@ class PaperEkf:
         self.reset(np.array([0.0, 0.0, GRAVITY]), np.eye(6))
 
     def reset(self, g: Array, p: Array) -> None:
-        """Start at rest: equation (1)."""
+        """Start at rest, equation (1): g (3,) m/s^2, v = 0, and the covariance p (6, 6) of both."""
         self._x, self.p = np.concatenate([g, np.zeros(3)]), p.copy()
         self.nis = None
 
     def predict(self, w: Array, q: Array, d: float) -> None:
-        """Carry the state by an inertial sample, equations (28)-(31)."""
+        """Carry the state by gyro w (3,) rad/s and accelerometer q (3,) m/s^2 over d s, equations (28)-(31)."""
         self._x, self.p = predict(self._x, self.p, w, q, d, self._noise, self._params.exact_transition, False)
 
     def correct(self, legs: LegVelocity) -> None:

@@ -38,6 +38,8 @@ def rotate_by(b: Array, x: Array) -> Array:
 def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, Array]:
     """Integrate (2)-(4), also (28)-(30): half a turn of g, a turn and a push of v, half a turn of g.
 
+    All in IMU axes: g m/s^2 up, v m/s, gyro w rad/s, accelerometer q m/s^2, (3,) each, over d s.
+
     Returns:
         g (3,), v (3,) after the step.
     """
@@ -84,7 +86,10 @@ def transition(w: Array, d: float, exact: bool) -> Array:
 
 @kernel
 def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """Return C of equation (25), (6, 6): columns = unit noise of gyro and accelerometer, g and v before the step."""
+    """Return C of equation (25), (6, 6): columns = unit noise of gyro and accelerometer.
+
+    g, v: before the step of d s, (3,) m/s^2 and m/s; sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
+    """
     c = np.zeros((6, 6))
     jg, jv = turn_jacobian(g), turn_jacobian(v)
     for i in range(3):
@@ -97,7 +102,10 @@ def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) ->
 
 @kernel
 def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """Return Q = C C^T of equation (31), (6, 6)."""
+    """Return the noise Q = C C^T of (g, v), equation (31), (6, 6), over a step of d s.
+
+    g, v: before it, (3,) m/s^2 and m/s; sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
+    """
     c = input_noise(g, v, d, sigma_w, sigma_q)
     return times_transposed(c, c)
 
@@ -119,7 +127,15 @@ def predict(
 ) -> tuple[Array, Array]:
     """Return state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample, equations (28)-(31).
 
-    `symmetric`: rounding is taken out of P at once, else that is left to the correction.
+    Args:
+        x: state before it; g m/s^2, v m/s, IMU axes.
+        p: its covariance.
+        w: gyro, (3,) rad/s.
+        q: accelerometer, (3,) m/s^2.
+        d: the step, s.
+        noise: deviations of a gyro and an accelerometer sample, (2,) rad/s and m/s^2.
+        exact: with the exact transition, else the first order of the paper.
+        symmetric: rounding is taken out of P at once, else that is left to the correction.
     """
     g, v = x[:3], x[3:]
     p_next = _covariance(p, g, v, w, d, noise, exact)

@@ -103,7 +103,7 @@ class Standstill:
         self.standing = False
 
     def on_imu(self, w: Array, q: Array) -> bool:
-        """Take a sample; return True if the robot stands."""
+        """Take gyro w (3,) rad/s and accelerometer q (3,) m/s^2; return True if the robot stands."""
         oldest, mean, quiet = _push(self._ring, self._count, w, q, self.gyro_sd**2, self.acc_sd**2)
         self._count += 1
         if self._count < self.length:

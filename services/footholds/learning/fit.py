@@ -89,7 +89,16 @@ class LearnOptions:
 
 
 def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda share: True) -> LearnedModel:
-    """Return the model of `learn_and_compare` alone."""
+    """Return the slip model of the candidate that orders stances best on ground held back.
+
+    Args:
+        samples: stances of one robot, cell, filter and foot.
+        options: candidates, folds and facts of the model.
+        report: called with the share that is done; False cancels.
+
+    Raises:
+        LearnError: no samples, of different conditions, all alike, fewer trials than folds, or cancelled.
+    """
     return learn_and_compare(samples, options, report)[0]
 
 

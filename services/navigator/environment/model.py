@@ -54,7 +54,7 @@ class EpisodeRoom(NamedTuple):
 
 
 def squares(scene: Array) -> tuple[int, int]:
-    """Return the numbers of squares along x and y."""
+    """Return the numbers of squares of `CELL` m along x and y that cover the floor of a scene, (ELEMENTS,)."""
     return math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL), math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
 
 

@@ -1,4 +1,4 @@
-"""Occupancy grids in files as map_server reads and writes them: a YAML beside an 8-bit PGM or PNG.
+"""Occupancy grids in files as map_server reads them: a YAML beside an 8-bit PGM or PNG.
 
 Of a pixel with brightness s in 0 to 1 (mean of its colours; in mode trinary of its colours and its opacity where the
 image has any) and occ = 1 - s, or s with `negate`:
@@ -21,7 +21,7 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from surefoot.disk import regular_size, whole
+from surefoot.disk import regular_size
 from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import MAX_CELLS
 
@@ -36,7 +36,7 @@ DEEPEST = 8
 """Levels of lists and tables in a YAML; a map has two."""
 MAX_IMAGE_BYTES = 128_000_000
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
-"""Thresholds that `save` writes; with 0.25, as newer map_savers write, its grey 205 would be read as free."""
+"""Thresholds that map_saver writes; with 0.25, as newer ones do, its grey 205 for unknown would be read as free."""
 PNG_MAGIC, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 
 
@@ -144,50 +144,6 @@ def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info
     if info.mode == "scale" and opacity is not None:
         cells[opacity < 255] = UNKNOWN
     return cells
-
-
-def save(grid: FloorGrid, path: str | Path, mode: Mode = "trinary", image: Literal["pgm", "png"] = "pgm") -> Path:
-    """Write a YAML and its image beside it.
-
-    Cells from 0 to 20 are written as free and cells from 65 as occupied in mode trinary; raw keeps every value.
-
-    Args:
-        grid: what to write.
-        path: of the YAML, with or without suffix.
-        mode: trinary or raw. Mode scale is not written: its unknown cells need a transparency that PGM lacks.
-        image: format.
-
-    Returns:
-        The path of the YAML.
-
-    Raises:
-        MapFileError: mode or format that is not written.
-    """
-    if mode not in ("trinary", "raw"):
-        raise _bad("mode", mode, "trinary or raw")
-    if image not in ("pgm", "png"):
-        raise _bad("image", image, "pgm or png")
-    target = Path(path).with_suffix(".yaml")
-    cells = grid.cells[::-1].astype(np.int16)
-    if mode == "raw":
-        levels = np.where(cells < 0, 255, cells)
-    else:
-        free, occupied = round(100 * FREE_THRESH), round(100 * OCCUPIED_THRESH)
-        levels = np.select([cells < 0, cells <= free, cells >= occupied], [205, 254, 0], 205)
-    drawn = levels.astype(np.uint8)
-    picture = target.with_suffix(f".{image}")
-    with whole(target) as text, whole(picture) as pixels:
-        if image == "png":
-            Image.fromarray(drawn).save(pixels, format="PNG")
-        else:
-            pixels.write_bytes(b"P5\n%d %d\n255\n" % (drawn.shape[1], drawn.shape[0]) + drawn.tobytes())
-        text.write_text(
-            f"image: {picture.name}\nmode: {mode}\nresolution: {grid.cell!r}\n"
-            f"origin: [{grid.origin[0]!r}, {grid.origin[1]!r}, 0.0]\n"
-            f"negate: 0\noccupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n",
-            encoding="utf-8",
-        )
-    return target
 
 
 def _text(path: Path) -> str:

@@ -86,7 +86,10 @@ def best(values: Array, mask: Flags) -> int:
 
 @row_kernel
 def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, float, float]:
-    """Return d (m), phi (rad, wrapped) and h (nats) of equations (4) to (6)."""
+    """Return distance d (m) and bearing phi (rad, wrapped) of the goal (gx, gy), m, and entropy h (nats): (4) to (6).
+
+    mean, cov: believed x, y (m), heading (rad) and more, with covariance.
+    """
     dx, dy = gx - mean[0], gy - mean[1]
     return math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - mean[2]), entropy(cov)
 

@@ -24,7 +24,7 @@ def coupled_links(robot: Robot) -> list[int]:
 
 
 def place_joints(qpos: Array, addresses: "Addresses", q: Array) -> None:
-    """Write joint angles q (nj,) into MuJoCo's positions, both axes of a coupled motor; play is centred."""
+    """Write joint angles q (nj,) rad into MuJoCo's positions, both axes of a coupled motor; play is centred."""
     qpos[addresses.joint_qpos_slice] = q
     qpos[addresses.coupled_qpos] = q[addresses.coupled]
     if addresses.backlash_qpos.size:

@@ -164,7 +164,11 @@ def link_of(robot: Robot, camera: Camera) -> int:
 
 
 def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array, joints: Array) -> CameraPose:
-    """Pose of the camera for a pose of base_link and joint angles (raises RobotError: see `link_of`)."""
+    """Return the pose of a camera for base_link at `position` (3,) m and quat_wxyz (4,), world, and joints (nj,) rad.
+
+    Raises:
+        RobotError: the robot has no such link.
+    """
     i = link_of(robot, camera)
     links, origins = forward(robot.model, joints)
     base = matrix_from_quat(quat_wxyz)
@@ -195,7 +199,10 @@ def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.in
 
 
 def blur(camera: Camera, local: Array, v: Array, w: Array) -> Array:
-    """Length of the motion blur of points (k, 3) in camera axes, (k,) px."""
+    """Return the length of the motion blur of points (k, 3) m, camera axes, (k,) px.
+
+    v, w: velocity (3,) m/s and angular velocity (3,) rad/s of the camera, its axes.
+    """
     z = local[:, 2]
     x, y = local[:, 0] / z, local[:, 1] / z
     along_x = (-v[0] + x * v[2]) / z + x * y * w[0] - (1.0 + x * x) * w[1] + y * w[2]

@@ -132,7 +132,7 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
 
 @row_kernel
 def start(w: Array, o: int, lanes: int) -> None:
-    """s = x = (1, 0, 0), the centre."""
+    """Write s = x = (1, 0, 0), the centre of the cone, for the contact at `o` of the cone array w of `lanes.py`."""
     o &= MASK
     for k in range(lanes):
         w[o + S + k] = w[o + X + k] = 1.0
@@ -187,7 +187,7 @@ def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 @row_kernel
 def residual(w: Array, o: int, g: Array, lanes: int) -> None:
-    """RES = s + b tau; adds b'x to GAIN and s'x to MU."""
+    """Write RES = s + b tau for the contact at `o`; add b'x to GAIN and s'x to MU; arrays w, g as in `lanes.py`."""
     o &= MASK
     for k in range(lanes):
         tau = g[TAU + k]
@@ -201,7 +201,10 @@ def residual(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int, lanes: int) -> None:
-    """RES -= A lam, RESIDUAL -= A'x for the contact's matrix a[i] (3, m); DUAL_RES = max(DUAL_RES, abs(RES))."""
+    """Subtract A lam from RES and A'x from RESIDUAL for the contact at `o` with matrix A = a[i], (3, m).
+
+    DUAL_RES becomes max(DUAL_RES, abs(RES)). Arrays w, g as in `lanes.py`, m = `unknowns`.
+    """
     o &= MASK
     if unknowns == 4:
         a00, a01, a02, a03 = a[i, 0, 0], a[i, 0, 1], a[i, 0, 2], a[i, 0, 3]

@@ -46,7 +46,16 @@ from .lanes import (
 
 @row_kernel
 def step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> None:
-    """Predictor (sigma = 0), or corrector with the second-order terms of the predictor's step."""
+    """Compute a Newton step of all n contacts: predictor (sigma = 0), or corrector with its second-order terms.
+
+    Args:
+        c: cost of the programs, (m,).
+        w: cone array of `lanes.py`; its STEP is written.
+        g: array of the programs of `lanes.py`; its P1, D_TAU, D_KAPPA, REACH are written.
+        n: number of contacts.
+        lanes: programs in use.
+        correct: True = corrector.
+    """
     m = c.size
     for j in range(m):
         for k in range(lanes):
@@ -92,7 +101,10 @@ def predictor(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
-    """TARGET = p \\ (sigma mu e - p o p - dx o ds), p the scaled point (Mehrotra); FIRST = TARGET + (1 - sigma) RES."""
+    """Write Mehrotra's corrector of the contact at `o` of the arrays w, g of `lanes.py`, p the scaled point.
+
+    TARGET = p \\ (sigma mu e - p o p - dx o ds), FIRST = TARGET + (1 - sigma) RES.
+    """
     o &= MASK
     for k in range(lanes):
         p0, p1, p2 = w[o + SCALED + k], w[o + SCALED + 8 + k], w[o + SCALED + 16 + k]
@@ -115,7 +127,10 @@ def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def direction(w: Array, o: int, g: Array, lanes: int) -> None:
-    """STEP = FIRST + SECOND dtau; raises REACH to 1 / (longest step that stays in both cones)."""
+    """Write STEP = FIRST + SECOND dtau of the contact at `o`; arrays w, g as in `lanes.py`.
+
+    REACH grows to 1 / (longest step that stays in both cones).
+    """
     o &= MASK
     for k in range(lanes):
         t = g[D_TAU + k]
@@ -141,7 +156,7 @@ def direction(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def move(w: Array, o: int, g: Array, lanes: int) -> None:
-    """x += length W^-1 STEP, s += length W (TARGET - STEP)."""
+    """Move the contact at `o` by LENGTH: x += W^-1 STEP, s += W (TARGET - STEP) times it; w, g as in `lanes.py`."""
     o &= MASK
     for k in range(lanes):
         d0, d1, d2 = w[o + STEP + k], w[o + STEP + 8 + k], w[o + STEP + 16 + k]
@@ -270,7 +285,10 @@ def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: in
 
 @row_kernel
 def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, lanes: int) -> None:
-    """out_j += column_j'v for the 3-vector at row `v` of the block at `o` and all scaled columns."""
+    """Add to row out + 8 j of g the product of scaled column j of the contact at `o` with the vector at row `v` of it.
+
+    Arrays w, g as in `lanes.py`; j runs over `unknowns`.
+    """
     if unknowns != 4:
         for j in range(unknowns):
             add_dot(g, out + 8 * j, 1.0, w, o + COLUMNS + 24 * j, o + v, lanes)

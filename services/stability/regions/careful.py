@@ -117,7 +117,7 @@ class Oracle:
         return Support(direction, value, point, tuple(STATUS[int(s)] for s in status), gap, twist, force)
 
     def twist(self, unknown: Array, direction: Array) -> Array:
-        """Twist (v, w_z) of the scaled frame from a solution of the reduced dual."""
+        """Return the twist (v, w_z), (4,), of the scaled frame from a solution of the reduced dual and a direction."""
         if self.subspace is None:
             return unknown
         return product(self.subspace.basis, unknown) + product(self.subspace.offset, direction)
@@ -241,7 +241,10 @@ def few(contacts: ContactSet, direction: Array) -> Region:
 
 
 def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region:
-    """Region of a set that carries no weight anywhere, with a twist (v, w_z) that proves it."""
+    """Return the region of a set that carries no weight anywhere.
+
+    direction: (k, 2) of the supports, all NaN; sinking: twist (v, w_z), (4,), that proves it.
+    """
     k, n = len(direction), len(contacts)
     nan = np.full(k, np.nan)
     support = Support(
@@ -253,7 +256,7 @@ def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region
 
 @row_kernel
 def holds(normal: Array, mu: float) -> bool:
-    """Return whether one contact alone can carry the weight: the vertical lies in its cone."""
+    """Return whether one contact with unit normal (3,) and friction mu can carry the weight alone: its cone is upright."""
     if math.isinf(mu):
         return normal[2] >= 0.0
     return normal[2] > 0.0 and mu * normal[2] >= math.hypot(normal[0], normal[1]) - CONE

@@ -56,7 +56,15 @@ class Variants:
 
 
 def assess(contacts: ContactSet, index: Ints, begin: Ints, com: Array, *, threads: int = 1) -> Variants:
-    """Return status and margin of many sets of contacts."""
+    """Return status and margin of many sets of contacts out of one pool.
+
+    Args:
+        contacts: the pool.
+        index: contacts of all sets, one set after the other.
+        begin: first place of each set in `index`, and the end.
+        com: centre of mass of each set, (k, 2) m.
+        threads: that work at a time.
+    """
     count = len(com)
     out = Variants(np.empty(count, dtype=np.int64), np.empty(count))
     shares = [(first, min(first + SHARE, count)) for first in range(0, count, SHARE)]

@@ -95,7 +95,10 @@ def has_axes(directions: Array) -> bool:
 
 @row_kernel
 def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float]:
-    """Return whether the hull is exact, and the plane's slopes: z = p x + q y + const."""
+    """Return whether the region is the hull of the contacts exactly, and slopes p, q of their plane z = p x + q y + c.
+
+    position, normal: (n, 3), points in m and unit normals; mu: friction, (n,).
+    """
     n = mu.size
     if n < 3:
         return False, 0.0, 0.0
@@ -130,7 +133,11 @@ def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float
 
 @row_kernel
 def carried(position: Array, direction: Array, p: float, q: float) -> tuple[Array, Array, Array, Array]:
-    """Value (k,), point (k, 2), twist (k, 4), forces (k, n, 3) for directions (k, 2): one contact carries all."""
+    """Return the support of contacts on a plane where the outermost one carries all, for directions (k, 2).
+
+    position: contacts, (n, 3) m; p, q: slopes of their plane z = p x + q y + const. Returned are the value a'c (k,) m,
+    the point c (k, 2) m, the twist (v, w_z) that proves it (k, 4), and forces as shares of the weight (k, n, 3).
+    """
     k, n = direction.shape[0], position.shape[0]
     value, point, twist, force = np.empty(k), np.empty((k, 2)), np.empty((k, 4)), np.zeros((k, n, 3))
     for s in range(k):

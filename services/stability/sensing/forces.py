@@ -76,7 +76,10 @@ class LegInverses(NamedTuple):
 
 
 def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
-    """J^-T of the points where the feet touch level ground, and G(q); see `forces_from_torques`."""
+    """Return J^-T of the points where the feet touch level ground, and the torques G(q) that hold the legs' own weight.
+
+    joints: q, (nj,) rad; g_up: upward specific force at rest, base_link, (3,) m/s^2.
+    """
     return LegInverses(*_leg_inverses(robot.model, joints, g_up, robot.foot_radii))
 
 
@@ -166,8 +169,17 @@ def _leg_inverses_of(
 def leg_forces_of(
     model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array, torque: Array, variance: float
 ) -> tuple[Array, Array, Flags]:
-    """Return force (L, 3) N, covariance (L, 3, 3) N^2, base_link, and observed (L,), from the links' poses of
-    `forward`."""
+    """Return force (L, 3) N on each foot, covariance (L, 3, 3) N^2, base_link, and whether it is observed, (L,).
+
+    Args:
+        model: the robot.
+        rot: orientations of its links, (n, 3, 3), base_link from link.
+        pos: their origins in base_link, (n, 3) m.
+        g_up: upward specific force at rest, base_link, (3,) m/s^2.
+        radius: of the foot spheres, (L,) m.
+        torque: of the servos, (nj,) Nm.
+        variance: of each torque, Nm^2.
+    """
     inverse, own, observed = _leg_inverses_of(model, rot, pos, g_up, radius)
     force, covariance = _leg_forces(model, inverse, own, torque, variance)
     return force, covariance, observed

@@ -293,7 +293,10 @@ def _twice(name: str, contact: int) -> StabilityError:
 
 @kernel
 def feet_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) -> Array:
-    """Centres of the foot spheres (L, 3) m in the frame of rot_world_from_base and base (3,) m."""
+    """Return the centres of the foot spheres in the world, (L, 3) m.
+
+    joints: (nj,) rad; rot: rot_world_from_base, (3, 3); base: origin of base_link in the world, (3,) m.
+    """
     feet = foot_positions(model, joints)
     out = np.empty_like(feet)
     for i in range(feet.shape[0]):
@@ -304,7 +307,10 @@ def feet_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array)
 
 @kernel
 def com_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) -> Array:
-    """Centre of mass (3,) m in the frame of rot_world_from_base and base (3,) m."""
+    """Return the centre of mass in the world, (3,) m.
+
+    joints: (nj,) rad; rot: rot_world_from_base, (3, 3); base: origin of base_link in the world, (3,) m.
+    """
     centre, out = com(model, joints), np.empty(3)
     for r in range(3):
         out[r] = base[r] + (rot[r, 0] * centre[0] + rot[r, 1] * centre[1] + rot[r, 2] * centre[2])
@@ -335,7 +341,15 @@ def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: A
 
 @row_kernel
 def contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
-    """Return the derivatives of `contact_jacobians`, (L, 3, n) m/rad, from the links' poses of `forward`."""
+    """Return the derivatives of the points that touch level ground by the joints of their legs, (L, 3, n) m/rad.
+
+    Args:
+        model: the robot.
+        rot: orientations of its links, (links, 3, 3), base_link from link.
+        pos: their origins in base_link, (links, 3) m.
+        up: unit vector, base_link, (3,).
+        radius: of the foot spheres, (L,) m.
+    """
     jacobian = foot_jacobians_of(model, rot, pos)
     for i in range(model.leg_joints.shape[0]):
         k = model.foot_link[i]

@@ -21,7 +21,7 @@ def placed(body: Array, side: int, width: float) -> Array:
 
 
 def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
-    """Body pose after a step: turn first, then move along the new heading."""
+    """Return the body's pose x, y (m), yaw (rad), (3,), after a turn, rad, then `forward`, `left`, m, on it."""
     yaw = body[2] + turn
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([body[0] + c * forward - s * left, body[1] + s * forward + c * left, yaw])
@@ -29,7 +29,10 @@ def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
 
 @kernel
 def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array:
-    """Return the point of a foot at which the ZMP rests, (2,) m."""
+    """Return the point at which the ZMP rests on a foot x, y (m), yaw (rad), (2,) m; side 0 = left.
+
+    ahead, inwards: from the middle of the foot, m, inwards = towards the other foot.
+    """
     y = -inwards if side == 0 else inwards
     out = np.empty(2)
     c, s = math.cos(foot[2]), math.sin(foot[2])

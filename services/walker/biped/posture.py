@@ -61,7 +61,20 @@ def pose_legs(g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array) 
 def place_com(
     model: KinematicModel, g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array, com: Array
 ) -> tuple[float, bool, Array]:
-    """Move the trunk until the CoM of all links is over `com` (2,) m; q and trunk are changed in place."""
+    """Move the trunk until the CoM of all links is over `com` (2,) m; q and trunk are changed in place.
+
+    Args:
+        model: the robot.
+        g: geometry of its legs.
+        q: joint angles, (nj,) rad.
+        feet: left and right foot, (2, 4) x, y, yaw, height of the sole, m and rad, odom.
+        trunk: base_link, (4,) x, y, yaw, height, m and rad, odom.
+        tilt: roll and pitch of the trunk, (2,) rad.
+        com: wanted place, odom.
+
+    Returns:
+        Yaw missed by the feet, rad; whether they are within reach; rot_odom_from_base (3, 3).
+    """
     missed, reachable, rot = pose_legs(g, q, feet, trunk, tilt)
     for _ in range(COM_ITERATIONS):
         c = kinematics.com(model, q)
@@ -115,7 +128,10 @@ def load_torques(
 
 @kernel
 def load_share(zmp: Array, feet: Array) -> Array:
-    """Return the part of the load on each foot, (2,): w_left = clip((z - p_right).d / d.d), d = p_left - p_right."""
+    """Return the part of the load on each foot, left and right, (2,), for a ZMP (2,) m and feet (2, 2 or more) m.
+
+    w_left = clip((z - p_right).d / d.d, 0, 1), d = p_left - p_right.
+    """
     dx, dy = feet[0, 0] - feet[1, 0], feet[0, 1] - feet[1, 1]
     w = ((zmp[0] - feet[1, 0]) * dx + (zmp[1] - feet[1, 1]) * dy) / (dx * dx + dy * dy)
     out = np.empty(2)

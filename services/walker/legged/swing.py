@@ -43,7 +43,10 @@ def smooth(a: float) -> float:
 
 @kernel
 def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> float:
-    """Return the height of the foot centre at swing phase v, m; v > 1 goes on down at the speed of the last part."""
+    """Return the height of the foot centre at swing phase v, m; v > 1 goes on down at the speed of the last part.
+
+    z0, top, z1: heights at the begin, on the level part and at the end, m.
+    """
     if v <= shape.rise_end:
         return z0 + (top - z0) * smooth(v / shape.rise_end)
     if v <= shape.fall_start:
@@ -59,13 +62,16 @@ def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> flo
 
 @kernel
 def progress(go: float, arrive: float, v: float) -> float:
-    """Return the part of the horizontal way covered at swing phase v, 0..1."""
+    """Return the part of the horizontal way covered at swing phase v, 0..1; it lasts from phase `go` to `arrive`."""
     return smooth((v - go) / (arrive - go))
 
 
 @kernel
 def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive: float, v: float) -> Array:
-    """Return the foot centre at swing phase v, (3,) m."""
+    """Return the foot centre at swing phase v, (3,) m, from p0 to p1, (3,) m, over a level part at the height `top`, m.
+
+    go, arrive: phases between which it moves sideways.
+    """
     s = progress(go, arrive, v)
     out = np.empty(3)
     out[0] = p0[0] + s * (p1[0] - p0[0])
@@ -158,13 +164,17 @@ def _swept(
 
 
 def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
-    """Height of the level part, m: `clearance` over the higher of the two ends and over the highest swept ground."""
+    """Return the height of the level part, m: `clearance` over both ends p0, p1 (3,) and the highest swept ground."""
     high = float(np.nanmax(ground)) if not np.isnan(ground).all() else -math.inf
     return max(float(p0[2]), float(p1[2]), high) + clearance
 
 
 def window(shape: SwingShape, p0: Array, p1: Array, top: float, ground: Array, margin: float) -> tuple[float, float]:
-    """Phases (go, arrive) of the sideways movement: the gentlest that clears the ground by `margin`, else the last."""
+    """Return phases (go, arrive) of the sideways movement: the gentlest that clears the ground, else the last.
+
+    p0, p1: foot centre at begin and end, (3,) m; top: height of the level part, m; ground: lowest heights of the foot
+    centre at equal steps of the way, (k,) m; margin: over them, m.
+    """
     for go, arrive in WINDOWS:
         if clears(shape, p0[2], p1[2], top, go, arrive, ground, margin):
             return go, arrive

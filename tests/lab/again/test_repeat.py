@@ -21,7 +21,6 @@ from surefoot.services.footholds.models.files import shipped
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
 from tests.surefoot.expect import expect_error
 
-UNKNOWN = ("friction", "friction=a", "friction=nan", "colour=1", "foot=lf", "push=5")
 WALK = """
 description = "two steps"
 compose = "ragno"

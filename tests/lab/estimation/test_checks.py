@@ -116,10 +116,6 @@ def test_seconds_since_1970_are_seconds(columns, tmp_path):
     assert found.seconds[-1] == pytest.approx(1e-9 * np.ptp(columns["stamp_ns"]), abs=1e-6)
 
 
-def without(columns, *keys):
-    return {key: value for key, value in columns.items() if key not in keys}
-
-
 @pytest.mark.parametrize(("factor", "noted"), [(1.0, False), (1e-3, True), (1e3, True)])
 def test_forces_of_another_scale_are_noted(log, columns, tmp_path, factor, noted):
     notes = opened(columns | {"force": factor * load(log)}, tmp_path).notes

@@ -14,8 +14,6 @@ from surefoot.lab.maps.summary import copied
 from surefoot.record.recording import RecordingWriter
 from surefoot.services.navigator.belief.landmark_files import load, save
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
-from surefoot.services.navigator.planning import map_files
-from surefoot.services.navigator.planning.grid import FloorGrid
 from tests.services.navigator.belief.floors import EASY, LENGTH, Eye, floor
 from tests.surefoot.expect import expect_error
 
@@ -141,7 +139,9 @@ def test_the_command_line_shows_and_checks_maps(tmp_path, answer, in_process):
     assert in_process("map", "show", tmp_path / "none.npz")[0] == 2
     cells = np.zeros((40, 60), dtype=np.int8)
     cells[:, 28:32] = 100
-    yaml = map_files.save(FloorGrid(cells, 0.05), tmp_path / "split")
+    (tmp_path / "split.pgm").write_bytes(b"P5\n60 40\n255\n" + (254 - 2 * cells.astype(np.uint8)).tobytes())
+    yaml = tmp_path / "split.yaml"
+    yaml.write_text("image: split.pgm\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.25\n")
     code, out, _ = in_process("map", "show", yaml, "--json")
     assert (code, json.loads(out)["regions"]) == (0, 2)
     code, out, _ = in_process("map", "check", yaml, "--radius", "2")

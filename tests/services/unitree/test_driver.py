@@ -41,7 +41,6 @@ from tests.services.stage import Stage
 
 ROOT = Path(__file__).parents[3]
 NAMES = load_robot(ROBOT).joint_names
-LEGS = [name.split("_")[0] for name in NAMES]
 MAKER = [name for leg in ORDER for name in NAMES if name.startswith(f"{leg}_")]
 ZERO, PER_NEWTON = 40.0, 2.0
 WRAP = 2**32

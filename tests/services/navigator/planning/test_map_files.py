@@ -18,7 +18,6 @@ from surefoot.services.navigator.planning.map_files import (
     MapInfo,
     load,
     occupancy,
-    save,
 )
 from tests.services.refusals import refused
 
@@ -95,20 +94,6 @@ def test_every_format_shows_the_same_floor(tmp_path, kind):
     assert grid.index(-1.0 + 0.12, -2.0 + 0.01) == (0, 2)
     assert grid.centre(0, 2) == pytest.approx((-0.875, -1.975))
     assert grid.bounds == pytest.approx((-1.0, -2.0, -0.85, -1.9))
-
-
-@pytest.mark.parametrize("image", ["pgm", "png"])
-def test_what_is_saved_is_loaded(tmp_path, image):
-    rng = np.random.default_rng(1)
-    trinary = FloorGrid(rng.choice([-1, 0, 100], (7, 11)).astype(np.int8), 0.025, (-0.1, 3.7))
-    raw = FloorGrid(rng.integers(-1, 101, (7, 11)).astype(np.int8), 1 / 3, (1e-7, -12345.678901))
-    for grid, mode in ((trinary, "trinary"), (raw, "raw")):
-        there = load(save(grid, tmp_path / mode, mode, image))
-        assert there.cells.tolist() == grid.cells.tolist()
-        assert (there.cell, there.origin) == (grid.cell, grid.origin)
-    again = load(save(load(tmp_path / "trinary.yaml"), tmp_path / "again", "trinary", image))
-    assert again.to_bytes() == trinary.to_bytes()
-    assert (tmp_path / f"again.{image}").read_bytes() == (tmp_path / f"trinary.{image}").read_bytes()
 
 
 def test_numbers_may_be_written_as_yaml_1_2_writes_them(tmp_path):
@@ -256,13 +241,6 @@ def test_a_yaml_that_is_no_text_and_an_image_of_too_many_bytes_are_refused(tmp_p
         stream.truncate(MAX_IMAGE_BYTES + 1)
     with pytest.raises(MapFileError, match=f"allowed are {MAX_IMAGE_BYTES}"):
         load(path)
-
-
-def test_other_modes_and_formats_are_not_written(tmp_path):
-    grid = FloorGrid(np.zeros((1, 1), dtype=np.int8), 0.1)
-    for wrong in ({"mode": "scale"}, {"image": "bmp"}):
-        with pytest.raises(MapFileError):
-            save(grid, tmp_path / "x", **wrong)
 
 
 def test_ground_off_the_floor_is_occupied_and_unknown_stays_unknown():
