@@ -12,7 +12,7 @@ with surefoot.connect() as robot:
 from collections import Counter
 from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
-from typing import Any, Self, TypeVar, cast
+from typing import Any, Self, cast
 
 from surefoot.bus.codec import refusal_of
 from surefoot.bus.endpoint import checked, to_connect
@@ -20,11 +20,10 @@ from surefoot.bus.interface import Delivery
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, Refusal, SurefootError
 from surefoot.nearest import did_you_mean
-from surefoot.schemas.base import Message, Wire
+from surefoot.schemas.base import Wire
+from surefoot.schemas.rows import M
 from surefoot.schemas.topics import QUERIES, SIM_STATUS_GET, TOPICS, Query, Topic
 from surefoot.simtime import standing_still
-
-M = TypeVar("M", bound=Message)
 
 
 def topic_named(key: str) -> Topic[Any]:

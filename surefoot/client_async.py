@@ -3,13 +3,11 @@
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import suppress
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 from surefoot.client import Client, connect
-from surefoot.schemas.base import Message
+from surefoot.schemas.rows import M
 from surefoot.schemas.topics import Query, Topic
-
-M = TypeVar("M", bound=Message)
 
 
 class AsyncClient:

@@ -8,18 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.arrays import Array, Flags
 
+from . import trajectory
 from .log import Log
 from .track import Track
-from .trajectory import (
-    LENGTHS_M,
-    Poses,
-    height_error,
-    laid_over,
-    pairs_by_path,
-    pairs_by_time,
-    path_length,
-    relative_error,
-)  # fmt: skip
 from .truth import over_window
 
 WINDOW_S = 0.5
@@ -62,7 +53,7 @@ class Score:
         return 100.0 * abs(self.average)
 
 
-def score(log: Log, found: Track, lengths: Sequence[float] = LENGTHS_M) -> Score:
+def score(log: Log, found: Track, lengths: Sequence[float] = trajectory.LENGTHS_M) -> Score:
     """Compare a track with the truth of its log.
 
     Args:
@@ -103,22 +94,22 @@ def _trajectory(log: Log, found: Track, heading: float, lengths: Sequence[float]
     """Return the measures of the whole trajectory by field of `Score`; `heading` is the error at the end, deg."""
     rows = log.scored
     position, yaw = base_pose(log)
-    true = Poses(position[rows], log.rot[rows] @ log.rot_base_from_imu.T)
-    seen = Poses(found.position[rows], base_rot(log, found, rows))
+    true = trajectory.Poses(position[rows], log.rot[rows] @ log.rot_base_from_imu.T)
+    seen = trajectory.Poses(found.position[rows], base_rot(log, found, rows))
     seconds = log.seconds[rows]
-    way = path_length(true.position, seconds)
-    length, pairs = pairs_by_path(way, lengths)
+    way = trajectory.path_length(true.position, seconds)
+    length, pairs = trajectory.pairs_by_path(way, lengths)
     off = np.asarray(found.yaw[rows]) - yaw[rows]
     return {
         "path": float(way[-1]),
-        "rpe": _rms(relative_error(true, seen, pairs)) / length,
+        "rpe": _rms(trajectory.relative_error(true, seen, pairs)) / length,
         "rpe_m": length,
-        "rpe_1s": _rms(relative_error(true, seen, pairs_by_time(seconds))),
-        "ate": _rms(laid_over(seen.position, true.position) - true.position),
+        "rpe_1s": _rms(trajectory.relative_error(true, seen, trajectory.pairs_by_time(seconds))),
+        "ate": _rms(trajectory.laid_over(seen.position, true.position) - true.position),
         "heading_deg_min": 60.0 * abs(heading) / float(seconds[-1] - seconds[0]),
         "heading_rms_deg": float(np.degrees(np.std(off))),
         **_pose_nees(log, found, rows, off),
-        "climb": _rms1(height_error(true, seen, pairs)) / length,
+        "climb": _rms1(trajectory.height_error(true, seen, pairs)) / length,
     }
 
 

@@ -10,17 +10,7 @@ the path and leaves the table that the kernel of the training gets, bit for bit.
 import numpy as np
 
 from surefoot.arrays import Array
-from surefoot.lab.train.learning import (
-    ACCUMULATE,
-    ALPHA_FIRST,
-    ALPHA_LAST,
-    EPS_FIRST,
-    EPS_LAST,
-    EXPLORE,
-    LAMBDA,
-    LEAST_TRACE,
-    corners,
-)
+from surefoot.lab.train import learning
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.environment.draws import below, seed, stream, uniform
 from surefoot.services.navigator.policy.arrays import BLOCKED, GAMMA, GOAL_X, GOAL_Y, MIRROR, OUTCOME, REACHED
@@ -43,16 +33,16 @@ class Learner:
         self.training, self.table = training, training.table.copy()
         w, s, count = training.world, training.settings, len(training.world.names)
         part = training.done / max(1, training.schedule.episodes - 1)
-        self._alpha = s[ALPHA_FIRST] * (s[ALPHA_LAST] / s[ALPHA_FIRST]) ** part
-        self._eps = s[EPS_FIRST] * (s[EPS_LAST] / s[EPS_FIRST]) ** part
-        self._decay = w.scene[GAMMA] * s[LAMBDA]
+        self._alpha = s[learning.ALPHA_FIRST] * (s[learning.ALPHA_LAST] / s[learning.ALPHA_FIRST]) ** part
+        self._eps = s[learning.EPS_FIRST] * (s[learning.EPS_LAST] / s[learning.EPS_FIRST]) ** part
+        self._decay = w.scene[GAMMA] * s[learning.LAMBDA]
         self._room = room_to_choose(w.states, count)
         self._policy = PolicyTables(SARSA, np.zeros(NUMBERS), self.table, training.grid, np.eye(3))
         self._cells, self._weights = np.zeros(8, dtype=np.int64), np.zeros(8)
         self._traces: dict[int, float] = {}
         self._value, self._started = 0.0, False
         self._explore = stream()
-        seed(self._explore, training.seed + 1, training.done, EXPLORE)
+        seed(self._explore, training.seed + 1, training.done, learning.EXPLORE)
 
     def walk(self) -> Episode:
         """Return the training's next episode."""
@@ -72,7 +62,9 @@ class Learner:
             step = self._alpha * (reward + self.training.world.scene[GAMMA] * following - self._value)
             for cell, trace in self._traces.items():
                 flat[cell] += step * trace
-            self._traces = {c: t * self._decay for c, t in self._traces.items() if t * self._decay > LEAST_TRACE}
+            self._traces = {
+                c: t * self._decay for c, t in self._traces.items() if t * self._decay > learning.LEAST_TRACE
+            }
         self._started = True
         self._mark(mean, cov, chosen)
         return chosen
@@ -91,14 +83,14 @@ class Learner:
         """Read Q(s, a) and lay traces for it."""
         w, t = self.training.world, self.training
         d, phi, h = features(mean, cov, float(w.scene[GOAL_X]), float(w.scene[GOAL_Y]))
-        flip = corners(self.table, t.grid, d, phi, h, self._cells, self._weights)
+        flip = learning.corners(self.table, t.grid, d, phi, h, self._cells, self._weights)
         own = int(w.actions[chosen, MIRROR]) if flip > 0.0 else chosen
         self._value, flat = 0.0, self.table.reshape(-1)
         for corner, weight in zip(self._cells, self._weights, strict=True):
             cell, old = int(corner) + own, self._traces.get(int(corner) + own)
             self._value += float(weight) * float(flat[cell])
-            if weight > LEAST_TRACE:
-                added = (old or 0.0) + weight if t.settings[ACCUMULATE] > 0.0 else max(old or 0.0, weight)
+            if weight > learning.LEAST_TRACE:
+                added = (old or 0.0) + weight if t.settings[learning.ACCUMULATE] > 0.0 else max(old or 0.0, weight)
                 self._traces[cell] = float(added)
 
 

@@ -7,7 +7,8 @@ from typing import TypeVar
 
 from surefoot.background import Background
 from surefoot.errors import Refusal
-from surefoot.schemas.base import Reply, Request
+from surefoot.schemas.base import Reply
+from surefoot.schemas.rows import Req
 from surefoot.schemas.whatif import BatchReply, BatchRequest, WhatifReply, WhatifRequest
 
 from .answers import batch_reply, whatif_reply
@@ -15,7 +16,6 @@ from .programs.clarabel_tools import clarabel_and_sparse
 from .programs.contacts import StabilityError
 from .regions import many
 
-Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Reply)
 
 LATER_S = 1.0

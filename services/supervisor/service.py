@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Any, TypeVar
+from typing import Any
 
 from surefoot.bus.interface import Delivery
 from surefoot.errors import CallError
@@ -11,6 +11,7 @@ from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.schemas import topics
 from surefoot.schemas.base import Message
+from surefoot.schemas.rows import M
 from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health, SupervisorStatus
 from surefoot.schemas.topics import Topic
@@ -19,8 +20,6 @@ from .scenarios.director import Director, TimedOrder
 from .scenarios.limits import JUDGED
 from .scenarios.scenario import COMMANDS
 from .watched import Watched
-
-M = TypeVar("M", bound=Message)
 
 WELL = ("joining", "ready", "running")
 """States of a healthy service: it answers queries, although not all of its links need to be proved."""

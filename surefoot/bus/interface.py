@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar, c
 from surefoot.bus.codec import decode, encode, encoding_of, read_header
 from surefoot.errors import CallError, Refusal, SurefootError
 from surefoot.schemas.base import Message, Request, Wire
+from surefoot.schemas.rows import M, Rep, Req
 from surefoot.schemas.topics import Query, Topic
 
 if TYPE_CHECKING:
     from surefoot.bus.unread import LinkTrouble
 
-M = TypeVar("M", bound=Message)
 M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
-Req = TypeVar("Req", bound=Request)
-Rep = TypeVar("Rep", bound=Wire)
 
 
 _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the checks of its class

@@ -2,16 +2,13 @@
 
 import uuid
 from collections.abc import Callable, Iterable
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
 
 from surefoot.bus.interface import Delivery, Incoming, Life, two_owners
 from surefoot.errors import CallError, SurefootError
-from surefoot.schemas.base import Message, Request, Wire
+from surefoot.schemas.base import Request, Wire
+from surefoot.schemas.rows import M, Rep, Req
 from surefoot.schemas.topics import HEALTH_GET, Query, Topic
-
-M = TypeVar("M", bound=Message)
-Req = TypeVar("Req", bound=Request)
-Rep = TypeVar("Rep", bound=Wire)
 
 
 class MemoryPublisher(Generic[M]):

@@ -1,17 +1,15 @@
 """Publishers over Zenoh: a key by itself for observers, and everything of an owner in frames for participants."""
 # pyright: reportUnknownMemberType=false
 
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
 
 import zenoh
 
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.frame import FramePart, pack
 from surefoot.bus.interface import Stamp
-from surefoot.schemas.base import Message
+from surefoot.schemas.rows import M
 from surefoot.schemas.topics import Kind, Query, Topic
-
-M = TypeVar("M", bound=Message)
 
 _JSON = "application/json"
 _DROP = zenoh.CongestionControl.DROP

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback, RingChannel
@@ -27,12 +27,9 @@ from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPub
 from surefoot.bus.replies import LARGE, WAITING, Replies
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
-from surefoot.schemas.base import ErrorReply, Message, Request, Wire
+from surefoot.schemas.base import ErrorReply, Request, Wire
+from surefoot.schemas.rows import M, Rep, Req
 from surefoot.schemas.topics import Kind, Query, Topic
-
-M = TypeVar("M", bound=Message)
-Req = TypeVar("Req", bound=Request)
-Rep = TypeVar("Rep", bound=Wire)
 
 KEEP = 10_000
 """Newest messages of a key that are kept for an observer that does not read."""

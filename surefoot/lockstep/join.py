@@ -7,13 +7,12 @@ order of their arrival, so every run with the same seed sees the same inputs.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, cast
 
-from surefoot.schemas.base import Header, Message
+from surefoot.schemas.base import Header
 from surefoot.schemas.hw import Tick
+from surefoot.schemas.rows import M
 from surefoot.schemas.topics import HW_TICK, TICK_NS, Kind, Topic
-
-M = TypeVar("M", bound=Message)
 
 DRIVER = "driver"
 _TICK = HW_TICK.key

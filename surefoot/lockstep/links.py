@@ -2,20 +2,18 @@
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 from surefoot.bus.interface import Bus
 from surefoot.errors import CallError
 from surefoot.lockstep.binding import Bindings
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.patience import TRY_S, Patience
-from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import Tick
+from surefoot.schemas.rows import Rep, Req
 from surefoot.schemas.system import JoinRequest
 from surefoot.schemas.topics import SIM_JOIN, Query, Topic
 
-Req = TypeVar("Req", bound=Request)
-Rep = TypeVar("Rep", bound=Wire)
 Row = Topic[Any] | Query[Any, Any]
 
 JOIN_S = 0.3  # s, limit on the wait for one driver's answer

@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty
-from typing import Any, TypeVar
+from typing import Any
 
 from surefoot.bus.frame import Frame
 from surefoot.bus.inbox import Inbox
@@ -28,13 +28,11 @@ from surefoot.lockstep.live_parameters import config_queries
 from surefoot.lockstep.patience import Patience
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line, sendable
-from surefoot.schemas.base import Message, Request, TickRequest, Wire
+from surefoot.schemas.base import Message, Request, TickRequest
 from surefoot.schemas.hw import Tick
+from surefoot.schemas.rows import Rep, Req
 from surefoot.schemas.system import Done, Health, HealthReply, LogRecord
 from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, TICK_DONE, Kind, Query, Topic
-
-Req = TypeVar("Req", bound=Request)
-Rep = TypeVar("Rep", bound=Wire)
 
 JOIN_RETRY_S = 0.3
 LOOK_S = 0.1  # a node looks into its inbox at least so often: a frame that it waits for may never come

@@ -6,13 +6,11 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import Input, TickInputs
-from surefoot.schemas.base import Message, Request, Wire
+from surefoot.schemas.base import Message, Wire
+from surefoot.schemas.rows import M, Rep, Req
 from surefoot.schemas.topics import Query, Topic
 
 C = TypeVar("C", bound=ServiceConfig)
-M = TypeVar("M", bound=Message)
-Req = TypeVar("Req", bound=Request)
-Rep = TypeVar("Rep", bound=Wire)
 
 
 class Runtime(Protocol):

@@ -10,18 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from surefoot.bus.codec import MAX_BULK_BYTES, check_encoding, decode, encode, encoding_of, json_schema
 from surefoot.errors import Refusal
-from surefoot.schemas.base import (
-    MAX_FEET,
-    MAX_JOINTS,
-    UNIT_WITHIN,
-    Message,
-    PerFoot,
-    QuatWxyz,
-    Reply,
-    Request,
-    TickRequest,
-    Wire,
-)
+from surefoot.schemas import base
 from surefoot.schemas.calibration import FIELDS as CALIBRATE_FIELDS
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import FIELDS as WALK_FIELDS
@@ -33,20 +22,20 @@ from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import QUERIES, TOPICS, Kind, Query, Topic
 from tests.surefoot.expect import expect_error
 
-MODELS: list[type[Wire]] = sorted(
+MODELS: list[type[base.Wire]] = sorted(
     {t.model for t in TOPICS} | {q.request for q in QUERIES} | {q.reply for q in QUERIES}, key=lambda m: m.__name__
 )
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
-def test_every_field_is_described(model: type[Wire]) -> None:
+def test_every_field_is_described(model: type[base.Wire]) -> None:
     for name, field in model.model_fields.items():
         described = field.description or any(getattr(m, "description", None) for m in field.metadata)
         assert described, f"{model.__name__}.{name} has no description (unit and frame)"
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
-def test_models_are_frozen_finite_and_have_a_valid_schema(model: type[Wire]) -> None:
+def test_models_are_frozen_finite_and_have_a_valid_schema(model: type[base.Wire]) -> None:
     assert model.model_config.get("frozen") is True
     assert model.model_config.get("allow_inf_nan") is False
     schema = json_schema(model)
@@ -55,11 +44,11 @@ def test_models_are_frozen_finite_and_have_a_valid_schema(model: type[Wire]) -> 
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
-def test_unknown_fields(model: type[Wire]) -> None:
+def test_unknown_fields(model: type[base.Wire]) -> None:
     extra = model.model_config.get("extra")
-    if issubclass(model, Request) or model is JointCommand:
+    if issubclass(model, base.Request) or model is JointCommand:
         assert extra == "forbid"
-    elif issubclass(model, Message | Reply):
+    elif issubclass(model, base.Message | base.Reply):
         assert extra == "ignore"
 
 
@@ -136,17 +125,17 @@ def test_numbers_of_a_header_have_a_least_value(field: str, least: int) -> None:
 @pytest.mark.parametrize("field", ["tick", "epoch"])
 def test_a_request_about_a_tick_names_one_that_can_be(field: str) -> None:
     with expect_error(Refusal, "invalid", field):
-        decode(TickRequest, b'{"%s":-1}' % field.encode())
+        decode(base.TickRequest, b'{"%s":-1}' % field.encode())
 
 
 def test_lists_of_joints_and_feet_are_bounded() -> None:
-    assert len(JointCommand(position=(0.0,) * MAX_JOINTS).position) == MAX_JOINTS
+    assert len(JointCommand(position=(0.0,) * base.MAX_JOINTS).position) == base.MAX_JOINTS
     with expect_error(Refusal, "invalid", "position"):
-        decode(JointCommand, json.dumps({"position": [0.0] * (MAX_JOINTS + 1)}).encode())
-    bounds = TypeAdapter(PerFoot)
-    assert len(bounds.validate_python([0.0] * MAX_FEET)) == MAX_FEET
+        decode(JointCommand, json.dumps({"position": [0.0] * (base.MAX_JOINTS + 1)}).encode())
+    bounds = TypeAdapter(base.PerFoot)
+    assert len(bounds.validate_python([0.0] * base.MAX_FEET)) == base.MAX_FEET
     with pytest.raises(ValidationError):
-        bounds.validate_python([0.0] * (MAX_FEET + 1))
+        bounds.validate_python([0.0] * (base.MAX_FEET + 1))
 
 
 def test_infinity_cannot_be_built_either() -> None:
@@ -157,8 +146,8 @@ def test_infinity_cannot_be_built_either() -> None:
 def test_models_hold_no_query_without_request_and_reply() -> None:
     for query in QUERIES:
         assert isinstance(query, Query)
-        assert issubclass(query.request, Request)
-        assert issubclass(query.reply, Wire)
+        assert issubclass(query.request, base.Request)
+        assert issubclass(query.reply, base.Wire)
 
 
 def _numbers(schema: Any, path: str = "") -> list[str]:
@@ -170,7 +159,7 @@ def _numbers(schema: Any, path: str = "") -> list[str]:
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
-def test_every_number_of_every_model_is_strict(model: type[Wire]) -> None:
+def test_every_number_of_every_model_is_strict(model: type[base.Wire]) -> None:
     assert _numbers(model.__pydantic_core_schema__) == []
 
 
@@ -213,7 +202,9 @@ def directions(value: object) -> dict[str, Any]:
         (CalibrateRequest, {"action": "status", "apply": False}, "apply", "'finish'"),
     ],
 )
-def test_a_wrong_field_is_refused_by_name(model: type[Wire], fields: dict[str, Any], field: str, text: str) -> None:
+def test_a_wrong_field_is_refused_by_name(
+    model: type[base.Wire], fields: dict[str, Any], field: str, text: str
+) -> None:
     with expect_error(Refusal, field=field, text=text):
         decode(model, json.dumps(fields).encode())
 
@@ -237,12 +228,12 @@ def test_an_array_beyond_the_largest_is_refused_before_its_header_is_read() -> N
         decode(HeightMapMessage, bytes(MAX_BULK_BYTES + 1), b"{")
 
 
-@pytest.mark.parametrize("length", [0.0, 1e-9, 1.0 - 1.1 * UNIT_WITHIN, 1.0 + 1.1 * UNIT_WITHIN, 2.0, 1e300])
+@pytest.mark.parametrize("length", [0.0, 1e-9, 1.0 - 1.1 * base.UNIT_WITHIN, 1.0 + 1.1 * base.UNIT_WITHIN, 2.0, 1e300])
 def test_a_quaternion_that_is_no_rotation_is_refused(length: float) -> None:
-    adapter = TypeAdapter[Any](QuatWxyz)
+    adapter = TypeAdapter[Any](base.QuatWxyz)
     for direction in ((1.0, 0.0, 0.0, 0.0), (0.5, -0.5, 0.5, -0.5), (0.0, 0.6, 0.0, 0.8)):
         given = tuple(length * part for part in direction)
         with pytest.raises(ValidationError, match=r"a quaternion of length .*, allowed is 1 within 0\.01"):
             adapter.validate_python(given)
-        for near in (1.0 - 0.9 * UNIT_WITHIN, 1.0 + 0.9 * UNIT_WITHIN, -1.0):
+        for near in (1.0 - 0.9 * base.UNIT_WITHIN, 1.0 + 0.9 * base.UNIT_WITHIN, -1.0):
             adapter.validate_python(tuple(near * part for part in direction))

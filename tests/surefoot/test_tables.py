@@ -6,31 +6,17 @@ from typing import Annotated, Any, Literal
 import pytest
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
-from surefoot.tables import (
-    CODES,
-    FileModel,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    TableError,
-    Text,
-    Vector,
-    Whole,
-    read_toml,
-    refused,
-    validated,
-)
+from surefoot import tables
 from tests.surefoot.expect import expect_error
 
 TAKEN: list[tuple[Any, list[Any], list[Any]]] = [
-    (Text, ["a", "some text"], ["", b"a", 1, None]),
-    (Name, ["a", "left_leg2"], ["", "A", "2a", "a-b", "_a", b"a", 1]),
-    (Number, [0, 1.5, -3], ["1.5", True, math.nan, math.inf, None]),
-    (Positive, [1e-9, 2], [0, -1.0, math.inf, "1"]),
-    (NotNegative, [0, 2.5], [-1e-9, -1, math.nan]),
-    (Whole, [0, -7], [1.0, "1", True]),
-    (Vector, [[1, 2.0, 3]], [[1, 2], [1, 2, 3, 4], [1, 2, "3"], [1, 2, math.nan], (1, "2", 3)]),
+    (tables.Text, ["a", "some text"], ["", b"a", 1, None]),
+    (tables.Name, ["a", "left_leg2"], ["", "A", "2a", "a-b", "_a", b"a", 1]),
+    (tables.Number, [0, 1.5, -3], ["1.5", True, math.nan, math.inf, None]),
+    (tables.Positive, [1e-9, 2], [0, -1.0, math.inf, "1"]),
+    (tables.NotNegative, [0, 2.5], [-1e-9, -1, math.nan]),
+    (tables.Whole, [0, -7], [1.0, "1", True]),
+    (tables.Vector, [[1, 2.0, 3]], [[1, 2], [1, 2, 3, 4], [1, 2, "3"], [1, 2, math.nan], (1, "2", 3)]),
 ]
 
 
@@ -46,17 +32,17 @@ def test_a_type_takes_these_values_and_refuses_those(kind: Any, good: list[Any],
 
 def _even(value: int) -> int:
     if value % 2:
-        raise refused("duplicate", f"is odd: {value}", "part")
+        raise tables.refused("duplicate", f"is odd: {value}", "part")
     return value
 
 
-class Inner(FileModel):
+class Inner(tables.FileModel):
     """Table inside the table."""
 
     size: float = 1.0
 
 
-class Content(FileModel):
+class Content(tables.FileModel):
     """Content of a file."""
 
     kind: Literal["round", "square"]
@@ -84,31 +70,31 @@ GOOD = {"kind": "round"}
     ],
 )
 def test_a_refusal_has_code_field_and_sentence(change: dict[str, Any], code: str, field: str, sentence: str) -> None:
-    assert validated(Content, GOOD).kind == "round"
-    with expect_error(TableError, code=code, field=field, text=sentence):
-        validated(Content, GOOD | change)
+    assert tables.validated(Content, GOOD).kind == "round"
+    with expect_error(tables.TableError, code=code, field=field, text=sentence):
+        tables.validated(Content, GOOD | change)
 
 
 def test_a_missing_field_is_missing_and_not_a_wrong_value() -> None:
-    with pytest.raises(TableError) as caught:
-        validated(Content, {}, path="file.part")
+    with pytest.raises(tables.TableError) as caught:
+        tables.validated(Content, {}, path="file.part")
     assert (caught.value.code, caught.value.field) == ("missing", "file.part.kind")
     assert str(caught.value).endswith("is missing")
 
 
 def test_what_is_no_table_is_refused_at_the_file() -> None:
-    with expect_error(TableError, code="type", field="file"):
-        validated(Content, [1])
+    with expect_error(tables.TableError, code="type", field="file"):
+        tables.validated(Content, [1])
 
 
 def test_validators_raise_the_codes_of_fields() -> None:
-    for code in CODES:
-        assert refused(code, "sentence").type == code
+    for code in tables.CODES:
+        assert tables.refused(code, "sentence").type == code
 
 
 @pytest.mark.parametrize("content", [b"a = ", b"a = 1\na = 2", b"\xff\xfe", b"a = " + b"[" * 100_000])
 def test_a_file_that_is_no_toml_is_refused_by_its_name(tmp_path: Any, content: bytes) -> None:
     path = tmp_path / "x.toml"
     path.write_bytes(content)
-    with expect_error(TableError, code="syntax", field="x.toml", text="is not valid TOML"):
-        read_toml(path)
+    with expect_error(tables.TableError, code="syntax", field="x.toml", text="is not valid TOML"):
+        tables.read_toml(path)

@@ -256,7 +256,7 @@ def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region
 
 @row_kernel
 def holds(normal: Array, mu: float) -> bool:
-    """Return whether one contact with unit normal (3,) and friction mu can carry the weight alone: its cone is upright."""
+    """Return whether one contact with unit normal (3,) and friction mu carries the weight: its cone is upright."""
     if math.isinf(mu):
         return normal[2] >= 0.0
     return normal[2] > 0.0 and mu * normal[2] >= math.hypot(normal[0], normal[1]) - CONE

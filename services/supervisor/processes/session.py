@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 from surefoot.bus.endpoint import to_listen
 from surefoot.bus.interface import Life, Publisher
@@ -19,8 +19,8 @@ from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.launch import spare_collector
 from surefoot.lockstep.node import Node
 from surefoot.robot.reader import load_robot
-from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import EmergencyStop
+from surefoot.schemas.rows import Rep, Req
 from surefoot.schemas.sim import ResetReply, ResetRequest
 from surefoot.schemas.status import SimStatus, StatusRequest
 from surefoot.schemas.system import Health, HealthRequest, ServiceStatus
@@ -34,9 +34,6 @@ from .reconcile import ProcessAction
 from .rundir import ROW, Endpoint, RunFolder
 from .status import health_row, time_row
 from .system import SELF, System
-
-Req = TypeVar("Req", bound=Request)
-Rep = TypeVar("Rep", bound=Wire)
 
 STEP_S = 0.05  # s, how often the main thread looks at the processes, and at once when one has ended
 

@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic.json_schema import models_json_schema
@@ -23,13 +23,12 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import CancelRequest, GotoRequest, SetPoseRequest, WaypointsRequest
+from surefoot.schemas.rows import M
 from surefoot.schemas.sim import FaultRequest, PlaceRequest, PushRequest, SetRequest, World
 from surefoot.schemas.topics import Query
 from surefoot.tables import FileModel, Number, Positive, Text, Whole, refused, shown, unknown_key, validated
 
 from .limits import Limits
-
-M = TypeVar("M", bound=Request)
 
 Moment = Literal["ready", "walk_done", "goal_done"]
 """ready: the walker stands and the estimator is initialised; walk_done: the last walking command has ended; goal_done:

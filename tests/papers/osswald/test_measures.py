@@ -6,22 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.lab.statistics import welch
+from surefoot.papers.osswald import measures
 from surefoot.papers.osswald.episode import Episode, drift_of, follow_all
-from surefoot.papers.osswald.measures import (
-    converged,
-    difference,
-    entropy_by_distance,
-    first_near_the_end,
-    matches_expected,
-    moving_mean,
-    reversals,
-    spread_of_intervals,
-    stand_rates,
-    stops,
-    turns_against_drift,
-    typical,
-    welch_of,
-)
 from surefoot.services.navigator.environment.draws import seed
 from surefoot.services.navigator.environment.model import CELL, episode_room, episode_state, squares
 from surefoot.services.navigator.environment.world import look
@@ -46,39 +32,39 @@ def made(stands=(), turns=(), drift=1.0, d=None, h=None) -> Episode:
 
 def test_a_training_has_converged_when_it_stays_at_its_last_level():
     steady = np.concatenate((np.full(300, 700.0), np.full(1200, 110.0)))
-    assert moving_mean(steady, 3)[:2] == pytest.approx([700.0, 700.0])
-    assert 295 <= converged(steady) <= 300
+    assert measures.moving_mean(steady, 3)[:2] == pytest.approx([700.0, 700.0])
+    assert 295 <= measures.converged(steady) <= 300
     upset = steady.copy()
     upset[1300:1350] = 140.0
-    assert 1300 <= converged(upset) <= 1350
-    assert first_near_the_end(upset) == pytest.approx(converged(steady), abs=2)
-    assert converged(np.full(1500, 110.0)) == 0
-    assert converged(np.linspace(700.0, 100.0, 1500)) > 1000
+    assert 1300 <= measures.converged(upset) <= 1350
+    assert measures.first_near_the_end(upset) == pytest.approx(measures.converged(steady), abs=2)
+    assert measures.converged(np.full(1500, 110.0)) == 0
+    assert measures.converged(np.linspace(700.0, 100.0, 1500)) > 1000
 
 
 def test_stands_in_a_row_are_one_stop():
     e = made(stands=[1, 1, 0, 0, 1, 0, 0, 1, 1, 1])
-    assert stops(e).tolist() == [0, 4, 7]
-    assert spread_of_intervals([e]) == pytest.approx(0.5 / 3.5)
-    assert spread_of_intervals([made(stands=[1, 0, 0] * 5)]) == 0.0
-    assert math.isnan(spread_of_intervals([made(stands=[0, 0, 0])]))
+    assert measures.stops(e).tolist() == [0, 4, 7]
+    assert measures.spread_of_intervals([e]) == pytest.approx(0.5 / 3.5)
+    assert measures.spread_of_intervals([made(stands=[1, 0, 0] * 5)]) == 0.0
+    assert math.isnan(measures.spread_of_intervals([made(stands=[0, 0, 0])]))
 
 
 def test_stands_and_entropy_far_from_the_goal_and_near_it():
     e = made(stands=[1, 0, 0, 0, 1, 1], d=[5, 4, 3, 2, 0.5, 0.4, 0.1], h=[-1, -2, -3, 0, -5, -7, 0])
-    assert stand_rates([e]) == pytest.approx((1 / 3, 1.0))
-    assert entropy_by_distance([e]) == pytest.approx((-2.0, -6.0))
+    assert measures.stand_rates([e]) == pytest.approx((1 / 3, 1.0))
+    assert measures.entropy_by_distance([e]) == pytest.approx((-2.0, -6.0))
 
 
 def test_turns_are_set_against_the_drift_and_against_each_other():
-    assert turns_against_drift([made(turns=[-1, 0, -1, 1, -1], drift=0.3)]) == 0.75
-    assert turns_against_drift([made(turns=[-1, 0, -1, 1, -1], drift=-0.3)]) == 0.25
-    assert reversals(made(turns=[1, -1, 1, 0, -1, 0, 0, 1])) == 3
-    assert reversals(made(turns=[1, 1, 1])) == 0
+    assert measures.turns_against_drift([made(turns=[-1, 0, -1, 1, -1], drift=0.3)]) == 0.75
+    assert measures.turns_against_drift([made(turns=[-1, 0, -1, 1, -1], drift=-0.3)]) == 0.25
+    assert measures.reversals(made(turns=[1, -1, 1, 0, -1, 0, 0, 1])) == 3
+    assert measures.reversals(made(turns=[1, 1, 1])) == 0
 
 
 def test_the_typical_episode_is_neither_short_nor_long():
-    assert typical([made(stands=[0] * n) for n in (3, 50, 54, 58, 99)]).seconds == 54
+    assert measures.typical([made(stands=[0] * n) for n in (3, 50, 54, 58, 99)]).seconds == 54
 
 
 def test_t_tests():
@@ -87,13 +73,13 @@ def test_t_tests():
     p = welch(a, b)
     se = math.sqrt(a.var(ddof=1) / 60 + b.var(ddof=1) / 40)
     assert p < 1e-4
-    mean, low, high = difference(a, b)
+    mean, low, high = measures.difference(a, b)
     assert low < mean < high
     assert mean == pytest.approx(100 * (a.mean() - b.mean()) / b.mean())
     assert (high - low) / 2 == pytest.approx(100 * 2.0 * se / b.mean(), rel=0.02)
     n = b.size
     same = welch(a[:n], b)
-    assert welch_of(a[:n].mean(), a[:n].std(ddof=1), b.mean(), b.std(ddof=1), n) == pytest.approx(same)
+    assert measures.welch_of(a[:n].mean(), a[:n].std(ddof=1), b.mean(), b.std(ddof=1), n) == pytest.approx(same)
 
 
 @pytest.mark.parametrize("params", ["paper", "paper-blur"])
@@ -113,7 +99,9 @@ def test_expected_matches_are_those_of_the_kernel_on_average(params):
                 state.truth[:3], state.mean[:], state.cov[:] = pose, e.mean[i], e.cov[i]
                 counts.append(look(world.scene, world.actions[index], state, room))
     assert len(counts) > 2000
-    assert matches_expected(world, walks) == pytest.approx(np.mean(counts), abs=5 * np.std(counts) / len(counts) ** 0.5)
+    assert measures.matches_expected(world, walks) == pytest.approx(
+        np.mean(counts), abs=5 * np.std(counts) / len(counts) ** 0.5
+    )
 
 
 def test_the_drift_of_an_episode_is_known_beforehand():

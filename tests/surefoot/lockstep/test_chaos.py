@@ -12,37 +12,26 @@ from surefoot.lab.chaos.marks import MARKS, Marks
 from surefoot.lab.chaos.shrink import shrink
 from surefoot.lockstep import join
 from surefoot.schemas.topics import Topic
-from tests.surefoot.lockstep.toy_chaos import (
-    FIRST_SEED,
-    NAMES,
-    PLANTED,
-    TICKS,
-    drawn,
-    failure,
-    reference,
-    run,
-    run_events,
-    shrunk,
-)
+from tests.surefoot.lockstep import toy_chaos
 
 
 def test_the_events_of_a_seed_are_the_same_and_of_every_kind() -> None:
-    assert draw_events(MEMORY, 7, 50, NAMES, 1000) == draw_events(MEMORY, 7, 50, NAMES, 1000)
-    events = draw_events(MEMORY, 7, 500, NAMES, 1000, MEMORY.kinds)
+    assert draw_events(MEMORY, 7, 50, toy_chaos.NAMES, 1000) == draw_events(MEMORY, 7, 50, toy_chaos.NAMES, 1000)
+    events = draw_events(MEMORY, 7, 500, toy_chaos.NAMES, 1000, MEMORY.kinds)
     assert {event.kind for event in events} == set(MEMORY.kinds)
-    assert {event.service for event in events if event.kind in ("kill", "freeze")} == set(NAMES[1:])
+    assert {event.service for event in events if event.kind in ("kill", "freeze")} == set(toy_chaos.NAMES[1:])
     assert [event.tick for event in events] == sorted(event.tick for event in events)
 
 
 @pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 60), marks=pytest.mark.slow)])
 def test_spoilt_messages_change_nothing(seeds: range) -> None:
-    expected = reference()
-    found = {seed: failure(drawn(seed), seed, expected) for seed in seeds}
+    expected = toy_chaos.reference()
+    found = {seed: toy_chaos.failure(toy_chaos.drawn(seed), seed, expected) for seed in seeds}
     assert not {seed: text for seed, text in found.items() if text}
 
 
 def test_the_faults_of_a_seed_are_replayed_to_the_bit() -> None:
-    one, other = run(3), run(3)
+    one, other = toy_chaos.run(3), toy_chaos.run(3)
     assert one[0] == other[0]
     assert one[1].outcomes == other[1].outcomes
     assert one[1].now == other[1].now
@@ -52,8 +41,8 @@ def test_the_faults_of_a_seed_are_replayed_to_the_bit() -> None:
 @pytest.mark.parametrize("kinds", [("kill",), ("freeze",), MEMORY.kinds])
 def test_after_killed_and_frozen_services_everybody_is_back(kinds: tuple[Kind, ...], seeds: range) -> None:
     for seed in seeds:
-        history, system = run(seed, 3, kinds)
-        assert len(history) == TICKS
+        history, system = toy_chaos.run(seed, 3, kinds)
+        assert len(history) == toy_chaos.TICKS
         assert system.absent() == ()
 
 
@@ -75,16 +64,16 @@ LOST_PRIME = (
 def test_what_is_late_or_lost_of_a_process_that_was_replaced_stalls_nothing(
     seed: int, events: tuple[ChaosEvent, ...]
 ) -> None:
-    history, system = run_events(events, seed)
-    assert len(history) == TICKS
+    history, system = toy_chaos.run_events(events, seed)
+    assert len(history) == toy_chaos.TICKS
     assert system.absent() == ()
-    assert all(member.done == TICKS for member in system.driver.leader.members.values())
+    assert all(member.done == toy_chaos.TICKS for member in system.driver.leader.members.values())
 
 
 def test_who_noticed_an_event_and_when_is_part_of_its_outcome() -> None:
     for seed in range(6):
         for kind, by in (("kill", "simulator: "), ("corrupt", ": malformed")):
-            for outcome in run(seed, 2, (kind,))[1].outcomes:  # type: ignore[arg-type]
+            for outcome in toy_chaos.run(seed, 2, (kind,))[1].outcomes:  # type: ignore[arg-type]
                 if outcome.spoilt or kind == "kill":
                     assert outcome.noticed is not None, outcome
                     assert by in outcome.by
@@ -92,10 +81,10 @@ def test_who_noticed_an_event_and_when_is_part_of_its_outcome() -> None:
 
 
 def test_nothing_forged_is_obeyed_and_each_is_counted() -> None:
-    expected = reference()
+    expected = toy_chaos.reference()
     refused = 0
     for seed in range(7):
-        history, system = run(seed, 6, ("forge",))
+        history, system = toy_chaos.run(seed, 6, ("forge",))
         assert history == expected
         refused += sum(found.refused["unbound"] for found in system.nodes.values())
     assert refused > 35  # 5 and more of the 6 of each seed, at 7 seeds
@@ -112,37 +101,37 @@ def test_what_a_slow_reader_lost_a_window_ago_is_sent_again(monkeypatch: pytest.
         return original(self, topic, message, *rest)
 
     monkeypatch.setattr(join.Join, "offer", offer)
-    history, system = run(0, 0)
-    assert (lost, history[:5]) == ([10], reference()[:5])
+    history, system = toy_chaos.run(0, 0)
+    assert (lost, history[:5]) == ([10], toy_chaos.reference()[:5])
     assert system.driver.leader.comparable, system.driver.leader.reason
-    assert system.nodes["recorder"].join.last == TICKS
+    assert system.nodes["recorder"].join.last == toy_chaos.TICKS
 
 
 def test_a_lost_delayed_input_of_the_last_tick_is_sent_again() -> None:
     """Of a seed in which a recorder is killed and the walker's own gait of the tick before is damaged."""
-    history, system = run(171)
-    assert (len(history), system.driver.leader.tick) == (TICKS, TICKS)
+    history, system = toy_chaos.run(171)
+    assert (len(history), system.driver.leader.tick) == (toy_chaos.TICKS, toy_chaos.TICKS)
 
 
 # -- planted faults ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fault", PLANTED)
+@pytest.mark.parametrize("fault", toy_chaos.PLANTED)
 def test_a_planted_fault_of_the_protocol_is_found_and_shrunk(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = reference()
-    monkeypatch.setattr(*PLANTED[fault])
-    seed = FIRST_SEED.get(fault, 0)
-    found = shrunk(expected, range(seed, seed + 1))
+    expected = toy_chaos.reference()
+    monkeypatch.setattr(*toy_chaos.PLANTED[fault])
+    seed = toy_chaos.FIRST_SEED.get(fault, 0)
+    found = toy_chaos.shrunk(expected, range(seed, seed + 1))
     assert found is not None, f"{fault} was not found"
     _, least = found
     assert len(least.events) <= 5
-    assert failure(least.events, seed, expected) == least.failure
-    assert len(PLANTED) == 20
+    assert toy_chaos.failure(least.events, seed, expected) == least.failure
+    assert len(toy_chaos.PLANTED) == 20
 
 
 def test_events_that_a_failure_does_not_need_are_left_out() -> None:
     """Without the protocol: a run fails when the two events with these ticks are both there."""
-    events = draw_events(MEMORY, 5, 12, NAMES, 1000, MESSAGES)
+    events = draw_events(MEMORY, 5, 12, toy_chaos.NAMES, 1000, MESSAGES)
     needed = {events[3], events[9]}
 
     def fail(some: Any) -> str:
@@ -170,16 +159,16 @@ def test_each_seed_leaves_other_kinds_on() -> None:
     assert left == {seed: swarm(MEMORY, seed) for seed in range(200)}
     assert len(set(left.values())) > 80
     for seed, kinds in left.items():
-        assert {event.kind for event in draw_events(MEMORY, seed, 40, NAMES, 1000)} <= set(kinds)
+        assert {event.kind for event in draw_events(MEMORY, seed, 40, toy_chaos.NAMES, 1000)} <= set(kinds)
 
 
 def test_recoveries_that_a_run_takes_are_marked_and_the_runtime_is_as_before() -> None:
     before = [vars(mark.owner).get(mark.method) for mark in MARKS.values()]
     with Marks() as marks:
-        run(0, 0)
+        toy_chaos.run(0, 0)
         assert not {name for name in marks.taken if name.startswith(("leader", "driver sends"))}
         for seed in range(20):
-            run(seed)
+            toy_chaos.run(seed)
     assert marks.taken >= {
         "join gets a tick again", "node refuses a malformed message", "node refuses a process that is not bound",
         "node sends a tick's outputs again", "driver sends ticks again", "leader holds time for a lost member",

@@ -9,16 +9,7 @@ from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
 from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
 from surefoot.services.estimator.feet.contact import SeenPoints
-from surefoot.services.estimator.filter.hypotheses import (
-    collapse,
-    likeliest,
-    mean_of,
-    mix,
-    mode,
-    modes_of,
-    publish_mean,
-    weigh,
-)
+from surefoot.services.estimator.filter import hypotheses
 from surefoot.services.estimator.filter.layout import E, M, P, X
 from surefoot.services.estimator.filter.noise import FIXED, best_noise
 from surefoot.services.estimator.filter.point import retract
@@ -41,8 +32,8 @@ def standing(seed=0):
     root = rng.normal(size=state.cov.shape) * 1e-2
     state.cov[...] = root @ root.T
     for h in range(4):
-        one = mode(state, h)
-        fit_in(mode(replace_modes(state), 0), one)
+        one = hypotheses.mode(state, h)
+        fit_in(hypotheses.mode(replace_modes(state), 0), one)
         retract(one, 0.05 * rng.normal(size=len(state.cov)))
         one.cov[...] = state.cov * rng.uniform(0.5, 2.0)
     return state
@@ -62,7 +53,7 @@ def test_the_mean_of_hypotheses_has_the_moments_of_their_mixture():
     for h in range(4):  # vectors only: means of rotations are no linear combinations
         state.mode_x[h, :9] = np.eye(3).ravel()
     out = new_state(2)
-    mean_of(state, shares, out)
+    hypotheses.mean_of(state, shares, out)
     v = state.mode_x[:, X.vel : X.vel + 3]
     mean = shares @ v
     block = slice(E.vel, E.vel + 3)
@@ -82,7 +73,7 @@ def test_equal_hypotheses_turned_by_an_angle_meet_in_the_middle():
     state.mode_points[1] = state.mode_points[0]
     state.mode_x[1, :9] = (turn @ rotation(state.x)).ravel()
     out = new_state(2)
-    mean_of(state, np.array([0.5, 0.5, 0.0, 0.0]), out)
+    hypotheses.mean_of(state, np.array([0.5, 0.5, 0.0, 0.0]), out)
     np.testing.assert_allclose(rotation(out.x), turn_matrix(np.array([0.0, 0.05, 0.1])) @ rotation(state.x), atol=1e-9)
 
 
@@ -90,7 +81,7 @@ def test_weights_are_those_of_bayes_and_the_unlikely_are_left_out():
     state = standing()
     state.weight[:] = 0.4, 0.1, 0.5, 0.0
     likely = np.array([800.0, 801.0, 780.0, 900.0])
-    weigh(state, likely)
+    hypotheses.weigh(state, likely)
     want = np.array([0.4, 0.1 * np.e, 0.5 * np.exp(-20.0)])
     assert want[2] < FIXED.least_weight * want.sum()
     np.testing.assert_allclose(state.weight, [*(want[:2] / want[:2].sum()), 0.0, 0.0])
@@ -100,7 +91,7 @@ def test_weights_are_those_of_bayes_and_the_unlikely_are_left_out():
 def test_probabilities_before_a_sample_follow_from_what_may_begin_or_end(before):
     state = standing()
     state.weight[:] = before
-    mix(state, BOTH, FOOT, NOISE)
+    hypotheses.mix(state, BOTH, FOOT, NOISE)
     begin, go_on = NOISE.slip_begin, NOISE.go_on
     slides = [sum(w for h, w in enumerate(before) if (h >> f) & 1) for f in (0, 1)]
     for f in (0, 1):
@@ -111,12 +102,12 @@ def test_probabilities_before_a_sample_follow_from_what_may_begin_or_end(before)
 def test_a_foot_in_the_air_does_not_slide_and_one_that_lands_may():
     state = standing()
     state.weight[:] = 0.0, 0.0, 0.0, 1.0
-    mix(state, np.array([1.0, 0.0]), FOOT, NOISE)
+    hypotheses.mix(state, np.array([1.0, 0.0]), FOOT, NOISE)
     assert state.weight[2] == state.weight[3] == 0.0
     state = standing()
     state.mode_points[:, 1, P.down] = 0.0
     state.weight[:] = 1.0, 0.0, 0.0, 0.0
-    mix(state, BOTH, FOOT, NOISE)
+    hypotheses.mix(state, BOTH, FOOT, NOISE)
     assert state.weight[2] == pytest.approx(NOISE.slip_landing * (1.0 - NOISE.slip_begin))
 
 
@@ -124,16 +115,16 @@ def test_what_is_published_keeps_what_belongs_to_the_whole():
     state = standing()
     state.weight[:] = 0.6, 0.4, 0.0, 0.0
     state.memory[M.rest] = 7.0
-    publish_mean(state, FOOT)
+    hypotheses.publish_mean(state, FOOT)
     assert state.memory[M.rest] == 7.0
     assert state.points[:, P.seen].tolist() == [0.4, 0.0]
-    assert likeliest(state) == 0
-    collapse(state, FOOT)
-    assert likeliest(state) == -1
+    assert hypotheses.likeliest(state) == 0
+    hypotheses.collapse(state, FOOT)
+    assert hypotheses.likeliest(state) == -1
 
 
 def test_robots_with_more_feet_carry_none():
-    assert [modes_of(feet) for feet in (1, 2, 3, 4, 6)] == [2, 4, 0, 0, 0]
+    assert [hypotheses.modes_of(feet) for feet in (1, 2, 3, 4, 6)] == [2, 4, 0, 0, 0]
 
 
 def test_sliding_feet_are_found_and_cost_less():

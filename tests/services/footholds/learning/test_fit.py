@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.services.footholds.features import Features
-from surefoot.services.footholds.learning.fit import (
-    CANDIDATES,
-    Candidate,
-    LearnError,
-    LearnOptions,
-    learn,
-    learn_and_compare,
-)
+from surefoot.services.footholds.learning import fit
 from surefoot.services.footholds.learning.merge import candidate_of
 from surefoot.services.footholds.learning.relearn import relearned
 from surefoot.services.footholds.models.files import decode, encode
@@ -23,7 +16,7 @@ from surefoot.services.footholds.models.protocol import UNLEARNED
 from tests.services.footholds.learning.made import CELL, FOOT, gather, law, of_planes, samples, spoiled
 from tests.services.refusals import refused
 
-QUICK = LearnOptions(candidates=(Candidate(15, 0.1, 1e-6), Candidate(40, 0.3, 1e-8)))
+QUICK = fit.LearnOptions(candidates=(fit.Candidate(15, 0.1, 1e-6), fit.Candidate(40, 0.3, 1e-8)))
 
 
 def layer(values: np.ndarray) -> np.ndarray:
@@ -31,7 +24,7 @@ def layer(values: np.ndarray) -> np.ndarray:
 
 
 def test_finds_the_law_and_its_table_agrees() -> None:
-    model = learn(gather(samples(2000)), QUICK)
+    model = fit.learn(gather(samples(2000)), QUICK)
     rng = np.random.default_rng(1)
     b = rng.uniform(0.05, 0.75, 300)
     a, c = rng.uniform(-0.9, 0.9, 300) * b, rng.uniform(-0.3, 0.3, 300) * b
@@ -49,19 +42,19 @@ def test_finds_the_law_and_its_table_agrees() -> None:
 
 def test_the_size_that_orders_best_on_what_was_held_back_is_chosen() -> None:
     found = gather(samples(1500, noise=0.3))
-    ranks = [learn(found, LearnOptions(candidates=(c,))).choice["rank"] for c in QUICK.candidates]
-    assert learn(found, QUICK).choice["rank"] == max(ranks)
+    ranks = [fit.learn(found, fit.LearnOptions(candidates=(c,))).choice["rank"] for c in QUICK.candidates]
+    assert fit.learn(found, QUICK).choice["rank"] == max(ranks)
 
 
 def test_equal_samples_in_any_order_give_equal_bytes() -> None:
     made = samples(400)
-    found = encode(learn(gather(made), QUICK))
-    assert found == encode(learn(gather(reversed(made)), QUICK))
-    assert found != encode(learn(gather(made[1:]), QUICK))
+    found = encode(fit.learn(gather(made), QUICK))
+    assert found == encode(fit.learn(gather(reversed(made)), QUICK))
+    assert found != encode(fit.learn(gather(made[1:]), QUICK))
 
 
 def test_spread_is_that_of_the_bin() -> None:
-    model = learn(gather(samples(4000, noise=0.5)), QUICK)
+    model = fit.learn(gather(samples(4000, noise=0.5)), QUICK)
     a, b, c = np.array([0.0]), np.array([0.42]), np.array([0.02])
     found = float(model.spread(Features(layer(a), layer(b * 8 * CELL), layer(c)), CELL)[0, 0])
     assert found == pytest.approx(0.5 * float(law(a, b, c)[0]), rel=0.5)
@@ -71,7 +64,7 @@ def test_spread_is_that_of_the_bin() -> None:
 
 def test_cells_outside_ranges_or_without_support_are_unlearned() -> None:
     made = gather(samples(500))
-    model = learn(made, LearnOptions(candidates=QUICK.candidates[:1], support=2))
+    model = fit.learn(made, fit.LearnOptions(candidates=QUICK.candidates[:1], support=2))
     u = inputs(made.x)
     inside = Features(*(layer(column * scale) for column, scale in zip(u.T, (8 * CELL, 8 * CELL, 1.0), strict=True)))
     keys = [tuple(key) for key in model.lattice.keys(made.x).tolist()]
@@ -80,7 +73,7 @@ def test_cells_outside_ranges_or_without_support_are_unlearned() -> None:
     assert 0.05 < lone.mean() < 0.95
     assert (found[~lone] != UNLEARNED).mean() > 0.99  # float32 may put a point on an edge into the next bin
     assert (found[lone] == UNLEARNED).mean() > 0.95
-    box = learn(made, LearnOptions(candidates=QUICK.candidates[:1]))
+    box = fit.learn(made, fit.LearnOptions(candidates=QUICK.candidates[:1]))
     assert (box.predict(inside, CELL) == UNLEARNED).mean() < 0.02
     far = Features(layer(np.array([0.0, np.nan])), layer(np.array([1.0, 1.0])), layer(np.array([0.0, 0.0])))
     values = box.predict(far, CELL)[0]
@@ -95,8 +88,8 @@ def test_cancelled_between_fits() -> None:
         shares.append(share)
         return len(shares) < 4
 
-    with refused(LearnError, "cancelled"):
-        learn(gather(samples(300)), QUICK, stop)
+    with refused(fit.LearnError, "cancelled"):
+        fit.learn(gather(samples(300)), QUICK, stop)
     assert shares == sorted(shares)
     assert len(shares) == 4
 
@@ -111,27 +104,27 @@ def test_what_cannot_be_learned_from_is_named() -> None:
         ([*made, spoiled(made[0], step=999, cell=0.01)], "mixed_conditions"),
         ([*made, spoiled(made[0], step=999, robot="messor")], "mixed_conditions"),
     ):
-        with refused(LearnError, code):
-            learn(gather(given), QUICK)
+        with refused(fit.LearnError, code):
+            fit.learn(gather(given), QUICK)
 
 
 def test_the_file_and_another_round_keep_size_and_trust_of_the_fit() -> None:
     tried = tuple(replace(each, enough=50.0) for each in QUICK.candidates)
     made = [spoiled(each, source=f"{each.trial[-1]} ground exact") for each in samples(600)]
-    model, beside = learn_and_compare(of_planes(made), replace(QUICK, candidates=tried))
+    model, beside = fit.learn_and_compare(of_planes(made), replace(QUICK, candidates=tried))
     again = decode(encode(model))
     assert encode(again) == encode(model)
     assert candidate_of(again) in tried
     assert (beside.by, again.relief, len(again.trials)) == ("terrains", True, 10)
     more = [spoiled(each, trial=f"n{each.trial}") for each in samples(50, seed=5)]
     assert relearned(again, more).name.endswith("+1")
-    with refused(LearnError, "no_samples"):
+    with refused(fit.LearnError, "no_samples"):
         relearned(again, made[:50])  # it knows these trials
 
 
 def test_a_model_falls_back_to_a_rule_that_only_grows_with_steepness() -> None:
     made = [each for each in samples(600) if each.k2 < 0.4 * 8 * CELL]
-    model = learn(of_planes(made), LearnOptions(candidates=(Candidate(15, 0.1, 1e-6, enough=20.0),)))
+    model = fit.learn(of_planes(made), fit.LearnOptions(candidates=(fit.Candidate(15, 0.1, 1e-6, enough=20.0),)))
     steep = np.array([0.1, 0.3, 0.6, 1.5, 3.9])
     k = Features(layer(np.zeros(5)), layer(steep * 8 * CELL), layer(steep / np.hypot(1.0, steep)))
     found, support = model.predict(k, CELL)[0], model.support_of(k, CELL)[0]
@@ -147,9 +140,9 @@ def test_shuffled_slips_give_a_warning_and_true_ones_none() -> None:
     made = [spoiled(s, source=f"{s.trial[-1]} ground exact") for s in samples(1500, noise=0.5)]
     order = np.random.default_rng(0).permutation(len(made))
     mixed_up = [spoiled(s, sliding=made[k].sliding) for s, k in zip(made, order, strict=True)]
-    options = LearnOptions(candidates=CANDIDATES[:2])
-    assert "held back" in learn_and_compare(of_planes(mixed_up), options)[1].warning
-    rows = learn_and_compare(of_planes(made), options)[1].rows
+    options = fit.LearnOptions(candidates=fit.CANDIDATES[:2])
+    assert "held back" in fit.learn_and_compare(of_planes(mixed_up), options)[1].warning
+    rows = fit.learn_and_compare(of_planes(made), options)[1].rows
     assert [row.name for row in rows] == ["learned", "hand-made", "min-K2", "nominal"]
     assert rows[0].r2 > 0.5
     assert rows[0].rank > rows[1].rank

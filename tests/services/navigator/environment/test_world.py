@@ -7,15 +7,8 @@ import pytest
 from scipy import stats
 
 from surefoot.services.navigator.belief.ukf import wrap
+from surefoot.services.navigator.environment import episodes
 from surefoot.services.navigator.environment.draws import seed
-from surefoot.services.navigator.environment.episodes import (
-    DECISIONS,
-    ENDED_AS,
-    NEES_AT,
-    SECONDS_TAKEN,
-    STANDS_MADE,
-    run_episodes,
-)
 from surefoot.services.navigator.environment.model import episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin, drift_at, look, scatter
 from surefoot.services.navigator.policy.arrays import BLOCKED, CUT_OFF, LAST, OUTCOME, REACHED, RUNNING, TIME, arrays
@@ -156,9 +149,9 @@ def test_episodes_repeat_and_policies_share_floor_drift_and_start():
     model = load("paper")
     world = arrays(model)
     policy = find("tuned", model)
-    one, two = (run_episodes(world, policy, 9, 5, 20) for _ in range(2))
+    one, two = (episodes.run_episodes(world, policy, 9, 5, 20) for _ in range(2))
     assert np.array_equal(one, two)
-    assert np.array_equal(run_episodes(world, policy, 9, 10, 5), one[5:10])
+    assert np.array_equal(episodes.run_episodes(world, policy, 9, 10, 5), one[5:10])
     a, b = Episode(model, 9, 7), Episode(load("paper", ["use='arcs'"]), 9, 7)
     assert np.array_equal(a.truth, b.truth)
     assert np.array_equal(a.marks, b.marks)
@@ -168,9 +161,9 @@ def test_episodes_repeat_and_policies_share_floor_drift_and_start():
 def test_the_belief_is_as_sure_as_it_claims(name):
     """NEES after 20 decisions lies in the band that 99 % of consistent filters of 600 episodes lie in."""
     model = load(name)
-    results = run_episodes(arrays(model), find("tuned", model), 77, 0, 600)
+    results = episodes.run_episodes(arrays(model), find("tuned", model), 77, 0, 600)
     low, high = stats.chi2.ppf([0.005, 0.995], 3 * 600) / 600
-    assert low < results[:, NEES_AT].mean() < high
+    assert low < results[:, episodes.NEES_AT].mean() < high
 
 
 def test_tilt_is_modelled_and_ignoring_it_is_overconfident():
@@ -178,28 +171,28 @@ def test_tilt_is_modelled_and_ignoring_it_is_overconfident():
     model = load("paper", sets)
     world = arrays(model)
     assert world.states == 6
-    results = run_episodes(world, find("tuned", model), 78, 0, 150)
+    results = episodes.run_episodes(world, find("tuned", model), 78, 0, 150)
     low, high = stats.chi2.ppf([0.0005, 0.9995], 3 * 150) / 150
-    assert low < results[:, NEES_AT].mean() < high
+    assert low < results[:, episodes.NEES_AT].mean() < high
 
 
 def test_who_never_sees_does_not_stand_for_ever():
     model = load("paper", ["scene.landmarks_per_m2=0", "scene.time_limit=200"])
     for policy in (hand(arrays(model)), find("planner", model)):
-        results = run_episodes(arrays(model), policy, 1, 0, 10)
-        assert results[:, STANDS_MADE].max() < 0.95 * results[:, DECISIONS].max()
+        results = episodes.run_episodes(arrays(model), policy, 1, 0, 10)
+        assert results[:, episodes.STANDS_MADE].max() < 0.95 * results[:, episodes.DECISIONS].max()
 
 
 def test_known_pose_beats_belief_and_all_arrive():
     model = load("paper")
     world, planner = arrays(model), find("planner", model)
     limit, ours, tuned, plain = (
-        run_episodes(world, p, 5, 0, 300, knows)
+        episodes.run_episodes(world, p, 5, 0, 300, knows)
         for p, knows in ((planner, True), (planner, False), (find("tuned", model), False), (find("hand", model), False))
     )
-    times = [r[:, SECONDS_TAKEN].mean() for r in (limit, ours, tuned, plain)]
+    times = [r[:, episodes.SECONDS_TAKEN].mean() for r in (limit, ours, tuned, plain)]
     assert times == sorted(times)
-    assert all((r[:, ENDED_AS] == REACHED).all() for r in (limit, ours, tuned, plain))
+    assert all((r[:, episodes.ENDED_AS] == REACHED).all() for r in (limit, ours, tuned, plain))
 
 
 def test_the_status_knows_the_last_action():
@@ -231,6 +224,6 @@ def test_a_drift_that_changes_its_sign_costs_the_planner_no_more_than_the_hand_c
     for deg in (4, 7):
         model = load(params, [f"drift.per_10cm_deg={deg}", "drift.course='flip'"])
         world = arrays(model)
-        both = [run_episodes(world, policy, 0, 50_000, 300) for policy in (planner, find("tuned", model))]
-        ours, other = (results[:, SECONDS_TAKEN].mean() for results in both)
+        both = [episodes.run_episodes(world, policy, 0, 50_000, 300) for policy in (planner, find("tuned", model))]
+        ours, other = (results[:, episodes.SECONDS_TAKEN].mean() for results in both)
         assert ours < 1.02 * other
