@@ -23,7 +23,7 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import CancelRequest, GotoRequest, SetPoseRequest, WaypointsRequest
-from surefoot.schemas.rows import M
+from surefoot.schemas.rows import Req
 from surefoot.schemas.sim import FaultRequest, PlaceRequest, PushRequest, SetRequest, World
 from surefoot.schemas.topics import Query
 from surefoot.tables import FileModel, Number, Positive, Text, Whole, refused, shown, unknown_key, validated
@@ -121,7 +121,7 @@ class Step:
         return self
 
 
-def on_wire(model: type[M], fields: Mapping[str, Any]) -> M:
+def on_wire(model: type[Req], fields: Mapping[str, Any]) -> Req:
     """Build a model of the wire from a table; its first complaint becomes ours."""
     known = [name for name in model.model_fields if name not in ("at_tick", "action")]
     try:
