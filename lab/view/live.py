@@ -247,7 +247,7 @@ class LiveFrames:
 
 
 class Reader:
-    """What one open page has been given: `next` returns the newest frame and the marks and reports that it lacks."""
+    """Progress of one open page: `next` returns the newest frame, and the marks and reports that the page lacks."""
 
     def __init__(self, live: LiveFrames) -> None:
         self._live, self._seen = live, live.unseen()

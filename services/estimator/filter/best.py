@@ -122,7 +122,7 @@ class BestFilter:
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
         """Take gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes, at their limits if `clipped`; return a code.
 
-        The code says if the sample was taken, as the number of an `InputResult`.
+        The code is the number of an `InputResult`: taken, or the reason why not.
         """
         self.outdate()
         code = take_imu(self._box, stamp_ns, w, q, clipped, OK)
