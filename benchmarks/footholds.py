@@ -211,7 +211,7 @@ def ape(columns: Array, c: Array, y: Array) -> float:
 
 
 def scaled(x: Array, warp: Warp) -> Array:
-    """Return inputs after a warp."""
+    """Return inputs (n, 3) of a slip model after the same warp on all three."""
     return warped(x, (warp,) * 3, np.ones(3))
 
 

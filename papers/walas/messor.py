@@ -68,7 +68,10 @@ def forces_of(robot: Robot, reading: Reading, factor: float, sensor: PressureSen
 
 
 def measured_com(robot: Robot, reading: Reading, factor: float | None, sensor: PressureSensor | None = None) -> Array:
-    """CoM (2,) m; `factor` None = from the known weight, gain-free."""
+    """Return the CoM by the forces under the feet, (2,) m, level axes, from the mean foot.
+
+    factor: on the torques, None = from the known weight; sensor: under the feet, weighed with the torques.
+    """
     if factor is None:
         pose = reading.pose()
         factor = gain_from_weight(robot, reading.joints, pose.torque, reading.g_up, pose.stance)

@@ -25,7 +25,7 @@ class Searched:
 
 
 def cost(columns: Array, y: Array, w: Array, ridge: float) -> float:
-    """Return the smallest |W (V c - y)|^2 + ridge |c|^2 over all c."""
+    """Return the smallest |W (V c - y)|^2 + ridge |c|^2 over all c, V = columns (n, m), y (n,), W = diag w (n,)."""
     stacked, target = stack(columns, y, w, ridge)
     found = np.linalg.lstsq(stacked, target, rcond=1e-13)[0]
     rest = target - stacked @ found

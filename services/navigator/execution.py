@@ -59,7 +59,7 @@ class Execution:
         self.pieces.append(Piece(motion, start + self.lag, end + self.lag))
 
     def correct(self, now: float, ends_in: float | None) -> None:
-        """Record the present forecast of the last landing; a slowed step moves the end."""
+        """Record at time `now`, s, that the last foot lands in `ends_in` s, None = unknown: a slow step ends later."""
         if self.pieces and ends_in is not None:
             last = self.pieces[-1]
             last.end = max(now + ends_in + self.lag, last.start + 1e-3)

@@ -38,7 +38,7 @@ def keep_thread_state() -> None:
 def pour(
     handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], *, most_hz: float = 0.0
 ) -> threading.Thread:
-    """Start the thread and return it; it ends with the session.
+    """Start a thread that hands what a Zenoh handler receives to a sink, and return it; it ends with the session.
 
     Args:
         handler: has ``recv``, which raises ZError at the end.
