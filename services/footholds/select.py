@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from surefoot.geometry.heightmap import HeightMap
 from surefoot.arrays import Array
+from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot

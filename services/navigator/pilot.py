@@ -218,7 +218,7 @@ class Pilot:
         still = goal.stalled(goal.left(float(mean[0]), float(mean[1])), now, self.conduct.progress)
         if distance < goal.nearest - self.conduct.progress:
             goal.nearest, goal.nearest_at, self._since = distance, now, [0, 0]
-        elif max(still, now - goal.nearest_at) > self.conduct.stuck:
+        if max(still, now - goal.nearest_at) > self.conduct.stuck:
             self._give_up(goal, now)
             return
         choice = decider.decide(mean, cov, goal.waypoint, blocked=blocked)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from surefoot.schemas.navigation import GoalState
 
-from .goals import FAR, GaitView, NavigationGoal, Point
+from .goals import GaitView, NavigationGoal, Point
 from .policy.settings import Conduct
 
 Aside = Callable[[], Point | None]
@@ -101,7 +101,7 @@ class Search:
         elif not lost and look.lost:
             self.look = None
             goal.recoveries["relocalise"] += 1
-            goal.nearest, goal.nearest_at = goal.least, goal.least_at = FAR, now
+            goal.nearest, goal.nearest_at = math.inf, now
             why = self.body.replan(goal, now, here)
             if why:
                 self.body.halt("failed", "unreachable", why)

@@ -14,13 +14,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Array
 from surefoot.schemas.sim import Obstacle
 from surefoot.schemas.topics import TICK_S
 
 from .addresses import Addresses
 from .model import TERRAIN_BIT, Physics
-
-Array = NDArray[np.float64]
 
 AWAY = -50.0
 """Height of an obstacle that is not there, m."""

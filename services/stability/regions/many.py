@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.background import be_nice
 from surefoot.arrays import Array, Ints
+from surefoot.background import be_nice
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.kernels.jit import free_kernel, row_kernel
 
