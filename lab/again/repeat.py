@@ -335,8 +335,8 @@ def _shift(system: LocalSystem, feet: dict[str, float], tick: int) -> None:
     if service is None:
         raise SurefootError("invalid", "--set foot: this system has no service `footholds`", "set")
     for leg in feet:
-        if leg not in service.legs:
-            raise SurefootError("invalid", f"--set foot={leg}: legs are {', '.join(service.legs)}", "set")
+        if leg not in service.robot.leg_names:
+            raise SurefootError("invalid", f"--set foot={leg}: legs are {', '.join(service.robot.leg_names)}", "set")
 
     def select(request: Any) -> SelectReply:
         reply = service.select(request)

@@ -129,7 +129,8 @@ def published(columns: Columns, robot: Robot) -> Track:
         raise SurefootError("invalid", "the recording has no state/velocity", "state/velocity")
     to_imu = matrix_from_quat(robot.imu.quat_wxyz).T
     n = len(columns["stamp_ns"])
-    rows = np.minimum(np.searchsorted(columns["published_tick"], columns["tick"]), len(columns["published_tick"]) - 1)
+    last = min(len(columns["published_tick"]), len(columns["published_position"])) - 1  # cut off between the two
+    rows = np.minimum(np.searchsorted(columns["published_tick"], columns["tick"]), last)
     flags = columns["published_flags"][rows] > 0.5
     return Track(
         "published", columns["published_velocity_imu"][rows], columns["published_g_up"][rows] @ to_imu.T,

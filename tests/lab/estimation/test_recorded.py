@@ -58,6 +58,16 @@ def test_the_truth_is_that_of_the_imu(recording):
     assert score(log, track("ekf", log)).rmse < 0.02
 
 
+def test_a_recording_that_ends_between_velocity_and_odometry_keeps_the_rows_of_both(recording):
+    columns, name = recorded_columns(recording)
+    whole = published(columns, load_robot(name))
+    odometry = ("published_position", "published_yaw", "published_velocity_odom")
+    cut = published({k: v[:-1] if k in odometry else v for k, v in columns.items()}, load_robot(name))
+    assert len(cut.position) == len(whole.position)
+    np.testing.assert_array_equal(cut.position[:-5], whole.position[:-5])
+    np.testing.assert_array_equal(cut.velocity[:-5], whole.velocity[:-5])
+
+
 def test_recordings_that_do_not_fit_are_refused(recording):
     columns, _ = recorded_columns(recording)
     with expect_error(SurefootError, field="joints"):
