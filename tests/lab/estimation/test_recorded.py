@@ -65,7 +65,7 @@ def test_a_recording_that_ends_between_velocity_and_odometry_keeps_the_rows_of_b
     cut = published({k: v[:-1] if k in odometry else v for k, v in columns.items()}, load_robot(name))
     assert len(cut.position) == len(whole.position)
     np.testing.assert_array_equal(cut.position[:-5], whole.position[:-5])
-    np.testing.assert_array_equal(cut.velocity[:-5], whole.velocity[:-5])
+    np.testing.assert_array_equal(cut.v[:-5], whole.v[:-5])
 
 
 def test_recordings_that_do_not_fit_are_refused(recording):
