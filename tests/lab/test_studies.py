@@ -55,16 +55,16 @@ def test_continues_where_it_stopped(tmp_path: Path) -> None:
     run("flat", 3)
     file.write_text(file.read_text() + '{"scenario": "flat", "se')  # a study that was ended while it wrote
     lines = run("flat", 5)
-    assert ran == [0, 1, 2, 3, 4]
+    assert sorted(ran) == [0, 1, 2, 3, 4]  # two that have ended when one looks come in any order
     assert run("flat", 5) == lines
-    assert ran == [0, 1, 2, 3, 4]
+    assert len(ran) == 5
     assert [line["seed"] for line in lines] == [0, 1, 2, 3, 4]
     assert lines[2]["failed"] == ["distance_m"]
     assert lines[2]["values"] == {"distance_m": 0.2, "min_margin_m": None}
     assert passed(lines)[:2] == (4, 5)
     assert metrics(lines, ("distance_m", "min_margin_m")) == [("distance_m", 1.5, 0.2, 2, 1.5, 4)]
     run("stand", 1)
-    assert ran == [0, 1, 2, 3, 4, 0]
+    assert ran[5:] == [0]
     assert [line["scenario"] for line in finished(file, seed=0)] == ["flat", "stand"]
     assert finished(tmp_path / "none") == []
 
