@@ -63,7 +63,9 @@ class Truth(Message):
     tilt: float = Field(ge=0, description="rad, angle between the trunk's z axis and the vertical")
     fallen: bool = Field(description="tilt over 45 deg or trunk contact, now or earlier in this epoch")
     touching: bool | None = Field(
-        default=None, exclude_if=_none, description="a foot or the trunk presses the side of an obstacle; null = none"
+        default=None,
+        exclude_if=_none,
+        description="a foot or the trunk presses an obstacle's side; null = the world has none",
     )
 
 

@@ -377,8 +377,9 @@ class PhysicsWorld:
         self._first_tick = self.tick
 
     def _identity(self) -> list[str]:
-        """Robot, ground and profile; a checkpoint fits no other world."""
-        return [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
+        """Robot, ground, profile and obstacles; a checkpoint fits no other world."""
+        named = [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
+        return [*named, *(box.model_dump_json() for box in self.config.obstacles)]
 
 
 def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Senses | None:

@@ -11,7 +11,7 @@ from surefoot.schemas.sim import Obstacle, ResetRequest, World
 from surefoot.services.simulator.building import build_world
 from surefoot.services.simulator.messages import truth_message
 from surefoot.services.simulator.sensors.walls import echo
-from surefoot.services.simulator.world import PhysicsWorld
+from surefoot.services.simulator.world import PhysicsWorld, WorldError
 
 NAO = load_robot("nao")
 EYE, LONGEST = 0.3, 2.5
@@ -112,3 +112,5 @@ def test_a_checkpoint_holds_the_places() -> None:
     first = further()
     made.restore(saved)
     assert further() == first
+    with pytest.raises(WorldError, match="checkpoint"):
+        world(Obstacle(centre=(2.0, -0.8), to=(2.0, 0.6))).restore(saved)
