@@ -125,7 +125,7 @@ def _code(first: ErrorDetails) -> str:
 def _sentence(code: str, first: ErrorDetails, model: Any) -> str:
     context = first.get("ctx", {})
     if first["type"] in _UNKNOWN:
-        return unknown_key(first["loc"][-1], _known(model, first["loc"][:-1]))
+        return unknown_key(first["loc"][-1], known_keys(model, first["loc"][:-1]))
     if "field" in context:
         return context["message"]
     if code == "missing":
@@ -137,7 +137,7 @@ def _sentence(code: str, first: ErrorDetails, model: Any) -> str:
     return f"{got}; {first['msg'][0].lower()}{first['msg'][1:]}"
 
 
-def _known(model: Any, loc: Sequence[object]) -> list[str]:
+def known_keys(model: Any, loc: Sequence[object]) -> list[str]:
     """Return the keys of the table at a place within a model, by its JSON Schema."""
     schema: Any = _adapter(model).json_schema()
     nodes: list[Any] = [schema]

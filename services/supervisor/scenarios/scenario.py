@@ -26,7 +26,7 @@ from surefoot.schemas.navigation import CancelRequest, GotoRequest, SetPoseReque
 from surefoot.schemas.rows import Req
 from surefoot.schemas.sim import FaultRequest, PlaceRequest, PushRequest, SetRequest, World
 from surefoot.schemas.topics import Query
-from surefoot.tables import FileModel, Number, Positive, Text, Whole, refused, shown, unknown_key, validated
+from surefoot.tables import FileModel, Number, Positive, Text, Whole, known_keys, refused, shown, unknown_key, validated
 
 from .limits import Limits
 
@@ -123,14 +123,15 @@ class Step:
 
 def on_wire(model: type[Req], fields: Mapping[str, Any]) -> Req:
     """Build a model of the wire from a table; its first complaint becomes ours."""
-    known = [name for name in model.model_fields if name not in ("at_tick", "action")]
     try:
         return model.model_validate(fields)
     except ValidationError as exc:
         first = first_complaint(exc)
         where = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            raise refused("unknown_key", unknown_key(where, known), where) from exc
+            inside, key = first["loc"][:-1], str(first["loc"][-1])
+            known = [name for name in known_keys(model, inside) if inside or name not in ("at_tick", "action")]
+            raise refused("unknown_key", unknown_key(key, known), where) from exc
         code = "missing" if first["type"] == "missing" else "value"
         got = "" if code == "missing" else f" (got {str(first.get('input'))[:80]!r})"
         raise refused(code, f"{first['msg']}{got}", where) from exc

@@ -121,7 +121,11 @@ def test_refuses_by_name(text, code, field):
 
 @pytest.mark.parametrize(
     ("text", "nearest"),
-    [(HEAD + "[limits]\nmax_tilt = 1", "max_tilt_deg"), (HEAD + "[world]\nterain = 'flat'", "terrain")],
+    [
+        (HEAD + "[limits]\nmax_tilt = 1", "max_tilt_deg"),
+        (HEAD + "[world]\nterain = 'flat'", "terrain"),
+        (HEAD + "[world]\nobstacles = [{ centre = [1, 0], sped = 1 }]", "speed"),
+    ],
 )
 def test_an_unknown_key_names_the_nearest(text, nearest):
     with pytest.raises(ScenarioError, match=f"did you mean '{nearest}'"):
