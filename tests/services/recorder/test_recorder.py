@@ -227,13 +227,13 @@ def test_a_path_that_cannot_be_written_is_logged_and_the_run_goes_on(tmp_path: P
         path.mkdir(parents=True)
     else:
         (tmp_path / "x").write_text("")
-    told: list[LogRecord] = []
+    logged: list[LogRecord] = []
     system, driver = begun(path)
-    system.bus.subscribe(topics.LOG, lambda delivery: told.append(delivery.message()))  # type: ignore[arg-type]
+    system.bus.subscribe(topics.LOG, lambda delivery: logged.append(delivery.message()))  # type: ignore[arg-type]
     finish(system, driver)
     assert status(system).run_hash == status(record(None)[0]).run_hash
     assert status(system).path == ""
-    errors = [line.text for line in told if line.level == "error"]
+    errors = [line.text for line in logged if line.level == "error"]
     assert len(errors) == 1
     assert str(path) in errors[0]
 

@@ -375,14 +375,14 @@ def test_settings_keep_to_the_loopback_and_off_multicast() -> None:
 
 def test_a_service_observes_heartbeats_of_services_only(net: Net) -> None:
     """Strangers that flood a heartbeat displace none: they publish on the key that is open to every reader."""
-    inbox, onlooker = Inbox(), Inbox()
+    inbox, observer = Inbox(), Inbox()
     net.open().subscribe(topics.HEALTH, inbox.put, bounded=True)
-    net.open("client").subscribe(topics.HEALTH, onlooker.put)
+    net.open("client").subscribe(topics.HEALTH, observer.put)
     publisher = matched(net.open(), topics.HEALTH.of("estimator"))
     with net.plain() as stranger:
         for _ in range(2 * BOUNDED_KEEP):
             stranger.put(f"{net.namespace}/health/walker", b"{")
-        assert onlooker.get().raw().payload == b"{"
+        assert observer.get().raw().payload == b"{"
         wait_until(lambda: publisher._all[1].matching_status.matching)
         publisher.put(Health(service="estimator", instance="1", state="running", pid=1))
     assert inbox.get().message().service == "estimator"
