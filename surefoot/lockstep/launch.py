@@ -11,6 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matric
 
 from surefoot.bus.endpoint import checked, to_connect
 from surefoot.errors import SurefootError
+from surefoot.heap import share_heaps
 from surefoot.lockstep.config import load_config
 from surefoot.lockstep.ending import ENDING
 from surefoot.lockstep.service import Service
@@ -30,6 +31,7 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
     up to seconds on a busy machine, and two are promised from SIGTERM to exit: so it is left out.
     """
     ENDING.watch()
+    share_heaps()
     gc.freeze()  # what is imported by now stays
     gc.enable()  # who starts a service may have switched it off until here
     try:

@@ -14,6 +14,7 @@ from surefoot.bus.interface import Life, Publisher
 from surefoot.bus.zenoh import DEFAULT_FLEET, ZenohBus
 from surefoot.bus.zenoh import ZenohOptions as BusEndpoint
 from surefoot.errors import BusError, CallError
+from surefoot.heap import share_heaps
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.launch import spare_collector
@@ -56,6 +57,7 @@ class Session:
         spawn: bool = True,
         notify: Callable[[str], None] = lambda text: None,
     ) -> None:
+        share_heaps()
         self.compose = compose
         self.name = compose.name
         self.listen = to_listen(listen)

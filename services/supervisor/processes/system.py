@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
+from surefoot.heap import hand_back
 from surefoot.logline import said
 from surefoot.schemas.system import ServiceStatus
 
 from .compose import Compose, ComposeService
-from .heap import hand_back
 from .identity import await_end
 from .logs import tail
 from .process import Child
