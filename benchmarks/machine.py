@@ -53,7 +53,7 @@ class Machine:
         while self.pids().get(name, pid) == pid:
             if time.monotonic() > deadline:
                 raise RuntimeError(f"{name} is not started again: {self.status()['services']}")
-            time.sleep(0.05)
+            time.sleep(0.5)
         self.wait_until_healthy()
         return time.monotonic()
 
@@ -66,7 +66,7 @@ class Machine:
                 return
             if time.monotonic() > deadline:
                 raise RuntimeError(f"not healthy again: {rows}")
-            time.sleep(0.5)
+            time.sleep(1.0)
 
     @contextmanager
     def session(self) -> Iterator[zenoh.Session]:
