@@ -170,17 +170,23 @@ def record(case: Case) -> None:
 
 
 class Stage:
-    """Runtime of a replayed service: keeps what it publishes, gives the recorded replies to its calls."""
+    """Runtime of a replayed service: keeps what it publishes, gives the recorded replies to its calls.
 
-    def __init__(self) -> None:
+    Args:
+        every: so many published messages of a key one is kept.
+        digits: significant digits that are kept of numbers.
+    """
+
+    def __init__(self, every: int, digits: int) -> None:
+        self.every, self.digits = every, digits
         self.published: list[list[Any]] = []
         self.replies: list[Any] = []
         self._count: dict[str, int] = {}
 
     def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
         count = self._count[topic.key] = self._count.get(topic.key, 0) + 1
-        if count % EVERY == 0:
-            self.published.append([topic.key, *packed(message, REFERENCE_DIGITS)])
+        if count % self.every == 0:
+            self.published.append([topic.key, *packed(message, self.digits)])
 
     def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
         reply, error = self.replies.pop(0)
@@ -192,7 +198,7 @@ class Stage:
         self.published.append(["log", level])
 
 
-def replayed(case: str, name: str) -> list[Any]:
+def replayed(case: str, name: str, every: int = EVERY, digits: int = REFERENCE_DIGITS) -> list[Any]:
     """Return what a service publishes and replies to its recorded inputs."""
     rows = read(FOLDER / f"{case}.jsonl.gz")
     messages = [row for row in rows if row[0] == "message"]
@@ -205,7 +211,7 @@ def replayed(case: str, name: str) -> list[Any]:
 
     mine = [row for row in rows if row[0] != "message" and row[1] == name]
     kind = service_class(name)
-    service, stage = kind(kind.Config.model_validate(mine[0][2])), Stage()
+    service, stage = kind(kind.Config.model_validate(mine[0][2])), Stage(every, digits)
     stage.replies = [row[2:] for row in mine if row[0] == "reply"]
     service.attach(stage)
     service.on_start()
@@ -222,7 +228,7 @@ def replayed(case: str, name: str) -> list[Any]:
                 stage.published.append([row[2], "refused", refusal.code, refusal.field])
                 continue
             reply = reply.result() if isinstance(reply, Future) else reply
-            stage.published.append([row[2], *packed(reply, REFERENCE_DIGITS)])
+            stage.published.append([row[2], *packed(reply, digits)])
     service.on_stop()
     return stage.published
 

@@ -15,6 +15,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.schemas.sim import ResetRequest
 from surefoot.schemas.topics import CMD_WALK
 from surefoot.tables import validated
+from surefoot.version import numbers
 
 from .limits import LIMITS
 from .scenario import COMMANDS, Scenario, ScenarioError
@@ -96,7 +97,7 @@ def recorded_scenario(metadata: dict[str, dict[str, str]], path: Path) -> Scenar
 
 
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "machine": platform.machine()}
+    found = {"python": platform.python_version(), "numbers": numbers()}
     for name in _COMPUTING:
         try:
             found[name] = version(name)

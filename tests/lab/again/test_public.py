@@ -1,6 +1,9 @@
 """The public list of hashes: twenty runs, each scenario, and what `surefoot verify` says of them."""
 
+import os
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -8,6 +11,7 @@ from surefoot.lab.again import public
 from surefoot.lab.again.public import PublicRun, public_runs
 from surefoot.lab.cli.main import main
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+from surefoot.version import numbers
 
 SHORT = "stand"
 
@@ -49,6 +53,16 @@ def test_another_hash_is_named_and_ends_with_1(
     assert out.count("0" * 12) == 1
     assert public.LIST.is_file()
     assert rows == public_runs()
+
+
+@pytest.mark.skipif(numbers() != public.NUMBERS, reason=f"the hashes are of {public.NUMBERS}, this is {numbers()}")
+def test_where_the_c_library_has_other_functions_the_list_states_it() -> None:
+    """Without fused multiply-add the library chooses others, as on a processor that has none."""
+    words = [sys.executable, "-m", "surefoot.lab.cli.entry", "verify", "--scenario", SHORT]
+    environment = os.environ | {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2"}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    assert f"the hashes are of {public.NUMBERS}; this is x86_64, functions " in done.stdout
+    assert (done.returncode == 0) == ("1 of 1 runs have the public hash" in done.stdout)
 
 
 @pytest.mark.parametrize(
