@@ -16,6 +16,7 @@ from surefoot.bus.frame import Frame
 from surefoot.bus.inbox import Inbox
 from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.errors import Refusal
+from surefoot.heap import hand_back
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.answers import Answers, LateAnswer
@@ -291,6 +292,7 @@ class Node:
 
     def on_life(self, life: Life) -> None:
         """Take in that a process came or went."""
+        hand_back()
         if bound := self.bindings.on_life(life):
             self.refuse("second", f"process {life.instance!r} is {life.service}, too; {bound!r} is bound", life.service)
 

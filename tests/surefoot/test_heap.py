@@ -1,4 +1,4 @@
-"""Memory that is no longer used goes back to the system when a process is started again; threads share few heaps."""
+"""Memory that is no longer used goes back to the system when a process comes or goes; threads share few heaps."""
 
 import ctypes
 import os
@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.bus.interface import Life
 from surefoot.heap import ARENAS, hand_back
-from surefoot.services.supervisor.processes import system
-from tests.services.supervisor.processes.test_system import BOTH, World
+from surefoot.lockstep import node
+from tests.surefoot.lockstep.node_bench import Bench
 
 BLOCK, BLOCKS, APART = 2000, 20_000, 500
 
@@ -52,16 +53,14 @@ def test_heap_between_what_is_in_use_is_handed_back() -> None:
     assert all(len(block) == BLOCK for block in kept)
 
 
-def test_it_is_handed_back_at_a_restart_and_not_at_a_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_handed_back_when_a_process_comes_or_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
-    monkeypatch.setattr(system, "hand_back", lambda: calls.append(1))
-    world = World(tmp_path)
-    world.steps(20, well=BOTH)
-    assert not calls
-    world.processes["second"].kill()
-    world.steps(40, well=BOTH)
-    assert world.state()["second"] == ("healthy", 1)
-    assert len(calls) == 1
+    monkeypatch.setattr(node, "hand_back", lambda: calls.append(1))
+    bench = Bench()
+    before = len(calls)
+    bench.node.handle(Life("walker", "1", False))
+    bench.node.handle(Life("walker", "2", True))
+    assert len(calls) == before + 2
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_info"), reason="the C library has no malloc_info")

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
-from surefoot.heap import hand_back
 from surefoot.logline import said
 from surefoot.schemas.system import ServiceStatus
 
@@ -235,7 +234,6 @@ class System:
             case "start":
                 if state.phase == "exited":
                     self._restarts[name] += 1
-                    hand_back()
                 try:
                     self._processes[name] = self._spawn(self._services[name])
                 except OSError:
