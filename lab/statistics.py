@@ -54,7 +54,7 @@ def interval(values: ArrayLike) -> tuple[float, float]:
 
 
 def half_width(values: ArrayLike) -> float:
-    """Return half of the 95 % interval of a mean; NaN for fewer than two values."""
+    """Return half of the 95 % interval of the mean of values (n,); NaN for fewer than two."""
     if np.size(values) < 2:
         return math.nan
     low, high = interval(values)
@@ -62,13 +62,13 @@ def half_width(values: ArrayLike) -> float:
 
 
 def deviation(values: ArrayLike) -> float:
-    """Return the standard deviation of a sample, with n - 1; NaN for fewer than two values."""
+    """Return the standard deviation of a sample (n,), with n - 1; NaN for fewer than two values."""
     x = np.asarray(values, dtype=np.float64)
     return float(x.std(ddof=1)) if x.size > 1 else math.nan
 
 
 def middle_and_ends(values: ArrayLike, digits: int = 3, unit: str = "") -> str:
-    """Return the median and the extremes as text, `median 1.234 (1.100 to 1.300)`."""
+    """Return the median and the extremes of values (n,) as text, `median 1.234 (1.100 to 1.300)`."""
     x = np.asarray(values, dtype=np.float64)
     return f"median {np.median(x):.{digits}f}{unit} ({x.min():.{digits}f} to {x.max():.{digits}f})"
 
@@ -114,14 +114,14 @@ def paired(ours: ArrayLike, others: ArrayLike) -> Difference:
 
 
 def welch(a: ArrayLike, b: ArrayLike) -> float:
-    """Return the p-value of Welch's two-sided t-test for equal means (Welch 1947)."""
+    """Return the p-value of Welch's two-sided t-test for equal means of a and b, (n,) and (m,) (Welch 1947)."""
     from scipy import stats
 
     return _p(stats.ttest_ind(a, b, equal_var=False))
 
 
 def p_of_mean(values: ArrayLike) -> float:
-    """Return the p-value of the two-sided t-test for a mean of zero."""
+    """Return the p-value of the two-sided t-test for a mean of zero, of values (n,)."""
     from scipy import stats
 
     return _p(stats.ttest_1samp(values, 0.0))
@@ -177,7 +177,7 @@ def resampled(groups: Sequence[Any], statistic: Callable[[Sequence[Any]], float]
 
 
 def resampled_mean(values: ArrayLike, count: int = 2000) -> Ranged:
-    """Return the mean of values and its 95 % interval by `count` bootstrap samples, drawn from seed 0."""
+    """Return the mean of values (n,) and its 95 % interval by `count` bootstrap samples, drawn from seed 0."""
     x = np.asarray(values, dtype=np.float64)
     means = x[np.random.default_rng(0).integers(0, len(x), (count, len(x)))].mean(axis=1)
     return Ranged(float(x.mean()), float(np.percentile(means, 2.5)), float(np.percentile(means, 97.5)))

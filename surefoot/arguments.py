@@ -108,7 +108,7 @@ def shown(value: Any) -> str:
 
 
 def _first(found: Array, wrong: NDArray[np.bool_]) -> str:
-    """Return the first wrong value and its place."""
+    """Return the first value of `found` where `wrong` (same shape) is set, and its index, as text."""
     at = tuple(int(i) for i in np.argwhere(wrong)[0])
     where = f" at [{', '.join(map(str, at))}]" if at else ""
     return f"{float(found[at])!r}{where}"

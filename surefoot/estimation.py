@@ -70,7 +70,11 @@ class StrictEstimator(Estimator):
             raise
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take the feet as `Estimator.feet` (raises FieldError: they are refused)."""
+        """Take the feet: position (L, 3) m and rot (L, 3, 3), IMU axes, contact (L,); see `Estimator.feet`.
+
+        Raises:
+            FieldError: they are refused.
+        """
         return _accepted("feet", super().feet(whole(stamp_ns, "stamp_ns", "ns"), position, rot, contact), position)
 
     def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:

@@ -41,7 +41,7 @@ def bounds(points: Array, normals: Array, mu: float, twist: Array, direction: Ar
 
 
 def inside(held: Sequence[Array], com: Array) -> float:
-    """Return a margin that points (2,) m which are held prove for a centre of mass: its distance to their hull's edge.
+    """Return a margin, m, that held points (n, 2) m prove for a centre of mass (2,) m: the distance to their hull.
 
     The region is convex, so the hull of held points is held. -inf: the centre of mass is not inside.
     """

@@ -35,7 +35,7 @@ def calibrate_forces(log: Log) -> list[CalibratedValue]:
 
 
 def _zero(log: Log, foot: int, force: Array, weight: float) -> CalibratedValue:
-    """Return the zero of one cell: minus the mean over swings of the median in each."""
+    """Return the zero of one cell, force (n,) N: minus the mean over swings of the median in each."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~log.contact[:, foot], [False]]).astype(np.int8)))
     seen: list[float] = []
     for first, end in zip(edges[::2], edges[1::2], strict=True):
@@ -52,7 +52,7 @@ def _zero(log: Log, foot: int, force: Array, weight: float) -> CalibratedValue:
 
 
 def _scales(log: Log, force: Array) -> list[CalibratedValue]:
-    """Return the scale of each cell: sum of (1 + s) F = mass times specific force, in means over blocks."""
+    """Return the scale s of each cell of force (n, L) N: sum of (1 + s) F = mass times specific force in blocks."""
     count = force.shape[1]
     rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.stamp_ns) - 1)
     block = ((log.foot_ns - log.foot_ns[0]) / (1e9 * BLOCK_S)).astype(np.int64)

@@ -330,7 +330,10 @@ def _by_rows(running: LogRunner, inputs: list[Inputs], truth: Array) -> tuple[st
 
 
 def _failure(e: Any, position: Array, covariance: Array, every: bool) -> str:
-    """Return the failure of an estimate, empty: none; eigenvalues are computed for `every` test only."""
+    """Return the failure of an estimate, empty: none; eigenvalues are computed for `every` test only.
+
+    `position` (3,) m; `covariance`: of the pose, (n, n).
+    """
     for name, values in (("velocity", e.velocity), ("g", e.g_up), ("P", e.covariance), ("pose", position)):
         if not np.isfinite(values).all():
             return f"{name} not finite"

@@ -168,7 +168,7 @@ class Log:
         )  # fmt: skip
 
     def with_imu(self, keep: Flags | Ints) -> "Log":
-        """Return the log with some of the inertial rows only, and the truth at them."""
+        """Return the log with some of the inertial rows only, by flag (n,) or index (k,), and the truth at them."""
         truth = self.truth
         if truth is not None:
             held = None if truth.held is None else truth.held[keep]

@@ -92,7 +92,10 @@ def _stamps(t: Array) -> NDArray[np.int64]:
 
 
 def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
-    """Return the exact motion of simulators that give no velocity: by the positions over `EXACT_ROWS`."""
+    """Return the exact motion of simulators that give no velocity: by the positions over `EXACT_ROWS`.
+
+    `t` (n,) s; `position` (n, 3) m and `rot` (n, 3, 3) of the IMU in the world.
+    """
     period = float(t[1] - t[0])
     return TrueMotion(position, rot, slopes(position, EXACT_ROWS, period), (EXACT_ROWS - 1) * period)
 

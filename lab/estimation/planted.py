@@ -28,7 +28,7 @@ STILL_S = 0.5
 
 
 def _since(log: Log, seconds: float) -> Ints:
-    """Return the foot samples from a time on."""
+    """Return the foot samples (k,) of a log from `seconds` after its begin on, by number."""
     return np.flatnonzero(log.foot_ns >= log.stamp_ns[0] + round(1e9 * seconds)).astype(np.int64)
 
 

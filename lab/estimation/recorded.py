@@ -92,7 +92,7 @@ def _rest(columns: Columns) -> tuple[int, int]:
 
 
 def _released(*ticks: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the order of arrival by the ticks of release of each source; within a tick sources keep their order."""
+    """Return the order of arrival by the ticks of release of each source, (n,); in a tick sources keep their order."""
     kind = np.concatenate([np.full(len(each), k) for k, each in enumerate(ticks)])
     return np.lexsort((kind, np.concatenate(ticks)))
 

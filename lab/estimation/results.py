@@ -106,7 +106,7 @@ def estimate(
 
 
 def _keep(kept: dict[str, Array], folder: Path, n: int, rows: slice, piece: Track) -> None:
-    """Write the rows of a piece to one file per quantity, of `n` rows each."""
+    """Write the rows of a piece to one .npy file of `n` rows per quantity; `kept`: files that are open, by key."""
     for key in (*PARTS, *FLAGS):
         values = piece.flags[key] if key in FLAGS else getattr(piece, key)
         if values is None:

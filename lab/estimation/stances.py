@@ -101,7 +101,14 @@ class StanceWindow:
 
 @kernel
 def _misfit(pairs: tuple[Array, Array, Array, Array], inflation: Array, noise: StanceNoise, y: Array) -> float:
-    """`StanceWindow.misfit`, by elimination in [K, free terms, y]: K = U^T U, L = U^T, and then L^-1 of the others."""
+    """Return `StanceWindow.misfit` by elimination in [K, free terms, y]: K = U^T U, L = U^T, then L^-1 of the others.
+
+    Args:
+        pairs: of the window: parts of the covariance by time, (N, N), and free terms, (N, n).
+        inflation: factor of the variance of each sample, (N,).
+        noise: of feet and IMU.
+        y: residuals, (N, 3) m.
+    """
     creep, acc, gyro, free = pairs
     count, terms = free.shape
     rows = np.empty((count, count + terms + 3))

@@ -141,7 +141,10 @@ class LogRunner:
         return self._estimator.pose()
 
     def whole(self, log: Log, part: Ints, first: int, n: int) -> LogRows:
-        """Feed inputs of a log to the filter `best` in one compiled loop; return n estimates from row `first` on."""
+        """Feed inputs of a log to the filter `best` in one compiled loop; return n estimates from inertial row `first`.
+
+        `part`: inputs in the order of arrival, numbers of inertial rows, then all rows + those of foot samples.
+        """
         clipped = np.zeros(len(log.stamp_ns), dtype=np.bool_) if log.saturated is None else log.saturated
         inputs = LogInputs(
             np.ascontiguousarray(log.stamp_ns), np.ascontiguousarray(log.w), np.ascontiguousarray(log.q), clipped,
@@ -205,7 +208,7 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
 
 
 def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
-    """Return the track of `_piece` without a Python call for each sample."""
+    """Return the track of `_piece` without a Python call for each sample; `part`: inputs in the order of arrival."""
     rows = running.whole(log, part, first, n)
     nis = np.ascontiguousarray(rows.vectors[:, 7, 0])
     g, v, position, v_odom, gyro_bias, acc_bias = (np.ascontiguousarray(rows.vectors[:, i]) for i in range(6))

@@ -48,7 +48,11 @@ def check_units(log: Log) -> None:
 
 
 def _check_sign(log: Log, good: NDArray[np.bool_]) -> None:
-    """Check that the feet that stand are below the IMU, against the specific force at rest."""
+    """Check that the feet that stand are below the IMU, by the specific force in rows that are `good` (rows,).
+
+    Raises:
+        SurefootError: the accelerometer has the other sign.
+    """
     rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.stamp_ns) - 1)
     stands = log.contact & np.isfinite(log.foot_position).all(axis=2) & good[rows][:, None]
     if not stands.any():
@@ -103,7 +107,7 @@ def quietest(log: Log) -> Noise:
 
 
 def _spread(x: Array, rows: int) -> Array:
-    """Standard deviation of the noisiest axis within each window."""
+    """Return the standard deviation of the noisiest axis of x (n, c) within each window of `rows` rows, unit of x."""
     centred = x - x.mean(axis=0)
     mean, square = _means(centred, rows), _means(centred**2, rows)
     return np.sqrt(np.maximum((square - mean**2).max(axis=1), 1e-12))

@@ -129,7 +129,7 @@ def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
 
 
 def _probability(views: Array, total: float, most: int) -> float:
-    """Return p at which frames with `views` landmarks in view hold `total` in the mean, each at most `most`."""
+    """Return p at which frames with `views` (n,) landmarks in view hold `total` in the mean, each at most `most`."""
     sizes, frames = np.unique(views.astype(int), return_counts=True)
     below = np.arange(most)
 

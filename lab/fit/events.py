@@ -231,7 +231,7 @@ class _RunReader:
 
 
 def in_view(mean: Array, world: FloorLandmarks, model: NavigationModel) -> int:
-    """Return how many landmarks lie in the footprint of the camera for a pose."""
+    """Return how many landmarks lie in the footprint of the camera at a pose, x, y (m), heading (rad), (3,), map."""
     sight = model.sight
     away = world.positions - mean[:2]
     r = np.hypot(away[:, 0], away[:, 1])

@@ -29,7 +29,17 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 @free_kernel
 def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, noise: Array, work: Array) -> None:
-    """Carry the belief over a share of an action, in place."""
+    """Carry the belief over a share of an action, in place.
+
+    Args:
+        event: kind, number of the action, share.
+        actions: way m, turn rad, group of each action, (a, 3).
+        theta: parameters, in the slots of this module.
+        mean: belief, (n,), see `ukf`.
+        cov: its covariance, (n, n).
+        noise: scratch, (4,).
+        work: scratch of `ukf.predict`.
+    """
     a, share = int(event[1]), event[2]
     forward, turn, group = actions[a, 0], actions[a, 1], int(actions[a, 2])
     if group == ON_THE_SPOT:
@@ -47,7 +57,17 @@ def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, n
 
 @free_kernel
 def _see(event: Array, theta: Array, height: float, mean: Array, cov: Array, gain: Array, work: Array) -> float:
-    """Correct the belief with a sighting, in place; return -ln of its density."""
+    """Correct the belief with a sighting, in place; return -ln of its density.
+
+    Args:
+        event: kind, x and y of the landmark (m), range (m), bearing (rad), 1 if standing.
+        theta: parameters, in the slots of this module.
+        height: of the camera, m.
+        mean: belief, (n,), see `ukf`.
+        cov: its covariance, (n, n).
+        gain: scratch of `fill_gain`, (2, n - 4).
+        work: scratch of `ukf.update`.
+    """
     n, r = mean.size, event[3]
     scale = theta[STANDING] if event[5] > 0.0 else 1.0
     var_r = scale * scale * (theta[RANGE] ** 2 + (theta[SHARE] * r) ** 2)

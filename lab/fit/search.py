@@ -92,7 +92,7 @@ class Likelihood:
         return self.each(thetas).sum(axis=0)
 
     def each(self, thetas: Array) -> Array:
-        """Return the values of each recording, (R, m)."""
+        """Return the values of each recording, (R, m), under each row of thetas (m, P)."""
         parts = np.array_split(thetas, min(len(thetas), math.ceil(self._cores / len(self._runs))))
         jobs = [[self._pool.submit(self._one, run, part) for part in parts] for run in self._runs]
         values = np.array([np.concatenate([job.result() for job in row]) for row in jobs])
@@ -125,19 +125,19 @@ class _Surface:
         return self.likelihood(self.full(x))
 
     def slopes(self, x: Array) -> Array:
-        """Return the gradient of each recording by central differences, (R, P)."""
+        """Return the gradient of each recording at x (P,) by central differences, (R, P)."""
         steps = STEP * np.eye(len(x))
         ends = self.likelihood.each(self.full(np.concatenate([x + steps, x - steps])))
         return (ends[:, : len(x)] - ends[:, len(x) :]) / (2.0 * STEP)
 
     def with_slope(self, x: Array) -> tuple[float, Array]:
-        """Return value and gradient by central differences."""
+        """Return value and gradient (p,) at x (p,) by central differences."""
         steps = STEP * np.eye(len(x))
         all_of = self.values(np.concatenate([x[None], x + steps, x - steps]))
         return float(all_of[0]), (all_of[1 : len(x) + 1] - all_of[len(x) + 1 :]) / (2.0 * STEP)
 
     def curvature(self, x: Array) -> Array:
-        """Return the matrix of second derivatives by central differences, (P, P)."""
+        """Return the matrix of second derivatives at x (P,) by central differences, (P, P)."""
         n, e = len(x), STEP * np.eye(len(x))
         pairs = [(i, j) for i in range(n) for j in range(i + 1)]
         signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -230,14 +230,17 @@ def _known(item: Parameter, x: float, sigma: float) -> bool:
 
 
 def _rise(surface: _Surface, best: Array, value: float, k: int, x: float) -> float:
-    """Return by how many nats -ln L rises when coordinate k alone becomes x."""
+    """Return by how many nats -ln L rises from `value` at the point `best` (p,) when coordinate k alone becomes x."""
     point = best.copy()
     point[k] = x
     return float(surface.values(point[None])[0]) - value
 
 
 def _upper_end(surface: _Surface, best: Array, value: float, k: int, first: float) -> float | None:
-    """Return where the likelihood of a positive parameter has fallen by `ENOUGH`, if below its first value."""
+    """Return where the likelihood of a positive parameter has fallen by `ENOUGH`, if below its first value, else None.
+
+    `best` (p,): maximum, logarithms; `value`: -ln L there; `k`: coordinate of the parameter; `first`: its first value.
+    """
 
     def above(x: float) -> float:
         return _rise(surface, best, value, k, x) - ENOUGH

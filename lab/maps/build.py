@@ -196,7 +196,7 @@ def _first_places(seen: Sightings, track: Index) -> Array:
 
 
 def _relative(options: BuildOptions, ranges: Array) -> Array:
-    """Return the standard deviations of ranges, parts of them."""
+    """Return the standard deviations of ranges (n,) m, as parts of them."""
     return np.hypot(options.range_share, options.range_sd / ranges)
 
 
@@ -213,13 +213,16 @@ def _geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tup
 
 
 def _residuals(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> Array:
-    """Return the residuals of range and bearing in standard deviations, (m, 2)."""
+    """Return the residuals of range and bearing in standard deviations, (m, 2), of poses (f, 3) and places (k, 2) m."""
     _, q, nu = _geometry(seen, track, poses, places)
     return nu / np.stack((_relative(options, q) * q, np.full(len(q), options.bearing_sd)), axis=1)
 
 
 def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> float:
-    """Take one step of Gauss and Newton, in place; return the largest correction of a place, m."""
+    """Take one step of Gauss and Newton, in place; return the largest correction of a place, m.
+
+    `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m.
+    """
     m, f, n = len(track), len(poses), len(places)
     d, q, nu = _geometry(seen, track, poses, places)
     sd_r, sd_b = _relative(options, q) * q, np.full(m, options.bearing_sd)

@@ -70,7 +70,7 @@ class Tracks:
 
 
 def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
-    """Return descriptors as numbers whose mean has a meaning."""
+    """Return descriptors (n, d) as float numbers whose mean has a meaning: single bits (orb), else as they are."""
     return (np.unpackbits(descriptors, axis=1) if kind == "orb" else descriptors).astype(np.float64)
 
 
@@ -113,7 +113,14 @@ def _grow(found: Tracks, more: int) -> None:
 
 
 def _assigned(at: Array, descriptors: NDArray[Any], found: Tracks, slack: Array) -> NDArray[np.int64]:
-    """Return the track of each sighting, -1 = a new one; each track at most once."""
+    """Return the track of each sighting, -1 = a new one; each track at most once.
+
+    Args:
+        at: places of the sightings in the map, (n, 2) m.
+        descriptors: of the sightings, (n, d).
+        found: tracks so far.
+        slack: largest distance of a sighting from each track, (tracks,) m.
+    """
     mine = np.full(len(at), -1, dtype=np.int64)
     if not len(found.count) or not len(at):
         return mine
@@ -175,7 +182,7 @@ def map_of(
 
 
 def _often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
-    """Return the features of `least` sightings or more (raises SurefootError: there are no two)."""
+    """Return the indices of the features of `least` sightings or more (raises SurefootError: there are no two)."""
     kept = np.flatnonzero(found.count >= least)
     if len(kept) < 2:
         most = int(found.count.max(initial=0))
@@ -186,7 +193,10 @@ def _often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
 
 
 def passages(looks: list[FloorLook], tracks: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for the sightings of each feature in one passage, in which poses hold together, (n,)."""
+    """Return a number for the sightings of each feature, `tracks` (n,), in one passage, (n,).
+
+    In a passage poses hold together.
+    """
     ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
     way = np.repeat(ways, [len(look.places) for look in looks])
     order = np.lexsort((np.arange(len(tracks)), tracks))
@@ -200,7 +210,10 @@ def _improved(
     looks: list[FloorLook], found: Tracks, mine: NDArray[np.int64], kept: NDArray[np.int64], options: BuildOptions,
     source: str,
 ) -> tuple[NDArray[np.int64], Array, Array]:  # fmt: skip
-    """Return the features that a common fit of poses and places keeps, their places and standard deviations."""
+    """Return the features that a common fit of poses and places keeps, (k,), their places (k, 2) m and deviations, m.
+
+    `mine`: feature of each sighting; `kept`: features that may stay.
+    """
     codes = np.random.default_rng(0).standard_normal((len(found.count), CODE))
     used = np.isin(mine, kept)
     places = np.concatenate([look.places for look in looks])[used]

@@ -76,7 +76,7 @@ def _chart(
 
 
 def _series(name: str, colour: str, time: Array, values: Array, band: Array | None = None, **more: Any) -> Chart:
-    """Return a curve, thinned to its extremes; `band` is half the width of a band about it."""
+    """Return a curve of values (n,) over time (n,) s, thinned to its extremes; `band` (n,): half a width about it."""
     keep = _extremes(values)
     found: Chart = {"name": name, "colour": colour, "t": _numbers(time[keep]), "y": _numbers(values[keep]), **more}
     if band is not None:
@@ -86,7 +86,7 @@ def _series(name: str, colour: str, time: Array, values: Array, band: Array | No
 
 
 def _extremes(values: Array) -> NDArray[np.int64]:
-    """Return the indices of the smallest and largest value of each bin, in order."""
+    """Return the indices of the smallest and largest value of each bin of values (n,), in order."""
     size = max(1, math.ceil(len(values) / BINS))
     if size < 3:
         return np.arange(len(values))
@@ -123,7 +123,10 @@ def _margin(stability: Array, worst: tuple[Moment, ...], limits: Mapping[str, fl
 
 
 def _velocity(truth: Array, velocity: Array, axis: int) -> Chart:
-    """Velocity of base_link along one of its axes; the truth is drawn last, thin over the estimate."""
+    """Return the chart of the velocity of base_link along one of its axes; the truth is thin over the estimate.
+
+    `truth`, `velocity`: rows of `Traces.series`.
+    """
     sigma = velocity[:, 5 + axis]
     band = np.where(sigma < UNSURE, 2.0 * sigma, np.nan)
     curves = [
@@ -142,7 +145,10 @@ def _velocity(truth: Array, velocity: Array, axis: int) -> Chart:
 
 
 def _errors(traces: Traces, truth: Array, worst: tuple[Moment, ...]) -> Chart:
-    """Length of the velocity error over time, smoothed over half a second, of all estimators that were recorded."""
+    """Return the chart of the velocity error's length over time, RMS over 0.5 s, of all estimators that were recorded.
+
+    `truth`: rows of `Traces.series`; `worst`: moments to mark.
+    """
     overall = judge.variants(traces)
     chosen = {name: (f"state/velocity/{name}", COLOURS[name]) for name in overall} or {"used": ("state/velocity", BLUE)}
     curves: list[Chart] = []

@@ -228,7 +228,10 @@ def sliding(s: Signals) -> list[Clue]:
 
 
 def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
-    """Find `IN_TURN` feet that slide within `IN_TURN_S`, one after another, as on ground that is smooth everywhere."""
+    """Return `IN_TURN` feet that slide within `IN_TURN_S`, one after another, as on ground that is smooth everywhere.
+
+    `times` (n,) s, `slid` (n, L).
+    """
     last = np.maximum.accumulate(np.where(slid, times[:, None], -np.inf), axis=0)
     lately = last > times[:, None] - IN_TURN_S
     for a, b in spans(times, lately.sum(axis=1) >= IN_TURN, 0.0)[:1]:

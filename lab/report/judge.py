@@ -227,7 +227,10 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
 
 
 def navigation(traces: Traces, truth: Array) -> dict[str, float]:
-    """Return how goals ended and how good the pose in the map was; nothing without a navigator."""
+    """Return how goals ended and how good the pose in the map was; nothing without a navigator.
+
+    `truth`: rows of `Traces.series`; errors in m, times in s.
+    """
     values: dict[str, float] = {}
     if traces.goals and len(truth):
         reached = [goal for goal in traces.goals if goal.state == "succeeded"]
@@ -331,5 +334,5 @@ def rms(error: Array) -> float:
 
 
 def stamps(rows: Array) -> NDArray[np.int64]:
-    """Return times as whole microseconds, so that equal stamps compare equal."""
+    """Return the first column of rows (n, c), s, as whole microseconds, so that equal stamps compare equal."""
     return np.round(rows[:, 0] * 1e6).astype(np.int64)

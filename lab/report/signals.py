@@ -131,7 +131,7 @@ def _jumps(s: Signals) -> str:
 
 
 def spans(times: Array, flags: NDArray[np.bool_], least_s: float) -> list[tuple[float, float]]:
-    """Return begin and end of each stretch of true flags that lasts at least so long, s."""
+    """Return begin and end, s, of each stretch of true flags (n,) at times (n,) s that lasts at least so long."""
     if not len(flags):
         return []
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))

@@ -213,7 +213,7 @@ def _pinocchio(robot: Robot, notes: ImportNotes, text: str) -> Any:
 def _frames(
     pin: Any, model: Any, data: Any, q: Array, robot: Robot, notes: ImportNotes, pick: Array
 ) -> tuple[Array, Array]:
-    """Return centres and spheres of the feet, (L + k, 3) m, and Jacobians (L, 3, n) by the frames of their bodies."""
+    """Return centres and spheres of feet, (L + k, 3) m, and Jacobians (L, 3, n) by their bodies, at q (n,) rad."""
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     columns = np.zeros((robot.nlegs, 3, robot.model.leg_joints.shape[1]))

@@ -104,7 +104,7 @@ def doubts_of_axes(robot: Robot) -> list[str]:
 
 
 def _arm(robot: Robot, q: Array, leg: int) -> Array:
-    """Return the foot from the leg's second joint, (3,) m, base_link."""
+    """Return the foot from the leg's second joint, (3,) m, base_link, at joint angles q (n,) rad."""
     second = robot.joints[robot.legs[leg].joints[1]].link
     return foot_positions(robot.model, q)[leg] - forward(robot.model, q)[1][second]
 

@@ -70,7 +70,7 @@ class Primitives:
         return self.messages.SpherePrimitive(pose=self.pose(place, np.eye(3)), size=size, color=self.colour(colour))
 
     def cylinder(self, begin: Array, end: Array, radius: float, colour: str) -> Any:
-        """Return a cylinder between two points."""
+        """Return a cylinder between two points (3,) m, of `radius` m."""
         length = float(np.linalg.norm(end - begin))
         size = self.vector(np.array([2.0 * radius, 2.0 * radius, length]))
         return self.messages.CylinderPrimitive(
@@ -79,7 +79,7 @@ class Primitives:
         )  # fmt: skip
 
     def fan(self, corners: Array, colour: str, alpha: float = 1.0) -> Any:
-        """Return a convex polygon as triangles."""
+        """Return a convex polygon, corners (n, 3) m in order, as triangles."""
         inner = range(1, len(corners) - 1)
         indices = [index for i in inner for index in (0, i, i + 1)]
         return self.messages.TriangleListPrimitive(
@@ -87,7 +87,7 @@ class Primitives:
         )
 
     def arrow(self, tail: Array, tip: Array, size: float, colour: str) -> Any:
-        """Return an arrow with a shaft of this width, m."""
+        """Return an arrow from tail to tip, (3,) m, with a shaft of this width, m."""
         along = tip - tail
         length = max(float(np.linalg.norm(along)), 1e-9)
         head = min(3.0 * size, 0.5 * length)

@@ -194,7 +194,10 @@ class RobotScene:
         return np.column_stack((places, height))
 
     def _base(self, points: Array) -> tuple[Array, Array]:
-        """Return the pose of base_link in the world: true, else estimated, else level over its lowest point."""
+        """Return the pose of base_link in the world: true, else estimated, else level over its lowest point.
+
+        Place (3,) m and rotation (3, 3); `points`: of the body in base_link, (n, 3) m.
+        """
         truth, odometry = self._latest.get("sim/truth"), self._latest.get("state/odometry")
         if truth is not None:
             return np.array(truth.position), matrix_from_quat(np.array(truth.quat_wxyz))
@@ -215,7 +218,7 @@ class RobotScene:
         return self._world_from_odom or (np.zeros(3), np.eye(3))
 
     def _shown(self, q: Array, position: Array, rot: Array, link_rot: Array, links: Array, points: Array) -> Snapshot:
-        """Return the snapshot of a robot in this posture, with all that is drawn beside it."""
+        """Return the snapshot of a robot in this posture, and all drawn beside it; arguments as in `Snapshot`."""
         feet = np.array([
             links[leg.foot.link] + product(link_rot[leg.foot.link], leg.foot.position) for leg in self.robot.legs
         ])  # fmt: skip
@@ -243,7 +246,7 @@ class RobotScene:
         return shift + product(turn, np.array(odometry.position)), product(turn, found)
 
     def _ghost(self, position: Array, rot: Array) -> Item:
-        """Return the outline of the trunk where the estimator places it, drawn in one line."""
+        """Return the outline of the trunk at the estimated pose, (3,) m and (3, 3), drawn in one line."""
         half = self.robot.trunk.box / 2.0
         x, y, z = ([-s, s] for s in half)
         path = [(x[i], y[j], z[k]) for i, j, k in (
@@ -253,7 +256,7 @@ class RobotScene:
         return Item("ghost", position + np.array(path) @ rot.T)
 
     def _support(self, position: Array, rot: Array, feet: Array) -> list[Item]:
-        """Return support region and centres of mass, lifted from the frame ``level`` to the height of the feet."""
+        """Return support region and centres of mass, lifted from frame `level` to the feet (L, 3) m, in the world."""
         m = self._latest.get("state/stability")
         if m is None:
             return []
@@ -299,7 +302,7 @@ class RobotScene:
         return [Item("holding", np.stack((touching, tips), axis=1).reshape(-1, 3))]
 
     def _feet(self, feet: Array) -> list[Item]:
-        """Return forces, sliding feet and planned footholds."""
+        """Return forces, sliding feet and planned footholds of feet centred at (L, 3) m in the world."""
         truth, contacts = self._latest.get("sim/truth"), self._latest.get("hw/contacts")
         gait, velocity = self._latest.get("state/gait"), self._latest.get("state/velocity")
         items: list[Item] = []
@@ -363,7 +366,7 @@ class RobotScene:
         return [Item("match", self._on_ground(at)), *gate]
 
     def _values(self, rot: Array, estimate: tuple[Array, Array] | None) -> dict[str, float]:
-        """Return the numbers beside the picture; those without data are left out."""
+        """Return the numbers beside the picture, of poses in the world; those without data are left out."""
         found: dict[str, float | None] = {"tilt": math.degrees(math.acos(min(1.0, max(-1.0, float(rot[2, 2])))))}
         truth, velocity = self._latest.get("sim/truth"), self._latest.get("state/velocity")
         stability, gait = self._latest.get("state/stability"), self._latest.get("state/gait")

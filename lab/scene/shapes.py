@@ -96,7 +96,7 @@ class _Points:
         self.found: dict[tuple[int, tuple[float, ...]], int] = {}
 
     def add(self, link: int, local: Array) -> int:
-        """Return the number of a point of a link."""
+        """Return the number of a point of a link, (3,) m in its axes."""
         place = tuple(round(float(x), 6) + 0.0 for x in local)
         return self.found.setdefault((link, place), len(self.found))
 

@@ -93,7 +93,7 @@ class SightKeeper:
         self.by_action[action] = sight
 
     def _reach(self, places: Array) -> Array:
-        """Return the radius within which features of the map were candidates, (k,) m."""
+        """Return the radius within which features of the map were candidates, (k,) m, of places (k, 2) m."""
         if self._belief is None:
             return np.full(len(places), math.nan)
         return gate_radius(places, np.array(self._belief.covariance).reshape(3, 3), RecogniseParams())
@@ -105,7 +105,7 @@ def in_image(places: Array, sight: SeenImage) -> Array:
 
 
 def features(sight: SeenImage, pixels: NDArray[np.uint8]) -> Array:
-    """Return the features of an image, (n, 2) px; none without OpenCV."""
+    """Return the features of an image (h, w), (n, 2) px; none without OpenCV."""
     try:
         found = Extractor("orb", COUNT).find(*from_above(sight.image, pixels, sight.base, Patch()))
     except SurefootError:

@@ -168,11 +168,11 @@ class EpisodeBatch:
         self._call(only_renew=True)
 
     def act(self, chosen: Ints) -> None:
-        """Do one action in each episode."""
+        """Do one action, by number, in each of the n episodes, (n,)."""
         self.step(chosen, np.zeros(self.count, dtype=np.bool_))
 
     def step(self, chosen: Ints, renew: Flags) -> None:
-        """Do one action in each episode, or begin a new one where `renew` is true."""
+        """Do one action (n,) in each episode, or begin a new one where `renew` (n,) is true."""
         count = len(self.world.names)
         if chosen.shape != (self.count,) or chosen.min() < 0 or chosen.max() >= count:
             raise SurefootError(

@@ -77,7 +77,10 @@ def episodes(
 
 
 def summary(results: Array) -> dict[str, Any]:
-    """Return mean, spread, success and consistency of episodes; times of failed episodes count as they are."""
+    """Return mean, spread, success and consistency of episodes, times in s; times of failed episodes count as they are.
+
+    `results`: a row for each episode, columns as this module names them.
+    """
     seconds, n = results[:, SECONDS_TAKEN], results.shape[0]
     reached = int((results[:, ENDED_AS] == REACHED).sum())
     low, high = statistics.chi_band(n)
@@ -101,7 +104,10 @@ def summary(results: Array) -> dict[str, Any]:
 
 
 def paired(ours: Array, others: Array) -> dict[str, Any]:
-    """Return the mean difference of times, ours - others, of the same seeds, with its 95 % interval and p-value."""
+    """Return the mean difference of times, ours - others, s, of the same seeds, with its 95 % interval and p-value.
+
+    Both (episodes, columns), rows of the same seed.
+    """
     a, b = ours[:, SECONDS_TAKEN], others[:, SECONDS_TAKEN]
     found, base = statistics.paired(a, b), float(b.mean())
     return {

@@ -41,6 +41,15 @@ EXPLORE = 1_000_000  # purpose of the stream of exploration, beyond all steps
 def corners(table: Array, grid: Array, d: float, phi: float, h: float, cells: Ints, weights: Array) -> float:
     """Write the 8 points around a state, as indices of action 0 in the flat table, and their weights.
 
+    Args:
+        table: values, (layers, distances, bearings, actions).
+        grid: ends of its axes, in the slots LAYER_MIN to D_MAX and MIRRORED.
+        d: distance of the goal, m.
+        phi: its bearing, rad.
+        h: entropy of the belief, nats.
+        cells: indices, (8,), written.
+        weights: of the points, sum 1, (8,), written.
+
     Returns:
         1.0 where the state was mirrored (left is right), else 0.0.
     """
@@ -120,7 +129,7 @@ def learning_room(world: Arrays, size: int) -> LearningRoom:
 
 @free_kernel
 def _explored(chosen: int, eps: float, status: Array, mask: Flags, explore: Stream) -> int:
-    """Return the chosen action, or with probability eps an allowed one at random."""
+    """Return the chosen action, or with probability eps an allowed one (`mask` (a,)) at random; never while blocked."""
     if uniform(explore) < eps and status[slots.BLOCKED] == 0.0:
         chosen = below(explore, mask.size)
         while not mask[chosen]:
@@ -130,7 +139,10 @@ def _explored(chosen: int, eps: float, status: Array, mask: Flags, explore: Stre
 
 @free_kernel
 def _credit(flat: Array, traces: EligibilityTraces, count: int, step: float, decay: float) -> int:
-    """Add step * trace to the cells that have one, and let the traces decay; return how many are left of `count`."""
+    """Add step * trace to the cells of a table `flat` (size,) that have one, in place; return the traces left.
+
+    The traces decay; `count` of them there were.
+    """
     kept = 0
     for i in range(count):
         cell = traces.active[i]
@@ -147,7 +159,10 @@ def _credit(flat: Array, traces: EligibilityTraces, count: int, step: float, dec
 
 @free_kernel
 def _mark(flat: Array, traces: EligibilityTraces, own: int, count: int, accumulate: bool) -> tuple[float, int]:
-    """Leave a trace of action `own` at the points around a state; return its value and the number of traces."""
+    """Leave a trace of action `own` at the points around a state; return its value and the number of traces.
+
+    `flat`: the table of values, flattened; `count`: traces before; `accumulate`: add to a trace, else replace it.
+    """
     value = 0.0
     for c in range(8):
         cell, w = traces.cells[c] + own, traces.weights[c]

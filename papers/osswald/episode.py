@@ -119,7 +119,7 @@ def drift_of(world: Arrays, episode: int, run: int = EVALUATION) -> float:
 
 
 def _begun(world: Arrays, run: int, episode: int) -> EpisodeState:
-    """Return the arrays of an episode at its start."""
+    """Return the arrays of episode `episode` of seed `run` at its start."""
     state = episode_state(world)
     begin(world.scene, run, episode, state)
     return state

@@ -80,7 +80,7 @@ class Learner:
         return chosen
 
     def _mark(self, mean: Array, cov: Array, chosen: int) -> None:
-        """Read Q(s, a) and lay traces for it."""
+        """Read Q(s, a) of the believed state and lay traces for it; mean (n,), cov (n, n): m, m, rad first."""
         w, t = self.training.world, self.training
         d, phi, h = features(mean, cov, float(w.scene[GOAL_X]), float(w.scene[GOAL_Y]))
         flip = learning.corners(self.table, t.grid, d, phi, h, self._cells, self._weights)

@@ -89,7 +89,7 @@ def _tournament(rng: np.random.Generator, costs: list[float]) -> int:
 def _mutate(
     rng: np.random.Generator, genes: Array, family: str, centres: tuple[float, float], rates: tuple[float, float]
 ) -> None:
-    """Change one gene in place: move it a little, or draw it again."""
+    """Change one gene of genes (m, 3, d), as `_drawn` makes them, in place: move it a little, or draw it again."""
     m, _, d = genes.shape
     gene = int(rng.integers(m))
     if rng.random() < NEAR:

@@ -206,5 +206,5 @@ def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
 
 
 def extended_check(s: Slope, measured: Array) -> tuple[Margin, Check]:
-    """4.6, Fig. 21: the same procedure from a measured CoM."""
+    """Return margin and check by the procedure of 4.6, Fig. 21, from a measured CoM (3,) m."""
     return margin(s.region, measured), check(s.region, measured, MOVE, s.shift)

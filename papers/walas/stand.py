@@ -39,7 +39,7 @@ class Reading:
 
     @property
     def rot(self) -> Array:
-        """rot_level_from_base by the measured tilt."""
+        """Return rot_level_from_base (3, 3) by the measured tilt."""
         return level_from_up(self.g_up / np.linalg.norm(self.g_up))
 
     def pose(self, nm_per_a: float = DATA_SHEET) -> SweptPose:

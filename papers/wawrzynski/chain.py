@@ -116,7 +116,7 @@ def _foot_in_link(model, link: int, target: int, point: Array) -> Array:
 
 
 def _with_foot(chain: Chain, foot: Array) -> Chain:
-    """Return the chain with a leading frame at the foot point: a joint that never turns (index -1)."""
+    """Return the chain with a leading frame at the foot point (3,) m: a joint that never turns (index -1)."""
     n = chain.joints.size
     rot = np.concatenate([np.eye(3)[None], chain.rot])
     shift = np.concatenate([-foot[None], chain.shift])

@@ -102,7 +102,10 @@ def bioloid_chains() -> tuple[Chain, Chain]:
 
 @kernel
 def solve_chain(chain: Chain, theta: Array, position: Array, rot: Array) -> Array:
-    """Return joint angles (6,) rad that put the foot at `position`, `rot` (IMU axes), by Newton's method."""
+    """Return joint angles (6,) rad that put the foot at position (3,) m, rot (3, 3), IMU axes, by Newton's method.
+
+    `theta` (6,) rad: first guess.
+    """
     theta = theta.copy()
     zero, step = np.zeros(theta.size), 1e-7
     for _ in range(8):
@@ -129,7 +132,7 @@ def _pose_error(chain: Chain, theta: Array, zero: Array, position: Array, rot: A
 
 
 def _smooth(u: Array) -> Array:
-    """Return a course from 0 to 1 with no speed at the ends, u clipped to [0, 1]."""
+    """Return a course from 0 to 1 with no speed at the ends, u (n,) clipped to [0, 1]."""
     u = np.clip(u, 0.0, 1.0)
     return u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
 

@@ -65,5 +65,5 @@ def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[Fi
 
 
 def _list(x: NDArray[Any]) -> Any:
-    """Return the numbers of an array; the model makes the tuple and checks the length."""
+    """Return the numbers of an array of any shape as nested lists; the model makes the tuple and checks the length."""
     return x.tolist()

@@ -313,7 +313,7 @@ class Estimator:
 
 
 def _plain(values: ArrayLike) -> Array:
-    """Return values as kernels are compiled for them: float64, in order, writable; an empty array if they are none."""
+    """Return values as a writable float64 array of their shape in C order, as kernels need; empty if not numbers."""
     try:
         return np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):

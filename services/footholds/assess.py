@@ -99,7 +99,10 @@ def _patch(z: Layer, window: Window) -> Layer:
 
 
 def _clear(mask: Mask, cell: float) -> Layer:
-    """Return the radius of the disc of free cells about each cell, m: the distance of the nearest that is not free."""
+    """Return the radius of the disc of free cells about each cell, m: the distance of the nearest that is not free.
+
+    `mask` (r, c): 0 = free; beyond it nothing is. `cell`: edge of a cell, m.
+    """
     from scipy.ndimage import distance_transform_edt
 
     free = np.pad(mask == 0, 1)  # beyond the window nothing is free

@@ -121,7 +121,7 @@ def mask_window(
 
 @kernel
 def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
-    """Count the cells of each bit into counts[0..5] and the free cells into counts[6]."""
+    """Count the cells of each bit of `mask` (r, c) into counts[0..5] and the free cells into counts[6]."""
     counts[:] = 0
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):

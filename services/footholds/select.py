@@ -234,7 +234,7 @@ def window_costs(
 
 
 def best_cell(mask: Mask, costs: WindowCosts) -> int:
-    """Return the index of the free cell of the least Q, then of the least K4; -1 if no cell is free."""
+    """Return the flat index of the free cell, mask (r, c) = 0, of the least Q, then of the least K4; -1: none."""
     return _least(mask, costs.q(mask), costs.away)
 
 
@@ -251,7 +251,10 @@ def _distances(offset: Point, away: Layer) -> None:
 
 @kernel
 def _landings(around: Layer, blur: Array, mean: Layer) -> None:
-    """Write the mean of P over landings, where it is known; `around` has the border of the weights `blur`."""
+    """Write the mean of P over landings where it is known (negative: unknown) into `mean` (r, c).
+
+    `blur`: weights of the landings around a cell, (s, s); `around`: P with a border for them, (r + s - 1, c + s - 1).
+    """
     size = blur.shape[0]
     for i in range(mean.shape[0]):
         for j in range(mean.shape[1]):
@@ -267,7 +270,7 @@ def _landings(around: Layer, blur: Array, mean: Layer) -> None:
 
 @kernel
 def _q(mask: Mask, mean: Layer, away: Layer, weight: float, block: bool, out: Layer) -> None:
-    """Write Q of every cell; that of a masked cell counts in no block."""
+    """Write Q = mean + weight K4 of every cell, (r, c), with `block` averaged over the free ones of 3 x 3."""
     rows, cols = mask.shape
     for i in range(rows):
         for j in range(cols):
@@ -284,7 +287,7 @@ def _q(mask: Mask, mean: Layer, away: Layer, weight: float, block: bool, out: La
 
 @kernel
 def _least(mask: Mask, q: Layer, away: Layer) -> int:
-    """Return the index of the free cell of the least Q, row by row; -1 if no cell is free."""
+    """Return the flat index of the free cell (mask (r, c) = 0) of the least Q, row by row; -1 if no cell is free."""
     found, best_value, best_distance = -1, math.inf, math.inf
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
@@ -317,7 +320,7 @@ def landing_weights(error: float, cell: float) -> Array:
 
 
 def draw(mask: Mask, seed: Sequence[int]) -> int:
-    """Return the index of a cell at random that nothing but the slip model excludes, -1 if there is none."""
+    """Return the flat index of a random cell that nothing but the slip model excludes, -1 if none; mask (r, c)."""
     free = np.flatnonzero((mask & ~BY_MODEL).ravel() == 0)
     return int(free[np.random.default_rng(seed).integers(free.size)]) if free.size else -1
 
@@ -328,7 +331,7 @@ def _changes(steps: int) -> list[int]:
 
 
 def _hopeful(mask: Mask) -> bool:
-    """Return whether another trunk height may free a cell: one that only reach and collision exclude."""
+    """Return whether another trunk height may free a cell of mask (r, c): one that only reach and collision exclude."""
     return bool((mask < 4).any())
 
 

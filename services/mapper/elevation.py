@@ -98,12 +98,12 @@ def empty(n: int) -> Elevation:
 
 
 def around(grid: Grid, n: int, x: float, y: float) -> Grid:
-    """Return the grid of n x n cells whose middle is the cell of a point, m."""
+    """Return the grid of n x n cells whose middle is the cell of the point x, y, m."""
     return Grid(grid.cell, math.floor(y / grid.cell + 0.5) - n // 2, math.floor(x / grid.cell + 0.5) - n // 2)
 
 
 def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
-    """Return the layers on another place of the grid; what leaves it is forgotten."""
+    """Return the layers (n, n) on another place of the grid; what leaves it is forgotten."""
     n, rows, cols = layers.height.shape[0], new.row - old.row, new.col - old.col
     if rows == 0 and cols == 0:
         return layers

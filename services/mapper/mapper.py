@@ -261,7 +261,7 @@ class Mapper:
     def _set_right(
         self, view: DepthView, pose: MapPose, points: GroundPoints, layers: Elevation, *, scaled: bool
     ) -> GroundMeans | None:
-        """Return an image less the error that it shows; None where no error explains it, or not yet.
+        """Return an image less the error of the camera that it shows; None where no error explains it, or not yet.
 
         A scale is looked for where `scaled`: where the feet carry the map. Else the ground may lie lower.
         """
@@ -300,7 +300,7 @@ class Mapper:
         return self.layers.height, variances(self.layers, self.grid, self._drift, robot)
 
     def _carries(self, feet: Array) -> bool | None:
-        """Return whether the map agrees with the points under the feet; None where it does not know enough of them."""
+        """Return whether the map agrees with points under feet (n, 3) m; None where it knows too few of them."""
         seen = self.heights()
         if seen is None or not len(feet):
             return None

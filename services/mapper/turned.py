@@ -91,7 +91,7 @@ def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
 
 
 def scale_onto(height: Array, grid: Grid, place: Array, camera: Array) -> float:
-    """Return the factor of ways from a camera that lays its points onto a map; arguments as of `turn_onto`."""
+    """Return the factor of the ways from a camera, (3,) m, that lays its points, (n, 3) m, onto a map, (ny, nx) m."""
     arm, scale = place[:: 1 + len(place) // MOST_POINTS] - camera, 1.0
     for step in range(STEPS):
         a, g, off, share = _residuals(height, grid, scale * arm, camera, 2 * step < STEPS)

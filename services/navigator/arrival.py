@@ -19,7 +19,10 @@ def spread(cov: Array) -> float:
 
 
 def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
-    """Return the distance from the last waypoint, m, and the error of the heading that is asked for, rad (0 = none)."""
+    """Return the distance from the last waypoint, m, and the error of the heading that is asked for, rad (0 = none).
+
+    `mean`: believed x, y (m), heading (rad) in the map first, (n,).
+    """
     gx, gy = goal.route[-1]
     turned = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
     return math.hypot(gx - float(mean[0]), gy - float(mean[1])), turned
@@ -28,7 +31,7 @@ def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
 def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
     """Return the distance of the estimate from the last waypoint at which the walk ends, m: the surer, the farther.
 
-    cov: of x, y (m) and heading (rad); sure: standard deviations to spare.
+    `cov`: of x, y (m) and heading (rad) first, (n, n); `sure`: standard deviations to spare.
     """
     tolerance = goal.xy_tolerance
     return min(REACH[1] * tolerance, max(REACH[0] * tolerance, tolerance - sure * spread(cov)))

@@ -63,7 +63,7 @@ def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise,
 
 
 def _free(pose: Array, ends: Array, costs: Costs) -> NDArray[np.bool_]:
-    """Return whether each straight way from a pose may be walked, (e,)."""
+    """Return whether each straight way from a pose (3,) in the map to ends (e, 2) m, seen from it, is free, (e,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     length = np.hypot(*ends.T)
     share = np.linspace(0.0, 1.0, 2 + int(length.max() / costs.grid.cell))

@@ -208,7 +208,10 @@ class NavigationGoal:
 def decision_of(
     number: int, goal: NavigationGoal, act: Act, reason: str, values: dict[str, float], mean: Array, cov: Array
 ) -> Decision:
-    """Return a decision for the feedback; actions without a finite value are left out of `values`."""
+    """Return a decision for the feedback; actions without a finite value are left out of `values`.
+
+    `mean`: believed x, y (m), heading (rad) in the map first, (n,); `cov`: its covariance, (n, n).
+    """
     gx, gy = goal.waypoint
     dx, dy = gx - float(mean[0]), gy - float(mean[1])
     return Decision(

@@ -139,7 +139,7 @@ class Localiser:
         return (0.0, 0.0, 0.0) if self.odom is None else between(self.tracker.pose, self.odom)
 
     def resume(self, pose: Pose, cov: Array, odom: Pose | None, now: Pose | None) -> None:
-        """Continue from the belief before a restart, moved by the odometry since."""
+        """Continue from the belief before a restart, covariance (3, 3) of m and rad, moved by the odometry since."""
         if odom is not None and now is not None:
             pose = placed(between(pose, odom), now)
         self.odom = self._taken = now
@@ -253,7 +253,16 @@ class Localiser:
     def _check(
         self, seen: Detections, found: FrameResult, cov: Array, time: float, share: float, *, standing: bool
     ) -> None:
-        """Check the belief by a frame; if it is wrong, search for the pose while the robot stands."""
+        """Check the belief by a frame; if it is wrong, search for the pose while the robot stands.
+
+        Args:
+            seen: detections of the frame.
+            found: their matches.
+            cov: of the belief before the frame, (n, n), m and rad.
+            time: of the frame, s.
+            share: of landmarks in view that are recognised.
+            standing: the robot stands.
+        """
         world = self.tracker.world
         if world is None:
             return

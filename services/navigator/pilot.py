@@ -244,7 +244,10 @@ class Pilot:
         return stands[0] if stands else None
 
     def _way_is_open(self, goal: NavigationGoal, now: float, gait: GaitView, mean: Array) -> bool:
-        """Return whether the next action may be decided; plan around an obstacle, or wait until it has gone."""
+        """Return whether the next action may be decided; plan around an obstacle, or wait until it has gone.
+
+        `now` in s; `mean`: believed x, y (m) in the map first, (n,).
+        """
         here = (float(mean[0]), float(mean[1]))
         if self.ways is None or self.ways.free(here, goal.route[goal.index :]):
             self._waiting = None
@@ -286,12 +289,18 @@ class Pilot:
         return tracker.after(total)
 
     def _reach(self, goal: NavigationGoal, cov: Array) -> float:
-        """Return the distance of the estimate at which the present waypoint counts as reached, m."""
+        """Return the distance of the estimate at which the present waypoint counts as reached, m.
+
+        `cov` (n, n): of x, y (m) and heading (rad) first.
+        """
         conduct = self.conduct
         return reach(goal, cov, conduct.sure) if goal.at_last else conduct.waypoint_tolerance
 
     def _pass_waypoints(self, goal: NavigationGoal, now: float, mean: Array, cov: Array) -> float:
-        """Pass the waypoints that are reached; return the distance to the present one, m."""
+        """Pass the waypoints that are reached; return the distance to the present one, m.
+
+        `mean` (n,), `cov` (n, n): of x, y (m) and heading (rad) in the map first.
+        """
         while True:
             gx, gy = goal.waypoint
             distance = math.hypot(gx - float(mean[0]), gy - float(mean[1]))
@@ -306,7 +315,7 @@ class Pilot:
                 return distance
 
     def _arrive(self, goal: NavigationGoal, mean: Array) -> None:
-        """Turn to the wanted heading at the last waypoint, then end on both feet."""
+        """Turn to the wanted heading at the last waypoint, then end on both feet; `mean` (n,): m, m, rad first."""
         error = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
         if abs(error) > 0.5 * goal.yaw_tolerance and goal.turns < self.conduct.aligning_turns:
             goal.turns += 1

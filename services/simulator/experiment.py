@@ -128,7 +128,10 @@ def _tripod(robot: Robot) -> list[int]:
 def _move(
     world: PhysicsWorld, robot: Robot, targets: Array, legs: list[int], way: Array, ticks: int
 ) -> NDArray[np.float64]:
-    """Move feet in base_link evenly over some ticks and rest; returns the mean normal force of each foot, (L,) N."""
+    """Move feet evenly by `way` (legs, 3) m over some ticks and rest; return their mean normal force, (L,) N.
+
+    `targets` (L, 3) m: places in base_link, changed.
+    """
     start, load = targets[legs].copy(), np.zeros(robot.nlegs)
     for tick in range(ticks + REST_TICKS):
         targets[legs] = start + min(1.0, (tick + 1) / ticks) * way

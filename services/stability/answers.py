@@ -249,12 +249,12 @@ def _gradient(slope: MarginSlope) -> MarginGradient:
 
 
 def _pairs(points: Array) -> tuple[tuple[float, float], ...]:
-    """Rows of two numbers as tuples."""
+    """Return the rows of (n, 2) as tuples."""
     return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
 
 
 def _triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
-    """Rows of three numbers as tuples."""
+    """Return the rows of (n, 3) as tuples."""
     return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three
 
 

@@ -47,7 +47,7 @@ class CalibrationJob:
         return report
 
     def sample(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> None:
-        """Take a sample of the standing robot."""
+        """Take a sample of the standing robot: joints (n,) rad, torque (n,) N m, g_up (3,) base axes, stance (L,)."""
         if self.collector is not None and len(self.collector.poses) < MAX_COLLECTED:
             self.collector.add(joints, torque, g_up, stance)
 

@@ -138,7 +138,10 @@ class Eye:
     def _half_blind(
         self, image: CameraImage, base: FloorPose, belief: Believed | None, places: Array
     ) -> tuple[str, ...]:
-        """Return the flag of a lens of which a half shows nothing of what the map has there."""
+        """Return the flag of a lens of which a half shows nothing of what the map has there.
+
+        `places`: features found in the image, (n, 2) m on the floor, axes of the robot.
+        """
         if self.world is None or belief is None:
             self._halves.clear()
             return ()

@@ -65,7 +65,7 @@ class FeatureMap:
         return found / np.sqrt(np.add.reduce(found * found, axis=1, keepdims=True))
 
     def chosen(self, which: NDArray[Any]) -> "FeatureMap":
-        """Return the map of some features, by index or flag."""
+        """Return the map of some features, by index (k,) or flag (n,)."""
         return replace(
             self, positions=self.positions[which], descriptors=self.descriptors[which], seen=self.seen[which],
             sd=self.sd[which],

@@ -61,7 +61,7 @@ class Extractor:
             self._make = cv2.SIFT_create(nfeatures=count, contrastThreshold=0.04 * contrast)
 
     def find(self, picture: NDArray[np.uint8], mask: NDArray[np.uint8]) -> FoundFeatures:
-        """Return the features of a picture where the mask is not 0."""
+        """Return the features of a grey picture (h, w) where the mask (h, w) is not 0."""
         points, descriptors = self._make.detectAndCompute(picture, mask)
         if not points:
             return nothing(self.kind)
@@ -75,6 +75,8 @@ def nothing(kind: Kind) -> FoundFeatures:
 
 def distances(kind: Kind, a: NDArray[Any], b: NDArray[Any]) -> Array:
     """Return the distance of every pair of descriptors, (len(a), len(b)): bits that differ (orb), else Euclidean.
+
+    `a` (n, d), `b` (m, d): bytes (orb), else float32.
 
     Raises:
         Refusal: more than `MOST_COMPARED` of them, or descriptors of another kind.

@@ -87,7 +87,7 @@ def _nearest(items: list[T], stamps: list[int], stamp_ns: int) -> T | None:
 
 
 def since(places: Array, then: OdometryAt, now: OdometryAt) -> Array:
-    """Return points of the heading axes of one time in those of another, by odometry, (n, 2) m."""
+    """Return points (n, 2) m in the heading axes `now` of points in those of `then`, by odometry."""
     dx, dy = then.pose[0] - now.pose[0], then.pose[1] - now.pose[1]
     turn = then.pose[2] - now.pose[2]
     c, s = math.cos(turn), math.sin(turn)

@@ -159,7 +159,15 @@ def _gate(
 def _likest(
     apart: Array, gate: NDArray[np.bool_], near: Index, world: FeatureMap, params: RecogniseParams
 ) -> tuple[Index, Index, Array]:
-    """Return features, map features and distances of the matches that pass the ratio test, each map feature once."""
+    """Return features, map features and distances of the matches that pass the ratio test, (k,), each map feature once.
+
+    Args:
+        apart: distance of the descriptors of each feature and each map feature in view, (n, m).
+        gate: pairs that may match by their place, (n, m).
+        near: the map features in view, (m,).
+        world: the map.
+        params: limits of a match.
+    """
     none = np.zeros(0, dtype=np.int64)
     if apart.size == 0:
         return none, none, np.zeros(0)
@@ -230,7 +238,7 @@ def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: A
 
 
 def _fit(here: Array, there: Array) -> tuple[float, float, float]:
-    """Return cosine and sine of the turn that fits best, and the scale, 1 for fewer than three points."""
+    """Return cosine and sine of the turn that fits `here` onto `there`, (n, 2) m, best, and the scale (1 for n < 3)."""
     a, b = here - here.mean(axis=0), there - there.mean(axis=0)
     c, s = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
     size, spread = math.hypot(c, s), float((a * a).sum())

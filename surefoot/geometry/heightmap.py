@@ -84,7 +84,7 @@ class HeightMap:
 
     @staticmethod
     def _numbers(name: str, value: object) -> NDArray[np.float32]:
-        """Return a copy of a field as numbers (raises HeightMapError)."""
+        """Return a copy of a field as float32 of its shape (raises HeightMapError: no numbers)."""
         try:
             with np.errstate(over="ignore"):  # what overflows is infinite, and refused as such
                 return np.array(value, dtype=np.float32, order="C", copy=True)
@@ -196,7 +196,7 @@ class HeightMap:
         return (0, self.z.shape[0], 0, self.z.shape[1])
 
     def derived(self, z: NDArray[np.float32]) -> "HeightMap":
-        """Return a map of this grid and version with heights computed from it, neither copied nor checked."""
+        """Return a map of this grid and version with heights z (rows, cols) m, neither copied nor checked."""
         made = object.__new__(HeightMap)
         z.flags.writeable = False
         for name, value in (("z", z), ("cell", self.cell), ("origin", self.origin), ("version", self.version)):

@@ -51,7 +51,7 @@ def heights(
     z: Heights, cell: float, x0: float, y0: float, xs: NDArray[np.float64], ys: NDArray[np.float64], smooth: bool,
     out: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Write the height at every point (xs[k], ys[k]) into out[k]; `smooth` interpolates between the cells."""
+    """Write the height at every point (xs[k], ys[k]), (n,) m, into out[k]; `smooth` interpolates between the cells."""
     ny, nx = z.shape
     for k in range(xs.shape[0]):
         if smooth:

@@ -41,7 +41,7 @@ def norm(a: Array) -> float:
 
 
 def exp(x: Array) -> Array:
-    """Return e**x of every element, by the C library."""
+    """Return e**x of every element of x, of any shape, by the C library."""
     return _each(math.exp, x)
 
 

@@ -71,7 +71,7 @@ def quadratic(z: Array, m: Array) -> float:
 
 @row_kernel
 def add_outer(p: Array, row: int, column: int, a: Array, b: Array) -> None:
-    """Add a b^T, of (n,) and (m,), to the block of p that begins at `row` and `column`, in place."""
+    """Add a b^T, of (n,) and (m,), to the block of the matrix p that begins at `row` and `column`, in place."""
     for i in range(a.size):
         for j in range(b.size):
             p[row + i, column + j] += a[i] * b[j]

@@ -64,7 +64,7 @@ def hull(points: Array) -> Array:
 
 @row_kernel
 def area(polygon: Array) -> float:
-    """Signed area, m^2; positive counter-clockwise."""
+    """Return the signed area of a polygon (n, 2) m, m^2; positive counter-clockwise."""
     total, n = 0.0, polygon.shape[0]
     for i in range(n):
         j = (i + 1) % n
@@ -130,7 +130,7 @@ def clip(polygon: Array, ax: float, ay: float, limit: float) -> Array:
 
 @row_kernel
 def half_planes(normals: Array, limits: Array, bound: float) -> Array:
-    """Polygon {p: a_k'p <= b_k for all k}, cut off at abs(x), abs(y) <= bound.
+    """Return the polygon {p: a_k'p <= b_k for all k}, (e, 2), cut off at abs(x), abs(y) <= bound.
 
     Args:
         normals: directions a_k, (n, 2), unit.
@@ -177,7 +177,7 @@ def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float
 
 @row_kernel
 def gap(inner: Array, outer: Array) -> float:
-    """Largest distance of a vertex of outer from inner, m; NaN if there is no outer."""
+    """Return the largest distance of a vertex of outer from inner, both (n, 2) m; NaN if there is no outer."""
     far = 0.0 if outer.shape[0] > 0 else math.nan
     for i in range(outer.shape[0]):
         far = max(far, -signed_distance(inner, outer[i, 0], outer[i, 1]))

@@ -16,7 +16,7 @@ SMALL_ANGLE = 1e-8  # rad; below it series are exact to machine precision
 
 @kernel
 def multiply(qa: Array, qb: Array) -> Array:
-    """Hamilton product qa * qb, (4,): first rotate by qb, then by qa."""
+    """Return the Hamilton product of quaternions qa * qb, (4,): first rotate by qb, then by qa."""
     q = np.empty(4)
     q[0] = qa[0] * qb[0] - qa[1] * qb[1] - qa[2] * qb[2] - qa[3] * qb[3]
     q[1] = qa[0] * qb[1] + qa[1] * qb[0] + qa[2] * qb[3] - qa[3] * qb[2]
@@ -53,7 +53,7 @@ def matrix_from_quat(q: Array) -> Array:
 
 @kernel
 def quat_from_matrix(m: Array) -> Array:
-    """Unit quaternion of a rotation matrix with w >= 0, (4,); the largest component is computed first."""
+    """Return the unit quaternion of a rotation matrix (3, 3), w >= 0, (4,); the largest component is computed first."""
     q = np.empty(4)
     t = m[0, 0] + m[1, 1] + m[2, 2]
     if t > m[0, 0] and t > m[1, 1] and t > m[2, 2]:
@@ -81,7 +81,7 @@ def quat_from_matrix(m: Array) -> Array:
 
 @kernel
 def quat_from_rotvec(v: Array) -> Array:
-    """Exponential map: rotation by |v| rad about v, (4,)."""
+    """Return the quaternion (4,) of a rotation by |v| rad about v (3,): the exponential map."""
     angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     half = 0.5 * angle
     k = math.sin(half) / angle if angle > SMALL_ANGLE else 0.5
@@ -90,7 +90,7 @@ def quat_from_rotvec(v: Array) -> Array:
 
 @kernel
 def rotvec_from_quat(q: Array) -> Array:
-    """Logarithm: the rotation vector of at most pi rad, (3,)."""
+    """Return the rotation vector of at most pi rad, (3,), of a unit quaternion (4,): the logarithm."""
     sign = -1.0 if q[0] < 0.0 else 1.0
     n = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     k = 2.0 * sign
@@ -101,19 +101,19 @@ def rotvec_from_quat(q: Array) -> Array:
 
 @kernel
 def matrix_from_rotvec(v: Array) -> Array:
-    """Exponential map to a matrix, (3, 3)."""
+    """Return the matrix (3, 3) of a rotation by |v| rad about v (3,): the exponential map."""
     return matrix_from_quat(quat_from_rotvec(v))
 
 
 @kernel
 def rotvec_from_matrix(m: Array) -> Array:
-    """Logarithm of a rotation matrix, (3,)."""
+    """Return the rotation vector, (3,) rad, of a rotation matrix (3, 3): the logarithm."""
     return rotvec_from_quat(quat_from_matrix(m))
 
 
 @kernel
 def matrix_from_axis_angle(axis: Array, angle: float) -> Array:
-    """Rotation by `angle` rad about a unit axis, (3, 3)."""
+    """Return the matrix (3, 3) of a rotation by `angle` rad about a unit axis (3,)."""
     m = np.empty((3, 3))
     axis_angle_into(m, axis, angle)
     return m
@@ -121,7 +121,7 @@ def matrix_from_axis_angle(axis: Array, angle: float) -> Array:
 
 @kernel
 def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
-    """Write the rotation matrix about an axis by an angle, rad, into `out` (3, 3), for loops over many joints."""
+    """Write the matrix of a rotation by `angle` rad about a unit axis (3,) into `out` (3, 3), for loops over joints."""
     c, s = math.cos(angle), math.sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
     k = 1.0 - c
@@ -158,7 +158,7 @@ def matrix_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
 
 @kernel
 def rpy_from_matrix(rot_world_from_base: Array) -> Array:
-    """Roll, pitch, yaw in rad, (3,); at |pitch| = 90 deg roll is set to 0."""
+    """Return roll, pitch, yaw in rad, (3,), of rot_world_from_base (3, 3); at |pitch| = 90 deg roll is set to 0."""
     m = rot_world_from_base
     flat = math.hypot(m[0, 0], m[1, 0])
     pitch = math.atan2(-m[2, 0], flat)

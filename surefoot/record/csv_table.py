@@ -126,7 +126,10 @@ def _no_number(cells: Sequence[str], names: Sequence[str], row: int, name: str) 
 
 
 def _grouped(names: Sequence[str], values: NDArray[np.float64], stamps: NDArray[np.int64] | None, name: str) -> Columns:
-    """Return columns from single ones; rows without any kinematic number carry no foot sample."""
+    """Return columns from single ones; rows without any kinematic number carry no foot sample.
+
+    `values` (rows, names); `stamps` (rows,) ns; `name` of the file, for errors.
+    """
     at = {column: i for i, column in enumerate(names)}
     out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated", "external_yaw") if key in at}
     if stamps is not None:

@@ -168,7 +168,11 @@ def _units(key: str) -> tuple[tuple[float, str], ...]:
 
 
 def _check_rate(seconds: NDArray[np.float64], key: str, name: str) -> None:
-    """Check that the usual step between rows is that of an inertial unit; the error names other units of time."""
+    """Check that the usual step between rows, `seconds` (n,), is that of an inertial unit.
+
+    Raises:
+        SurefootError: it is not; names other units of time that would fit.
+    """
     step = float(np.median(np.abs(np.diff(np.sort(seconds)))))
     if FASTEST_S <= step <= SLOWEST_S:
         if np.abs(seconds).max() > LATEST_S:

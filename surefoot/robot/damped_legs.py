@@ -70,7 +70,10 @@ def _distance(a: Array, b: Array) -> float:
 
 @kernel
 def _damped(jac: Array, error: Array, damping: float) -> Array:
-    """Return (J J' + d I)^-1 e, (3,), by Cramer's rule: the matrix is positive definite."""
+    """Return (J J' + d I)^-1 e, (3,), by Cramer's rule: the matrix is positive definite.
+
+    J = `jac` (3, n) m/rad, e = `error` (3,) m.
+    """
     m = np.zeros((3, 3))
     for a in range(3):
         for b in range(3):

@@ -63,7 +63,7 @@ def foot_positions(model: KinematicModel, q: Array) -> Array:
 
 @kernel
 def foot_positions_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """Return the foot centres in base_link, (L, 3) m, from the links' poses `rot`, `pos` that `forward` returns."""
+    """Return the foot centres in base_link, (L, 3) m, from the links' poses (l, 3, 3), (l, 3) m of `forward`."""
     n = model.foot_link.size
     feet = np.empty((n, 3))
     for i in range(n):

@@ -112,7 +112,7 @@ def _leg_axes(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> _LegA
 
 
 def _roll_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> tuple[Array, ...] | None:
-    """Rows of `RolledLegs` if the second and third axis are parallel and perpendicular to the first, else None."""
+    """Return a row of `RolledLegs` if axes two and three are parallel and at right angles to the first, else None."""
     chain = _leg_axes(links, joints, leg)
     if chain is None:
         return None

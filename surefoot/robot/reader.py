@@ -275,7 +275,7 @@ def _contacts(t: ContactTable) -> r.ContactSensor:
 
 
 def _unit(values: list[float]) -> Array:
-    """Return a vector of length 1, whatever the rounding in the file has left of it."""
+    """Return a vector (n,) of length 1, whatever the rounding in the file has left of it."""
     vector = np.array(values)
     return vector / norm(vector)
 

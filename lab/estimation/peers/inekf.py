@@ -114,7 +114,7 @@ def _new_state(points: int, start: PeerStart) -> InekfState:
 
 @kernel
 def _predict(s: InekfState, w: Array, q: Array, dt: float, noise: InekfNoise, g: Array) -> None:
-    """Carry the state over `dt` s, over which the mean rates w (3,) rad/s and q (3,) m/s^2 hold, in place."""
+    """Carry the state over `dt` s of mean rates w (3,) rad/s and q (3,) m/s^2, in place; gravity g (3,) m/s^2."""
     size, points = s.cov.shape[0], s.at.shape[0]
     bg, ba = size - 6, size - 3
     wk, qk = w - s.bias_g, q - s.bias_a
@@ -156,7 +156,10 @@ def _predict(s: InekfState, w: Array, q: Array, dt: float, noise: InekfNoise, g:
 
 @kernel
 def _drop_points(s: InekfState, seen: Array, touch: Flags) -> int:
-    """Drop the points that do not touch any more, in place; return the number of those that stay."""
+    """Drop the points that do not touch any more, in place; return the number of those that stay.
+
+    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,).
+    """
     old = 0
     for f in range(touch.size):
         good = touch[f] and np.isfinite(seen[f]).all()
@@ -205,7 +208,10 @@ def _correct(s: InekfState, seen: Array, old: int, sigma: float) -> None:
 
 @kernel
 def _add_points(s: InekfState, seen: Array, touch: Flags, sigma: float) -> None:
-    """Add the points that touch anew, with the covariance of p (augmentation), in place."""
+    """Add the points that touch anew, with the covariance of p (augmentation), in place.
+
+    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,); `sigma`: noise of a place, m.
+    """
     for f in range(touch.size):
         if not s.active[f] and touch[f] and np.isfinite(seen[f]).all():
             s.active[f] = True

@@ -117,7 +117,7 @@ def _take_foot(s: LinearState, f: int, log: Readings, j: int, before: int, noise
 
 @kernel
 def _take(s: LinearState, h: Array, y: float, variance: float) -> None:
-    """Correct by one number y = h x + noise, in place."""
+    """Correct by one number y = h x + noise, h (n,) and x (n,), in place; `variance` of the noise."""
     ph = s.cov @ h
     inn = h @ ph + variance
     s.x[:] = s.x + ph * ((y - h @ s.x) / inn)

@@ -86,8 +86,8 @@ def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> Co
     """Return three points for each foot.
 
     Args:
-        normals: of the soles, (L, 3), foot axes, upwards.
-        lever: m, from the centre of the foot.
+        normals: upward unit normals of the soles, (L, 3), foot axes.
+        lever: distance of the points from the centre of the foot, m.
         switches: their places, (L, S, 3) m from the centre of the foot; None: one for the whole foot.
     """
     places: list[Array] = []

@@ -79,7 +79,16 @@ def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float
 def _turned(
     position: Array, rot: Array, quat_wxyz: Array, rot_imu_from_base: Array, imu_position: Array, begin: Array
 ) -> tuple[Array, Array]:
-    """Return feet, seen from the IMU, in `odom`, where base_link is at `begin`."""
+    """Return feet, seen from the IMU, in `odom`: centres (L, 3) m and rotations (L, 3, 3).
+
+    Args:
+        position: foot centres, IMU axes, (L, 3) m.
+        rot: rot_imu_from_foot, (L, 3, 3).
+        quat_wxyz: orientation of base_link in `odom`, (4,).
+        rot_imu_from_base: mounting of the IMU, (3, 3).
+        imu_position: place of the IMU in base_link, (3,) m.
+        begin: place of base_link in `odom`, (3,) m.
+    """
     base = matrix_from_quat(quat_wxyz)
     turn, at = times_transposed(base, rot_imu_from_base), begin + times_vector(base, imu_position)
     centres, turned = np.empty(position.shape), np.empty(rot.shape)
@@ -165,7 +174,10 @@ class StanceSlip:
 
 @kernel
 def _followed(feet: FootWays, contact: Flags, centre: Array, rot: Array, radius: Array) -> Flags:
-    """Take one sample of all feet; return True for stances that have ended, (L,)."""
+    """Take one sample of all feet; return True for stances that have ended, (L,).
+
+    `contact` (L,): closed switches; centre (L, 3) m and rot (L, 3, 3) in odom; radius (L,) m.
+    """
     ended = np.zeros(contact.size, dtype=np.bool_)
     for leg in range(contact.size):
         known = True
@@ -188,7 +200,16 @@ def _followed(feet: FootWays, contact: Flags, centre: Array, rot: Array, radius:
 
 @kernel
 def _step(feet: FootWays, leg: int, contact: bool, centre: Array, rot: Array, radius: float) -> None:
-    """Take the way since the last sample; it counts once contact is found again or was not lost."""
+    """Add the way of a foot since its last sample, in place; it counts once contact is found again or was not lost.
+
+    Args:
+        feet: ways of all feet.
+        leg: number of the foot.
+        contact: its switch is closed.
+        centre: its centre in `odom`, (3,) m.
+        rot: rot_odom_from_foot, (3, 3).
+        radius: of its sphere, m.
+    """
     phi = rotvec_from_matrix(times_transposed(rot, feet.rot[leg]))
     now, before = 1.0 if contact else OPEN_WEIGHT, 1.0 if feet.open[leg] == 0 else OPEN_WEIGHT
     weight = 0.5 * (now + before)

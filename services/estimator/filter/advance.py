@@ -36,8 +36,8 @@ Stamps = NDArray[np.int64]
 def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
     """Correct with the height of the standing points over a ground that is level everywhere, in place.
 
-    p_z + r_z = ground + radius for each, with a standard deviation of `sd` m per sample; feet that are about to lift,
-    edges and dust repeat themselves, so it is to be several times what a foot is off.
+    p_z + r_z = ground + radius (K,) m for each, with a standard deviation of `sd` m per sample; feet that are about to
+    lift, edges and dust repeat themselves, so it is to be several times what a foot is off.
     """
     cov, points = state.cov, state.points
     n = cov.shape[0]
@@ -116,7 +116,7 @@ def _lost_until(stamps: Stamps, at: int) -> int:
 
 @kernel
 def _hidden(rows: Array, at: int) -> tuple[float, float]:
-    """Variances, (rad/s)^2 and (m/s^2)^2, of what inertial samples lost before row `at` may hide."""
+    """Return variances, (rad/s)^2 and (m/s^2)^2, of what inertial samples lost before row `at` of (n, 6) may hide."""
     turn, push = 0.0, 0.0
     for i in range(3):
         j = ROW_W + i
@@ -130,7 +130,10 @@ def _hidden(rows: Array, at: int) -> tuple[float, float]:
 def _correct(
     state: BestState, seen: SeenPoints, setting: BestSetting, hypotheses: bool, slides: int, share: float
 ) -> float:
-    """Correct one state with one sample of its points, in place; return the logarithm of its likelihood."""
+    """Correct one state with one sample of its points, in place; return the logarithm of its likelihood.
+
+    `hypotheses`, `slides`, `share`: see `take_points`.
+    """
     before, rot, limits = state.x[X.pos : X.pos + 3].copy(), rotation(state.x), setting.limits
     likely = take_points(state, seen, setting.geometry, setting.noise, hypotheses, slides, share)
     if math.isfinite(limits.level_sd):
@@ -146,7 +149,7 @@ def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int6
     """Return True if a sample of the feet has the errors of the last one: it comes soon after, with the same contacts.
 
     Encoders, flexible legs and soles err alike for some 10 ms; to take every sample of a fast log would be to count
-    one error many times.
+    one error many times. y (K, 3) m, contact (K,) and closed (L,) as in `SeenPoints`.
     """
     at = likeliest(state)
     memory, points = (state.memory, state.points) if at < 0 else (state.mode_memory[at], state.mode_points[at])
@@ -216,7 +219,10 @@ def _predict_one(
 def _predict(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
-    """Carry the state, or each of its hypotheses, over d s, in place; see `predict` and `_hidden`."""
+    """Carry the state, or each of its hypotheses, over d s, in place; see `predict` and `_hidden`.
+
+    w, q: means of gyro, rad/s, and accelerometer, m/s^2, over the step, IMU axes, (3,).
+    """
     if likeliest(state) < 0:
         _predict_one(state, w, q, d, noise, felt, hidden)
     for h in range(state.weight.size):
@@ -226,7 +232,7 @@ def _predict(
 
 @kernel
 def _speed(x: Array, memory: Array) -> float:
-    """Return an upper bound of the speed that is published of a state, m/s, from two of its arrays."""
+    """Return an upper bound of the speed that is published of a state, m/s, from `x` and `memory` of `BestState`."""
     v, lag = 0.0, 0.0
     for i in range(3):
         v += x[X.vel + i] ** 2
@@ -236,7 +242,7 @@ def _speed(x: Array, memory: Array) -> float:
 
 @inner_kernel
 def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
-    """Forget a velocity that no robot has, in place."""
+    """Forget a velocity beyond `most` m/s, that no robot has, in place; `foot`: foot of each contact point, (K,)."""
     fastest = _speed(state.x, state.memory) if likeliest(state) < 0 else 0.0
     for h in range(state.weight.size):
         if state.weight[h] > 0.0:

@@ -65,7 +65,8 @@ def report(
     """Bring the state up to the newest inertial sample, in place.
 
     Returns:
-        The results of `summary`; slipping, expressed, standing, settled, quiet, flags of `BestOutput`.
+        The four arrays of `summary`; which feet slip, (L,); the rows of `express`, (5, 3); standing, settled, quiet,
+        flags of `BestOutput`.
     """
     parts = box.parts
     bring_up(parts.replay, parts.state, parts.setting)

@@ -21,7 +21,7 @@ from .noise import FIXED
 
 @kernel
 def lift_delay(row: Array, share: float) -> None:
-    """Fade the sums of a foot that does not stand, a row of `BestState.sensors`, by `share`, in place."""
+    """Fade the sums of a foot that does not stand by the factor `share`, in place; `row`: of `BestState.sensors`."""
     row[S.delay + L.stood] = 0.0
     for i in range(4):
         row[S.delay + L.sums + i] *= share

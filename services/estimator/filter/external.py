@@ -125,7 +125,14 @@ def _spread(cov: Array, by: Array, noise: Array) -> tuple[Array, Array]:
 
 @kernel
 def _correct(state: BestState, z: Array, by: Array, noise: Array) -> float:
-    """Correct with an innovation, in place; return the logarithm of its likelihood up to a constant."""
+    """Correct with an innovation, in place; return the logarithm of its likelihood up to a constant.
+
+    Args:
+        state: the state, whose error has n numbers.
+        z: innovation, estimate minus sample, (3,).
+        by: its derivative by the error, (3, n).
+        noise: covariance of the sample, (3, 3).
+    """
     cov, n = state.cov, state.cov.shape[0]
     across, total = _spread(cov, by, noise)
     inverse = inverse3(total)[0]
@@ -147,7 +154,14 @@ def _correct(state: BestState, z: Array, by: Array, noise: Array) -> float:
 
 @kernel
 def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool) -> None:
-    """Make the frame of the source unknown, and lay it so that the sample fits, in place; `placed`: with position."""
+    """Make the frame of the source unknown, and lay it so that the sample fits, in place.
+
+    Args:
+        state: the state.
+        row: the sample, (26,), see `samples.EX`.
+        rot_base_from_imu: mounting of the IMU, (3, 3).
+        placed: the sample has a position.
+    """
     frame, at, x = frame_of(state), X.points + 3 * state.points.shape[0], state.x
     isolate(state.cov, frame, 3, FIXED.frame_sd**2)
     isolate(state.cov, frame + 3, 1, FIXED.frame_turn_sd**2)
@@ -161,7 +175,7 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
 
 @kernel
 def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
-    """Return whether an innovation is within what its covariance allows."""
+    """Return whether an innovation z is within what its covariance allows; arguments as of `_correct`."""
     total = _spread(state.cov, by, noise)[1]
     return bool(determinant(total) > 0.0 and quadratic(z, inverse3(total)[0]) < FIXED.outlier)
 
@@ -170,7 +184,10 @@ def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
 def _take_part(
     state: BestState, part: int, row: Array, w: Array, q: Array, age: float, rot_base_from_imu: Array
 ) -> bool:
-    """Correct the state, or each of its hypotheses, with a part of a sample, in place; return False if left out."""
+    """Correct the state, or each of its hypotheses, with a part of a sample, in place; return False if left out.
+
+    Arguments as of `expected`: gyro w in rad/s, accelerometer q in m/s^2, IMU axes, (3,); age in s.
+    """
     best = likeliest(state)
     first = state if best < 0 else mode(state, best)
     z, by, noise = expected(first, part, row, w, q, age, rot_base_from_imu)
@@ -190,7 +207,10 @@ def _take_part(
 
 @kernel
 def _take_one(state: BestState, row: Array, w: Array, q: Array, age: float, rot_base_from_imu: Array) -> None:
-    """Correct with one sample, in place, and count what was left out."""
+    """Correct with one sample, in place, and count what was left out.
+
+    Arguments as of `expected`: gyro w in rad/s, accelerometer q in m/s^2, IMU axes, (3,); age in s.
+    """
     memory, placed, headed = state.memory, not math.isnan(row[EX.position]), not math.isnan(row[EX.yaw])
     if headed and (memory[M.framed] == 0.0 or memory[M.jumps] >= FIXED.most_jumps):
         _anchor(state, row, rot_base_from_imu, placed)

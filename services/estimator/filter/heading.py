@@ -66,7 +66,10 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
 
 @kernel
 def gyro_share(memory: Array) -> float:
-    """Return the share of the gyro in the heading: rho^4/(rho^4 + rho_0^4), rho^2 = `parting`; 0 if it is small."""
+    """Return the share of the gyro in the heading, 0 to 1, by `BestState.memory` (104,).
+
+    It is rho^4/(rho^4 + rho_0^4), rho^2 = `parting`, mean square rate at which standing points part; 0 if it is small.
+    """
     share = memory[M.parting] ** 2 / (memory[M.parting] ** 2 + FIXED.parting**4)
     return float(share) if share >= FIXED.no_share else 0.0
 
@@ -115,5 +118,5 @@ def turn_heading(state: BestState, angle: float) -> None:
 
 @kernel
 def _turn(x: Array, i: int, j: int, c: float, s: float) -> None:
-    """Turn the vector of elements i and j by the angle of cosine c and sine s, in place."""
+    """Turn the vector of elements i and j of x by the angle of cosine c and sine s, in place."""
     x[i], x[j] = c * x[i] - s * x[j], s * x[i] + c * x[j]

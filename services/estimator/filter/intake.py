@@ -80,7 +80,7 @@ def boxed(parts: FilterParts) -> KernelBox[FilterParts]:
 def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
     """Return `BACKWARD` for a sample that is old where none is missing, `DUPLICATE` at the stamp of another, else `OK`.
 
-    One that was sent twice is no such sample.
+    The sample has gyro w, rad/s, and accelerometer q, m/s^2, IMU axes, (3,); one that was sent twice is no duplicate.
     """
     samples, end = parts.replay.samples, parts.replay.marks[IMU_END]
     at = after(samples.imu_stamps[:end], stamp_ns)

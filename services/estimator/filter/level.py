@@ -79,7 +79,13 @@ def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
 
 @kernel
 def _landed(points: Array, foot: Feet, f: int) -> bool:
-    """Return True if foot f stands firmly, and its level has not been looked for."""
+    """Return True if foot f stands firmly, and its level has not been looked for.
+
+    Args:
+        points: of `BestState`, (K, 11).
+        foot: foot of each point, (K,).
+        f: the foot.
+    """
     count = 0
     for k in range(foot.size):
         if foot[k] == f and points[k, P.down] > 0.0:
@@ -91,7 +97,7 @@ def _landed(points: Array, foot: Feet, f: int) -> bool:
 
 @kernel
 def _slope(memory: Array) -> float:
-    """Return the slope of the ground by the feet that stood at the same time, rad; 0 is the guess before them."""
+    """Return the slope of the ground by `BestState.memory`: of feet that stood at the same time, rad; 0 before them."""
     s, guess = M.slope, (FIXED.step_sd / FIXED.slope_sd) ** 2
     a, b, c = memory[s] + guess, memory[s + 1], memory[s + 2] + guess
     det = a * c - b * b
@@ -101,7 +107,7 @@ def _slope(memory: Array) -> float:
 
 @kernel
 def _step_noise(memory: Array) -> float:
-    """Return the variance of the height of a step on a level, m^2."""
+    """Return the variance of the height of a step on a level, m^2, by `BestState.memory`."""
     return float((FIXED.step_sd**2 + memory[M.uneven]) ** 2 / FIXED.step_sd**2)
 
 
@@ -196,7 +202,7 @@ def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, no
 
 @kernel
 def _nearest(memory: Array, z: float) -> int:
-    """Return the known level nearest to the height z m, -1 if there is none."""
+    """Return the number of the level in `BestState.memory` nearest to the height z m, -1 if there is none."""
     best = -1
     for j in range(LEVELS):
         at = M.levels + LEVEL * j
@@ -207,7 +213,7 @@ def _nearest(memory: Array, z: float) -> int:
 
 @kernel
 def _new_level(memory: Array, z: float, variance: float) -> int:
-    """Remember a level at the height z m instead of the one that was not stood on for longest; return its number."""
+    """Write a level at z m into `BestState.memory` in place of the one not stood on for longest; return its number."""
     oldest = 0
     for j in range(LEVELS):
         if memory[M.levels + LEVEL * j + 3] < memory[M.levels + LEVEL * oldest + 3]:

@@ -118,7 +118,10 @@ def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flie
 
 @kernel
 def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
-    """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place."""
+    """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place.
+
+    `likely`: the likeliest hypothesis, or the state; `contact`: probability that each foot touches, (L,).
+    """
     x, sensors, stamps = likely.x, state.sensors, samples.imu_stamps
     first, end = after(stamps, samples.feet_stamps[before]), after(stamps, samples.feet_stamps[row] - 1) + 1
     end = min(end, stamps.size)

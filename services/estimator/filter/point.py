@@ -147,7 +147,7 @@ def _weigh_slide(point: Array, contact: float, ratio: float, noise: BestNoise) -
     """Return the probability that a point slides by one sample, and keep it with the reported one, in place.
 
     Args:
-        point: numbers of the point, see `PointLayout`.
+        point: row of `BestState.points`, (11,), see `PointLayout`.
         contact: probability that it touches the ground.
         ratio: logarithm of the likelihood of sliding over that of staying.
         noise: the noises.
@@ -189,7 +189,16 @@ def _stay(state: BestState, row: int, z: Array, inverse: Array) -> None:
 
 @kernel
 def _mix(state: BestState, row: int, z: Array, inverse_0: Array, inverse_1: Array, shift: Array, weight: float) -> None:
-    """Apply the mean of the corrections of both hypotheses, `weight` = probability of the second, in place."""
+    """Apply the mean of the corrections of both hypotheses, the point stays (0) or slides (1), in place.
+
+    Args:
+        state: the state.
+        row: first row of the point in the error.
+        z: innovation of its place, odom axes, (3,) m.
+        inverse_0, inverse_1: inverse covariance of z by each hypothesis, (3, 3) 1/m^2.
+        shift: variance that sliding adds to each axis, (3,) m^2.
+        weight: probability of sliding.
+    """
     cov = state.cov
     n = cov.shape[0]
     seen_0, seen_1 = np.empty((n, 3)), np.empty((n, 3))  # cov H^T up to the sign

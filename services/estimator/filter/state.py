@@ -104,7 +104,7 @@ def fit_in(source: BestState, target: BestState) -> None:
 
 @kernel
 def isolate(cov: Array, first: int, count: int, variance: float) -> None:
-    """Make `count` errors from row `first` on independent of all others, each of this variance, in place."""
+    """Make `count` errors of cov (n, n) from row `first` on independent of all others, of this variance, in place."""
     for i in range(first, first + count):
         for j in range(cov.shape[0]):
             cov[i, j] = 0.0
@@ -122,7 +122,7 @@ def forget_velocity(state: BestState, sd: float) -> None:
 
 @kernel
 def forget_levels(memory: Array) -> None:
-    """Forget all levels, and how uneven the ground is, in place: the height is another one."""
+    """Forget all levels, and how uneven the ground is, in `BestState.memory`, in place: the height is another one."""
     memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
     memory[M.uneven] = FIXED.step_sd**2
     memory[M.slope : M.slope + 5] = 0.0
@@ -148,7 +148,7 @@ def turn_matrix(b: Array) -> Array:
 
 @kernel
 def rotation(x: Array) -> Array:
-    """Return rot_odom_from_imu of a state, (3, 3)."""
+    """Return rot_odom_from_imu of a state x, (21 + 3 K,), (3, 3)."""
     m = np.empty((3, 3))
     for i in range(3):
         for k in range(3):
@@ -158,7 +158,7 @@ def rotation(x: Array) -> Array:
 
 @kernel
 def set_rotation(x: Array, rot: Array) -> None:
-    """Write rot_odom_from_imu (3, 3) into a state, in place."""
+    """Write rot_odom_from_imu (3, 3) into a state x, (21 + 3 K,), in place."""
     for i in range(3):
         for k in range(3):
             x[X.rot + 3 * i + k] = rot[i, k]
@@ -353,7 +353,8 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
 
     A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
     mean over its period; the sensors' own noise changes by 6 sigma^2 on average. A bend turns the IMU back again, so
-    errors of the heading cancel; those of the tilt act on the velocity at every moment.
+    errors of the heading cancel; those of the tilt act on the velocity at every moment. `memory`: of `BestState`;
+    w rad/s, q m/s^2: the sample, (3,).
     """
     turn, push = 0.0, 0.0
     for i in range(3):

@@ -87,7 +87,7 @@ def joint_covariance(rot: Array, cov: Array) -> Array:
 
 @kernel
 def _covariance(rot: Array, cov: Array) -> Array:
-    """Return the covariance of (g, v) in IMU axes, (6, 6)."""
+    """Return the covariance of (g, v) in IMU axes, (6, 6), by rot_odom_from_imu (3, 3) and that of the error (n, n)."""
     block = np.empty((6, 6))
     for i in range(6):
         for k in range(6):

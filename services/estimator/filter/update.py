@@ -183,7 +183,10 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
 
 @kernel
 def _roll(state: BestState, seen: SeenPoints, contact: Array, radius: Array, dt: float) -> None:
-    """Lift the points that may have stepped, and roll round feet on since the last sample `dt` s ago, in place."""
+    """Lift the points that may have stepped, and roll round feet on since the last sample `dt` s ago, in place.
+
+    `contact` (K,): probability that each touches; `radius` (K,) m.
+    """
     here = rotation(state.x)
     for k in range(contact.size):
         now = times(here, seen.rot[k])
@@ -203,6 +206,14 @@ def _observe_points(
     """Correct with all standing points in place; return the logarithm of the likelihood, and if none of them fitted.
 
     The mean normalised innovation squared follows those of the points in `surprise_s`, each `most_surprise` at most.
+
+    Args:
+        state: the state.
+        y: places of the points from the IMU, IMU axes, (K, 3) m.
+        contact: probability that each touches, (K,).
+        dt: time since the last sample, s.
+        noise: the noises.
+        hypotheses: see `observe`.
     """
     likely, standing, unfit, surprise = 0.0, 0, 0, 0.0
     for k in range(contact.size):
@@ -221,7 +232,8 @@ def _observe_points(
 def _put_down_points(state: BestState, y: Array, contact: Array, unfit: bool, noise: BestNoise) -> None:
     """Put points down that touch the ground anew or do not fit any more, in place.
 
-    Where no point fits (`unfit`) for several samples, not the feet are somewhere else, but the velocity is wrong.
+    Where no point fits (`unfit`) for several samples, not the feet are somewhere else, but the velocity is wrong. `y`:
+    places from the IMU, IMU axes, (K, 3) m; `contact`: probability that each point touches, (K,).
     """
     points, memory = state.points, state.memory
     memory[M.unfit] = memory[M.unfit] + 1.0 if unfit else 0.0

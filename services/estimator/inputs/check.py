@@ -105,7 +105,7 @@ def new_check(feet: int, points: int) -> CheckState:
 
 @kernel
 def peak(x: Array) -> float:
-    """Return the largest absolute value, infinity if a value is not finite."""
+    """Return the largest absolute value of x (n,), infinity if a value is not finite."""
     most = 0.0
     for i in range(x.size):
         if not math.isfinite(x[i]):
@@ -159,7 +159,14 @@ def _order(check: CheckState, source: int, stamp_ns: int) -> int:
 
 @kernel
 def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
-    """Take a sample into the means, in place; return True if the unit or the sign of a sensor is wrong."""
+    """Take a sample into the means, in place; return True if the unit or the sign of a sensor is wrong.
+
+    Args:
+        check: the means, and what they have shown.
+        stamp_ns: stamp of the sample.
+        w: gyro, IMU axes, (3,) rad/s if its unit is right.
+        q: accelerometer, IMU axes, (3,) m/s^2 if its unit is right.
+    """
     marks, numbers = check.marks, check.numbers
     d = stamp_ns - marks[TURN_NS]
     if 0 < d < LONGEST_TURN_NS:

@@ -63,7 +63,7 @@ class ExternalSample:
 
 
 def _numbers(value: ArrayLike | None, size: int) -> Array:
-    """Return a part as a flat array, NaN if it is absent, empty if it holds no numbers."""
+    """Return a part of a sample as a flat array, `size` NaN if it is absent, empty if it holds no numbers."""
     if value is None:
         return np.full(size, np.nan)
     try:

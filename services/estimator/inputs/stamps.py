@@ -57,7 +57,10 @@ def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
 
 @kernel
 def _late_over(stamps: Stamps, feet: Array, span_ns: int) -> tuple[int, int]:
-    """Return the results of `late_by` by the motion over `span_ns` before and after the last gap."""
+    """Return the results of `late_by` by the motion over `span_ns` before and after the last gap.
+
+    `stamps` (n,) in ns, `feet` (n, L, 3) in m, as for `late_by`.
+    """
     last, row = stamps.size - 1, stamps.size - 1
     while row > 0 and stamps[last] - stamps[row] < span_ns and stamps[row] - stamps[row - 1] < span_ns // 2:
         row -= 1

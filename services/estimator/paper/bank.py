@@ -43,7 +43,14 @@ class PaperOutput(NamedTuple):
 
 @kernel
 def _note(row: Array, gyro: Array, d: float, g: Array) -> None:
-    """Turn the angle of a row of the history on by the gyro, in place, and write g beside it."""
+    """Turn the angle of a row of the history on by the gyro, in place, and write g beside it.
+
+    Args:
+        row: angle (3,) rad, then g (3,) m/s^2, (6,).
+        gyro: angular rate, IMU axes, (3,) rad/s.
+        d: step, s.
+        g: upward gravity, IMU axes, (3,) m/s^2.
+    """
     for i in range(3):
         row[i] += gyro[i] * d
         row[3 + i] = g[i]

@@ -13,7 +13,10 @@ ROWS = 128
 
 @kernel
 def _at(stamps: Stamps, values: Array, count: int, stamp_ns: int) -> Array:
-    """Return the row at a stamp by linear interpolation, clamped to the oldest and the newest row."""
+    """Return the row (c,) at a stamp by linear interpolation, clamped to the oldest and the newest row.
+
+    `stamps` (n,) in ns and `values` (n, c) are rings, into which `count` rows were written so far.
+    """
     rows = stamps.size
     stored = min(count, rows)
     newest = (count - 1) % rows

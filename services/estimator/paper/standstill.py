@@ -172,7 +172,7 @@ class GyroBias:
         self._against = 0
 
     def start(self, mean: Array, samples: int) -> None:
-        """Take the mean of a whole window."""
+        """Take the mean gyro (3,) rad/s of a whole window of `samples`."""
         self.value = mean.copy()
         self.samples = samples
 

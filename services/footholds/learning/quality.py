@@ -83,7 +83,7 @@ def expected(model: LearnedModel, found: SampleSet) -> Array:
 
 
 def spread(model: LearnedModel, x: Array) -> Array:
-    """Return the deviation of single stances that the model states at points on the axes of its lattice, (n,)."""
+    """Return the deviation of single stances, m, that the model states at points (n, 3) on its lattice's axes, (n,)."""
     cell = model.conditions.cell
     k = inputs(x) * np.array([8.0 * cell, 8.0 * cell, 1.0])
     return model.spread(Features(*(layer[None].astype(np.float32) for layer in k.T)), cell)[0].astype(np.float64)
@@ -195,7 +195,7 @@ def compared(samples: SampleSet, fold: NDArray[np.int64], p: Array, held: float,
 
 
 def _calibrated(score: Array, r: Array, fold: NDArray[np.int64]) -> Array:
-    """Return a + b score, b >= 0, with a and b from the other folds, (n,)."""
+    """Return a + b score, b >= 0, (n,), with a and b fitted to the slips r (n,) of the other folds, `fold` (n,)."""
     out = np.empty(len(r))
     for f in np.unique(fold):
         rest, own = fold != f, fold == f

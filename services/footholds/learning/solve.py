@@ -22,6 +22,9 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
 
 
 def stack(columns: Array, y: Array, w: Array, ridge: float) -> tuple[Array, Array]:
-    """Return W V over sqrt(ridge) I, (n + m, m), and W y over zeros, (n + m,)."""
+    """Return W V over sqrt(ridge) I, (n + m, m), and W y over zeros, (n + m,).
+
+    V = `columns` (n, m), W = diag(w), weights w (n,).
+    """
     m = columns.shape[1]
     return np.vstack((w[:, None] * columns, np.sqrt(ridge) * np.eye(m))), np.concatenate((w * y, np.zeros(m)))

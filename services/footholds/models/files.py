@@ -275,7 +275,7 @@ def _basis(terms: _TermsPart, source: str) -> Gaussians:
 
 
 def _rounded(values: np.ndarray) -> Any:
-    """Return an array as lists, every number with `DIGITS` digits."""
+    """Return an array of any shape as nested lists, every number with `DIGITS` digits."""
     return json.loads(
         json.dumps(values.tolist()),
         parse_float=lambda text: float(f"{float(text):.{DIGITS}g}") if math.isfinite(float(text)) else float(text),

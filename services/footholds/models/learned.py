@@ -184,7 +184,10 @@ class LearnedModel:
 
     @cached_property
     def _outcomes(self) -> tuple[Array, Array]:
-        """Numbers of samples and M2 of the bins as dense arrays with an empty border."""
+        """Return numbers of samples and M2 (sum of squared differences from the mean) of the bins as dense arrays.
+
+        They have one axis for each feature, and a border of empty bins.
+        """
         counts, first, _, _ = self._support
         n, m2 = np.zeros(np.array(counts.shape) + 2), np.zeros(np.array(counts.shape) + 2)
         for key, each in self.bins.items():
@@ -198,7 +201,7 @@ class LearnedModel:
         return sum(each.m2 for each in self.bins.values()) / max(1e-12, freedom)
 
     def _near(self, x: Array) -> Array:
-        """Return the number of samples about points on the axes of the lattice, (n,), between the centres of bins."""
+        """Return the number of samples about points x (n, 3) on the lattice's axes, (n,), between centres of bins."""
         counts, first, _, _ = self._support
         n = np.pad(counts.astype(np.float64), 1)
         at = (x - np.array(self.lattice.origin)) / np.array(self.lattice.width) - 0.5 - first + 1.0

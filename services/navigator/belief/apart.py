@@ -59,7 +59,10 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
 
 
 def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
-    """Return the number of landmarks around each end at a pose that do not stand at the other one."""
+    """Return the number of landmarks around each end (k, 2) m, seen from a pose, that are not at the other one, (k,).
+
+    `pose`, `other`: x, y (m), heading (rad) in the map, (3,); `look`: largest distance of descriptors that are alike.
+    """
     local = _turned(world.positions - pose[:2], -pose[2])
     near = np.flatnonzero(np.hypot(*local.T) < np.hypot(*ends.T).max() + AROUND)
     each = max(1.0, near.size / MOST_COMPARED)

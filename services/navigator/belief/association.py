@@ -58,7 +58,17 @@ def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
 def _nearest(
     mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, fates: Fates
 ) -> Index:
-    """Write landmark and fate of each detection by itself; return the detections that match a landmark."""
+    """Write landmark and fate of each detection by itself; return the detections that match a landmark.
+
+    Args:
+        mean: believed state, (n,), see `ukf`.
+        cov: its covariance, (n, n).
+        frame: the m detections.
+        world: the map.
+        noise: of a sighting, see `gate`.
+        limits: see `gate`.
+        fates: written.
+    """
     m, (ranges, bearings, looks) = frame.ranges.size, frame
     chosen, kept = np.empty(m, dtype=np.int64), 0
     for d in range(m):

@@ -77,7 +77,7 @@ def motion_of(
     """Return the pose by matches i and j, x and y in m and heading in rad, and the variance of its heading, rad^2.
 
     The heading is the mean of the one that two points give and the believed one, weighted by their variances: two
-    points close together determine it poorly.
+    points close together determine it poorly. `mean` (n,), `cov` (n, n): belief; `noise`: see `gate`.
     """
     one, other, places = found.rays[i], found.rays[j], found.places
     ax, ay = one[DISTANCE] * one[COS], one[DISTANCE] * one[SIN]
@@ -100,7 +100,7 @@ def motion_of(
 
 @row_kernel
 def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: float, v: float, gate: float) -> None:
-    """Mark the matches that agree with a pose (3,): their variances times `wide`, v rad^2 added to that of bearing."""
+    """Mark the matches (k,) that agree with a pose (3,): variances times `wide`, v rad^2 added to that of bearing."""
     c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
     for m in range(inlier.size):
         r, b = variances(found.rays[m, DISTANCE], noise)
@@ -150,7 +150,10 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
 def _best_motion(
     mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int
 ) -> tuple[Array, float]:
-    """Return the pose (3,) of the best motion through two matches, and the variance of its heading, rad^2."""
+    """Return the pose (3,) of the best motion through two matches, and the variance of its heading, rad^2.
+
+    `mean` (n,), `cov` (n, n): belief; `noise`, `limits`: see `gate`; `seed` of the pairs that are tried.
+    """
     k = found.places.shape[0]
     pairs, most, gate = k * (k - 1) // 2, int(limits[PAIRS]), limits[GATE]
     every = pairs <= most

@@ -91,7 +91,7 @@ class OtherPlaces:
             self._frames = None
 
     def _odds(self, seen: Evidence, places: Array) -> float:
-        """Return the log odds of the other places and the believed one, nats."""
+        """Return the log odds of other places (p, PLACE), rows as in `PlaceList`, and the believed one, nats."""
         if not len(places):
             return 0.0
         prior = self._prior.cov[:3, :3]

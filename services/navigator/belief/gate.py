@@ -60,7 +60,7 @@ class MapTables(NamedTuple):
 
 @row_kernel
 def variances(distance: float, noise: Array) -> tuple[float, float]:
-    """Return the variances of range (m^2) and bearing (rad^2) of a detection at `distance` m, with common errors."""
+    """Return variances of range (m^2), bearing (rad^2) of a detection at `distance` m, common errors in; noise (5,)."""
     own = noise[RANGE_SD] * noise[RANGE_SD] + (noise[RANGE_SHARE] * distance) ** 2
     return own + noise[COMMON_RANGE_SD] ** 2, noise[BEARING_SD] ** 2 + noise[COMMON_BEARING_SD] ** 2
 
@@ -142,7 +142,8 @@ def apart2(a: Array, b: Array, enough: float) -> float:
 def _cells(grid: Array, x: float, y: float, reach: float) -> tuple[int, int, int, int]:
     """Return first and last column, first and last row of the index within `reach` m of a place; empty if last < first.
 
-    The limits apply before the numbers become whole ones: a wide belief reaches beyond any index.
+    The limits apply before the numbers become whole ones: a wide belief reaches beyond any index. `grid` (5,): x, y of
+    the corner and edge of a cell, m, rows, columns.
     """
     edge, rows, cols = grid[2], int(grid[3]), int(grid[4])
     low_c = int(min(max(math.floor((x - reach - grid[0]) / edge), 0.0), cols + 0.0))

@@ -182,6 +182,7 @@ def keep(found: PlaceList, filled: int, row: Array, chosen: Index) -> int:
     """Enter a place into the list of the best; return how many are filled.
 
     A place that explains half of its sightings by the landmarks of another, within the covariances, is the same place.
+    `row`: of `PlaceList.places`, (PLACE,); `chosen`: landmark of each sighting there, (s,), -1 = none.
     """
     places, same = found.places, -1
     for p in range(filled):
@@ -229,7 +230,7 @@ def _pose_of_pair(seen: Evidence, i: int, j: int, p: int, q: int, pose: Array) -
 
 @row_kernel
 def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p: int, q: int) -> bool:
-    """Return whether a place close to a pose explains sightings i and j by landmarks p and q."""
+    """Return whether a place close to a pose (3,) m, rad explains sightings i and j by landmarks p and q."""
     for r in range(filled):
         if found.chosen[r, i] == p and found.chosen[r, j] == q:
             beside = abs(wrap(pose[HEADING] - found.places[r, HEADING])) < BESIDE

@@ -236,7 +236,10 @@ def relocalise(
 
 
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:
-    """Compare the places with each other and with chance."""
+    """Compare the places (p, PLACE), see `places`, with each other and with chance.
+
+    `known`: sightings of landmarks that the map may have; `tried`: poses that were tried.
+    """
     places = places[np.isfinite(places[:, EVIDENCE])]
     if not len(places):
         return Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unknown", known, 0)

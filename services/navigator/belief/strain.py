@@ -158,7 +158,7 @@ def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> 
 
 @row_kernel
 def carried(mean: Array, cov: Array, x: float, y: float) -> None:
-    """Add the effect of a wrong heading over a way, m, frame map, to the place, in place."""
+    """Add the effect of a wrong heading over a way x, y m, map, to mean (12,) and cov (12, 12), in place."""
     n, heading = mean.size, mean[POSE + 2]
     mean[POSE] -= y * heading
     mean[POSE + 1] += x * heading
@@ -172,7 +172,7 @@ def carried(mean: Array, cov: Array, x: float, y: float) -> None:
 
 @row_kernel
 def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float) -> float:
-    """Correct a filter with the equations of a frame, in place; return their log likelihood, nats.
+    """Correct a filter, mean (12,), cov (12, 12), with the equations of a frame, in place; return their log likelihood.
 
     An equation counts with the probability that its match is not one of the share `wrong`, even over `width` m.
     """

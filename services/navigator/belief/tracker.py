@@ -311,7 +311,7 @@ def held(n: float, ratio: float, lost: float) -> float:
 def log_variances(cov: Array) -> tuple[float, float]:
     """Return the log of the mean (geometric) variance of position, and of pose, nats; -inf: one is zero.
 
-    A motion without noise leaves both.
+    A motion without noise leaves both. `cov`: of x, y (m) and heading (rad), (3, 3).
     """
     area = float(cov[0, 0] * cov[1, 1] - cov[0, 1] * cov[1, 0])
     pose = float(ukf.entropy(cov)) - ukf.ENTROPY_OF_UNIT

@@ -62,7 +62,7 @@ def work_space(n: int) -> Array:
 
 @row_kernel
 def spread(cov: Array, low: Array) -> None:
-    """Write L with L L^T = n cov into the first n rows of low; directions without variance give a column of zeros."""
+    """Write L with L L^T = n cov, (n, n), into the first n rows of low; no variance along an axis: zeros."""
     n = cov.shape[0]
     for j in range(n):
         pivot = n * cov[j, j]

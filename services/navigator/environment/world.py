@@ -46,7 +46,10 @@ def scatter(scene: Array, rng: Stream, marks: Array, first: Ints) -> None:
 
 @row_kernel
 def is_blocked(scene: Array, truth: Array) -> float:
-    """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0."""
+    """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0.
+
+    `scene` (ELEMENTS,), `truth` (TRUTH,): true pose first, m, rad.
+    """
     x = truth[X] + scene[slots.LOOK_AHEAD] * math.cos(truth[THETA])
     y = truth[Y] + scene[slots.LOOK_AHEAD] * math.sin(truth[THETA])
     r = scene[slots.RADIUS]
@@ -105,7 +108,7 @@ def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
 
 @row_kernel
 def drift_at(scene: Array, began: float, way: float) -> float:
-    """Return the drift, rad per m, after `way` m walked, by the course of the model; `began` is the first."""
+    """Return the drift, rad per m, after `way` m walked in a scene (ELEMENTS,), by its course; `began` is the first."""
     course = int(scene[slots.COURSE])
     dx, dy = scene[slots.GOAL_X] - scene[slots.START_X], scene[slots.GOAL_Y] - scene[slots.START_Y]
     part = min(1.0, way / math.sqrt(dx * dx + dy * dy))
@@ -118,7 +121,7 @@ def drift_at(scene: Array, began: float, way: float) -> float:
 
 @row_kernel
 def copy_belief(mean: Array, cov: Array, to_mean: Array, to_cov: Array) -> None:
-    """Copy a belief, in place."""
+    """Copy a belief, mean (n,) and covariance (n, n), into `to_mean` and `to_cov`."""
     for i in range(mean.size):
         to_mean[i] = mean[i]
         for j in range(mean.size):
@@ -140,7 +143,10 @@ def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None
 
 @row_kernel
 def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None:
-    """Replace common errors in part: z' = keep z + noise, with `variance` (rad^2) as the variance in the long run."""
+    """Replace common errors in part: z' = keep z + noise, with `variance` (rad^2) as the variance in the long run.
+
+    In place; `mean` (n,), `cov` (n, n): belief, with these errors last.
+    """
     n = mean.size
     for i in range(NUISANCE, n):
         mean[i] *= keep
@@ -152,7 +158,10 @@ def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None
 
 @row_kernel
 def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -> int:
-    """Write the landmarks that a frame recognises into the last column of work; return their number."""
+    """Write the landmarks that a frame recognises into the last column of work; return their number.
+
+    `scene` and `action`: elements as `policy.arrays` names them; `work` as in `EpisodeRoom`.
+    """
     truth, marks, first = state.truth, state.marks, state.first
     nx = math.ceil((scene[slots.X_MAX] - scene[slots.X_MIN]) / CELL)
     ny = math.ceil((scene[slots.Y_MAX] - scene[slots.Y_MIN]) / CELL)
@@ -179,7 +188,10 @@ def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -
 
 @row_kernel
 def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) -> int:
-    """Take one frame and correct the belief with each landmark that is recognised; return their number."""
+    """Take one frame and correct the belief with each landmark that is recognised, in place; return their number.
+
+    `scene` and `action`: elements as `policy.arrays` names them.
+    """
     truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
     gain, work, n = room.gain, room.work, state.mean.size
     found, column = _recognised(scene, action, state, work), work.shape[1] - 1
@@ -212,7 +224,10 @@ def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) ->
 
 @row_kernel
 def move(scene: Array, action: Array, share: float, rng: Stream, truth: Array) -> None:
-    """Carry the truth over a share of an action, in place; a wall stops it."""
+    """Carry the truth (TRUTH,) over a share of an action, in place; a wall stops it.
+
+    `scene` and `action`: elements as `policy.arrays` names them; `share`: 0 to 1 of its way and its time.
+    """
     along_e, across_e = normal_pair(rng)
     heading_e, _ = normal_pair(rng)
     change = share * (action[slots.TURN] + truth[DRIFT] * action[slots.FORWARD])
@@ -227,9 +242,10 @@ def move(scene: Array, action: Array, share: float, rng: Stream, truth: Array) -
 
 @row_kernel
 def _frames_of(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) -> None:
-    """Do an action frame by frame: truth and belief, and ahead the belief at the next decision.
+    """Do an action frame by frame, in place: truth and belief, and ahead the belief at the next decision.
 
-    That one lacks the frames of the last `decision_delay` s: it is predicted instead.
+    That one lacks the frames of the last `decision_delay` s: it is predicted instead. `scene` and `action`: elements as
+    `policy.arrays` names them.
     """
     frames, late = int(action[slots.FRAMES]), int(action[slots.LATE])
     share, noise = 1.0 / frames, room.noise

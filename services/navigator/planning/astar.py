@@ -161,7 +161,7 @@ def _map_of(weight: Bytes, goal: int, marks: Ints) -> SearchMap:
 
 @row_kernel
 def _run(floor: SearchMap, g: Ints, n: int, step: int, cost: int) -> tuple[int, int, int]:
-    """Follow a straight run of EVEN cells from n, reached at `cost`, in place.
+    """Follow a straight run of EVEN cells from n by steps of `step`, reached at `cost`; write costs into g (cells,).
 
     Returns:
         End of the run, cost there, length in cells; length 0 where a cell of the run was reached as cheaply before.
@@ -223,7 +223,7 @@ def _expand(floor: SearchMap, g: Ints, cell: int, came: int, here: int, out: Suc
 
 @row_kernel
 def _settle_rest(g: Ints) -> int:
-    """Settle the cells that were seen only; return their number."""
+    """Settle the cells of g (cells,) that were seen only, in place; return their number."""
     count = 0
     for n in range(g.size):
         if 0 <= g[n] < UNSEEN:
@@ -300,7 +300,10 @@ def cost_of(entry: int) -> int:
 
 @row_kernel
 def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
-    """Return the cells of the path from start to goal, flattened indices (n,), by the costs that `search` wrote."""
+    """Return the cells of the path from start to goal, flat indices (n,), by the costs g (cells,) of `search`.
+
+    `weight` (rows, cols): factor of each cell.
+    """
     wide = weight.shape[1]
     w = weight.ravel()
     offsets = np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1])

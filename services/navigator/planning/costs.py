@@ -89,7 +89,7 @@ class Costs:
 
     @cached_property
     def scratch(self) -> Ints:
-        """Room for the costs of a search, flattened; every search overwrites all of it."""
+        """Return room for the costs of a search, (cells,); every search overwrites all of it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
     def marks_of(self, region: int) -> Ints:
@@ -193,7 +193,10 @@ def squared_distance(wall: Bytes, most: int) -> Ints:
 
 @row_kernel
 def weights(distance2: Ints, table: Bytes) -> Bytes:
-    """Return the cost factor of every cell, `table[d^2]`; 0 = not to be entered. The frame stays 0."""
+    """Return the cost factor of every cell, `table[d^2]`, (rows, cols), d in cells; 0 = not to be entered.
+
+    The frame stays 0.
+    """
     rows, cols = distance2.shape
     out = np.zeros((rows, cols), dtype=np.uint8)
     last = table.size - 1
@@ -227,7 +230,7 @@ def mark_even(weight: Bytes, bit: int) -> None:
 
 @row_kernel
 def root(parent: Ints, i: int) -> int:
-    """Return the representative of a label and shorten the way to it, in place."""
+    """Return the representative of label i, and shorten the way to it in `parent` (labels,), in place."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -236,9 +239,9 @@ def root(parent: Ints, i: int) -> int:
 
 @row_kernel
 def regions(weight: Bytes) -> Ints:
-    """Return the connected region of every free cell, from 1 on, 0 = blocked; neighbours share an edge.
+    """Return the connected region of every free cell of weight (rows, cols), from 1 on, 0 = blocked.
 
-    A diagonal step needs both cells beside it, so it connects nothing that edges do not.
+    Neighbours share an edge: a diagonal step needs both cells beside it, so it connects nothing that edges do not.
     """
     rows, cols = weight.shape
     label = np.zeros((rows, cols), dtype=np.int32)

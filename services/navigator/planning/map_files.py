@@ -212,7 +212,7 @@ def _image(table: dict[str, Any], path: Path) -> Path:
 
 
 def _pixels(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Return grey or colours, and opacity where there is one; the header is checked before decoding."""
+    """Return grey (h, w) or colours (h, w, 3), and opacity (h, w) if any; the header is checked before decoding."""
     try:
         size = regular_size(path)
         if size > MAX_IMAGE_BYTES:

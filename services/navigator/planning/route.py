@@ -168,7 +168,7 @@ def _shown(point: Point) -> str:
 
 
 def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
-    """Return waypoints at most `leg` m apart on the lines through points, without the first, and the lines' length."""
+    """Return waypoints (n, 2) m at most `leg` m apart on lines through points, without the first, and their length."""
     out: list[Point] = []
     total = 0.0
     for (ax, ay), (bx, by) in pairwise(points):

@@ -164,7 +164,7 @@ class SeenObstacles:
         return True
 
     def joined(self) -> FloorGrid:
-        """Return the static map with the marks as obstacles."""
+        """Return the static map (rows, cols) with the marks as obstacles."""
         cells = self.grid.cells.copy()
         for cell in self.marks:
             cells[cell] = OCCUPIED

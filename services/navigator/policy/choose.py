@@ -60,7 +60,10 @@ def room_to_choose(states: int, actions: int) -> ChoiceRoom:
 
 @row_kernel
 def allow(model: ModelTables, status: Array, mask: Flags) -> None:
-    """Mark the allowed actions: only turns while blocked, limited numbers of stands and of turns in a row."""
+    """Mark the allowed actions (a,): only turns while blocked, limited numbers of stands and of turns in a row.
+
+    `status`: counters of the episode, (STATUS,).
+    """
     actions, scene, blocked = model.actions, model.scene, status[slots.BLOCKED] > 0.0
     for a in range(actions.shape[0]):
         kind = actions[a, slots.KIND]
@@ -76,7 +79,7 @@ def allow(model: ModelTables, status: Array, mask: Flags) -> None:
 
 @row_kernel
 def best(values: Array, mask: Flags) -> int:
-    """Return the allowed action of the largest value (the first of equals)."""
+    """Return the allowed action of the largest value (the first of equals), -1: none; values and mask (a,)."""
     chosen = -1
     for a in range(values.size):
         if mask[a] and (chosen < 0 or values[a] > values[chosen]):
@@ -96,10 +99,19 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 
 @row_kernel
 def _by_hand(policy: PolicyTables, actions: Array, d: float, phi: float, h: float, drift: float, values: Array) -> None:
-    """Write the values of the dual-mode controller: it stands when unsure, turns to a goal far aside, else walks.
+    """Write the values (a,) of the dual-mode controller: it stands when unsure, turns to a goal far aside, else walks.
 
     The choice of the rules has value 1, the other actions have less, in the order of the rules. The kind STEER takes
     the arc that comes nearest to STEER_GAIN phi after the turn by the drift.
+
+    Args:
+        policy: numbers of the rules.
+        actions: rows of the model, (a, columns).
+        d: distance of the goal, m.
+        phi: its bearing, rad.
+        h: entropy of the belief, nats.
+        drift: believed turn per way, rad/m.
+        values: written.
     """
     numbers = policy.numbers
     unsure = h > numbers[STAND_ABOVE] + numbers[STAND_SLOPE] * d
@@ -155,7 +167,10 @@ def _average(
 
 @row_kernel
 def _top4(mean: Array, cov: Array, work: Array) -> None:
-    """Write the covariance of x, y, heading and drift into rows 0 .. 3 of work (drift without variance: zeros)."""
+    """Write the covariance of x, y, heading and drift into rows 0 .. 3 of work (no drift in the state: zeros).
+
+    `mean` (n,), `cov` (n, n): the belief.
+    """
     n = min(mean.size, 4)
     for i in range(4):
         for j in range(4):
@@ -204,7 +219,7 @@ def _gain_of_sight(
     """Return the seconds that deciding after a stand saves, >= 0; > 0 where the sight can change the choice.
 
     That is the mean, over the places where the estimate may then be, of the best value there, less the best of the
-    actions' means over the same places. Rows 0 .. 3 of the scratch hold the covariance.
+    actions' means over the same places. Rows 0 .. 3 of the scratch hold the covariance; `mean` (n,); goal gx, gy m.
     """
     na, work = model.actions.shape[0], room.work
     moved, average, there, single = work[24:28], work[30, 0:na], work[31, 0:4], work[32, 0:na]
@@ -241,7 +256,7 @@ def _planned(
     """Write the values of all actions, s (negative): the table averaged over a share of the belief's spread.
 
     Value of a stand: -its seconds, -the time that stopping and starting cost, + SIGHT_SHARE * the gain of its sight +
-    the best value of going on after it. `last` is the kind of the last action.
+    the best value of going on after it. `last`: kind of the last action; `mean` (n,), `cov` (n, n): belief; goal m.
     """
     values, low = room.values, room.work[20:24]
     _top4(mean, cov, room.work)

@@ -31,7 +31,7 @@ def place(value: float, low: float, high: float, count: int) -> tuple[int, float
 def add_values(
     table: Array, grid: Array, actions: Array, d: float, phi: float, layer: float, weight: float, out: Array
 ) -> None:
-    """Add weight * values of all actions at (d, phi, layer) to out (A,).
+    """Add weight * values of all actions (A, columns) at (d m, phi rad, layer) to out (A,); table (nl, nd, nphi, A).
 
     With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), with < 0 a negative phi at -phi; left and right
     are then exchanged.

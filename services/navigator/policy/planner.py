@@ -54,7 +54,10 @@ class PlanRoom(NamedTuple):
 
 @free_kernel
 def _motions(actions: Array, drift: float, samples: Array, moved: Array) -> None:
-    """Write forward and left (m) and turn (rad) of each action and sample into moved (A, k, 3)."""
+    """Write forward and left (m) and turn (rad) of each action (A, columns) and sample (k, 3) into moved (A, k, 3).
+
+    `drift`: rad per m; samples: deviations along, across and of the heading.
+    """
     for a in range(actions.shape[0]):
         change = actions[a, slots.TURN] + drift * actions[a, slots.FORWARD]
         c, s = math.cos(0.5 * change), math.sin(0.5 * change)
@@ -92,7 +95,10 @@ def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) ->
 
 @free_kernel
 def _sweep(v: Array, q: Array, actions: Array, switching: Array, room: PlanRoom) -> float:
-    """Update V (groups, nb, nd, nphi) and Q (nb, nd, nphi, A) in place, near goals first; return the largest change."""
+    """Update V (groups, nb, nd, nphi), Q (nb, nd, nphi, A), s, in place, near goals first; return the largest change.
+
+    `actions` (A, columns); `switching`: price of a change between groups of actions, s.
+    """
     nb, nd, nphi = v.shape[1], v.shape[2], v.shape[3]
     na, worst = actions.shape[0], 0.0
     moved = np.empty((na, room.samples.shape[0], 3))
@@ -168,7 +174,7 @@ def plan(
 
 
 def _priced(actions: Array) -> Array:
-    """Return the actions with a price for seeing less than the moving action that sees most."""
+    """Return the actions (a, columns) with a price, s, for seeing less than the moving action that sees most."""
     out, best = actions.copy(), 0.0
     for row in actions:
         best = max(best, float(row[slots.MATCH])) if row[slots.KIND] != slots.STAND else best
@@ -179,7 +185,7 @@ def _priced(actions: Array) -> Array:
 
 
 def _guess(world: Arrays, d: Array, nphi: int) -> Array:
-    """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it."""
+    """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it; d (nd,) m."""
     turns = [row for row in world.actions if row[slots.FORWARD] == 0.0 and row[slots.TURN] != 0.0]
     per_rad = min(row[slots.SECONDS] / abs(row[slots.TURN]) for row in turns)
     phi = np.abs(-math.pi + np.arange(nphi) * (2.0 * math.pi / nphi))
@@ -219,7 +225,7 @@ def shown_by_standing(world: Arrays) -> Array:
 
 
 def _inverse(m: Array) -> Array:
-    """Return the inverse of a symmetric 3x3 matrix, every sum in index order."""
+    """Return the inverse of a symmetric m (3, 3), every sum in index order."""
     from surefoot.geometry.linear_kernels import inverse3
 
     return inverse3(m)[0]

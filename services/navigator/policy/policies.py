@@ -174,7 +174,10 @@ def choose_with(
     status: Array,
     room: ChoiceRoom,
 ) -> int:
-    """Return the chosen action and write values and mask: `choose` with the arrays of a policy and a model."""
+    """Return the chosen action and write values and mask into `room`: `choose` with the arrays of a policy and a model.
+
+    `mean` (n,), `cov` (n, n): belief, see `ukf`; `goal`: x, y (m) in the map; `status`: of the episode, (STATUS,).
+    """
     x, y = float(goal[0]), float(goal[1])
     return int(choose(policy.tables, world.tables, mean, cov, x, y, status, room))
 

@@ -54,13 +54,13 @@ def elevation(r: ShapeSpec) -> Shape:
 
 @lru_cache(maxsize=2)
 def _model(path: Path) -> Array:
-    """Heights scaled to [0, 1]."""
+    """Return the heights of a stored elevation model, (rows, cols), scaled to [0, 1]."""
     with np.load(path, allow_pickle=False) as archive:
         z = np.array(archive["elevation"], dtype=np.float64)
     return (z - z.min()) / (z.max() - z.min())
 
 
 def _mirrored(index: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """Fold indices into 0..n-1: forwards, backwards, forwards ..."""
+    """Fold indices of any shape into 0..n-1: forwards, backwards, forwards ..."""
     folded = index % (2 * n)
     return np.where(folded < n, folded, 2 * n - 1 - folded)

@@ -73,7 +73,7 @@ class ShapeSpec:
 
 
 def smooth(u: Array) -> Array:
-    """Return 3u^2 - 2u^3 with u clipped to [0, 1]."""
+    """Return 3u^2 - 2u^3 with u, of any shape, clipped to [0, 1]."""
     u = np.clip(u, 0.0, 1.0)
     return u * u * (3.0 - 2.0 * u)
 

@@ -149,7 +149,7 @@ def make_terrain(
 
 
 def _around(kind: TerrainKind, cell: float) -> TerrainGrid:
-    """Cells of a floor and its walls."""
+    """Return the cells of a floor and its walls, `cell` m wide."""
     (x0, x1), (y0, y1) = ((min(side) - WALL, max(side) + WALL) for side in zip(*kind.floor, strict=True))
     return TerrainGrid(x0, y0, round((x1 - x0) / cell) + 1, round((y1 - y0) / cell) + 1, cell)
 

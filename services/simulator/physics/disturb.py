@@ -170,7 +170,7 @@ class Disturbances:
         return Samples(*arrived)
 
     def _failed(self, tick: int, sample: ContactSample, touch: NDArray[np.bool_]) -> ContactSample | None:
-        """Return the sample of foot sensors that fail as a whole."""
+        """Return the sample of foot sensors that fail as a whole, None if lost; `touch` (P,): true switches."""
         force = np.zeros(0) if sample.normal_force is None else sample.normal_force
         x = self.faults.fail(tick, "contacts", np.concatenate((np.where(touch, 1.0, -1.0), force)))
         if x is None:
@@ -226,7 +226,7 @@ class Disturbances:
 
 
 def at_limit(y: Array, limit: Array) -> bool:
-    """Return whether an inertial axis is at the end of its range."""
+    """Return whether an inertial axis of y (3,) is at the end of its range, `limit` (3,) of the same unit."""
     return bool((np.abs(y) >= limit).any())
 
 

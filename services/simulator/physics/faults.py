@@ -156,7 +156,7 @@ class FaultBank:
         return None if self.on(tick, "imu_drop") else measured
 
     def joints(self, tick: int, position: Array, current: Array, torque: Array) -> tuple[Array, Array, Array] | None:
-        """Return positions, currents and torques as the broken sensors give them; None = no sample."""
+        """Return position (n,) rad, current (n,) A, torque (n,) N m as broken sensors give them; None = no sample."""
         table = np.stack((position, current, torque))
         table = self._freeze("joints", bool(self.on(tick, "joints_freeze")), table.ravel()).reshape(table.shape)
         for n, fault in enumerate(self.faults):
@@ -166,7 +166,7 @@ class FaultBank:
         return None if self.on(tick, "joints_drop") else (table[0], table[1], table[2])
 
     def contacts(self, tick: int, touch: NDArray[np.bool_], foot_of_sphere: NDArray[np.int64]) -> Any:
-        """Return the switches as the broken sensors give them; None = no sample."""
+        """Return the switches `touch` (P,) of spheres as the broken sensors give them; None = no sample."""
         touch = touch.copy()
         for fault in self.on(tick, "foot_stuck_on", "foot_stuck_off"):
             touch[np.isin(foot_of_sphere, self._indices(fault))] = fault.kind == "foot_stuck_on"
@@ -213,7 +213,7 @@ class FaultBank:
         return (shortest,) if self.on(tick, "range_stuck") else (distance,)
 
     def _freeze(self, key: str, frozen: bool, value: Array) -> Array:
-        """Return the last value before the fault while it is on, else the value."""
+        """Return the last value before the fault while it is on, else the value (n,); `key` names the sensor."""
         if frozen and key in self._held:
             return np.array(self._held[key])
         self._held[key] = value.tolist()
@@ -313,7 +313,7 @@ class FaultBank:
 
 
 def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detection:
-    """Return a landmark that looks like another one."""
+    """Return a landmark that looks like another one of the map, whose descriptors are `looks` (n, d)."""
     if len(looks) < 2 or mark.landmark < 0:
         return mark
     other = int(rng.integers(len(looks) - 1))
@@ -322,13 +322,13 @@ def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detect
 
 
 def _packed(marks: list[Detection]) -> Array:
-    """Return recognised landmarks as numbers, their count first."""
+    """Return recognised landmarks as numbers: their count, then range (m), bearing (rad), index, descriptor of each."""
     rows = [np.array([mark.range, mark.bearing, mark.landmark, *mark.descriptor]) for mark in marks]
     return np.concatenate((np.array([float(len(rows))]), *rows))
 
 
 def _unpacked(numbers: Array) -> list[Detection]:
-    """Return the landmarks of such numbers."""
+    """Return the landmarks of the numbers of `_packed`."""
     count = int(numbers[0])
     rows = numbers[1:].reshape(count, -1) if count else ()
     return [Detection(float(row[0]), float(row[1]), row[3:].copy(), int(row[2])) for row in rows]

@@ -69,7 +69,10 @@ class Obstacles:
                 self._walk(box, place, robot)
 
     def _walk(self, box: Obstacle, place: Array, robot: Array) -> None:
-        """Move an obstacle by one tick towards its end, unless it gives way."""
+        """Move an obstacle at `place` by a tick towards its end, in place, unless it gives way to the robot.
+
+        `place`, `robot`: x, y, z in the world, (3,) m.
+        """
         assert box.to is not None
         way_x, way_y = box.to[0] - float(place[0]), box.to[1] - float(place[1])
         left = math.sqrt(way_x * way_x + way_y * way_y)

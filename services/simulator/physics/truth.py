@@ -238,7 +238,18 @@ def _feet(
     bodies: FootBodies, steps: SphereSteps, xpos: Array, xmat: Array, contact: Array, table: Array, counts: Ints,
     first: bool,
 ) -> None:  # fmt: skip
-    """Advance the feet by one tick; `first`: begin anew."""
+    """Advance the feet by one tick, in the tables of `feet_of`, in place.
+
+    Args:
+        bodies: places of the L feet.
+        steps: touch and motion of their spheres.
+        xpos: places of all bodies, (nbody, 3) m, world.
+        xmat: rot_world_from_body by rows, (nbody, 9).
+        contact: place (m) and normal of each foot's contacts, summed with weight N, world, (L, 6).
+        table: (L, 17), written.
+        counts: (L, 2), written.
+        first: begin anew.
+    """
     feet = _feet_of(table, counts)
     for i in range(bodies.body.shape[0]):
         b = bodies.body[i]
@@ -268,7 +279,10 @@ def _feet(
 
 @kernel
 def _slid(steps: SphereSteps, normal: Array, radius: float, foot: int) -> tuple[bool, float]:
-    """Return whether a foot stood in any step of a tick, and the way its contact slid then, m."""
+    """Return whether a foot stood in any step of a tick, and the way its contact slid then, m.
+
+    `normal` (3,): unit normal of the ground, world; `radius` of the foot, m.
+    """
     stood, slid = False, 0.0
     nx, ny, nz = normal[0], normal[1], normal[2]
     for step in range(steps.touch.shape[1]):
@@ -323,7 +337,7 @@ def _window(model: mujoco.MjModel, data: mujoco.MjData, sensor: int, count: int)
 
 
 def _feet_at_rest(n: int) -> tuple[Array, Ints]:
-    """Tables of feet that are in swing."""
+    """Return the tables of `feet_of`, (n, 17) and (n, 2), of feet that are in swing."""
     table, counts = np.zeros((n, 17)), np.zeros((n, 2), dtype=np.int64)
     feet = feet_of(table, counts)
     feet.normal[:, 2], feet.below[:] = 1.0, -1

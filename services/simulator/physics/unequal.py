@@ -91,7 +91,10 @@ def bent(model: KinematicModel, q: Array, joints: Ints, neutral: Array, drift: f
 
 @kernel
 def _column(a: Array, first: int, c: int, rot: Array, axis: Array, foot: Array, origin: Array) -> None:
-    """Add the motion and turn of a foot by a joint to column c."""
+    """Add the motion (m/rad) and turn of a foot by a joint to rows `first` to `first` + 5 of column c of a, in place.
+
+    `rot` (3, 3): of the joint's link; `axis` (3,): in that link; `foot`, and `origin` of the joint: (3,) m; base axes.
+    """
     turn, arm = np.empty(3), np.empty(3)
     for i in range(3):
         turn[i] = rot[i, 0] * axis[0] + rot[i, 1] * axis[1] + rot[i, 2] * axis[2]

@@ -64,7 +64,7 @@ def _noise(shape: tuple[int, int], cell: tuple[float, float], rng: np.random.Gen
 
 
 def _speckle(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Noise of many sizes."""
+    """Return noise of many sizes, float32 of a shape (rows, cols)."""
     cells = ((3.0, 0.5), (6.0, 0.7), (12.0, 0.7), (30.0, 0.5))
     return sum((w * _noise(shape, (c, c), rng) for c, w in cells), np.zeros(shape, np.float32))
 
@@ -191,7 +191,10 @@ def _centres(terrain: Terrain) -> NDArray[np.float64]:
 
 
 def _lamp(along: Array, middle: float) -> Array:
-    """Light of a row of lamps: h^2 / (h^2 + d^2), the strongest counts."""
+    """Return the light of a row of lamps, 0 to 1, at places `along` m; the strongest counts: h^2 / (h^2 + d^2).
+
+    d is the distance from the nearest lamp, one of which stands at `middle` m.
+    """
     away = (along - middle + 0.5 * LAMP_SPACING) % LAMP_SPACING - 0.5 * LAMP_SPACING
     return (LAMP_HEIGHT**2 / (LAMP_HEIGHT**2 + away**2)).astype(np.float32)
 

@@ -153,7 +153,7 @@ def expose(view: View, texture: Texture, sky: float, out: Array) -> None:
 
 
 def _covered(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Image whose left half something dark covers."""
+    """Return an image (h, w), grey, whose left half something dark covers."""
     return np.hstack((pixels[:, : pixels.shape[1] // 2] // 16, pixels[:, pixels.shape[1] // 2 :]))
 
 
@@ -260,7 +260,7 @@ class ImageSensor:
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
-    """Return an image as a JPEG file."""
+    """Return an image, (h, w) grey or (h, w, 3) RGB, as a JPEG file."""
     from PIL import Image
 
     file = BytesIO()

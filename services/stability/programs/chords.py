@@ -62,7 +62,7 @@ def beyond_chords(
 
 @row_kernel
 def _place(h: Array, x: Array) -> tuple[float, float]:
-    """Return the CoM that forces hold, x and y in the scaled frame."""
+    """Return the CoM that forces x (n, 3), cone coordinates, hold: x and y in the scaled frame, by h (n, 3, 2)."""
     px, py = 0.0, 0.0
     for i in range(x.shape[0]):
         for q in range(3):
@@ -124,22 +124,24 @@ def _outward(
 
 @row_kernel
 def _half(x: Array) -> float:
-    """x'Jx / 2, not negative."""
+    """Return x'Jx / 2 of a force x (3,) in cone coordinates, not negative, J = diag(1, -1, -1)."""
     side = math.sqrt(x[1] * x[1] + x[2] * x[2])
     return max(0.0, 0.5 * (x[0] - side) * (x[0] + side))
 
 
 @row_kernel
 def _weighed(x: Array, v0: float, v1: float, v2: float) -> tuple[float, float, float]:
-    """P v = x (x'v) - (x'J x) J v / 2."""
+    """Return P v = x (x'v) - (x'J x) J v / 2 of x (3,) and v, J = diag(1, -1, -1): cone coordinates."""
     half, along = _half(x), x[0] * v0 + x[1] * v1 + x[2] * v2
     return x[0] * along - half * v0, x[1] * along + half * v1, x[2] * along + half * v2
 
 
 @row_kernel
 def _solved(equations: Array) -> tuple[float, float, float, float]:
-    """Return the solution of four symmetric equations, upper triangle given, right-hand side last; 0 in null
-    directions."""
+    """Return the solution of four symmetric equations, overwritten; 0 in null directions.
+
+    `equations` (4, 5): upper triangle of the matrix, right-hand side in the last column.
+    """
     floor = 0.0
     for j in range(4):
         floor = max(floor, PIVOT * equations[j, j])

@@ -29,7 +29,11 @@ class StabilityError(FieldError):
 
 
 def within(given: ArrayLike, field: str, limit: float = MAX_COORDINATE, unit: str = "m") -> Array:
-    """Numbers of a request as an array, refused where one of them is beyond what answers can be computed for."""
+    """Return numbers of a request as an array of their shape.
+
+    Raises:
+        StabilityError: `too_large`, one is beyond `limit` (in `unit`), for which no answer can be computed.
+    """
     numbers = np.array(given, dtype=np.float64)
     if not (np.abs(numbers) <= limit).all():
         raise StabilityError("too_large", field, f"got {numbers.tolist()}, must be within {limit:g} {unit}")

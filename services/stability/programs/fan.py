@@ -127,10 +127,10 @@ def evaluate(r: Reduced, fan: Fan, begin: int, end: int) -> bool:
 
 @row_kernel
 def _between(fan: Fan, solved: int, s: int, lam: Array, x: Array, lane: int) -> bool:
-    """Write a feasible pair for direction s from the answers on both sides of it; False if it has no such neighbours.
+    """Write a feasible pair for direction s by the answers on both sides of it into a lane of lam (m, 8), x (n, 3, 8).
 
-    b of the program is linear in the direction: a = p a_k + q a_m, p, q >= 0, makes p lam_k + q lam_m feasible, as
-    any mean of forces is.
+    b of the program is linear in the direction: a = p a_k + q a_m, p, q >= 0, makes p lam_k + q lam_m feasible, as any
+    mean of forces is. Return False if it has no such neighbours.
     """
     if solved < 3:
         return False
@@ -196,7 +196,10 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
 
 @row_kernel
 def wide_triangles(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tuple[int, Outlook]:
-    """Return the edges of the inner polygon with the largest triangles over them; outlook: the largest height."""
+    """Write unit normals of the inner polygon's edges with the largest triangles over them into `pick` (8, 2).
+
+    Return their number, at most `room`, and the largest height. Triangles within the goal's tolerance are left out.
+    """
     rank, gap, wanted = np.empty(LANES), 0.0, 0
     for i in range(count):
         nx, ny, height, size = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
@@ -214,10 +217,10 @@ def wide_triangles(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) 
 
 @row_kernel
 def near_arcs(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tuple[int, Outlook]:
-    """min over unit directions of h(a) - a'p: the distance of p to the border inside, minus the distance outside.
+    """Find min over unit directions a of h(a) - a'p: the distance of p to the border inside, minus that outside.
 
     Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs
-    whose bound is below the best value are split at the direction of the bound. Outlook: best value, bound, its index.
+    whose bound is below the best value are split there: `pick` (8, 2). Outlook: best value, bound, its index.
     """
     rank, best, arg, wanted = np.empty(LANES), math.inf, 0, 0
     for s in range(count):
@@ -286,7 +289,7 @@ def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, f
 
 @row_kernel
 def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
-    """Return whether the region has an area, its inner polygon and the polygon's diameter, scaled."""
+    """Return whether the region has an area, its inner polygon (e, 2) and the polygon's diameter, scaled frame."""
     inner, size = hull(fan.point[:count]), 0.0
     for k in range(inner.shape[0]):
         for j in range(k):

@@ -67,7 +67,7 @@ STEP_SHARE = 0.99  # of the way to the boundary
 
 @row_kernel
 def aligned(size: int) -> Array:
-    """Uninitialised numbers that begin on a cache line, so that no row of eight lies across two."""
+    """Return `size` uninitialised numbers that begin on a cache line, so that no row of eight lies across two."""
     room = np.empty(size + 8)
     skip = -(room.ctypes.data // 8) % 8
     return room[skip : skip + size]
@@ -141,7 +141,15 @@ def start(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float) -> None:
-    """Mix the centre with a feasible pair: less of the way is left, and no cone is near."""
+    """Mix the centre with a feasible pair, in w and g: less of the way is left, and no cone is near.
+
+    Args:
+        a: matrix of each contact, (n, 3, m).
+        lam: dual solution of each lane, (m, lanes).
+        x: primal forces, cone coordinates, (n, 3, lanes).
+        w, g: state of the solver, see `lanes.py`, written.
+        share: weight of the pair, 0 to 1.
+    """
     n, m, lanes = a.shape[0], lam.shape[0], lam.shape[1]
     rest = 1.0 - share
     for k in range(lanes):
@@ -164,7 +172,10 @@ def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float
 
 @row_kernel
 def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
-    """RES = s - A lam + b tau, RESIDUAL = c tau - A'x, GAP = kappa + c'lam - b'x, MU = mean complementarity."""
+    """Write RES = s - A lam + b tau, RESIDUAL = c tau - A'x, GAP = kappa + c'lam - b'x, MU = mean complementarity.
+
+    They are rows of w and g, see `lanes.py`; a (n, 3, m) = A, c (m,).
+    """
     n, m = a.shape[0], c.size
     for k in range(lanes):
         g[MU + k] = g[TAU + k] * g[KAPPA + k]
@@ -236,7 +247,16 @@ def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int
 
 @row_kernel
 def _keep_best(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
-    """Keep the best answer of each lane and retire lanes that are done; True if a lane is left."""
+    """Keep the best answer of each lane and retire lanes that are done; True if a lane is left.
+
+    Args:
+        c: right-hand side of the equations, (m,).
+        w, g: state of the solver, see `lanes.py`; ACTIVE becomes 0 in lanes that are done.
+        lam: dual solutions, (m, lanes), written.
+        x: primal forces, cone coordinates, (n, 3, lanes), written.
+        error: largest of residuals and gap, relative to max(1, value), (lanes,), written.
+        status: FAILED, SOLVED, NO_PRIMAL or NO_DUAL, (lanes,), written.
+    """
     n, m, left = x.shape[0], c.size, False
     for k in range(status.size):
         if g[ACTIVE + k] == 0.0:
@@ -282,7 +302,10 @@ def _save(m: int, w: Array, g: Array, k: int, factor_: float, lam: Array, x: Arr
 
 @row_kernel
 def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
-    """Scale, factor M = A'W^-2 A, and solve for the part of the step that is proportional to dtau (P2, SECOND, DEN)."""
+    """Scale, factor M = A'W^-2 A, and solve for the part of the step that is proportional to dtau (P2, SECOND, DEN).
+
+    They are rows of w and g, see `lanes.py`; a (n, 3, m) = A, c (m,).
+    """
     n, m = a.shape[0], c.size
     for j in range(4 * m * (m + 1)):
         g[MATRIX + j] = 0.0
@@ -348,7 +371,7 @@ def scale(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int) -> None:
-    """COLUMNS = W^-1 A for the contact's matrix a[i] (3, m)."""
+    """Write COLUMNS = W^-1 A of the contact at offset `o` of w, see `lanes.py`, for its matrix A = a[i], (3, m)."""
     o &= MASK
     for j in range(unknowns):
         v0, v1, v2, out = a[i, 0, j], a[i, 1, j], a[i, 2, j], (o + COLUMNS + 24 * j) & MASK
@@ -361,7 +384,7 @@ def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int)
 
 @row_kernel
 def copy_rhs(w: Array, o: int, lanes: int) -> None:
-    """Copy the right-hand side RHS_S into SECOND, in every lane."""
+    """Copy the right-hand side RHS_S of the contact at offset `o` of w, see `lanes.py`, into SECOND, in every lane."""
     o &= MASK
     for k in range(lanes):
         w[o + SECOND + k] = w[o + RHS_S + k]

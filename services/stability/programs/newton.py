@@ -90,7 +90,10 @@ def step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> Non
 
 @row_kernel
 def predictor(w: Array, o: int, lanes: int) -> None:
-    """TARGET = - scaled point (complementarity zero at once); FIRST = TARGET + RES."""
+    """Write TARGET = - scaled point (complementarity zero at once) and FIRST = TARGET + RES, in every lane.
+
+    They are rows of the contact at offset `o` of the cone array w, see `lanes.py`.
+    """
     o &= MASK
     for k in range(lanes):
         q0, q1, q2 = -w[o + SCALED + k], -w[o + SCALED + 8 + k], -w[o + SCALED + 16 + k]
@@ -127,9 +130,9 @@ def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def direction(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Write STEP = FIRST + SECOND dtau of the contact at `o`; arrays w, g as in `lanes.py`.
+    """Write STEP = FIRST + SECOND dtau of the contact at offset `o` of w, in every lane.
 
-    REACH grows to 1 / (longest step that stays in both cones).
+    REACH, a row of g, grows to 1 / (longest step that stays in both cones). Arrays w, g as in `lanes.py`.
     """
     o &= MASK
     for k in range(lanes):
@@ -179,7 +182,7 @@ def move(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def factor(g: Array, unknowns: int, lanes: int) -> None:
-    """Cholesky factor of MATRIX in place; the diagonal becomes 1/l, or 0 for a null direction."""
+    """Factor MATRIX of g, see `lanes.py`, by Cholesky in place; the diagonal becomes 1/l, or 0 for a null direction."""
     if unknowns == 4:
         _factor4(g, lanes)
         return
@@ -277,7 +280,7 @@ def _solve4(g: Array, v: int, lanes: int) -> None:
 
 @row_kernel
 def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: int) -> None:
-    """g[out] += sign * a'b for two 3-vectors of a block."""
+    """Add sign * a'b of two 3-vectors, at offsets a and b of w, to the row at offset `out` of g; see `lanes.py`."""
     out, a, b = out & MASK, a & MASK, b & MASK
     for k in range(lanes):
         g[out + k] += sign * (w[a + k] * w[b + k] + w[a + 8 + k] * w[b + 8 + k] + w[a + 16 + k] * w[b + 16 + k])
@@ -287,7 +290,7 @@ def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: in
 def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, lanes: int) -> None:
     """Add to row out + 8 j of g the product of scaled column j of the contact at `o` with the vector at row `v` of it.
 
-    Arrays w, g as in `lanes.py`; j runs over `unknowns`.
+    Arrays w, g and offsets o, v, out as in `lanes.py`, rows of eight lanes; j runs over `unknowns`.
     """
     if unknowns != 4:
         for j in range(unknowns):
@@ -304,7 +307,10 @@ def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, la
 
 @row_kernel
 def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: int, lanes: int) -> None:
-    """v -= sum of column_j y_j for the 3-vector at row `v` of the block at `o` and the rows y_j of g."""
+    """Subtract the sum of column_j y_j from the 3-vector at row `v` of the block at offset `o` of w.
+
+    y_j are rows of g from `y` on; arrays as in `lanes.py`, rows of eight lanes; j runs over `unknowns`.
+    """
     v, o, y = (o + v) & MASK, (o + COLUMNS) & MASK, y & MASK
     if unknowns != 4:
         for j in range(unknowns):
@@ -325,7 +331,7 @@ def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: i
 
 @row_kernel
 def add_gram(w: Array, o: int, g: Array, unknowns: int, lanes: int) -> None:
-    """Add A_i'A_i, A_i the scaled columns of a block, to the matrix in `g` that begins at `MATRIX`."""
+    """Add A_i'A_i, A_i the scaled columns of the block at offset `o` of w, to MATRIX in g; arrays as in `lanes.py`."""
     if unknowns != 4:
         for j in range(unknowns):
             for i in range(j + 1):

@@ -88,10 +88,10 @@ def outline(r: Reduced, position: Array, first: Array, goal: FanGoal, limit: int
 
 @row_kernel
 def edge_normals(corners: Array) -> Array:
-    """Outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes: on mild ground its edges.
+    """Return outward unit normals (e, 2) of the hull `corners` (e, 2) of the contacts for 3 to 8 edges, else the axes.
 
-    The axes for a needle, too: its normals are hardly less than half a turn apart, and the support lines between them
-    cross nowhere near.
+    On mild ground these are the normals of the region's edges. The axes for a needle, too: its normals are hardly less
+    than half a turn apart, and the support lines between them cross nowhere near.
     """
     n = corners.shape[0]
     if n < 3 or n > 8:
@@ -112,7 +112,7 @@ def edge_normals(corners: Array) -> Array:
 
 @row_kernel
 def corner_normals(corners: Array) -> Array:
-    """Where refinement begins: outward at each corner of the hull of the contacts, between the normals of its edges.
+    """Return directions (e, 2), unit, at which refinement begins: outward at each corner of the hull `corners` (e, 2).
 
     On mild ground the support points are these corners at once; directions between them then go where it is curved.
     """

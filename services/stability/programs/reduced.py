@@ -52,7 +52,10 @@ class Subspace(NamedTuple):
 
 @row_kernel
 def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, Array, float, float]:
-    """a (n, 3, 4), h (n, 3, 2), origin (3,), unit of length, and the largest horizontal distance from the origin."""
+    """Return a (n, 3, 4), h (n, 3, 2), origin (3,), unit of length, largest horizontal distance from the origin, m.
+
+    Of contacts: position (n, 3) m, unit normal (n, 3), friction mu (n,).
+    """
     n = mu.size
     origin = np.zeros(3)
     for i in range(n):

@@ -154,7 +154,7 @@ def _solve(
 
 
 def _status(point: Array) -> RegionStatus:
-    """Shape of the region by the extent of its support points."""
+    """Return the shape of a region by the extent of its support points (k, 2) m."""
     centre = point - point.mean(axis=0)
     width = np.linalg.svd(centre, compute_uv=False) if len(point) > 1 else np.zeros(2)
     if width[0] <= THIN:

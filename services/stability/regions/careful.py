@@ -89,12 +89,12 @@ class Oracle:
 
     @property
     def anchor(self) -> Array:
-        """x, y of the origin of the scaled frame of regions, m."""
+        """Return x, y of the origin of the scaled frame of regions, (2,) m."""
         r = self.reduced
         return r.origin[:2] if self.subspace is None else r.origin[:2] + r.length * self.subspace.point
 
     def support(self, fan: Fan, chosen: Ints) -> Support:
-        """Return the chosen answers of a fan in metres; directions in which free forces drift are unbounded."""
+        """Return the `chosen` answers (k,) of a fan in metres; directions in which free forces drift are unbounded."""
         r, n = self.reduced, len(self.contacts)
         direction = fan.direction[chosen]
         drift = self.drift(direction)
@@ -131,7 +131,7 @@ class Oracle:
         )
 
     def forces(self, cone: Array, weight: float, free: Array | None = None) -> Array:
-        """Forces (n, 3) in the frame of the request from cone coordinates; free tangential ones balance the rest."""
+        """Return forces (n, 3) in the frame of the request from cone coordinates (n, 3); free ones balance the rest."""
         a = self.reduced.a
         s = self.subspace
         if s is None:
@@ -220,7 +220,10 @@ def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
 
 
 def few(contacts: ContactSet, direction: Array) -> Region:
-    """Region of no contact, or of one: its own point if the vertical lies in its cone."""
+    """Return the region of no contact, or of one: its own point if the vertical lies in its cone.
+
+    `direction`: unit directions of the support points, (k, 2), frame of the contacts.
+    """
     if len(contacts) == 0:
         return infeasible(contacts, direction, np.array([0.0, 0.0, -1.0, 0.0]))
     normal, mu, position = contacts.normal[0], float(contacts.mu[0]), contacts.position[0]
@@ -286,7 +289,7 @@ def line_of(position: Array) -> tuple[bool, Array]:
 
 @row_kernel
 def along(line: Array) -> Array:
-    """Directions (4, 2) that find a region without area: both ways along a line, both ways across it."""
+    """Return directions (4, 2) that find a region without area: both ways along and across a unit `line` (2,)."""
     x, y = line[0], line[1]
     return np.array([[x, y], [-x, -y], [-y, x], [y, -x]])
 

@@ -115,7 +115,7 @@ def _image(columns: Array) -> tuple[Array, Array]:
 
 
 def _moved(scaled: Array, length: float, origin: Array) -> Array:
-    """Twist (v, Om) about the origin of the frame, m, from that of scaled lengths about `origin`."""
+    """Return the twist (v, Om), (6,), about the frame's origin, m, of one of scaled lengths about `origin` (3,)."""
     return np.concatenate((length * scaled[:3] - np.cross(scaled[3:], origin), scaled[3:]))
 
 
@@ -152,7 +152,10 @@ def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
 
 
 def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tuple[float, float, Array]:
-    """t of `least_friction` for a share, -dt/dshare = sum z_i n'f_i by its multipliers z, and its forces (n, 3)."""
+    """Return t of `least_friction` for a share, its slope, and its forces (n, 3); `com` (2,) m.
+
+    The slope is -dt/dshare = sum z_i n'f_i by the multipliers z.
+    """
     clarabel, sparse = clarabel_and_sparse()
     n, limited = len(contacts), (contacts.mu >= SMALL_MU) & np.isfinite(contacts.mu)
     a, _, origin, length, _ = matrices(contacts.position, contacts.normal, np.ones(n))

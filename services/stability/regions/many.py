@@ -116,7 +116,7 @@ class Pool(NamedTuple):
 
 @free_kernel
 def _assess(pool: Pool, first: int, last: int, status: Ints, distance: Array) -> None:
-    """Fill in status and margin (m) of the sets first .. last - 1; status _HARD where the kernel does not decide."""
+    """Write status and margin (m) of sets first .. last - 1, (sets,); status _HARD where the kernel gives up."""
     for s in range(first, last):
         n = pool.begin[s + 1] - pool.begin[s]
         p, v, m = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
@@ -130,7 +130,10 @@ def _assess(pool: Pool, first: int, last: int, status: Ints, distance: Array) ->
 
 @row_kernel
 def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple[int, float]:
-    """Status and margin (m) of a set, equal to those of `region` and `margin`."""
+    """Return status and margin (m) at x, y of a set of contacts, equal to those of `region` and `margin`.
+
+    position (n, 3) m, unit normal (n, 3), friction mu (n,).
+    """
     n = mu.size
     if n == 0:
         return _INFEASIBLE, math.nan
@@ -173,7 +176,10 @@ def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple
 
 @row_kernel
 def _without_end(status: Ints) -> tuple[int, float]:
-    """Status where not every direction has a value: infeasible, or left to `region`."""
+    """Return status and margin (NaN) where not every direction has a value: infeasible, or left to `region`.
+
+    `status`: of each direction, (k,), as in `programs.interior`.
+    """
     for k in range(status.size):
         if status[k] == NO_PRIMAL:
             return _INFEASIBLE, math.nan
@@ -231,7 +237,10 @@ def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLik
 
 
 def _place(field: str, begin: Ints) -> str:
-    """Return the field of one set for a field of the pool: `contacts.17.normal` becomes `sets.3.contacts.2.normal`."""
+    """Return the field of one set for a field of the pool: `contacts.17.normal` becomes `sets.3.contacts.2.normal`.
+
+    `begin`: first contact of each set in the pool, and their number at the end, (sets + 1,).
+    """
     parts = field.split(".")
     if len(parts) < 2:
         return field

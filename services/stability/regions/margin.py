@@ -54,7 +54,7 @@ def margin(region: Region, point: Array) -> Margin:
 
 
 def extent(region: Region, point: Array, direction: Array) -> Extent:
-    """Largest t with point + t a in the region, for a unit direction a.
+    """Return the largest t, m, with point (2,) + t a in the region, for a unit direction a (2,).
 
     One equality more than the support program (b = a turned by 90 degrees): sum h_i(b)'x_i = b'c0; its dual has one
     unknown nu more: min lam_3 + nu b'c0 - a'c0 s.t. A_i lam + nu h_i(b) - h_i(a) in Q.
@@ -73,7 +73,7 @@ def extent(region: Region, point: Array, direction: Array) -> Extent:
 
 
 def _edge(s: Solved, point: Array, a: Array) -> Extent:
-    """Extent by one program.
+    """Return the way from a point (2,) m along the unit direction a (2,) to the edge of the region, by one program.
 
     Free forces move the CoM along a line: only directions d = a - nu b that they leave alone have an edge.
     """

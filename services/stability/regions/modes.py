@@ -248,7 +248,7 @@ def stays_down(up: Array, acceleration: Array) -> Array:
 
 
 def _common(polygons: list[Array]) -> Array:
-    """Intersection of convex polygons, counter-clockwise; points and segments are met to within MET (m)."""
+    """Return the intersection (e, 2) of convex polygons, counter-clockwise; points and segments meet within MET m."""
     normals: list[Array] = []
     offsets: list[Array] = []
     for corners in polygons:

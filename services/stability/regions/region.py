@@ -72,7 +72,10 @@ def region(
 
 
 def _hull_region(contacts: ContactSet, direction: Array, p: float, q: float) -> Region:
-    """Hull of the contacts as their region, for a plane z = p x + q y + const."""
+    """Return the hull of contacts in a plane z = p x + q y + const, in their frame, as their region.
+
+    `direction`: unit directions of the support points, (k, 2).
+    """
     value, point, twist, force = carried(contacts.position, direction, p, q)
     k = len(direction)
     support = Support(direction, value, point, ("ok",) * k, np.zeros(k), twist, force)
@@ -82,7 +85,7 @@ def _hull_region(contacts: ContactSet, direction: Array, p: float, q: float) -> 
 
 @row_kernel
 def has_axes(directions: Array) -> bool:
-    """Return whether the directions contain +-x and +-y, which decide if a region is bounded."""
+    """Return whether the directions (k, 2) contain +-x and +-y, which decide if a region is bounded."""
     found = 0
     for k in range(directions.shape[0]):
         x, y = directions[k, 0], directions[k, 1]

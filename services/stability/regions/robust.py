@@ -88,7 +88,7 @@ def margin_gradient(found: Region, com: Array, here: Margin) -> MarginSlope | No
 
 
 def _nearest_edge(polygon: Array, point: Array) -> Array:
-    """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
+    """Return the unit direction (2,) from a point (2,) to the nearest edge of a polygon (e, 2), outside: from it."""
     along = np.roll(polygon, -1, axis=0) - polygon
     out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
     slack = np.add.reduce(out * (polygon - point), axis=1)

@@ -53,7 +53,14 @@ class PoseCollector:
         self._recent: list[tuple[Array, Array, Array, Flags]] = []
 
     def add(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> bool:
-        """Take a sample; True if it completed a pose."""
+        """Take a sample; return True if it completed a pose.
+
+        Args:
+            joints: angles, (n,) rad.
+            torque: of the joints, (n,) N m.
+            g_up: upward unit vector, base axes, (3,).
+            stance: feet on the ground, (L,).
+        """
         self._recent.append((joints, torque, g_up, stance))
         del self._recent[: -self._window]
         if len(self._recent) < self._window:

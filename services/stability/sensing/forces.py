@@ -84,10 +84,11 @@ def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
 
 
 def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, stance: Flags) -> float | None:
-    """Common factor s of all torques with which the feet carry the known weight: makes the CoM free of the gain.
+    """Return the factor s of all torques with which the feet carry the known weight: makes the CoM free of the gain.
 
     Read with a wrong gain, forces are not just scaled, because the leg's own weight is known and not measured:
     F = J^-T (G - s tau). Level rows give s = (sum [J^-T G]_z - m g) / sum [J^-T tau]_z over the standing feet.
+    joints (n,) rad, torque (n,) N m, g_up (3,) unit, base axes, stance (L,).
 
     Returns:
         None when a standing leg is not observed, or the torques make too little of the weight.

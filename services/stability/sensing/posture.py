@@ -48,10 +48,10 @@ class Shift:
 
 @kernel
 def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) -> tuple[Array, bool]:
-    """Joint angles that keep the stance feet where they are when the trunk moves by `move` (3,), base_link axes.
+    """Return joint angles (n,) rad that keep the stance feet (L,) in place when the trunk moves, and if they do.
 
-    Newton's method from the present angles, dq = J'(J J')^-1 e: it stays on the leg's own branch, and legs with more
-    than three joints take the shortest way.
+    It moves by `move` (3,) m, base_link axes. Newton's method from the present angles, dq = J'(J J')^-1 e: it stays on
+    the leg's own branch, and legs with more than three joints take the shortest way.
     """
     rot, pos = forward(model, joints)
     q, start = joints.copy(), foot_positions_of(model, rot, pos)
@@ -321,7 +321,10 @@ def com_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) 
 def _moved(
     model: KinematicModel, joints: Array, rot: Array, movement: Array, stance: Flags
 ) -> tuple[Array, Array, bool]:
-    """Shift of the CoM (3,) m, axes of the world, joints after the movement, and whether the feet stay in place."""
+    """Return the shift of the CoM (3,) m, world axes, joints (n,) rad after the movement, and if the feet hold.
+
+    `rot`: rot_world_from_base, (3, 3); `movement` of the trunk, (3,) m, world axes; `stance` (L,).
+    """
     move, vector = np.empty(3), np.empty(3)
     for r in range(3):
         move[r] = rot[0, r] * movement[0] + rot[1, r] * movement[1] + rot[2, r] * movement[2]
@@ -334,7 +337,10 @@ def _moved(
 
 @row_kernel
 def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
-    """d p_i / d (joints of leg i) for the lowest point p of each foot sphere, (L, 3, n); `up` is a unit vector."""
+    """Return d p_i / d (joints (n,) of leg i), m/rad, for the lowest point p of each foot sphere, (L, 3, n).
+
+    `up`: unit vector, base axes, (3,); `radius` (L,) m.
+    """
     rot, pos = forward(model, joints)
     return contact_jacobians_of(model, rot, pos, up, radius)
 

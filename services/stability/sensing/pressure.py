@@ -54,8 +54,10 @@ class PressureSensor:
         return float(offset), float(slope)
 
     def linearised(self, voltage: Array) -> Array:
-        """Return the forces in N that the straight line of `line` gives for voltages in V, as a small controller
-        computes."""
+        """Return the forces, N, that the straight line of `line` gives for voltages, V, of any shape.
+
+        That is what a small controller computes.
+        """
         offset, slope = self.line()
         return offset + slope * voltage
 
@@ -72,7 +74,7 @@ class PressureSensor:
 
 
 def read_loads(load: Array, sensor: PressureSensor) -> tuple[Array, Array]:
-    """Return loads and variances for a fusion from what sensors report, (L,) N and N^2."""
+    """Return loads, (L,) N, and variances, N^2, for a fusion from the loads that sensors report, (L,) N."""
     below, inside = load < sensor.least, (load >= sensor.least) & (load < sensor.most)
     value = np.where(inside, load, np.where(below, 0.5 * sensor.least, np.nan))
     variance = np.where(below, sensor.least**2 / 12.0, sensor.variance(np.where(inside, load, sensor.least)))

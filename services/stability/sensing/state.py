@@ -140,7 +140,18 @@ def _footing(
     mu: float,
     variance: float,
 ) -> Footing:
-    """Compute the links' poses once, and all that follows from them."""
+    """Compute the links' poses once, and all that follows from them.
+
+    Args:
+        model: of the robot.
+        joints: angles, (n,) rad.
+        g_up: upward unit vector, base axes, (3,).
+        torque: of the joints, (n,) N m.
+        touch: feet on the ground, (L,).
+        radius: of the feet, (L,) m.
+        mu: friction coefficient.
+        variance: of a torque, (N m)^2.
+    """
     links, origins = forward(model, joints)
     feet, centre = foot_positions_of(model, links, origins), com_of(model, links, origins)
     forces, covariances, observed = leg_forces_of(model, links, origins, g_up, radius, torque, variance)

@@ -136,7 +136,15 @@ def leg_angles(g: LegGeometry, leg: int, yaw: float, ankle: Array, rot: Array) -
 
 @kernel
 def _mismatch(g: LegGeometry, legs: int, yaw: float, ankles: Array, rots: Array) -> float:
-    """Yaw left over: of one leg, or the difference of both where they share a motor (legs = 2)."""
+    """Return the yaw left over, rad: of one leg, or the difference of both where they share a motor (legs = 2).
+
+    Args:
+        g: lengths of the legs.
+        legs: number of the leg, or 2.
+        yaw: angle of the hip's yaw joint, rad.
+        ankles: ankle points in base_link, (2, 3) m.
+        rots: rot_base_from_foot, (2, 3, 3).
+    """
     if legs < 2:
         return leg_angles(g, legs, yaw, ankles[legs], rots[legs])[1]
     return leg_angles(g, 0, yaw, ankles[0], rots[0])[1] - leg_angles(g, 1, yaw, ankles[1], rots[1])[1]

@@ -18,7 +18,7 @@ COM_ITERATIONS = 2
 
 @kernel
 def _rotation(roll: float, pitch: float, yaw: float, out: Array) -> None:
-    """rot = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Write rot = Rz(yaw) Ry(pitch) Rx(roll), angles in rad, into `out`, (3, 3)."""
     cr, sr, cp, sp, cy, sy = (
         math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch), math.cos(yaw), math.sin(yaw),
     )  # fmt: skip

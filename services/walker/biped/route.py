@@ -121,7 +121,7 @@ def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> Biped
 
 
 def first_swing(route: BipedRoute, feet: Array) -> int:
-    """Return the foot that steps first: the inner one of a turn, else the one that is behind."""
+    """Return the foot that steps first: the inner one of a turn, else the one behind; feet (2, 3) as in `Standing`."""
     if route.step_turn != 0.0:
         return LEFT if route.step_turn > 0.0 else RIGHT
     body = between(feet)
@@ -163,12 +163,12 @@ def upcoming(
 
 
 def together(feet: Array, body: Array, width: float, params: BipedParams) -> bool:
-    """Return whether both feet stand beside the body pose."""
+    """Return whether both feet (2, 3) stand beside the body pose (3,), `width` m apart: x, y (m), yaw (rad), odom."""
     return not any(apart(feet[i], placed(body, i, width), params) for i in (LEFT, RIGHT))
 
 
 def apart(foot: Array, wanted: Array, params: BipedParams) -> bool:
-    """Return whether a foot is away from its place."""
+    """Return whether a foot is away from its place, both x, y (m) and yaw (rad), (3,), beyond limits of `params`."""
     turn = foot[2] - wanted[2]
     return bool(
         math.hypot(foot[0] - wanted[0], foot[1] - wanted[1]) > params.close_m

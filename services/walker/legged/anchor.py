@@ -71,7 +71,14 @@ def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, in
 
 
 def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> None:
-    """Learn a constant error of the estimated tilt: gaps that grow forward mean a nose higher than estimated."""
+    """Learn a constant error of the estimated tilt: gaps that grow forward mean a nose higher than estimated.
+
+    Args:
+        state: of the walker; `tilt_offset` is changed.
+        gain: share of the found error that is learned.
+        xy: places of the standing feet from the trunk, axes of odom, (n, 2) m.
+        gaps: height of the map's ground over each foot, (n,) m.
+    """
     s = state
     c, n = math.cos(s.yaw), math.sin(s.yaw)
     ahead, left = c * xy[:, 0] + n * xy[:, 1], -n * xy[:, 0] + c * xy[:, 1]

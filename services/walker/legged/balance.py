@@ -118,7 +118,10 @@ def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: St
 
 
 def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Array) -> bool:
-    """Give the trunk a goal as near to the shifted place as all legs reach; return whether there is one."""
+    """Set the goal of the trunk as near to the shifted place as all legs reach; return whether there is one.
+
+    `shift`: from the pose `begin`, (2,) m, frame odom.
+    """
     size = float(np.hypot(shift[0], shift[1]))
     if size < LEAST_SHIFT:
         return False
@@ -132,7 +135,7 @@ def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Arr
 
 
 def _head_for(state: WalkerState, goal: Array) -> None:
-    """Give the trunk a goal, before which each foot that touches now may look for the ground anew."""
+    """Set the goal of the trunk, (2,) m in odom; each foot that touches now may look for the ground anew before it."""
     state.goal = goal
     state.hanging[state.contacts] = 0
     state.sunk[state.contacts] = 0.0

@@ -63,7 +63,7 @@ class StepPlan:
 
 
 def rotated(yaw: float, vectors: Array) -> Array:
-    """Plane vectors (n, 2) turned by yaw."""
+    """Return plane vectors (n, 2) turned by yaw, rad."""
     c, s = math.cos(yaw), math.sin(yaw)
     return product(vectors, np.array([[c, s], [-s, c]]))
 
@@ -77,7 +77,10 @@ def centre_height(frame: PlanningContext, x: float, y: float, feet: Array) -> fl
 def landings(
     frame: PlanningContext, gait: GaitPattern, legs: tuple[int, ...], end: BodyPose, after: Advance, feet: Array
 ) -> Array:
-    """Return nominal landings (n, 3) m: neutral feet about the trunk `lead` steps beyond the end of this step."""
+    """Return nominal landings (n, 3) m, odom: neutral feet about the trunk `lead` steps beyond the end of this step.
+
+    `feet` (L, 3) m, odom: their heights stand for ground that is not known.
+    """
     ahead = moved(end, after, gait.lead)
     xy = rotated(ahead.yaw, frame.neutral[list(legs)]) + np.array([ahead.x, ahead.y])
     return np.array([[x, y, centre_height(frame, x, y, feet)] for x, y in xy])
@@ -86,7 +89,15 @@ def landings(
 def foothold_request(
     legs: tuple[int, ...], nominal: Array, end: BodyPose, after: Advance, gait: GaitPattern
 ) -> LandingRequest:
-    """Return the request to the foothold service for all legs of the step."""
+    """Return the request to the foothold service for all legs of the step.
+
+    Args:
+        legs: numbers of the legs that swing.
+        nominal: places where they would land without it, frame odom, (len(legs), 3) m.
+        end: pose of the trunk after the step.
+        after: way of the trunk in the steps after it.
+        gait: the gait.
+    """
     stance_steps = 2.0 * gait.lead
     x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
     return LandingRequest(
@@ -100,8 +111,7 @@ def foothold_request(
 
 
 def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float) -> float:
-    """Return the height of base_link, m: mean ground under the feet + hip height, the trunk clear of the ground
-    below."""
+    """Return the height of base_link, m: mean ground under feet (L, 3) m + hip height, clear of the ground below."""
     robot, params = frame.robot, frame.params
     z = float(np.mean(feet[:, 2])) - robot.foot_radius + params.hip_height_m + shift
     if frame.ground is not None:
@@ -170,7 +180,7 @@ def end_pose(
 
 
 def reaches(frame: PlanningContext, begin: BodyPose, end: BodyPose, feet: Array, part: float) -> bool:
-    """Return whether every leg reaches its foot with a level trunk after a part of the step, 0..1."""
+    """Return whether every leg reaches its foot (L, 3) m, odom, with a level trunk after a part of the step, 0..1."""
     a, b = begin, end
     body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
     rot = rotations.matrix_from_rpy(0.0, 0.0, a.yaw + part * (b.yaw - a.yaw))
@@ -187,7 +197,17 @@ def complete(
     swings: tuple[Array, Array],
     status: tuple[str, ...],
 ) -> StepPlan:
-    """Return the step with its swing paths over the whole swept ground; `swings` as from `swing_tops`."""
+    """Return the step with its swing paths over the whole swept ground.
+
+    Args:
+        frame: robot, ground and parameters.
+        legs: numbers of the legs that swing.
+        begin, end: poses of the trunk.
+        feet: foot centres before the step, frame odom, (L, 3) m.
+        feet_to: foot centres after it, (L, 3) m.
+        swings: as from `swing_tops`.
+        status: of the foothold of each leg.
+    """
     n, params, (swept, highest) = feet.shape[0], frame.params, swings
     feet_to = feet_to.copy()
     feet_to[list(legs), 2] -= params.press_m
@@ -213,7 +233,10 @@ def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:
 
 
 def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Array) -> StanceCheck:
-    """Return the request to the stability service: the standing feet and the way of the trunk over them."""
+    """Return the request to the stability service: the standing feet and the way of the trunk over them.
+
+    `joints`: angles, (n,) rad; `rot`: rot_odom_from_base, (3, 3).
+    """
     positions, normals = contacts(frame, plan.feet_from[~plan.swing])
     begin, end = plan.begin, plan.end
     return StanceCheck(

@@ -129,7 +129,11 @@ def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> 
 def _swept(
     z: NDArray[np.float32], cell: float, x0: float, y0: float, p0: Array, p1: Array, halfwidth: float, out: Array
 ) -> None:
-    """Highest cell per piece of the way; a cell counts one cell's width around its centre, so no height slips by."""
+    """Write the highest cell, m, per piece of the way from p0 to p1 into `out` (SAMPLES,).
+
+    A cell counts one cell's width around its centre, so no height slips by. z (ny, nx) m: heights, the first cell's
+    centre at x0, y0 m; p0, p1 (3,) m; `halfwidth` of the way, m.
+    """
     ny, nx = z.shape
     out[:] = -math.inf
     dx, dy = p1[0] - p0[0], p1[1] - p0[1]
