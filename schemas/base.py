@@ -68,7 +68,7 @@ class Strict(BaseModel):
 
 
 class Wire(Strict):
-    """A model with a name and a version on the wire."""
+    """Base of all models on the wire: it has a name and a version."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 

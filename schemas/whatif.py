@@ -14,7 +14,7 @@ Contacts = Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)]
 
 
 class Variant(Reply):
-    """Stability of a contact set for a CoM."""
+    """Answer about the stability of a contact set for a centre of mass."""
 
     status: RegionStatus = Field(description="as in RegionReply")
     margin: float | None = Field(description="m, signed distance of the CoM to the edge; null: no region, or no edge")

@@ -45,6 +45,6 @@ def sendable(text: str) -> str:
 
 
 def said(line: str) -> str:
-    """Text of a line without time and source."""
+    """Return the text of a log line without time and source."""
     found = read_log_line(line)
     return line if found is None else found.text

@@ -145,7 +145,7 @@ def _keys(recording: ReadableRecording) -> set[str]:
 
 
 def _content(item: Recorded) -> dict[str, Any]:
-    """Return the JSON of a message: the header of an array."""
+    """Return the JSON of a message; of an array its header."""
     raw: Raw = item.raw()
     bulk = item.model is not None and issubclass(item.model, Bulk)
     try:

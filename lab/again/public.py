@@ -31,7 +31,7 @@ class PublicRun(NamedTuple):
     run_hash: str
 
     def again(self) -> "PublicRun":
-        """Return what the run is on this machine."""
+        """Return a repetition of the run on this machine."""
         found = run_local(load_scenario(self.scenario), self.seed)
         return PublicRun(self.scenario, found.seed, found.ticks, found.run_hash)
 

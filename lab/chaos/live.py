@@ -232,7 +232,7 @@ class Chaos:
                 self.violations.append(f"{event.kind} of {event.service}: {type(error).__name__}: {error}")
 
     def _suffer(self, event: ChaosEvent) -> None:
-        """One event from its beginning to its recovery."""
+        """Carry out one event, from its beginning to the recovery from it."""
         session = self.session
         row = next(row for row in session.rows() if row.service == event.service)
         identity = None if row.pid is None else identify(row.pid)

@@ -167,7 +167,7 @@ def _conduct(
 
 
 def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Callable[[float], None]) -> MemoryRun:
-    """Let a system run to its end."""
+    """Run a system to the end of its scenario while it suffers the events of a seed."""
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
     leader, violations, fallen = system.driver.leader, list[str](), list[int]()

@@ -43,7 +43,7 @@ class Curves:
 
     @property
     def begun(self) -> bool:
-        """Return whether a message was added."""
+        """Return whether a message was added to the curves."""
         return bool(self._kept)
 
     def lines(self) -> list[str]:

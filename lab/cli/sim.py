@@ -130,7 +130,7 @@ def reset(
 def _act(
     key: str, fields: dict[str, Any], text: str, connect: str | None, namespace: str | None, *, json: bool
 ) -> None:
-    """Ask for it; exit code 1 when it is refused."""
+    """Send a request to the simulator; exit code 1 when it is refused."""
     from surefoot.errors import CallError
 
     use_json(json)

@@ -110,7 +110,7 @@ def polygon_lines(status: "StabilityStatus | None") -> list[str]:
 
 
 def _place(row: int, column: int, half_x: float, half_y: float) -> tuple[float, float]:
-    """Return the place of a letter, m."""
+    """Return the place, m, of a letter of the picture at a row and a column."""
     return half_x * (1.0 - 2.0 * row / (LINES - 1)), half_y * (1.0 - 2.0 * column / (COLUMNS - 1))
 
 

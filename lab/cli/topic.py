@@ -127,7 +127,7 @@ def echo(
 
 
 def _printer(fields: set[str] | None, *, as_json: bool) -> "Callable[[Message], None]":
-    """Return what prints a message as a line."""
+    """Return the function that prints a message as a line."""
     return lambda message: write(message.model_dump_json(include=fields) if as_json else readable(message, fields))
 
 
@@ -321,7 +321,7 @@ def _text(value: Any) -> str:
 
 
 def _why(robot: "Client") -> str:
-    """Return why nothing comes, as far as simulated time is to blame."""
+    """Return the reason, seen from simulated time, why no message comes."""
     still = robot.standing_still()
     return f": {still}" if still else ""
 

@@ -202,15 +202,15 @@ def correlations(a: Array, b: Array, most: int) -> Array:
 
 
 def _fit(sums: Array) -> Array:
-    """Return the largest trace of C^T S over rotations C, (k,), for each S of (k, 3, 3), and these C."""
+    """Return the largest trace of C^T S over rotations C, (k,), for each S of `sums` (k, 3, 3)."""
     s = np.linalg.svd(sums, compute_uv=False)
     return s[:, 0] + s[:, 1] + np.sign(np.linalg.det(sums)) * s[:, 2]
 
 
 def _peak(sums: Array, lags: Array | NDArray[np.int64]) -> tuple[float, Array]:
-    """Return the lag, s, with the best fit, between rows, and the rotation C (3, 3) there.
+    """Return the lag with the best fit, between rows, and the rotation C (3, 3) there.
 
-    `sums` (k, 3, 3) at `lags` (k,) s.
+    `sums` (k, 3, 3) at `lags` (k,), in whose unit the lag is.
     """
     fits = _fit(sums)
     k = min(max(int(np.argmax(fits)), 1), len(lags) - 2)

@@ -124,7 +124,7 @@ class StanceProblem:
 
     @property
     def repeats(self) -> float:
-        """Windows for each independent one: what a foot does wrong repeats within a stance, and from step to step."""
+        """Number of windows for each independent one: errors of a foot repeat within a stance and from step to step."""
         count, numbers = len(self.windows), self._numbers
         each = len(np.unique(numbers[numbers >= 0])) / self.log.feet_count  # stances of a foot
         return max(1.0 + ALIKE * (count - 1), count / max(each, 1.0))

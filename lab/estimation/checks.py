@@ -36,7 +36,7 @@ LYING_DEG, LASTING_S = 60.0, 1.0
 
 
 class _Steps(NamedTuple):
-    """Pairs of foot samples, `STEP_S` apart."""
+    """Pairs of foot samples that are `STEP_S` apart."""
 
     first: Ints  # (k,)
     last: Ints  # (k,)

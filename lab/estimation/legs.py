@@ -45,7 +45,7 @@ class Unknown:
 
     @property
     def range(self) -> float:
-        """Half of the range that the prior allows."""
+        """Half width of the range that the prior allows for a parameter, in its unit."""
         return float(RANGES[self.kind])
 
 

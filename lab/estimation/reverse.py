@@ -19,7 +19,7 @@ GAP = 1.5
 
 
 def begins(log: Log) -> Ints:
-    """Return the begin of the interval of each inertial row, (n,) ns."""
+    """Return the time at which the mean of each inertial row begins, (n,) ns."""
     step = np.diff(log.stamp_ns)
     period = int(np.median(step)) if step.size else 0
     step = np.concatenate([[period], step])
@@ -27,7 +27,7 @@ def begins(log: Log) -> Ints:
 
 
 def centre(log: Log) -> int:
-    """Return the sum of a stamp and its stamp in the reversed log, ns."""
+    """Return the constant sum of a stamp and its stamp in the reversed log, ns."""
     return int(begins(log)[0] + log.stamp_ns[-1])
 
 

@@ -97,7 +97,7 @@ def _whole(values: Array | None) -> Array:
 
 
 def _state(found: Track) -> Array:
-    """Return x of each row, (n, 12)."""
+    """Return the state x of each row, (n, 12), of estimates."""
     return np.hstack([found.g, found.v, _whole(found.gyro_bias), _whole(found.acc_bias)])
 
 

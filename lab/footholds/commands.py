@@ -318,7 +318,7 @@ def score(
 
 
 class _Count(Progress):
-    """Progress of a campaign, and the line at its end."""
+    """Counter of a campaign: reports its progress, and a line at its end."""
 
     def __init__(self, out: Path, trials: int = 0, reads: Iterable[Path] = ()) -> None:
         super().__init__(out.name, f"what is done is in {out}, and the same command goes on from there", reads=reads)

@@ -56,7 +56,7 @@ class Clue:
 
 
 def services(s: Signals) -> list[Clue]:
-    """Find services that leave the roster."""
+    """Find services that leave the roster during the run."""
     found: list[Clue] = []
     times, before = s.times("hw/tick"), set[str]()
     gone: dict[str, float] = {}

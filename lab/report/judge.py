@@ -79,7 +79,7 @@ class Row:
 
     @property
     def text(self) -> str:
-        """The value with its unit."""
+        """Value of the metric as text, with its unit."""
         metric = METRICS[self.name]
         if self.name == "fell":
             return "-" if self.value is None else ("yes" if self.value else "no")
@@ -87,7 +87,7 @@ class Row:
 
     @property
     def limit_text(self) -> str:
-        """The limits as they are read aloud."""
+        """Limits of the metric as text: `>= 0.1, <= 2`."""
         if self.name == "fell":
             return "no" if self.limits else ""
         return ", ".join(f"{'>=' if side == 'least' else '<='} {limit:g}" for side, limit in self.limits)

@@ -54,7 +54,7 @@ def write_report(path: Path, about: About, traces: Traces, verdict: RunVerdict, 
 
 
 def render(about: About, traces: Traces, verdict: RunVerdict, film: Film | None = None) -> str:
-    """Return the report as one HTML text."""
+    """Return the report of a run as one HTML text."""
     worst = moments(traces, about.feet)
     figures = "".join(
         f"<figure><figcaption>{_esc(name)}</figcaption>{svg}</figure>"

@@ -82,7 +82,7 @@ def _first(seen: list[Clue]) -> Clue | None:
 
 
 def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:
-    """Return the first evidence of each kind."""
+    """Return the first clue of each kind in a chain."""
     kinds: dict[str, Clue] = {}
     for each in chain:
         kinds.setdefault(each.code, each)

@@ -63,7 +63,7 @@ class ReadCount:
         self._first, self._joints = dict[str, str](), 0
 
     def reading(self, item: Undecoded) -> "_CountedMessage":
-        """Return a message whose decoding is counted."""
+        """Return a recorded message that counts itself when it is decoded."""
         return _CountedMessage(item, self)
 
     def decode(self, item: Undecoded) -> Any:
@@ -157,7 +157,7 @@ def snapshots(scene: RobotScene, messages: Iterable[tuple[float, Undecoded]], pe
 
 
 def reel(film: Film) -> dict[str, Any]:
-    """Return a film as the page of a report reads it."""
+    """Return a film as the JSON object that the page of a report plays."""
     return {
         "head": header(film.scene),
         "marks": [mark(each) for each in film.scene.marks],
@@ -195,7 +195,7 @@ def _ground(ground: DrawnGround) -> dict[str, Any]:
 
 
 def frame(shown: Snapshot) -> dict[str, Any]:
-    """Return a snapshot as a page reads it."""
+    """Return a snapshot as the JSON object that a page draws."""
     return {
         "t": round(shown.time, 3),
         "base": _whole(shown.position),
@@ -208,7 +208,7 @@ def frame(shown: Snapshot) -> dict[str, Any]:
 
 
 def mark(each: Lasting) -> list[Any]:
-    """Return a mark as a page reads it."""
+    """Return a mark as the JSON object that a page draws."""
     return [round(each.time, 3), *encoded(each.item)]
 
 

@@ -33,7 +33,7 @@ ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
 
 @dataclass(frozen=True)
 class Seeds:
-    """Range of episodes, first to end - 1."""
+    """Range of episodes of a policy's evaluation, from `first` to `end` - 1."""
 
     first: int
     end: int

@@ -99,7 +99,7 @@ class LiveFrames:
 
     @property
     def closed(self) -> bool:
-        """There will be no more frames."""
+        """Return whether there will be no more frames."""
         return self._closed.is_set()
 
     def head(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class LiveFrames:
         return content
 
     def reader(self) -> "Reader":
-        """Return the state of one more page."""
+        """Return the reading state of one more page that watches."""
         return Reader(self)
 
     def unseen(self) -> Shown:

@@ -130,7 +130,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND, f"there are /, /head, /events, /{LAYOUT} and, by POST, /do")
 
     def do_POST(self) -> None:
-        """Carry out what a button asks for."""
+        """Carry out the request of a button on the page."""
         view = self.server.view
         if not self._allowed():
             return

@@ -1,4 +1,4 @@
-"""Costs of a search for terms without derivatives."""
+"""Search for the terms of a slip model without derivatives, and the cost of a set of terms."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

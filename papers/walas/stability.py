@@ -48,7 +48,7 @@ def study(progress: Callable[[float, str], None] = lambda share, step: None) -> 
 
 
 def findings(s: StabilityStudy) -> tuple[Finding, ...]:
-    """Every number of the section in its order."""
+    """Return every number of the paper's section beside ours, in its order."""
     rows = walas_ragno.figure_15(s.ragno, s.postures)
     rows += walas_ragno.figure_17(s.slopes)
     rows += _extended(s)

@@ -112,7 +112,7 @@ class FaultRatio:
 
 
 def fault_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[FaultRatio]:
-    """Compare each fault with the clean log."""
+    """Return the errors of an estimator under each fault over those on the clean log."""
     logs = chosen.logs(seeds)
     clean = [track(name, log) for log in logs]
     scores = [score(log, found) for log, found in zip(logs, clean, strict=True)]
@@ -133,7 +133,7 @@ def fault_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[Fa
 
 
 def start_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[FaultRatio]:
-    """Compare each start with a good one, over the rows from 3 s after it."""
+    """Return the errors of an estimator after each fault of the start over those without it, from 3 s after it on."""
     logs = chosen.logs(seeds)
     clean = [track(name, log) for log in logs]
     for start, change in STARTS.items():

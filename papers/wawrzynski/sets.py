@@ -69,7 +69,7 @@ def walk_sets(names: Iterable[str] = tuple(SCENARIOS)) -> list[LogSet]:
 
 
 def humanoid_sets() -> list[LogSet]:
-    """Return logs of others, as far as they are there."""
+    """Return the logs of other robots that are on this machine."""
     return [LogSet(name, _bound(_humanoid, name), drawn=False) for name in HUMANOIDS if (DATA / f"{name}.npz").exists()]
 
 

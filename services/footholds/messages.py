@@ -139,7 +139,7 @@ def region_foothold(asked: LegRequest, found: Foothold) -> RegionFoothold:
 
 
 def _numbers(asked: LegRequest, found: Foothold) -> dict[str, Any]:
-    """Return the fields of the reply for one leg."""
+    """Return the numbers of a foothold as fields of the reply for one leg."""
     point = found.foothold
     return {
         "leg": asked.leg, "status": found.status, "foothold": point, "contact": found.contact,

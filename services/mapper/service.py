@@ -54,7 +54,7 @@ class MapperService(Service[MapperConfig]):
             self.publish(STATE_ELEVATION, elevation_message(self.mapper, self.mapper.refused))
 
     def _follow(self, odometry: Odometry | None, joints: JointState | None, contacts: FootContacts | None) -> None:
-        """Take the pose of a tick, and the feet that stand on the ground of the map."""
+        """Move the map to the pose of a tick, and note the feet that stand on its ground."""
         if odometry is None or not odometry.initialised:
             self._creep(odometry, joints, contacts)
             return
@@ -75,7 +75,7 @@ class MapperService(Service[MapperConfig]):
             self._began = True
 
     def _creep(self, odometry: Odometry | None, joints: JointState | None, contacts: FootContacts | None) -> None:
-        """Follow the trunk by its feet while the estimator begins anew."""
+        """Follow the trunk by its feet alone while the estimator begins anew."""
         pose = self.mapper.pose
         if pose is None or not self._began:
             return

@@ -40,7 +40,7 @@ class Ways(Protocol):
 
 
 def no_record(_goal: NavigationGoal, _end: End) -> None:
-    """Keep no record of an end."""
+    """Keep no record of the end of a goal."""
 
 
 class Pilot:

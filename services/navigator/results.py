@@ -7,7 +7,7 @@ from .localiser import Localiser
 
 
 class Results:
-    """Results of the last goals of an epoch.
+    """Results of the last goals since the driver's last reset.
 
     Args:
         localiser: belief of the pose.

@@ -15,7 +15,7 @@ Aside = Callable[[], Point | None]
 
 
 def no_way() -> Point | None:
-    """Lead nowhere."""
+    """Return no way around: the default where there is no map."""
     return None
 
 
@@ -45,7 +45,7 @@ class Moves(Protocol):
 
 @dataclass
 class Look:
-    """A search that is under way."""
+    """State of a search for landmarks that is under way."""
 
     until: float = math.inf
     """End of the present look at the surroundings, s; inf = the look has not begun."""

@@ -156,7 +156,7 @@ class LastSeconds:
 
     @property
     def _seen(self) -> set[str]:
-        """Keys of the messages of the last tick."""
+        """Return the keys of the messages of the last tick."""
         found = set[str]()
         for kept in reversed(self._ring):
             if kept.tick < self._tick - 1:

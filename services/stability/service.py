@@ -61,7 +61,7 @@ class Stability(Service[StabilityConfig]):
         rehearse(self.robot, self.params)
 
     def rehearse_rare(self) -> None:
-        """Answer a batch, and ask what the servos can hold."""
+        """Run the rare queries once, a batch and the servos' limits, so that their kernels are compiled."""
         rehearse_rare(self.robot)
 
     def on_reset(self) -> None:
@@ -112,7 +112,7 @@ class Stability(Service[StabilityConfig]):
         self.workers.stop()
 
     def _collect(self) -> None:
-        """Pass the latest samples to the calibration."""
+        """Give the latest samples to the calibration that is under way."""
         joints, closed, velocity = self._joints, self._closed, self._velocity
         if joints is None or joints.torque is None or closed is None or velocity is None:
             return

@@ -127,7 +127,7 @@ class Eye:
         return Seen(*NONE, count, 0, 0, False, flags)
 
     def _unknown(self, seen: Recognised) -> tuple[str, ...]:
-        """Return the flag of a floor that is not the map's."""
+        """Return the flag that the floor seen is not that of the map, if it is so."""
         self._found.append((seen.agreed, seen.compared))
         if len(self._found) < BLIND_IMAGES:
             return ()

@@ -61,7 +61,7 @@ class MotionHistory:
         self._moments.append(OdometryAt(odometry.stamp_ns, (x, y, odometry.yaw), rot))
 
     def bent(self, joints: JointState) -> None:
-        """Take a sample of the encoders."""
+        """Take a sample of the joint encoders."""
         self._joints.append((joints.stamp_ns, joints.position))
 
     @property

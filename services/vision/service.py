@@ -125,7 +125,7 @@ class VisionService(Service[VisionConfig]):
         self.publish(STATE_LANDMARKS, message)
 
     def _noted(self, flags: tuple[str, ...]) -> tuple[str, ...]:
-        """Log a change of the flags."""
+        """Log a change of the flags, and return them."""
         if flags != self._last_flags:
             self._last_flags = flags
             self.log("warning" if flags else "info", f"camera: {', '.join(flags) or 'sees again'}")

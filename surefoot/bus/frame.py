@@ -40,7 +40,7 @@ def pack(parts: Sequence[FramePart], instance: str = "") -> tuple[bytes, bytes]:
 
 
 class Frame:
-    """A frame as it came; taken apart on the reader's own thread."""
+    """Frame of messages as it was received, decoded on the reader's own thread."""
 
     __slots__ = ("_index", "_payload", "_topics", "instance", "owner", "size")
 

@@ -25,14 +25,14 @@ OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20  # and as much for heartbeats
 
 
 class _Counted(NamedTuple):
-    """An item whose bytes count."""
+    """Item of the inbox whose bytes count towards its limit."""
 
     item: Any
     size: int
 
 
 def plain(item: Any) -> Any:
-    """Return what was put into a lane of which `items` has this."""
+    """Return an item as it was put into a lane, without the wrapper that counts its bytes."""
     return item.item if type(item) is _Counted else item
 
 

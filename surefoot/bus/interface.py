@@ -148,7 +148,7 @@ class Incoming(Protocol):
 
 @dataclass(frozen=True)
 class Life:
-    """A process appeared or went."""
+    """Notice that a process appeared on the bus or left it."""
 
     service: str
     instance: str

@@ -40,7 +40,7 @@ class MemoryPublisher(Generic[M]):
 
 
 class MemoryIncoming:
-    """A query whose asker waits in the same thread."""
+    """Query on the in-memory bus, whose client waits in the same thread."""
 
     def __init__(self, query: Query[Any, Any], request: Request | None, *, participant: bool = False) -> None:
         self.query, self.participant = query, participant

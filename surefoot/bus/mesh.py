@@ -60,7 +60,7 @@ class Mesh:
         return [LinkTrouble("unlinked", f"process {name!r} lives without a link to this one", name) for name in named]
 
     def settle(self) -> None:
-        """Wait until the last look has its result."""
+        """Wait until the last check of the links has its result."""
         if self._busy is not None:
             self._busy.join(2 * INTRODUCE_S)
 

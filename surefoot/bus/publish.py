@@ -56,7 +56,7 @@ def apart(topic: Topic[Any]) -> bool:
 
 
 class ZenohPublisher(Generic[M]):
-    """One key on the network."""
+    """Publisher of one key on the network."""
 
     watched = True
 

@@ -138,7 +138,7 @@ def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
 
 @kernel
 def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll), world from base, (4,)."""
+    """Return the quaternion (4,) of Rz(yaw) Ry(pitch) Rx(roll), world from base, angles in rad."""
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
@@ -152,7 +152,7 @@ def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
 
 @kernel
 def matrix_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll), world from base, (3, 3)."""
+    """Return the matrix (3, 3) of Rz(yaw) Ry(pitch) Rx(roll), world from base, angles in rad."""
     return matrix_from_quat(quat_from_rpy(roll, pitch, yaw))
 
 

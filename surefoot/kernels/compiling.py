@@ -22,12 +22,12 @@ class Compiling:
 
     @property
     def busy(self) -> bool:
-        """A kernel is being compiled now."""
+        """Return whether a kernel is being compiled now."""
         return self._depth > 0
 
     @property
     def done_here(self) -> int:
-        """Compilations that ended on this thread."""
+        """Return the number of compilations that ended on this thread."""
         return self._by_thread[get_ident()]
 
     def began(self, name: str) -> None:
@@ -38,7 +38,7 @@ class Compiling:
                 listener(name)
 
     def ended(self, name: str, counts: bool = True) -> None:
-        """It is compiled; one step of several does not count."""
+        """Count a kernel as compiled, unless it is one step of several."""
         self._depth -= 1
         self.done += counts
         self._by_thread[get_ident()] += counts

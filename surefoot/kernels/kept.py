@@ -27,7 +27,7 @@ class _BesideSource(caching.InTreeCacheLocator):
     """The folder beside the source, read only: for an installation where no folder can be written."""
 
     def ensure_cache_path(self) -> None:
-        """Make no folder: the files are read only."""
+        """Do nothing where numba makes the cache's folder: the files are read only."""
 
 
 class KeptImpl(caching.CompileResultCacheImpl):

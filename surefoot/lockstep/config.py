@@ -152,6 +152,6 @@ def value_of(text: str) -> Any:
 
 
 def config_hash(config: BaseModel) -> str:
-    """sha256 of the effective configuration."""
+    """Return the sha256 of the effective configuration, hexadecimal."""
     content = json.dumps(config.model_dump(mode="json"))  # a path may hold bytes that are no UTF-8
     return hashlib.sha256(content.encode()).hexdigest()

@@ -61,10 +61,10 @@ class Driver(Service[C]):
         return []
 
     def on_begin(self) -> None:
-        """Once, when the runtime is up: may begin the first run."""
+        """Prepare the first run, once, when the runtime is up."""
 
     def on_status(self) -> None:
-        """Each second of wall time: may publish how time runs."""
+        """Publish how time runs, if the driver does so; called each second of wall time."""
 
     def check(self, command: JointCommand) -> None:
         """Refuse a command the hardware must not obey (raises Refusal)."""

@@ -151,7 +151,7 @@ class Intake:
         return out
 
     def _stand(self, joints: _Joints) -> None:
-        """Bring the contacts to the time of a sample of the joints."""
+        """Carry the contacts on to the time of a sample of the joints."""
         while self._feet and self._feet[0][0] <= joints.stamp_ns:
             self._feet_ns, row = self._feet.popleft()
             if self.contact is None:

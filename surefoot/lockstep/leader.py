@@ -166,7 +166,7 @@ class Leader:
         return member.done >= self.tick - lag
 
     def may_start(self) -> bool:
-        """Every expected service is ready."""
+        """Return whether every expected service is ready."""
         return self.state == "joining" and not self.missing()
 
     def start(self) -> None:
@@ -183,7 +183,7 @@ class Leader:
         return all(self._far_enough(name, member) for name, member in self.members.items())
 
     def all_done(self) -> bool:
-        """Everybody finished the last tick."""
+        """Return whether every member has finished the last tick."""
         return all(member.done >= self.tick for member in self.members.values())
 
     def slowest(self) -> str:
@@ -193,7 +193,7 @@ class Leader:
         return min(behind, key=lambda n: (self.members[n].done, order.get(n, len(order))), default="")
 
     def newcomers(self) -> bool:
-        """Somebody is ready and not on the roster."""
+        """Return whether a service is ready and not on the roster."""
         return bool(self.ready)
 
     def _admit(self) -> None:

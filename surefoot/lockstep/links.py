@@ -37,7 +37,7 @@ class Links:
         """Keys that the last prime left unproved."""
 
     def need(self, rows: Iterable[Row]) -> None:
-        """Set the topics and queries that a service needs."""
+        """Set the topics and queries whose links a service needs."""
         self._rows = tuple(rows)
 
     def note(self, key: str) -> None:

@@ -291,7 +291,7 @@ class Node:
         self._publishers[self._done.key].put(self._done_with(-1, prime.epoch, ready=True))
 
     def on_life(self, life: Life) -> None:
-        """Take in that a process came or went."""
+        """Take a notice that a process appeared or left; a second process of a bound service is refused."""
         hand_back()
         if bound := self.bindings.on_life(life):
             self.refuse("second", f"process {life.instance!r} is {life.service}, too; {bound!r} is bound", life.service)

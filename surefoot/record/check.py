@@ -230,7 +230,7 @@ class _FileCheck:
         return following
 
     def _lose(self, place: int) -> None:
-        """Note the first place at which messages are lost."""
+        """Record the first place in the file at which messages are lost."""
         if self.found.sound_to is None:
             self.found.sound_to = place
 

@@ -1,4 +1,4 @@
-"""The robot of a recording."""
+"""Robot description of a recording: the attached one, or that of its name."""
 
 from contextlib import suppress
 from pathlib import Path

@@ -114,7 +114,7 @@ def legged(kind: str, log: Log, noise: LeggedNoise) -> PeerTrack:
 
 
 def _walk(kind: str, log: Log, cut: Segments, start: int, running: Any, out: PeerTrack) -> None:
-    """Walk along a log, and write the track, in place."""
+    """Run a GTSAM estimator along a log, and write its track, in place."""
     before, taken = np.zeros(log.feet_count, dtype=np.bool_), int(log.stamp_ns[0])
     for s in range(len(cut.d)):
         k, j = int(cut.row[s]), int(cut.feet[s])

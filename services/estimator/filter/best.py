@@ -83,7 +83,7 @@ def report(
 
 @kernel
 def condition_now(box: KernelBox[FilterParts]) -> Condition:
-    """Return the condition of a state that has been brought up."""
+    """Return the condition of a filter whose state has been brought up to the newest sample."""
     parts = box.parts
     feet = parts.check.feet.shape[0]
     rows, more, covariance, _ = summary(parts.state, parts.setting.geometry, parts.clock.w, feet)

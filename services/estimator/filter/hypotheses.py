@@ -151,7 +151,7 @@ def publish_mean(state: BestState, foot: Feet) -> None:
 
 @kernel
 def collapse(state: BestState, foot: Feet) -> None:
-    """Go on with the mean of the hypotheses alone, in place."""
+    """Replace the hypotheses about sliding feet by their mean, in place."""
     publish_mean(state, foot)
     state.weight[:] = 0.0
 

@@ -72,7 +72,7 @@ def new_clock() -> Clock:
 
 @kernel
 def boxed(parts: FilterParts) -> KernelBox[FilterParts]:
-    """Return a box that shares the arrays of a filter."""
+    """Return a box for kernels that shares the arrays of a filter."""
     return KernelBox(parts)
 
 

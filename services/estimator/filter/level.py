@@ -289,7 +289,7 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
 
 @kernel
 def _grow_old(state: BestState, dt: float) -> None:
-    """Count the time that points stand, in place."""
+    """Add dt s to the time for which each contact point stands, in place."""
     for k in range(state.points.shape[0]):
         state.points[k, P.stood] += dt
         for h in range(state.weight.size):

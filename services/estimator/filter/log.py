@@ -28,7 +28,7 @@ NAMED = (*LegSensors._fields, "refused", "imu_frozen")
 
 
 class LogInputs(NamedTuple):
-    """n inertial rows and m samples of L feet."""
+    """Inputs of a log as arrays: n inertial rows and m samples of L feet."""
 
     stamp_ns: Ints  # (n,)
     w: Array  # (n, 3) rad/s

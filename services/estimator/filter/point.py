@@ -27,7 +27,7 @@ from .state import BestState, isolate, rotation, set_rotation, turn_matrix
 
 @kernel
 def lift(state: BestState, k: int) -> None:
-    """Forget a contact point, in place."""
+    """Forget contact point k of the state, in place."""
     isolate(state.cov, E.points + 3 * k, 3, FIXED.free)
     for column in range(P.closed):
         state.points[k, column] = 0.0

@@ -210,7 +210,7 @@ def _carry_rows(cov: Array, points: Array, d: float, v: Array, arms: Array, rot:
 
 @kernel
 def _cross_rows(cov: Array, row: int, x: float, y: float, z: float, by: Array) -> None:
-    """Subtract (x, y, z) x by from three rows, by (3, n)."""
+    """Subtract (x, y, z) x by, by (3, n), from rows `row` to `row` + 2 of cov (n, n), in place."""
     n = cov.shape[0]
     for j in range(n):
         cov[row, j] -= y * by[2, j] - z * by[1, j]

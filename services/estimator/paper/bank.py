@@ -141,7 +141,7 @@ class PaperEstimators:
         self._history.put(self._stamp_ns, self._row)
 
     def on_feet(self, sample: FootSample) -> None:
-        """Take the feet, contacts as flags."""
+        """Take a sample of the feet, whose contacts are flags."""
         if sample.stamp_ns <= self._feet_ns or sample.stamp_ns < self._stamp_ns - LATE_NS:
             return
         self.standstill.on_feet(sample.position)

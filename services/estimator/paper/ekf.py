@@ -82,7 +82,7 @@ class PaperEkf:
         self._x, self.p, self.nis = correct(self._x, self.p, v, sigma)
 
     def forget_velocity(self, sd: float) -> None:
-        """Make the velocity unknown: 0 +- sd m/s."""
+        """Make the velocity unknown, in place: 0 +- sd m/s on each axis."""
         self._x[V] = 0.0
         self.p = without_velocity(self.p, sd)
 

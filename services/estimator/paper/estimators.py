@@ -135,7 +135,7 @@ class _LegsOnly:
 
     @property
     def p(self) -> Array:
-        """Covariance of (g, v): g unknown; v grows stale at 1 m/s per s."""
+        """Covariance (6, 6) of (g, v): g unknown; the deviation of v grows by 1 m/s per s."""
         sd = min(UNKNOWN_SPEED, np.hypot(self._sigma, self._since)) if self._known else UNKNOWN_SPEED
         self._p[3, 3] = self._p[4, 4] = self._p[5, 5] = sd**2
         return self._p

@@ -29,7 +29,7 @@ MIN_SPREAD = 1e-4
 
 @kernel
 def cross(a: Array, b: Array) -> Array:
-    """Return a x b, (3,)."""
+    """Return the cross product a x b, (3,), of two vectors (3,)."""
     out = np.empty(3)
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]

@@ -168,7 +168,7 @@ _NAMES = tuple(each.name for each in fields(StanceSample))
 
 
 def line_of(sample: StanceSample) -> str:
-    """Return a sample as a line without its end."""
+    """Return a sample as a line of JSON without its end."""
     return json.dumps({"sample": asdict(sample)})
 
 

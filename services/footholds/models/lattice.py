@@ -42,11 +42,11 @@ class Lattice:
             raise LatticeError("lattice", f"needs finite origins and widths > 0, got {self.origin!r}, {self.width!r}")
 
     def keys(self, x: Array) -> NDArray[np.int64]:
-        """Return the bins of points on the lattice's axes, (n, 3)."""
+        """Return the bins (n, 3) of points x (n, 3) on the lattice's axes."""
         return np.floor((x - np.array(self.origin)) / np.array(self.width)).astype(np.int64)
 
     def centres(self, keys: Iterable[Key]) -> Array:
-        """Return the centres of bins, (n, 3)."""
+        """Return the centres (n, 3), on the lattice's axes, of bins (n, 3)."""
         return np.array(self.origin) + (np.array(list(keys), dtype=np.float64).reshape(-1, 3) + 0.5) * self.width
 
 

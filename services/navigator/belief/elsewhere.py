@@ -50,7 +50,7 @@ class OtherPlaces:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all frames: the pose was stated, or found."""
+        """Forget all frames, because the pose was stated by a user or found anew."""
         self._log, self._first, self._last = 0.0, -math.inf, -math.inf
         self._frames: Relocaliser | None = None
         self._moved = _ORIGIN  # map, as believed now, in the map as believed at the first sight

@@ -270,7 +270,7 @@ def passed(state: LostState, dt: float, model: LostModel) -> LostState:
 
 
 def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostState:
-    """Return the state after a frame."""
+    """Return the state of the check whether the pose is lost after one more frame of detections."""
     far = min(1.0, max(0.0, (state.apart - 0.1) / 0.9))
     most = model.most + far * (model.most_apart - model.most)
     usual = shares_of(state, model)

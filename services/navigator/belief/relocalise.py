@@ -180,7 +180,7 @@ class Relocaliser:
         return replace(result, reference=found.here)
 
     def begun(self, here: Pose) -> "PlaceSearch":
-        """Return a search for the pose `here` from the sightings so far."""
+        """Return a search for the pose of the robot's frame `here` from the sightings so far."""
         world, limits = self.world, self.limits
         place, spread, looks, count, total = self.sightings.seen_from(here, limits.sightings)
         look = MatchLimits().look(self.noise, world.descriptor_length)

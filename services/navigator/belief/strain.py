@@ -348,14 +348,14 @@ class MapStrain:
 
     @property
     def way(self) -> str:
-        """Displacement in words, however likely it is."""
+        """Displacement of the map in words, whatever its probability."""
         x, y, heading = self._cases[DISPLACED].mean[POSE:].tolist()
         off = f"{math.hypot(x, y):.2f} m and {math.degrees(abs(heading)):.0f} deg"
         return f"the landmarks seen lie together as seen from {off} beside the believed pose"
 
     @property
     def words(self) -> str:
-        """Strain in words, however likely it is."""
+        """Strain of the map in words, whatever its probability."""
         xx, yy, xy = self.strain
         middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
         along = math.degrees(0.5 * math.atan2(2.0 * xy, xx - yy)) + (0.0 if middle >= 0.0 else 90.0)

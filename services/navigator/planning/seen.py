@@ -124,7 +124,7 @@ class SeenObstacles:
         return bool(again)
 
     def _mark(self, at: Pose, half: float, distance: float, now: float) -> None:
-        """Mark the arc of an echo."""
+        """Mark the cells on the arc of an echo at `distance` m."""
         grid, reach = self.grid, distance + 0.5 * self.grid.cell
         count = max(3, math.ceil(4.0 * half * reach / grid.cell))
         for angle in np.linspace(at[2] - half, at[2] + half, count).tolist():

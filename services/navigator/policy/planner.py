@@ -132,7 +132,7 @@ def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
 
 
 def _per_m(world: Arrays) -> float:
-    """Return the seconds that a metre takes."""
+    """Return the seconds that the fastest action takes for a metre."""
     return min(float(row[slots.SECONDS] / row[slots.FORWARD]) for row in world.actions if row[slots.FORWARD] > 0.0)
 
 

@@ -83,7 +83,7 @@ class FaultBank:
 
     @property
     def possible(self) -> tuple[str, ...]:
-        """Kinds that the robot has a sensor for."""
+        """Return the kinds of faults for which the robot has a sensor."""
         return tuple(kind for kind in KINDS if not _needed(kind) or set(_needed(kind)) & set(self._sensors))
 
     def add(self, fault: Fault) -> None:

@@ -94,7 +94,7 @@ class Displacement(NamedTuple):
     """Turn of the robot about the vertical, rad, left positive."""
 
     def of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where points (n, 3) m come to, (n, 3)."""
+        """Return the places (n, 3) m to which the motion takes points (n, 3) m."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         x, y = points[:, 0] - self.centre[0], points[:, 1] - self.centre[1]
         out = points + self.move

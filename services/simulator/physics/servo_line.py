@@ -36,7 +36,7 @@ class ServoLine:
         self.clear()
 
     def clear(self) -> None:
-        """Drop the commands under way."""
+        """Drop the commands that have not reached the servos."""
         self._coming: list[Arrival] = []
 
     def heard(self, set_points: Array) -> Array:
@@ -46,7 +46,7 @@ class ServoLine:
         return self.resolution * np.rint(set_points / self.resolution)
 
     def send(self, step: int, command: ServoCommand) -> None:
-        """Send a command in a physics step."""
+        """Put a command on the line to the servos in a physics step."""
         heard = self.heard(command.position)
         self._coming.append(Arrival(step + self.latency_steps, ServoCommand(heard, command.torque_limit)))
 

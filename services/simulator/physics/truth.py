@@ -306,7 +306,7 @@ def _slid(steps: SphereSteps, normal: Array, radius: float, foot: int) -> tuple[
 
 @kernel
 def _stand(feet: FeetTruth, i: int, stood: bool, slid: float) -> None:
-    """Begin, continue or end the stance of a foot."""
+    """Begin, continue or end the stance of foot i, in place: it `stood` in this tick, and slid by `slid` m."""
     if stood:
         if feet.below[i] < 0:
             feet.sliding[i] = 0.0

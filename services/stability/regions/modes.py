@@ -150,7 +150,7 @@ class Leaning:
         return product(points, back[:2, :2].T) + t[:, None] * back[:2, 2]
 
     def to_world(self) -> Array:
-        """d (world x, y) / d (leaning x, y) in a horizontal plane, (2, 2)."""
+        """Derivative of world x, y by leaning x, y in a horizontal plane, (2, 2)."""
         back = self.rot.T
         return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
 

@@ -112,7 +112,7 @@ class Signs:
     hidden: float | None = None
 
     def heard(self, now: float, starved: float, *, well: bool) -> "Signs":
-        """Return the signs after a heartbeat or a tick."""
+        """Return the signs of life of a process after a heartbeat or a tick."""
         return replace(self, progress=now, starved=starved, well=self.well or well)
 
     def seen(self, now: float, *, visible: bool) -> "Signs":

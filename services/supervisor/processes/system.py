@@ -197,7 +197,7 @@ class System:
         return ServiceStatus(service=name, state=word, pid=pid, restarts=self._restarts[name], detail=detail)
 
     def _observe(self, name: str, now: float) -> Observed:
-        """Return the present state of a service."""
+        """Return the present state of the process of a service."""
         state = self._observed.get(name, ABSENT)
         if state.phase != "running":
             return state

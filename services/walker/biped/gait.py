@@ -110,7 +110,7 @@ class BipedWalker:
         return CommandReply(True, s.walk_id)
 
     def _take_up(self, late: AcceptedCommand) -> None:
-        """Let a command replace the present one from the next step on."""
+        """Make a new command the present one from the next step on."""
         s = self.state
         s.gait, s.late, walking = late.gait, None, late.route is not None
         self._take_params(self._params_of(late.gait))

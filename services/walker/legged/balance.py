@@ -236,6 +236,6 @@ def relax(state: WalkerState, frame: PlanningContext) -> None:
 
 
 def usual(state: WalkerState, gait: GaitPattern) -> None:
-    """Take the gait a command asks for."""
+    """Switch to the gait that a command asks for."""
     state.gait = state.usual = gait
     state.group %= gait.steps_per_cycle

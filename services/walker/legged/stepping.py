@@ -82,7 +82,7 @@ def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
 
 
 def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
-    """Let these feet stand where they are."""
+    """Let the landings of these feet (L,) be where they are, at the measured height, in place."""
     s = state
     assert s.measured is not None
     rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
@@ -157,5 +157,5 @@ def settle(state: WalkerState, dt: float) -> None:
 
 
 def load(state: WalkerState, dt: float) -> None:
-    """Let standing feet take their load."""
+    """Raise the support of feet that have landed over dt s towards 1, in place."""
     state.support = np.minimum(1.0, state.support + state.landed * (dt / LOAD_S))
