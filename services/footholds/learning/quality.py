@@ -83,7 +83,7 @@ def expected(model: LearnedModel, found: SampleSet) -> Array:
 
 
 def spread(model: LearnedModel, x: Array) -> Array:
-    """Return the deviation of single stances, m, that the model states at points (n, 3) on its lattice's axes, (n,)."""
+    """Return the deviation of single stances, no unit, that the model states at points (n, 3) on its lattice, (n,)."""
     cell = model.conditions.cell
     k = inputs(x) * np.array([8.0 * cell, 8.0 * cell, 1.0])
     return model.spread(Features(*(layer[None].astype(np.float32) for layer in k.T)), cell)[0].astype(np.float64)

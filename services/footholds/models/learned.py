@@ -71,7 +71,7 @@ class Terms:
     """Divisors of the inputs, (3,)."""
 
     def values(self, u: Array) -> Array:
-        """Return P, m, of inputs u (n, 3), (n,)."""
+        """Return P, the expected slip per way of the stroke, no unit, of inputs u (n, 3), (n,)."""
         with np.errstate(over="ignore", invalid="ignore"):  # an overflow is no prediction: see `files.check`
             return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
 
