@@ -131,7 +131,7 @@ class SaveRequest(Request):
 
 
 class SaveReply(Reply):
-    """The file that was written."""
+    """File that the recorder has written on request."""
 
     path: str = Field(description="file on the machine of the recorder")
     messages: int = Field(ge=0, description="messages in it")

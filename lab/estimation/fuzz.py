@@ -27,7 +27,7 @@ NOTHING = np.zeros(0, dtype=np.bool_)
 
 @dataclass
 class Inputs:
-    """Inputs that arrive with one inertial row; corruptions change them."""
+    """Inputs of an estimator that arrive with one inertial row; corruptions change them."""
 
     stamp_ns: int
     w: Array

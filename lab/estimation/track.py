@@ -279,7 +279,7 @@ def _reckoned(log: Log, first: int, at: Array, found: Track) -> tuple[Array, Tra
 
 
 def of_world(name: str, log: Log, found: PeerTrack) -> Track:
-    """Return the track of a referee (an estimator compared with ours) that gives poses of the IMU in the world."""
+    """Return the track of a referee, an estimator that ours is compared with, that gives poses of the IMU."""
     v, g, p, x, rot = found
     n = len(v)
     base = np.einsum("nij,kj->nik", rot, log.rot_base_from_imu)

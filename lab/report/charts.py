@@ -76,7 +76,10 @@ def _chart(
 
 
 def _series(name: str, colour: str, time: Array, values: Array, band: Array | None = None, **more: Any) -> Chart:
-    """Return a curve of values (n,) over time (n,) s, thinned to its extremes; `band` (n,): half a width about it."""
+    """Return a curve of values (n,) over time (n,) s, thinned to its extremes.
+
+    `band` (n,): half the width of a band about it, in its unit.
+    """
     keep = _extremes(values)
     found: Chart = {"name": name, "colour": colour, "t": _numbers(time[keep]), "y": _numbers(values[keep]), **more}
     if band is not None:

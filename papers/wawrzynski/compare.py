@@ -1,4 +1,4 @@
-"""Estimators and tuned referees on the same logs."""
+"""Errors of our estimators and of tuned referees (peers of the field) on the same logs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

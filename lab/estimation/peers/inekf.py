@@ -39,7 +39,7 @@ class InekfNoise(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Samples of a log as the referees take them."""
+    """Samples of a log as the referees (estimators that ours is compared with) take them."""
 
     w: Array  # (n, 3) rad/s
     q: Array  # (n, 3) m/s^2
@@ -49,7 +49,7 @@ class Readings(NamedTuple):
 
 
 class PeerStart(NamedTuple):
-    """State in which a referee begins."""
+    """State in which a referee, an estimator that ours is compared with, begins."""
 
     segment: int  # first segment to run; the robot stands until then
     rot: Array  # (3, 3) rot_world_from_imu
@@ -58,7 +58,7 @@ class PeerStart(NamedTuple):
 
 
 class PeerTrack(NamedTuple):
-    """Estimates of a referee at n inertial rows."""
+    """Estimates at n inertial rows by a referee, an estimator that ours is compared with."""
 
     v: Array  # (n, 3) m/s, IMU axes
     g: Array  # (n, 3) m/s^2, specific force at rest, IMU axes

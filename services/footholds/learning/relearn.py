@@ -67,7 +67,10 @@ def _check(model: LearnedModel, found: SampleSet) -> None:
 
 
 def _with(provenance: Sequence[str], how: str, found: SampleSet) -> list[str]:
-    """Return the sources with a line for each new one; a source that comes round after round keeps its line."""
+    """Return the sources of a model with a line, `how` it was made, for each new one of the samples `found`.
+
+    A source that comes round after round keeps its line.
+    """
     lines = list(provenance)
     for source in sorted({each.source for each in found.kept}):
         head, count = f"{how}: {source}, samples ", sum(each.source == source for each in found.kept)

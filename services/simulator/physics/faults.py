@@ -135,7 +135,7 @@ class FaultBank:
         return any(f.kind.startswith("servo") and tick in (f.start_tick, f.end_tick) for f in self.faults)
 
     def servo_strength(self, tick: int) -> Array:
-        """Return the factor on gains and torque limit, (nj,)."""
+        """Return the factor of faults on gains and torque limit of each servo at a tick, (nj,)."""
         strength = np.ones(len(self._names["joint"]))
         for fault in self.on(tick, "servo_dead", "servo_weak"):
             strength[self._indices(fault)] *= 0.0 if fault.kind == "servo_dead" else fault.value

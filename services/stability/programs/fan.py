@@ -56,7 +56,7 @@ class FanGoal(NamedTuple):
 
 
 class Outlook(NamedTuple):
-    """State of a goal after the directions solved so far."""
+    """Progress towards a goal of a fan of directions after those solved so far."""
 
     best: float
     """Largest distance of outer from inner (ENCLOSE); smallest h(a) - a'p (APPROACH)."""
