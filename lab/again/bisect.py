@@ -97,7 +97,7 @@ class _Pairing:
         self._waiting: dict[str, tuple[int, deque[Recorded]]] = {}
 
     def take(self, side: int, item: Recorded, now_ns: int) -> None:
-        """Take the next message of a file at `now_ns`, to which the other file has come, too."""
+        """Take the next message of a file; the other file has been read up to `now_ns`."""
         key = item.key
         if key in self._ended:
             return

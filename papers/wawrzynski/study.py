@@ -88,7 +88,7 @@ def experiment(seed: int, rest_s: float = REST_S) -> Experiment:
 
 
 def evaluate(seed: int, ok: bool, columns: Columns, robot: str) -> Experiment:
-    """Estimate from the columns of a recorded walk."""
+    """Run every estimator over the columns of a walk of seed `seed`, and return their errors; `ok`: its verdict."""
     log = log_of_columns(f"bioloid {seed}", columns, load_robot(robot))
     walking = _walking(log)
     rows = np.flatnonzero(walking)

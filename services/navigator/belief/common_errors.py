@@ -93,13 +93,13 @@ def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> Non
 
 @row_kernel
 def fill_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
-    """Write the effect of the errors on range (row 0) and bearing (row 1), (2, 3); (2, 0) stays empty.
+    """Write the effect of tilt and sway of the camera, common to a frame, on range (row 0) and bearing (row 1).
 
     Args:
         range_: distance of the landmark, m.
         bearing: direction of the landmark, rad.
         height: of the camera, m.
-        gain: result.
+        gain: result, (2, 3); (2, 0) stays empty.
     """
     if gain.shape[1] == 0:
         return
