@@ -3,9 +3,11 @@
 import clarabel
 import numpy as np
 from scipy import sparse
+from scipy.linalg import block_diag
 from scipy.optimize import linprog
 
 from surefoot.services.stability.programs.contacts import ContactSet
+from surefoot.services.stability.regions.actuated import ServoLegs
 
 
 def cone_rays(contacts: ContactSet, sides: int, outside: bool) -> list[np.ndarray]:
@@ -22,8 +24,13 @@ def cone_rays(contacts: ContactSet, sides: int, outside: bool) -> list[np.ndarra
     return rays
 
 
-def pyramid_support(contacts: ContactSet, direction: np.ndarray, sides: int, outside: bool) -> float:
-    """max a'c by linear programming over pyramids, a lower (inside) or upper bound; inf, or nan if infeasible."""
+def pyramid_support(
+    contacts: ContactSet, direction: np.ndarray, sides: int, outside: bool, legs: ServoLegs | None = None
+) -> float:
+    """max a'c by linear programming over pyramids, a lower (inside) or upper bound; inf, or nan if infeasible.
+
+    legs: servos whose torques have limits; None = no limits.
+    """
     rays = cone_rays(contacts, sides, outside)
     force = np.concatenate(rays).T  # (3, k)
     moment = np.concatenate(
@@ -34,7 +41,13 @@ def pyramid_support(contacts: ContactSet, direction: np.ndarray, sides: int, out
     right = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     cost = np.concatenate((np.zeros(force.shape[1]), -direction))
     bounds = [(0, None)] * force.shape[1] + [(None, None)] * 2
-    found = linprog(cost, A_eq=equal, b_eq=right, bounds=bounds, method="highs")
+    rows = bound = None
+    if legs is not None:
+        blocks = [legs.weight * ray @ legs.jacobian[i] for i, ray in enumerate(rays)]  # (sides, 3) torques of each ray
+        torque = np.hstack((block_diag(*(block.T for block in blocks)), np.zeros((3 * len(rays), 2))))
+        rows = np.vstack((torque, -torque))
+        bound = np.concatenate(((legs.own + legs.limit).ravel(), (legs.limit - legs.own).ravel()))
+    found = linprog(cost, A_ub=rows, b_ub=bound, A_eq=equal, b_eq=right, bounds=bounds, method="highs")
     if found.status == 3:
         return np.inf
     return float(-found.fun) if found.status == 0 else np.nan

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 
 from surefoot.geometry.polygon import area, hull
 from surefoot.robot.kinematics import foot_jacobians, foot_positions, gravity_torques
@@ -11,7 +10,7 @@ from surefoot.services.stability.programs.contacts import ContactSet, StabilityE
 from surefoot.services.stability.regions.actuated import ServoLegs, actuated_region
 from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.sensing.posture import contact_jacobians
-from tests.services.stability.oracles import cone_rays
+from tests.services.stability.oracles import pyramid_support
 
 RAGNO = load_robot("ragno")
 UP = np.array([0.0, 0.0, 1.0])
@@ -40,33 +39,12 @@ def test_generous_limits_change_nothing() -> None:
         assert found.status == "ok"
 
 
-def pyramids(contacts: ContactSet, legs: ServoLegs, direction: np.ndarray, outside: bool) -> float:
-    """The same by linear programming over pyramids in or around the cones: a lower or an upper bound."""
-    rays = cone_rays(contacts, 64, outside)
-    force = np.concatenate(rays).T
-    arms = [np.broadcast_to(r, ray.shape) for r, ray in zip(contacts.position, rays, strict=True)]
-    moment = np.concatenate([np.cross(r, ray) for r, ray in zip(arms, rays, strict=True)]).T
-    lift = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-    equal = np.block([[force, np.zeros((3, 2))], [moment, lift]])
-    blocks = [legs.weight * ray @ legs.jacobian[i] for i, ray in enumerate(rays)]  # (64, 3) torques of a leg's rays
-    torque = np.zeros((3 * len(rays), force.shape[1] + 2))
-    for i, block in enumerate(blocks):
-        torque[3 * i : 3 * i + 3, 64 * i : 64 * i + 64] = block.T
-    rows = np.vstack((torque, -torque))
-    bound = np.concatenate(((legs.own + legs.limit).ravel(), (legs.limit - legs.own).ravel()))
-    found = linprog(
-        np.concatenate((np.zeros(force.shape[1]), -direction)), A_ub=rows, b_ub=bound, A_eq=equal,
-        b_eq=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0], bounds=[(0, None)] * force.shape[1] + [(None, None)] * 2,
-    )  # fmt: skip
-    return float(-found.fun) if found.status == 0 else np.nan
-
-
 @pytest.mark.parametrize(("chosen", "limit"), [(ALL, 0.9), (ALL, 0.5), (TRIPOD, 0.9), (TRIPOD, 0.6)])
 def test_between_two_linear_programs(chosen: list[int], limit: float) -> None:
     contacts, legs = stance(chosen, limit)
     found = actuated_region(contacts, legs, SIXTEEN[::4])
     for a, value in zip(SIXTEEN[::4], found.support.value, strict=True):
-        low, high = (pyramids(contacts, legs, a, outside) for outside in (False, True))
+        low, high = (pyramid_support(contacts, a, 64, outside, legs) for outside in (False, True))
         assert low - 1e-7 <= value <= high + 1e-7
         assert high - low < 2e-3
     free = region(contacts, SIXTEEN).inner
