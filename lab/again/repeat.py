@@ -311,7 +311,6 @@ def changed(
     """Repeat a run with changes from a time on, and return the hash; without a change it is the recorded one.
 
     Args:
-        run: the recorded run.
         at_s: simulated time from which on the changes hold, s.
         changes: what is different.
         to: recording to write.

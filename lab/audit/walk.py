@@ -140,7 +140,6 @@ def level(robot: Robot, q: Array, g_up: Array, stance: Any) -> tuple[Array, Arra
     """Return the contact points of the standing feet (n, 3) and the CoM (2,), m, z up, x along the heading.
 
     Args:
-        robot: the robot.
         q: joint angles, (nj,) rad.
         g_up: upward specific force at rest, base_link, (3,) m/s2.
         stance: feet that stand, (L,).

@@ -31,7 +31,6 @@ def write_foxglove(
     Its metadata are those of the recording; robot description and layout are attached.
 
     Args:
-        recording: of this project.
         out: file to write.
         robot: that was recorded.
         progress: gets the share that is done.

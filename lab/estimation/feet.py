@@ -92,7 +92,6 @@ def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[
     """Return contacts (m, F) and switches (m, F, S), from the columns that show them.
 
     Args:
-        columns: of the log.
         position: of the feet, (m, F, 3) m, IMU axes.
         given: statements on the feet; with `contact_on`, forces count more than flags.
         notes: gets what was assumed.
@@ -137,7 +136,6 @@ def shape(
 
     Args:
         given: statements on the feet.
-        columns: of the log.
         position: of the feet, (m, F, 3) m, IMU axes.
         rot: rot_imu_from_foot, (m, F, 3, 3).
         contact: (m, F).

@@ -222,7 +222,6 @@ def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options
 
     Args:
         name: of the estimator.
-        log: the walk.
         trials: how many; every second one has two kinds at a time.
         seed: of all draws.
         starts: good states to begin from.

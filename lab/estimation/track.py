@@ -261,7 +261,6 @@ def _reckoned(log: Log, first: int, at: Array, found: Track) -> tuple[Array, Tra
     """Integrate the gyro about the vertical and the estimator's own velocity, for one without odometry.
 
     Args:
-        log: of the track.
         first: inertial row at which the track begins.
         at: x, y, z, m, and heading, rad, at the row before it, (4,).
         found: rows of `_piece`.

@@ -164,7 +164,6 @@ def estimate(
     than in theta, has an interval that ends where the likelihood has fallen by `ENOUGH`.
 
     Args:
-        likelihood: of the recordings.
         theta: begin of the search, (PARAMETERS,).
         wanted: parameters that are searched; the others stay as in theta.
         sightings: scale of -ln L, so that the line search takes sensible steps.

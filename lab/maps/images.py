@@ -302,7 +302,6 @@ def map_of_photograph(
     Args:
         path: picture file.
         width: of what it shows, m.
-        extractor: of features.
         patch: its pixel is the scale at which features are looked for.
         per_m2: largest density.
 

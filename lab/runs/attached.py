@@ -16,7 +16,6 @@ def attached(compose: Compose, more: Mapping[str, str] | None = None) -> dict[st
     """Return the files of a run by their names in the recording: `robot.toml`, `<service>.<field><suffix>`.
 
     Args:
-        compose: the system.
         more: variables that configure services, as of a scenario.
     """
     found = {ROBOT_FILE: robot_file(compose.robot)}

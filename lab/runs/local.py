@@ -57,8 +57,6 @@ def build_services(
 
     Args:
         names: of the services, in their order.
-        compose: the system.
-        director: of the scenario.
         recording: MCAP file; None = only the hash.
         more: variables that configure services.
         about: facts on the run for the recording.

@@ -117,7 +117,6 @@ class EpisodeBatch:
     """Episodes side by side.
 
     Args:
-        model: the robot.
         count: number of episodes at a time, 1 to 100000.
 
     Attributes:

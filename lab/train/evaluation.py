@@ -57,7 +57,6 @@ def episodes(
 
     Args:
         world: the model's arrays.
-        policy: the policy.
         seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
         knows: true pose and drift are given to the policy.
         stream: which stream of random numbers.

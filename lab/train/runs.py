@@ -49,7 +49,6 @@ def make_sarsa(
     """Train with seeds seed .. seed + runs - 1 on all cores; return the best policy and all trainings.
 
     Args:
-        model: the robot.
         schedule: settings.
         seed: of the first training.
         runs: number of trainings.

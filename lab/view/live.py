@@ -68,8 +68,6 @@ class LiveFrames:
     """Collects the newest messages and makes frames of them on a thread of its own, which rests while no page looks.
 
     Args:
-        client: of the system.
-        robot: its description.
         stop: the emergency stop.
     """
 

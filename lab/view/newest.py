@@ -25,7 +25,6 @@ def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) 
     """Return the robot of a running system: the one named, else its driver's, else that of the keys' prefix.
 
     Args:
-        client: of the system.
         name: name or folder; None = as the driver reports.
         warn: gets a sentence when the driver was built from another description.
 

@@ -89,8 +89,6 @@ def images_of(
     """Yield for each tick the image that arrives in it, or None.
 
     Args:
-        motion: of the robot.
-        texture: of the floor.
         seed: of noise and delays.
         exposure: s; None = that of the camera `nao_eyes`.
         faults: of the camera.

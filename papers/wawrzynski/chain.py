@@ -152,7 +152,6 @@ def descend(chain: Chain, theta: Array, theta_rate: Array, w: Array) -> ChainSta
     (9) W_i = R_i W_{i+1};  (12) w_i = R_i w_{i+1} - theta'_i z  (printed with the IMU's z axis: the joint's is meant).
 
     Args:
-        chain: the leg.
         theta: joint angles, (n,) rad.
         theta_rate: joint rates, (n,) rad/s.
         w: angular velocity of the IMU in IMU axes, (3,) rad/s.

@@ -23,8 +23,6 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
     """Run an estimator through start, stance, steps, messages and new clocks, so that every kernel is loaded.
 
     Args:
-        config: of the service.
-        robot: the robot.
         modes: the estimates that the service publishes.
     """
     estimator = config.estimator(robot)

@@ -62,8 +62,6 @@ def assess(
     """Return the score of every cell of a window.
 
     Args:
-        ground: the prepared map.
-        model: the slip model.
         window: cells to score.
         nominal: zero of K4, map frame, m; None: K4 = 0 everywhere, so q = p.
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.

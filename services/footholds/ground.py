@@ -132,7 +132,6 @@ def ground_features(
     """Return the coefficients of a window: of planes, or those of Walas & Belter.
 
     Args:
-        ground: the prepared map.
         relief: of planes at the scale of the map.
         window: first row, first column, rows and columns; may leave the map, its coefficients are NaN there.
         stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.

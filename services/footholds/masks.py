@@ -99,7 +99,6 @@ def mask_window(
     """Return the reasons against each cell of the window that starts at (row, col).
 
     Args:
-        ground: the prepared map.
         row: first row of the window; may lie outside the map, such cells are unknown.
         col: first column.
         slip: predicted slip P of the window's cells, (rows, cols), NaN = unknown, `UNLEARNED` = outside the model.

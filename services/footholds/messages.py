@@ -61,7 +61,6 @@ def select_params(
 
     Args:
         request: with the mode, and the seed of mode `random`.
-        params: of the configuration.
         explore: share of the choices in mode `robust` that are drawn at random.
         draw: seed of that draw, and number of the choice.
 

@@ -210,12 +210,9 @@ def window_costs(
     """Return the costs of a window of the ground.
 
     Args:
-        ground: the prepared map.
-        model: the slip model.
         window: first row, first column, rows and columns; may leave the map.
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
         nominal: x, y of the nominal foothold, map frame, m; None: K4 is 0.
-        params: of the choice.
     """
     surface, (row, col, rows, cols) = ground.surface, window
     blur = landing_weights(model.landing_error, surface.cell) if params.robust else ALONE

@@ -122,7 +122,6 @@ def lay(
     """Take the unseen cells near the middle for a plane.
 
     Args:
-        layers: of the map.
         grid: their place.
         plane: height over (0, 0), m, and slope along x and y.
         half: half edges of the rectangle along x and y, (2,) m.
@@ -216,7 +215,6 @@ def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, robot: tuple[
     """Return the variance of each height relative to the robot now, m^2, NaN = not seen.
 
     Args:
-        layers: of the map.
         grid: their place.
         drift: of the odometry now.
         robot: x, y, m, and variance of its tilt about a level axis, rad^2.

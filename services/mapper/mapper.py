@@ -222,7 +222,6 @@ class Mapper:
         Where the feet contradict the map, too, or all images have done so for long, the map begins anew.
 
         Args:
-            view: the image.
             now_ns: time of the tick, ns.
             feet: points of the ground under standing feet, frame of the odometry, (n, 3) m.
 

@@ -70,7 +70,6 @@ def arrival(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> End:
     """Return the end of a goal for a robot that stands at its last waypoint by the estimate.
 
     Args:
-        goal: the goal.
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
         cov: its covariance.
         sure: standard deviations that fit between estimate and tolerance.

@@ -44,7 +44,6 @@ def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise,
     Args:
         alike: poses that the sights fit, m and rad, frame map.
         world: landmarks.
-        noise: of the camera.
         costs: obstacles; None = there is no map of them.
 
     Returns:

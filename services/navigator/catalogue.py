@@ -54,9 +54,6 @@ def longest_blind_ns(model: NavigationModel) -> int:
 class Catalogue:
     """Model, actions and policies of one configuration.
 
-    Args:
-        config: of the service.
-
     Raises:
         ConfigError: the model cannot be used.
         Refusal: the default policy cannot be used.

@@ -69,7 +69,6 @@ class Localiser:
     """Belief of the pose, fed with messages from the bus.
 
     Args:
-        config: of the service.
         model: numbers of the robot.
         log: takes level and text; None = nothing is logged.
     """
@@ -185,7 +184,6 @@ class Localiser:
 
         Args:
             frame: landmarks; its stamp is the end of the exposure.
-            gait: of this tick.
             now: simulated time, s.
             match: share of the landmarks in view that the action under way recognises; None = the least of the model.
 

@@ -30,7 +30,6 @@ class Maps:
     """Obstacles and landmarks, from files of the configuration or from the bus.
 
     Args:
-        config: of the service.
         keep: time for which an obstacle that the map does not know is remembered, s.
 
     Raises:

@@ -46,7 +46,6 @@ def pose_message(
     """Return the belief of the pose.
 
     Args:
-        tracker: the belief.
         odom: pose of base_link in odom, m and rad; None = there is no odometry.
         control: input of the prediction.
         matched: landmarks of the last frame that were matched.

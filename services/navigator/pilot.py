@@ -162,7 +162,6 @@ class Pilot:
 
         Args:
             now: simulated time, s.
-            gait: of this tick.
             tracker: belief now.
             blocked: something is too near ahead to walk.
             lost: the belief is wrong: the robot stands and looks, then turns and looks, until it is right again.

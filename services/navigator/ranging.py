@@ -19,7 +19,6 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct,
     """Enter a reading into the local map; return whether only turns are allowed (the rule of Osswald et al.).
 
     Args:
-        reach: the reading.
         localiser: belief of the pose; while it is lost, nothing is entered.
         maps: obstacles.
         conduct: distances.

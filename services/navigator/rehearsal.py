@@ -23,11 +23,7 @@ LARGE_SIDE = 560
 
 
 def rehearse(config: NavigatorConfig) -> None:
-    """Predict, match, correct, relocalise, plan, decide and report once.
-
-    Args:
-        config: of the service.
-    """
+    """Predict, match, correct, relocalise, plan, decide and report once."""
     rehearse_belief()
     rehearse_planning(40)
     catalogue = Catalogue(config)

@@ -63,7 +63,6 @@ class Search:
     """Search for the pose of a robot that has a goal.
 
     Args:
-        body: the robot.
         conduct: times and numbers.
         aside: way to where places differ that the sights fit.
     """
@@ -87,7 +86,6 @@ class Search:
         Args:
             goal: under way.
             now: simulated time, s.
-            gait: of this tick.
             here: believed place, m, frame map.
             blocked: something is too near ahead to walk.
             lost: the belief is wrong.

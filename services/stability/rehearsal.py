@@ -27,12 +27,7 @@ MOVEMENT = (0.01, 0.0, 0.0)
 
 
 def rehearse(robot: Robot, params: state.WatchParams) -> None:
-    """Go through what a walking robot asks for, and through the contact sets that its feet can make.
-
-    Args:
-        robot: the robot.
-        params: of the status.
-    """
+    """Go through what a walking robot asks for, and through the contact sets that its feet can make."""
     _regions()
     contacts, joints = _contacts(robot), tuple(robot.neutral.tolist())
     com = contacts[0].position[:2]

@@ -46,7 +46,6 @@ class Extractor:
     """Finder of features.
 
     Args:
-        kind: of the features.
         count: most of one picture, the strongest.
         contrast: least strength of a feature: contrast of SIFT, 1 = that of OpenCV; ORB's corners likewise.
     """

@@ -165,7 +165,6 @@ def _likest(
         apart: distance of the descriptors of each feature and each map feature in view, (n, m).
         gate: pairs that may match by their place, (n, m).
         near: the map features in view, (m,).
-        world: the map.
         params: limits of a match.
     """
     none = np.zeros(0, dtype=np.int64)

@@ -34,7 +34,6 @@ class Advisors:
     """Footholds and stability of the steps of one run.
 
     Args:
-        robot: the description.
         call: sends a request.
         footholds: False = every foot lands on its nominal foothold.
         stability: False = the hull of the standing feet decides.

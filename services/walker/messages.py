@@ -16,7 +16,6 @@ def walker_inputs(inputs: TickInputs, estimate: tuple[VelocityEstimate, Odometry
     """Return the inputs of a gait in a tick.
 
     Args:
-        inputs: of the tick.
         estimate: the newest; the gait checks its age. None = none came yet.
     """
     velocity, odometry = estimate or (None, None)

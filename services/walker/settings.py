@@ -13,7 +13,6 @@ def settings_of(kind: type[P], robot: Robot, changes: dict[str, Any]) -> P:
 
     Args:
         kind: dataclass of settings. A field without a default is the robot's own and must stand in `[gait]`.
-        robot: the description.
         changes: values that go before those of the description, by field.
 
     Raises:

@@ -230,10 +230,8 @@ def run(cut: Segments, log: Readings, start: PeerStart, state: InekfState, noise
 
     Args:
         cut: time of the log.
-        log: its samples.
         start: only its first segment is read.
         state: at that segment, changed in place.
-        noise: the noises.
         track: rows to write, in place.
     """
     g = np.array([0.0, 0.0, -GRAVITY])

@@ -134,10 +134,8 @@ def run(
 
     Args:
         cut: time of the log.
-        log: its samples.
         start: its first segment and gyro bias are read.
         state: at that segment, changed in place.
-        noise: the noises.
         track: rows to write, in place.
     """
     up, before = np.array([0.0, 0.0, 1.0]), -1

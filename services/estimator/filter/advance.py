@@ -334,7 +334,6 @@ def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSet
         state: as after row `begin` - 1.
         samples: filled rows only.
         begin: first inertial row to take.
-        setting: of the filter.
     """
     stamps, foot = samples.imu_stamps, setting.geometry.foot
     next_foot = after(samples.feet_stamps, stamps[begin - 1]) if begin > 0 else 0

@@ -94,10 +94,7 @@ class BestFilter:
     """Takes samples in any order within the last half second; the result is that of their order by stamps, to the bit.
 
     Args:
-        geometry: of the robot.
-        noise: of the filter.
         limits: of start and rest.
-        check: of the inputs.
     """
 
     def __init__(self, geometry: BestGeometry, noise: BestNoise, limits: BestLimits, check: InputCheck) -> None:

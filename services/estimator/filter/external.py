@@ -55,7 +55,6 @@ def expected(
     The heading is the first of three numbers, the others are zero and know nothing of the state.
 
     Args:
-        state: the state.
         part: `POSITION`, `YAW` or `VELOCITY`.
         row: the sample, see `samples.EX`.
         w: gyro since, (3,) rad/s.
@@ -157,7 +156,6 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
     """Make the frame of the source unknown, and lay it so that the sample fits, in place.
 
     Args:
-        state: the state.
         row: the sample, (26,), see `samples.EX`.
         rot_base_from_imu: mounting of the IMU, (3, 3).
         placed: the sample has a position.

@@ -164,7 +164,6 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
         state: the state; without hypotheses it becomes the one in which nothing slides.
         contact: probability that each point touches the ground, (K,).
         foot: of each point.
-        noise: the noises.
     """
     count, weight = state.weight.size, state.weight
     if likeliest(state) < 0:

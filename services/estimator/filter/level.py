@@ -155,8 +155,6 @@ def _stand_on(state: BestState, geometry: BestGeometry, f: int, level: float, kn
     """Correct with foot f on a level at the height `level` m of variance `known`, see the head of this file, in place.
 
     Args:
-        state: the state.
-        geometry: of the robot.
         f: the foot.
         level: height in odom, m.
         known: its variance, m^2.
@@ -246,7 +244,6 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
 
     Args:
         state: the state after a sample of the feet, dt s after the last; it and its hypotheses know the same levels.
-        geometry: of the robot.
         dt: time since the last sample of the feet, s.
     """
     memory, foot, at = state.memory, geometry.foot, likeliest(state)

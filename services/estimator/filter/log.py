@@ -93,7 +93,6 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
     Args:
         order: of arrival: the number of an inertial row, n + that of a sample of the feet, or n + m + that of one from
             elsewhere.
-        log: the inputs.
         rows: for the estimates, those of row `first` and later.
         first: see `rows`.
         box: of the filter.

@@ -90,12 +90,10 @@ def observe(
     """Correct state and covariance by the contact point k that stands and is seen at y, in place.
 
     Args:
-        state: the state.
         k: the point.
         y: its place, (3,) m, IMU axes.
         contact: probability that it touches the ground.
         dt: time since the last sample, s.
-        noise: the noises.
         hypotheses: False: the point stays, or its slide is in the covariance already.
 
     Returns:
@@ -150,7 +148,6 @@ def _weigh_slide(point: Array, contact: float, ratio: float, noise: BestNoise) -
         point: row of `BestState.points`, (11,), see `PointLayout`.
         contact: probability that it touches the ground.
         ratio: logarithm of the likelihood of sliding over that of staying.
-        noise: the noises.
     """
     before, seen = point[P.slide], point[P.seen]
     prior = before * noise.go_on + (1.0 - before) * noise.begin_slide
@@ -192,7 +189,6 @@ def _mix(state: BestState, row: int, z: Array, inverse_0: Array, inverse_1: Arra
     """Apply the mean of the corrections of both hypotheses, the point stays (0) or slides (1), in place.
 
     Args:
-        state: the state.
         row: first row of the point in the error.
         z: innovation of its place, odom axes, (3,) m.
         inverse_0, inverse_1: inverse covariance of z by each hypothesis, (3, 3) 1/m^2.

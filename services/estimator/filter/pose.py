@@ -49,7 +49,6 @@ def pose_covariance(state: BestState, arm: Array) -> Array:
     The error of the place of base_link is that of the IMU, dp, and of its lever a: dp - xi_R x a.
 
     Args:
-        state: the state.
         arm: IMU from base_link, odom axes, (3,) m.
     """
     by, block, m = np.zeros((6, 6)), np.empty((6, 6)), state.memory

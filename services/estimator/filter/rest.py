@@ -20,11 +20,8 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
     smaller.
 
     Args:
-        state: the state.
         w: mean of the samples, (3,) rad/s, IMU axes.
         count: number of the samples.
-        noise: the noises.
-        limits: of a rest.
     """
     cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
     sample_sq = (state.memory[M.shown] * noise.sample_gyro) ** 2

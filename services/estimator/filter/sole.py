@@ -56,8 +56,6 @@ def _turn_sole(state: BestState, geometry: BestGeometry, f: int, pivot: Array, a
     """Add the turning of sole f, `variance` rad^2, to the covariance of its points, in place.
 
     Args:
-        state: the state.
-        geometry: of the robot.
         f: the foot.
         pivot: a place on the axis, (3,) m, foot axes.
         axis: the axis, (3,), odom axes.

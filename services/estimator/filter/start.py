@@ -91,11 +91,9 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
     """Set attitude and position, everything else to zero, with the covariance of a stated pose, in place.
 
     Args:
-        state: the state.
         rot: rot_odom_from_imu, (3, 3).
         samples: all samples.
         foot: the row of the feet that shows the height over the ground; -1: none.
-        setting: of the filter.
     """
     x, geometry, limits = state.x, setting.geometry, setting.limits
     for k in range(state.points.shape[0]):
@@ -183,7 +181,6 @@ def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting)
         q: mean accelerometer of the rest, (3,) m/s^2.
         samples: all samples.
         foot: the last row of the feet; -1: none.
-        setting: of the filter.
     """
     geometry, limits = setting.geometry, setting.limits
     size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
@@ -273,11 +270,9 @@ def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, set
     """Start with one sample only: up by the accelerometer, 30 deg wrong, at an unknown speed, in place.
 
     Args:
-        state: the state.
         samples: all samples.
         at: the inertial row.
         foot: the row of the feet.
-        setting: of the filter.
     """
     limits, q = setting.limits, samples.imu[at, ROW_Q : ROW_Q + 3]
     size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)

@@ -289,11 +289,9 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     """Carry the state over d s, in place.
 
     Args:
-        state: the state.
         w: gyro, (3,) rad/s, IMU axes, mean over the step.
         q: accelerometer, (3,) m/s^2, IMU axes, mean over the step.
         d: the step, s.
-        noise: the noises.
         felt: variances of the sample by the jerk of the moment; see `felt_variance`.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory

@@ -111,8 +111,6 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
     `pose_covariance`.
 
     Args:
-        state: the state.
-        geometry: of the robot.
         w: gyro, (3,) rad/s.
         feet: their number L.
     """
@@ -172,7 +170,6 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
     """Return the numbers from which flags and reasons follow.
 
     Args:
-        parts: of the filter.
         vectors: first result of `summary`.
         more: second result of `summary`.
         covariance: of (g, v), third result of `summary`.

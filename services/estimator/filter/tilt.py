@@ -28,8 +28,6 @@ def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, 
     stands, and its tilt by the gyro is right.
 
     Args:
-        state: the state.
-        setting: of the filter.
         ahead: along x of odom, m/s.
         side: along y.
         up: along z.
@@ -69,7 +67,6 @@ def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
 
     Args:
         state: after a sample of the feet.
-        setting: of the filter.
         lost: the velocity is lost by this sample; else `lost_memory` has passed since the first loss.
     """
     memory, time = state.memory, state.memory[M.lost_for]
@@ -106,7 +103,6 @@ def check_start(state: BestState, contact: Array, dt: float, setting: BestSettin
         state: after a sample of the feet.
         contact: probability that each contact point stands, (K,).
         dt: time since the last sample of the feet, s.
-        setting: of the filter.
     """
     foot, at, memory = setting.geometry.foot, likeliest(state), state.memory
     likely = memory if at < 0 else state.mode_memory[at]

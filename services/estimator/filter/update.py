@@ -65,7 +65,6 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
     """Let points move that slide, or hardly touch the ground, in place.
 
     Args:
-        state: the state.
         contact: probability that each point touches the ground, (K,).
         foot: the foot of each.
         slides: bit f: foot f slides.
@@ -208,11 +207,9 @@ def _observe_points(
     The mean normalised innovation squared follows those of the points in `surprise_s`, each `most_surprise` at most.
 
     Args:
-        state: the state.
         y: places of the points from the IMU, IMU axes, (K, 3) m.
         contact: probability that each touches, (K,).
         dt: time since the last sample, s.
-        noise: the noises.
         hypotheses: see `observe`.
     """
     likely, standing, unfit, surprise = 0.0, 0, 0, 0.0
@@ -262,8 +259,6 @@ def take_points(
     Args:
         state: the state at the stamp of the sample.
         seen: the points; one with a contact below one half is lifted, of an unknown contact `by_height` decides.
-        geometry: of the robot.
-        noise: the noises.
         hypotheses: see `observe`.
         slides: bit f: foot f slides, in a state that is one of several hypotheses.
         share: of the learned velocity of a slide by which it goes on, see `persistence`.

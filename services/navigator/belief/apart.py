@@ -45,7 +45,6 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
     Args:
         poses: x, y (m) and heading (rad), frame map, (p, 3), p >= 2.
         ends: in the axes of the robot, (e, 2) m.
-        world: the map.
         look: largest distance of two descriptors of one landmark.
 
     Returns:

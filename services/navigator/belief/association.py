@@ -64,7 +64,6 @@ def _nearest(
         mean: believed state, (n,), see `ukf`.
         cov: its covariance, (n, n).
         frame: the m detections.
-        world: the map.
         noise: of a sighting, see `gate`.
         limits: see `gate`.
         fates: written.

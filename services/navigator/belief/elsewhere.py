@@ -37,12 +37,7 @@ goal and frames of a displaced robot soon have the evidence."""
 
 
 class OtherPlaces:
-    """Frames that favour another place than the believed one.
-
-    Args:
-        world: the map.
-        noise: of the camera.
-    """
+    """Frames that favour another place than the believed one."""
 
     def __init__(self, world: FloorLandmarks, noise: SightNoise) -> None:
         self.world, self.noise = world, noise

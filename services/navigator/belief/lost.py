@@ -219,7 +219,6 @@ def evidence_of(
         cov: covariance of that pose, (3, 3) or larger.
         seen: its detections.
         world: landmarks.
-        noise: of the camera.
         expected: landmarks in view there times the share that is recognised in this action; 0 = not known.
         limits: those of the match; None = the defaults of `MatchLimits`.
     """

@@ -180,7 +180,6 @@ def match(
         cov: its covariance, (3, 3) or larger.
         seen: detections of the frame.
         world: landmarks.
-        noise: of the camera.
         limits: None = the defaults of `MatchLimits`.
         seed: of the random pairs, which are drawn where there are more than `limits.pairs`.
 
@@ -213,7 +212,6 @@ def look_alikes(
         matches: of the frame at the believed pose.
         seen: its detections.
         world: landmarks.
-        noise: of the camera.
         limits: those of the match; None = the defaults of `MatchLimits`.
     """
     look = (limits or MatchLimits()).look(noise, world.descriptor_length)

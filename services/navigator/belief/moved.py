@@ -54,11 +54,7 @@ class SeenElsewhere(NamedTuple):
 
 
 class MovedLandmarks:
-    """Places where landmarks were seen that are elsewhere in the map.
-
-    Args:
-        world: the map.
-    """
+    """Places where landmarks were seen that are elsewhere in the map."""
 
     def __init__(self, world: FloorLandmarks) -> None:
         self.world = world

@@ -129,7 +129,6 @@ class Relocaliser:
 
     Args:
         world: landmarks.
-        noise: of the camera.
         limits: None = the defaults of `RelocaliseLimits`.
     """
 
@@ -222,7 +221,6 @@ def relocalise(
     Args:
         glances: frames of the standing robot, or of one that turned, each with its pose by odometry.
         world: landmarks.
-        noise: of the camera.
         limits: None = the defaults of `RelocaliseLimits`.
 
     Raises:

@@ -160,7 +160,6 @@ class SightingMemory:
     """Memory of the frames of a lost robot.
 
     Args:
-        noise: of the camera.
         length: elements of a descriptor.
     """
 

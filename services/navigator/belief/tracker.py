@@ -253,7 +253,6 @@ class PoseTracker:
         """Count a use of a landmark, and return the variances of range and bearing to take for it.
 
         Args:
-            world: the map.
             landmark: row.
             time: of the frame, s.
             own: variances of one sight by itself.

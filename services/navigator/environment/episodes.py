@@ -80,7 +80,6 @@ def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int
 
     Args:
         world: arrays of the model.
-        policy: the policy.
         run: seed; equal seeds and episodes have equal floors, drifts and starts, whatever the policy.
         start: number of the first episode.
         count: number of episodes.

@@ -67,7 +67,6 @@ def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
         scene: elements of the scene.
         run: seed of a series of episodes.
         episode: number of the episode; seed and number determine all draws.
-        state: of the episode.
     """
     truth, mean, cov, rng, n = state.truth, state.mean, state.cov, state.rng, state.mean.size
     seed(rng, run, episode, FLOOR)

@@ -67,7 +67,6 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     """Return the cheapest route.
 
     Args:
-        costs: the prepared grid.
         start: m, frame map.
         goal: m, frame map.
         limits: None = the defaults of `RouteLimits`.

@@ -52,7 +52,6 @@ def expected_echo(
     holds all these cones, the other that of the narrower one, which all of them hold.
 
     Args:
-        grid: the map.
         at: x, y (m) and heading (rad) of the ranger, frame map.
         half: half angle of the cone, and error of the heading, rad.
         longest: m.
@@ -95,7 +94,6 @@ class SeenObstacles:
         """Enter one reading.
 
         Args:
-            seen: the reading.
             at: x, y (m) and heading (rad) of the ranger, frame map.
             unsure: standard deviations of that place, m, and heading, rad.
             now: simulated time, s.

@@ -292,7 +292,6 @@ def choose(
     """Return the chosen action; values and mask of `room` are written.
 
     Args:
-        policy: the policy.
         model: actions and scene; goal radius and guards are read.
         mean: belief, (n,): x, y in m and heading in rad, frame map, then the drift in rad per m.
         cov: its covariance, (n, n).

@@ -27,7 +27,6 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None, *, any_
     Args:
         name: `hand` (35 deg), `tuned`, `steer`, `planner` (computed for the model, about 1 s, if no file for it ships),
             `sarsa` (a file for these actions that ships), the name of a shipped file, or a path that ends in .npz.
-        model: the robot.
         world: its arrays; None = they are made.
         any_model: a file that was made for another model is taken as it is, for studies; else its table is computed
             anew for this model (planner) or the file is refused (sarsa).

@@ -148,7 +148,6 @@ def plan(
     """Return the table of action values (nb, nd, nphi, A) in s (negative), its grid, and the number of sweeps.
 
     Args:
-        world: the model.
         d_max: m, largest distance of the table; beyond it the choice depends on bearing and drift only.
         drift_max: rad per m, largest drift.
         shape: number of drifts from 0 on, of distances, of bearings.

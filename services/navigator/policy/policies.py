@@ -97,7 +97,6 @@ class Decider:
 
     Args:
         world: the model's arrays; the action names must be the policy's.
-        policy: the policy.
     """
 
     def __init__(self, world: Arrays, policy: Policy) -> None:

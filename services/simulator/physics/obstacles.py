@@ -57,7 +57,6 @@ class Obstacles:
 
         Args:
             data: state of the physics.
-            address: of the robot.
             tick: control ticks since the reset.
         """
         now, robot = tick * TICK_S, data.xpos[address.trunk]

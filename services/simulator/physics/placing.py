@@ -38,7 +38,6 @@ def place(
         data: its state, changed here.
         address: indices of the robot in it.
         spheres: geoms of the feet.
-        terrain: the ground.
         pose: x, y in m and yaw in rad of the trunk.
         stance: joint angles, (nj,), rad.
 
@@ -125,7 +124,6 @@ def displacement(
         data: its state at the end of a tick.
         address: indices of the robot in it.
         spheres: geoms of the feet.
-        terrain: the ground.
         forward: m along the heading.
         left: m.
         turn: rad, left positive.

@@ -65,7 +65,6 @@ class DepthSensor:
     """A depth camera of one run.
 
     Args:
-        camera: its numbers.
         seed: of the run.
     """
 

@@ -171,8 +171,6 @@ class ImageSensor:
     """Camera that takes images; one seeded random stream.
 
     Args:
-        optics: of the camera.
-        texture: of the floor.
         seed: of the run.
         form: format of the images.
     """

@@ -137,7 +137,6 @@ def laid(field: Landmarks, terrain: Terrain, seed: int, copied: float, copies: i
 
     Args:
         field: landmarks, those in or behind walls as well.
-        terrain: the ground.
         seed: of the choice of those that look alike.
         copied: share of the landmarks whose look is that of others, 0..1.
         copies: how many share one such look.
@@ -235,7 +234,6 @@ class LandmarkSensor:
     Args:
         robot: that carries the camera.
         camera: profile.
-        field: the landmarks.
         seed: of the run.
         goal: marker of the goal on the floor, m; None = none.
     """

@@ -66,10 +66,8 @@ def sight_of(
     """Camera, depth camera and ranger of a robot; None if it has none of them.
 
     Args:
-        robot: the description.
         seed: of the run.
         floor: what is on it.
-        terrain: the ground.
         camera: name of a profile; None = the robot's own.
         depth_camera: name of a profile; None = no such camera.
 
@@ -143,7 +141,6 @@ class Senses:
             truth: gives the exact state.
             model: of the world.
             data: its state.
-            address: of the model.
         """
         self.frame = self.reach = self.image = None
         self.depths = None if self.depth is None else self.depth.take(ticks, model, data, address.trunk)
@@ -173,7 +170,6 @@ class Senses:
         """Change what is released in this tick by its faults.
 
         Args:
-            faults: of the run.
             tick: of the world.
         """
         if self.eye is not None:

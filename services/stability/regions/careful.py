@@ -155,7 +155,6 @@ def careful(
     """Region of a set of two contacts or more.
 
     Args:
-        contacts: of the region.
         programs: of the contacts, by `reduce`.
         first: (k, 2) unit directions to begin with.
         goal: ENCLOSE to refine, else ANSWER.

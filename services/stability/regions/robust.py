@@ -50,7 +50,6 @@ def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tupl
     """Gradient of the support value h(a) in one direction a (2,), by its certificate and the forces at its point.
 
     Args:
-        contacts: of the region.
         twist: (4,) certificate (v m, w_z).
         force: (n, 3) in units of the weight.
         a: unit direction.

@@ -173,7 +173,6 @@ def leg_forces_of(
     """Return force (L, 3) N on each foot, covariance (L, 3, 3) N^2, base_link, and whether it is observed, (L,).
 
     Args:
-        model: the robot.
         rot: orientations of its links, (n, 3, 3), base_link from link.
         pos: their origins in base_link, (n, 3) m.
         g_up: upward specific force at rest, base_link, (3,) m/s^2.

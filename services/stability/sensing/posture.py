@@ -239,7 +239,6 @@ def posed(robot: Robot, joints: ArrayLike, base: BasePose, field: str = "") -> P
     """Check a posture.
 
     Args:
-        robot: the robot.
         joints: (nj,) rad.
         base: pose of base_link.
         field: prefix of the fields in refusals.
@@ -350,7 +349,6 @@ def contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Arra
     """Return the derivatives of the points that touch level ground by the joints of their legs, (L, 3, n) m/rad.
 
     Args:
-        model: the robot.
         rot: orientations of its links, (links, 3, 3), base_link from link.
         pos: their origins in base_link, (links, 3) m.
         up: unit vector, base_link, (3,).

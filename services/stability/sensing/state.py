@@ -143,7 +143,6 @@ def _footing(
     """Compute the links' poses once, and all that follows from them.
 
     Args:
-        model: of the robot.
         joints: angles, (n,) rad.
         g_up: upward unit vector, base axes, (3,).
         torque: of the joints, (n,) N m.
@@ -183,7 +182,6 @@ def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array 
     """Stability of the present stance.
 
     Args:
-        robot: the robot.
         joints: (nj,) rad.
         touch: (L,) feet that touch.
         g_up: upward specific force at rest, base_link, (3,) m/s2.

@@ -32,7 +32,6 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
     Args:
         s: state; rate, rest, tilt and peak are updated.
         p: settings.
-        inputs: of this tick.
     """
     rate = np.array(inputs.rate[:2])
     s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * rate

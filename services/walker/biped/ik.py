@@ -86,7 +86,6 @@ def leg_angles(g: LegGeometry, leg: int, yaw: float, ankle: Array, rot: Array) -
     """Five angles of a leg at a given hip yaw.
 
     Args:
-        g: the legs.
         leg: 0 left, 1 right.
         yaw: q1, rad.
         ankle: ankle point in base_link, (3,) m.
@@ -167,7 +166,6 @@ def legs_ik(g: LegGeometry, q: Array, ankles: Array, rots: Array) -> tuple[float
     """Angles that bring both ankles and soles where they should be; written into q.
 
     Args:
-        g: the legs.
         q: joint angles, (nj,); the hip yaws in it are the start of the search, the legs' angles are replaced.
         ankles: ankle points in base_link, (2, 3) m.
         rots: rot_base_from_foot, (2, 3, 3).

@@ -32,7 +32,6 @@ def pose_legs(g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array) 
     """Leg angles for feet and trunk in odom, written into q.
 
     Args:
-        g: the legs.
         q: joint angles, (nj,); start of the search.
         feet: (2, 4) x, y, yaw, height of the soles, m and rad; soles are level.
         trunk: (4,) x, y, yaw, height of base_link.
@@ -64,7 +63,6 @@ def place_com(
     """Move the trunk until the CoM of all links is over `com` (2,) m; q and trunk are changed in place.
 
     Args:
-        model: the robot.
         g: geometry of its legs.
         q: joint angles, (nj,) rad.
         feet: left and right foot, (2, 4) x, y, yaw, height of the sole, m and rad, odom.
@@ -91,7 +89,6 @@ def load_torques(
     """Torques that hold the robot while it accelerates, (nj,) Nm: G(q) - J'f, links as point loads.
 
     Args:
-        model: the robot.
         q: joint angles, (nj,).
         rot: rot_odom_from_base, (3, 3).
         trunk: (4,) pose of base_link.

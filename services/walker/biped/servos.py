@@ -21,8 +21,6 @@ class SetPoints:
     """Holds the trunk where the CoM of the plan wants it, and the servos against their load.
 
     Args:
-        robot: the description.
-        geometry: its legs.
         params: crouch and lean of the stance.
         feet: (2, 4) x, y, yaw, height of the soles under the hips, m and rad.
         middle: (2,) m, where the CoM is over them at rest.

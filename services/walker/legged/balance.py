@@ -148,7 +148,6 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
     feet, or a part of it where the hull has no room.
 
     Args:
-        state: of the walker.
         frame: robot, settings, ground.
         legs: that will swing.
         place: of the trunk in the gait at the end of the step, map.

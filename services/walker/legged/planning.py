@@ -96,7 +96,6 @@ def foothold_request(
         nominal: places where they would land without it, frame odom, (len(legs), 3) m.
         end: pose of the trunk after the step.
         after: way of the trunk in the steps after it.
-        gait: the gait.
     """
     stance_steps = 2.0 * gait.lead
     x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
@@ -256,7 +255,6 @@ def leant_request(frame: PlanningContext, plan: StepPlan, level: Array) -> Stanc
 
     Args:
         frame: robot, settings, ground.
-        plan: of the step.
         level: commanded roll and pitch of the trunk, (2,) rad.
     """
     end = plan.end

@@ -83,7 +83,6 @@ def set_points(
     on the foot; the set-point adds tau / kp.
 
     Args:
-        model: the robot.
         feet: wanted foot centres in the map, (L, 3) m.
         body: wanted base_link position, (3,) m.
         rot: rot_map_from_base, (3, 3).

@@ -204,7 +204,6 @@ def targets(
     """Return foot centres of all legs in this tick, (L, 3) m, and the share of each in the load, 0..1, (L,).
 
     Args:
-        paths: of the step.
         landed: feet on the ground, (L,).
         v: swing phase.
         present: foot centres of the last tick, (L, 3) m.
