@@ -208,7 +208,10 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
 
 
 def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
-    """Return the track of `_piece` without a Python call for each sample; `part`: inputs in the order of arrival."""
+    """Return the track of n estimates from inertial row `first` on, computed in one compiled loop; equal to `_piece`.
+
+    `part`: inputs in the order of arrival, numbers of inertial rows, then all rows + those of foot samples.
+    """
     rows = running.whole(log, part, first, n)
     nis = np.ascontiguousarray(rows.vectors[:, 7, 0])
     g, v, position, v_odom, gyro_bias, acc_bias = (np.ascontiguousarray(rows.vectors[:, i]) for i in range(6))

@@ -184,11 +184,11 @@ class HeightMap:
         return self.derived(out)
 
     def smooth_part(self, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
-        """Write `smoothed` of some rows and columns into an array of the map's shape, the ends left out."""
+        """Write `smoothed` of rows row0 .. row1 - 1 and columns col0 .. col1 - 1 into `out` (ny, nx)."""
         cells.median3(self.z, 6, (row0, row1, col0, col1), out)
 
     def dilate_part(self, radius: float, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
-        """Write `dilated` of some rows and columns into an array of the map's shape, the ends left out."""
+        """Write `dilated` by `radius` m of rows row0 .. row1 - 1, columns col0 .. col1 - 1 into `out` (ny, nx)."""
         cells.dilate(self.z, cells.ball(radius, self.cell), (row0, row1, col0, col1), out)
 
     @property

@@ -40,7 +40,7 @@ class FieldPath:
         return self.part is None
 
     def values(self, message: Any) -> NDArray[Any]:
-        """Return the numbers (k,) (raises SurefootError: the message has no such field)."""
+        """Return the numbers (k,) of this place in a message (raises SurefootError: the message has no such field)."""
         fields = self.fields or tuple(name for name in USUAL if np.size(getattr(message, name, ())))[:1]
         at = message
         for name in fields:

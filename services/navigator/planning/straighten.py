@@ -55,7 +55,8 @@ def pull(weight: Bytes, path: Ints, r_start: float, c_start: float, r_goal: floa
     """Return the positions in a path (n,) of its corners after straight lines replaced parts that they make no dearer.
 
     From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
-    halving the way. The first corner is the start, at (r_start, c_start), the last one the goal.
+    halving the way. The first corner is the start, at (r_start, c_start) cells, the last one the goal. `weight`: factor
+    of each cell, (rows, cols); the path's cells are flat indices.
     """
     wide, n = weight.shape[1], path.size
     w = weight.ravel()
