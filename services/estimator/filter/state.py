@@ -166,9 +166,10 @@ def set_rotation(x: Array, rot: Array) -> None:
 
 @kernel
 def _carry_rows(cov: Array, points: Array, d: float, v: Array, arms: Array, rot: Array) -> None:
-    """Replace cov by F cov, in place, F as in the head of this file; v (3,), arms (K, 3) and rot (3, 3) in mid-step.
+    """Replace the covariance (n, n) by F cov, in place, F that of a step of d s as in the head of this file.
 
-    Each loop writes one row and takes its factors from variables: so it becomes a loop over vectors.
+    `points` (K, 11) as in `BestState`; v (3,) m/s, arms (K, 3) m, rot (3, 3) in mid-step. Each loop writes one row and
+    takes its factors from variables: so it becomes a loop over vectors.
     """
     n = cov.shape[0]
     by_acc, by_gyro, moved = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))

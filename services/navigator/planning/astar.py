@@ -76,9 +76,9 @@ def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: 
     Args:
         entry: what to put.
         f: cost and bound.
-        heads: first place of each bucket, -1 = empty.
-        cell_of: entry at each place.
-        next_of: place after each, of a bucket or of those that are spare.
+        heads: first place of each bucket, (buckets,), -1 = empty.
+        cell_of: entry at each place, (places,).
+        next_of: place after each, of a bucket or of those that are spare, (places,).
         spare: first spare place, -1 = none: the place `used` is taken, which has to exist.
         used: places that were ever used.
 

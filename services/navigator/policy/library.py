@@ -17,7 +17,7 @@ NAMES = ("hand", "tuned", "steer", "planner", "sarsa")
 
 
 def known() -> tuple[str, ...]:
-    """Return the names that `find` takes, files aside."""
+    """Return the names of the policies that `find` takes beside files."""
     return (*NAMES, *shipped())
 
 
