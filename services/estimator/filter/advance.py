@@ -168,12 +168,13 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
     geometry, noise = setting.geometry, setting.noise
     watch_sensors(state, samples, row, geometry.foot, settled(state))
     judge_noise(state, noise.stated_point)
-    position, rot = samples.feet[row].copy(), samples.foot_rots[row].copy()
+    position, rot, closed = samples.feet[row].copy(), samples.foot_rots[row].copy(), samples.closed[row].copy()
     for f in range(position.shape[0]):
         source = int(state.sensors[f, S.source])
         position[f], rot[f] = samples.feet[row, source], samples.foot_rots[row, source]
+        closed[f] = samples.closed[row, int(state.sensors[f, S.wired])]
     y, turn = points_of(geometry.foot, geometry.place, position, rot)
-    contact, closed = believed(state, samples, row, geometry.foot), samples.closed[row]
+    contact = believed(state, samples, row, geometry.foot)
     at, losses = likeliest(state), state.memory[M.losses]
     dt = max(state.memory[M.since] if at < 0 else state.mode_memory[at, M.since], 0.0)
     if _repeats(state, y, contact, closed, geometry):
@@ -308,6 +309,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
         memory[M.woke] = memory[M.age]
         memory[M.push : M.push + 3] = memory[M.wrong : M.wrong + 4] = 0.0
     memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
+    memory[M.moved] = memory[M.moved] if resting else 1.0
     if resting:
         collapse(state, setting.geometry.foot)
         memory[M.lag : M.lag + 3] = 0.0

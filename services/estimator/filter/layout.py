@@ -92,7 +92,9 @@ class SensorLayout(NamedTuple):
     """Usual distance by which its encoders jump as its switch changes, m."""
     compared: int = 16
     """`source` at the last sample whose motion was compared."""
-    delay: int = 17
+    wired: int = 17
+    """Foot whose switches are those of this foot: its own, unless two are swapped."""
+    delay: int = 18
     """Numbers that show whether its samples are late: `DelayLayout` from here on."""
 
 
@@ -117,8 +119,29 @@ class DelayLayout(NamedTuple):
     """Samples in a row at which it stood."""
 
 
+class HeightLayout(NamedTuple):
+    """Numbers of `BestState.memory` from `MemoryLayout.heights` on, of robots with two feet; see `switches`."""
+
+    over: int = 0
+    """Height of foot 0 over foot 1 while both stood, m."""
+    known: int = 1
+    """1 while that is known, else 0."""
+    other: int = 2
+    """Another height that they show since both came to stand, m."""
+    steady: int = 3
+    """Time for which they have shown that, s."""
+    closed: int = 4
+    """Switches that were closed when one was closed last, bit f for foot f; -1: encoders were wrong then."""
+    opened: int = 5
+    """How far the foot whose switch is open has been above the other since it opened, m."""
+    alike: int = 6
+    """1 if the last sample contradicted the switches, else 0: one alone may be a jump."""
+    lasts: int = 7
+    """Time for which they have, s."""
+
+
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (104,)."""
+    """First index of each part of `BestState.memory`, (113,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -202,15 +225,21 @@ class MemoryLayout(NamedTuple):
     wrong: int = 68
     """Fit of a line through 0 to the level part d of `push` less the velocity that a standing foot shows, over the time
     t since `woke`: integrals of t d (2), t^2 and d^2, (4,)."""
-    levels: int = 72
+    heights: int = 72
+    """Height of one of two feet over the other: `HeightLayout` from here on."""
+    moved: int = 80
+    """1 once the robot has moved since its start, else 0."""
+    levels: int = 81
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 
 LEVEL, LEVELS = 4, 8
 """Numbers of a level, and most levels that are remembered."""
-X, E, P, S, L, M = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout(), MemoryLayout()
+X, E, P, S, L = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout()
+H, M = HeightLayout(), MemoryLayout()
 POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.levels + LEVEL * LEVELS
-"""Number of columns of a point and of the sensors of a foot, and of numbers in the memory."""
+HEIGHTS = H.lasts + 1
+"""Number of columns of a point and of the sensors of a foot, and of numbers in the memory and of its heights."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""
 NO_FEET = LONG_AGO = -1.0

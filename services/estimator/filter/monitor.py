@@ -31,10 +31,11 @@ from surefoot.kernels.jit import kernel
 from .delay import learn_delay, lift_delay
 from .encoders import exchanged, jumped, learn_repeats, unknown
 from .hypotheses import likeliest, mode
-from .layout import L, M, P, S, X
+from .layout import HEIGHTS, L, M, P, S, X
 from .noise import FIXED
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, rotation, turn_matrix
+from .switches import judge_heights, judge_switches, rewired
 
 Feet = NDArray[np.int64]
 
@@ -76,44 +77,6 @@ def judge_noise(state: BestState, stated: float) -> None:
     memory[M.shown + 2] = min(max(FIXED.sure_point, FIXED.more_point * shown) / stated, 1.0)
     for h in range(state.weight.size):
         state.mode_memory[h, M.shown + 2] = memory[M.shown + 2]
-
-
-@kernel
-def _judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies: bool, aloft: bool) -> None:
-    """Learn which switches contradict the motion of their feet beside that of the others, in place.
-
-    Args:
-        sensors: numbers of each foot, see `SensorLayout`.
-        size: logarithm of what each foot shows beside the inertial unit, (L,); NaN: not known.
-        contact: probability that each foot touches the ground, (L,).
-        dt: time since it was looked at last, s.
-        flies: the robot shows no weight, so that no foot stands whose switch is open.
-        aloft: it shows its weight, and no switch is closed, so that one is wrong: half of the contradiction names it.
-    """
-    for f in range(size.size):
-        # one that stands is compared with the middle of two means: of all others, and of those of them that stand
-        stands, others, closed, total, firm = contact[f] >= 0.5, 0, 0, 0.0, 0.0
-        for g in range(size.size):
-            if g != f and not math.isnan(size[g]):
-                others, total = others + 1, total + size[g]
-                if contact[g] >= 0.5:
-                    closed, firm = closed + 1, firm + size[g]
-        more = 0.0
-        if others > 0 and not (math.isnan(contact[f]) or math.isnan(size[f])):
-            usual = total / others
-            more = size[f] - (0.5 * (usual + firm / closed) if stands and closed > 0 else usual)
-            more = min(more if stands else -more, 0.0 if flies and not stands else FIXED.most_more)
-        sensors[f, S.against] += min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
-        same = sensors[f, S.same]
-        sensors[f, S.same] = max(same, 0.0) + dt if stands else min(same, 0.0) - dt
-    wrong = 0
-    for f in range(size.size):
-        wrong += sensors[f, S.against] > FIXED.most_against
-    for f in range(size.size):  # one alone hangs, and has not changed meanwhile, or is inverted
-        against, alone = sensors[f, S.against], wrong == 1 and abs(sensors[f, S.same]) < FIXED.against_s
-        share = 0.5 if aloft and contact[f] < 0.5 else 2.0 if alone else 1.0
-        if against > share * FIXED.most_against:
-            sensors[f, S.switch] = 1.0
 
 
 @kernel
@@ -174,7 +137,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             lift_delay(sensors[f], share)
         if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
-    _judge_switches(sensors, size, contact, dt, flies, state.memory[M.aloft] > 0.5 * FIXED.longest_aloft)
+    judge_switches(sensors, size, contact, dt, flies, state.memory[M.aloft] > 0.5 * FIXED.longest_aloft)
 
 
 @kernel
@@ -203,7 +166,7 @@ def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
         own: numbers of the foot, see `SensorLayout`.
         samples: filled rows.
         row: of the feet.
-        point: one of its contact points.
+        point: one of the contact points of the foot whose switch is that of it.
     """
     way, leap = jumped(samples, row, int(own[S.source]), point, own[S.leap]), own[S.leap]
     if way < 0.0:
@@ -213,6 +176,19 @@ def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
     elif way > 0.0:
         own[S.jump] = 1.0
         own[S.strange : S.against + 1] = 0.0
+
+
+@kernel
+def _over(rot: Array, sensors: Array, feet: Array, row: int) -> float:
+    """Return the height of foot 0 over foot 1, m, in a row of feet (N, 2, 3), IMU axes; NaN: encoders are wrong."""
+    over = 0.0
+    for f in range(2):
+        source = int(sensors[f, S.source])
+        if unknown(feet, row, source) or max(sensors[f, S.jump], sensors[f, S.still]) > FIXED.most_mistrust:
+            return math.nan
+        for i in range(3):
+            over += (1.0 - 2.0 * f) * rot[2, i] * feet[row, source, i]
+    return over
 
 
 @kernel
@@ -233,7 +209,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
     if row < 1:
         memory[M.usual_gyro : M.usual_gyro + 3] = memory[M.last_gyro : M.last_gyro + 3]
         return
-    contact, turn, beside = np.zeros(count), 0.0, 0.0
+    contact, turn, beside, switches = np.zeros(count), 0.0, 0.0, rewired(samples.contact[row], sensors, foot)
     dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1])
     _weigh(memory, sensors, samples.contact[row], foot, dt)
     fade = math.exp(-FIXED.forget_fault * dt)
@@ -241,9 +217,9 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         for i in (S.switch, S.still, S.jump):
             sensors[f, i] *= fade
     for k in range(foot.size):
-        contact[foot[k]] = samples.contact[row, k]
+        contact[foot[k]] = switches[k]
         if k == 0 or foot[k] != foot[k - 1]:
-            _learn_jump(sensors[foot[k]], samples, row, k)
+            _learn_jump(sensors[int(sensors[foot[k], S.wired])], samples, row, k)
     for i in range(3):
         turn += (memory[M.last_gyro + i] - likely.x[X.gyro_bias + i]) ** 2
         memory[M.usual_gyro + i] += min(dt / FIXED.usual_s, 1.0) * (memory[M.last_gyro + i] - memory[M.usual_gyro + i])
@@ -253,6 +229,10 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         g = exchanged(samples.feet, row, f)
         if g > f:
             sensors[f, S.source], sensors[g, S.source] = sensors[g, S.source], sensors[f, S.source]
+    if count == 2 and settled and np.max(sensors[:2, S.held]) == 0.0:
+        over = _over(rotation(likely.x), sensors, samples.feet, row)
+        shows = memory[M.weight] >= 0.5 * GRAVITY
+        judge_heights(memory[M.heights : M.heights + HEIGHTS], sensors, over, contact, dt, shows)
     before = row - int(memory[M.watched])
     if 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before]) >= FIXED.least_step:
         memory[M.watched] = 0.0
@@ -269,7 +249,7 @@ def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Ar
     are feet whose encoders stand still, and feet whose samples hardly fit, until the mistrust in them has faded, in
     place. A wrong switch explains why a foot did not fit.
     """
-    contact, at = samples.contact[row].copy(), likeliest(state)
+    contact, at = rewired(samples.contact[row], state.sensors, foot), likeliest(state)
     points = state.points if at < 0 else state.mode_points[at]
     if state.memory[M.aloft] > FIXED.longest_aloft:
         contact[:] = math.nan

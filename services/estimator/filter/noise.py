@@ -114,6 +114,8 @@ class BestLimits(NamedTuple):
     """Rate at which a robot at rest may still turn, rad/s: servos settle under its weight."""
     turn_creep: float = 0.0005
     """Rate at which a robot at rest may still turn about the vertical, rad/s: its weight does not turn it."""
+    rest_memory: float = 2.0
+    """Windows of a rest after a walk that count about the vertical: a real iCub turns by 2 mrad/s for its first 3 s."""
 
 
 class BestSetting(NamedTuple):
@@ -218,6 +220,14 @@ class FixedNumbers(NamedTuple):
     """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong; twice that for one alone that changes."""
+    most_right: float = 0.5
+    """Largest mean logarithm by which motion agrees with a switch: what was right before hides no fault for long."""
+    risen: float = 0.008
+    """Rise of one of two feet over the other that shows that it does not stand, m. Clean logs, both closed: 7 mm."""
+    lifted: float = 0.003
+    """Rise of a foot whose switch is open from which it has been in the air, m."""
+    rises_s: float = 0.02
+    """Time for which a foot must have risen, two samples at least, s."""
     delay_forget_s: float = 0.25
     """Time in which what a foot shows beside the inertial unit is forgotten where late stamps are looked for, s."""
     delay_s: float = 1.0

@@ -91,7 +91,7 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
     one = (x, cov, np.zeros((points, POINT_COLUMNS)), np.zeros((points, 3, 3)), memory)
     some = [np.repeat(part[None], modes, axis=0) for part in one]
     sensors = np.zeros((points, SENSOR_COLUMNS))
-    sensors[:, S.source] = sensors[:, S.compared] = np.arange(points)
+    sensors[:, S.source] = sensors[:, S.compared] = sensors[:, S.wired] = np.arange(points)
     sensors[:, S.trunk : S.trunk + 3] = np.nan
     return BestState(*one, some[0], some[1], some[2], some[3], some[4], np.zeros(modes), sensors)
 

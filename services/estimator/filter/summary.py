@@ -158,7 +158,8 @@ def leg_sensors(parts: FilterParts) -> LegSensors:
     for k in range(foot.size):
         left_out |= (1 << foot[k]) if points[k, P.mistrust] > FIXED.most_mistrust else 0
     for f in range(parts.check.feet.shape[0]):
-        switches |= (1 << f) if sensors[f, S.switch] > FIXED.most_mistrust else 0
+        wrong = sensors[f, S.switch] > FIXED.most_mistrust or int(sensors[f, S.wired]) != f
+        switches |= (1 << f) if wrong else 0
         jumping |= (1 << f) if sensors[f, S.jump] > FIXED.most_mistrust else 0
         still |= (1 << f) if sensors[f, S.still] > FIXED.most_mistrust else 0
         swapped |= (1 << f) if int(sensors[f, S.source]) != f else 0

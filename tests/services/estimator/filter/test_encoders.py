@@ -10,6 +10,7 @@ from surefoot.services.estimator.filter import monitor
 from surefoot.services.estimator.filter.encoders import jumped
 from surefoot.services.estimator.filter.layout import SENSOR_COLUMNS, S
 from surefoot.services.estimator.filter.samples import SampleStore
+from surefoot.services.estimator.filter.switches import judge_switches
 
 FINE = 2000  # steps of the true motion in a second
 STEP_S = 1.0 / 30.0
@@ -77,7 +78,7 @@ def judged(open_s: float, more: float = 1.25, *, flies: bool = False, others: in
         closed = (k * dt) % (2.0 * open_s) >= open_s
         contact, size = np.array([0.0, 1.0, 0.0, 1.0]), np.array([-0.5, -2.0, -0.5, -2.0])
         contact[:others], size[:others] = float(closed), -1.75 + more if closed else -1.5 - more
-        monitor._judge_switches(sensors, size, contact, dt, flies, False)
+        judge_switches(sensors, size, contact, dt, flies, False)
     return [bool(wrong) for wrong in sensors[:, S.switch] > 0.5]
 
 
@@ -102,7 +103,7 @@ def test_no_open_switch_is_wrong_while_the_robot_flies() -> None:
 def test_half_of_a_contradiction_names_a_switch_while_none_is_closed(aloft: bool) -> None:
     sensors, size, contact = np.zeros((2, SENSOR_COLUMNS)), np.array([-2.0, -1.8]), np.zeros(2)
     for _ in range(60):
-        monitor._judge_switches(sensors, size, contact, 1.0 / 30.0, False, aloft)
+        judge_switches(sensors, size, contact, 1.0 / 30.0, False, aloft)
     assert [bool(wrong) for wrong in sensors[:, S.switch] > 0.5] == [aloft, False]
 
 

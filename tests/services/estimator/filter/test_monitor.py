@@ -70,7 +70,7 @@ def test_feet_that_are_unknown_by_turns_are_not_taken_for_swapped() -> None:
     assert not found["swapped"].any()
 
 
-@pytest.mark.parametrize("fault", ["legs swapped", "clock back 0.1 s"])
+@pytest.mark.parametrize("fault", ["switches swapped", "legs swapped", "clock back 0.1 s"])
 def test_what_is_undone_leaves_the_estimate_as_it_was(fault: str) -> None:
     log = noisy()
     _, _, found = time_of(fault, 0)
