@@ -180,11 +180,11 @@ def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
 
 @kernel
 def _over(rot: Array, sensors: Array, feet: Array, row: int) -> float:
-    """Return the height of foot 0 over foot 1, m, in a row of feet (N, 2, 3), IMU axes; NaN: encoders are wrong."""
+    """Return the height of foot 0 over foot 1, m, in a row of feet (N, 2, 3), IMU axes; NaN: encoders are suspected."""
     over = 0.0
     for f in range(2):
         source = int(sensors[f, S.source])
-        if unknown(feet, row, source) or max(sensors[f, S.jump], sensors[f, S.still]) > FIXED.most_mistrust:
+        if unknown(feet, row, source) or max(sensors[f, S.jump], sensors[f, S.still]) > FIXED.suspected:
             return math.nan
         for i in range(3):
             over += (1.0 - 2.0 * f) * rot[2, i] * feet[row, source, i]

@@ -68,13 +68,48 @@ def judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies
     wrong = 0
     for f in range(size.size):
         wrong += sensors[f, S.against] > FIXED.most_against
-    if size.size == 2 and wrong == 2 and np.max(sensors[:2, S.held]) == 0.0:
+    sound = np.max(sensors[:, S.jump : S.still + 1]) <= FIXED.suspected and np.max(sensors[:, S.held]) == 0.0
+    leaps = np.max(sensors[:, S.leap]) > 2.0 * FIXED.jump  # then jumps are taken for wrong switches
+    if size.size == 2 and wrong == 2 and sound and not leaps:
         swap_switches(sensors)
     for f in range(size.size):  # one alone hangs, and has not changed meanwhile, or is inverted
         against, alone = sensors[f, S.against], wrong == 1 and abs(sensors[f, S.same]) < FIXED.against_s
         share = 0.5 if aloft and contact[f] < 0.5 else 2.0 if alone else 1.0
         if against > share * FIXED.most_against:
             sensors[f, S.switch] = 1.0
+
+
+@kernel
+def _learn_height(own: Array, over: float, closed: int, dt: float) -> float:
+    """Learn the height of foot 0 over foot 1 while both stand, in place; return by how much it is more now, m.
+
+    Another height counts once they have shown it for a while: one of them may be in the air, and its switch hang.
+
+    Args:
+        own: numbers of this, see `HeightLayout`.
+        over: the height, m; NaN: not known.
+        closed: closed switches, bit f for foot f.
+        dt: time since the last sample, s.
+    """
+    last, rise = own[H.closed], over - own[H.over]
+    if math.isnan(over) or (0 < closed < 3 and last != 3.0 and last != closed):  # it may have leapt to other ground
+        own[H.known] = 0.0
+    if closed > 0:
+        own[H.closed] = -1.0 if math.isnan(over) else closed
+    if closed < 3:
+        return rise
+    own[H.opened] = 0.0
+    if last != 3.0:
+        own[H.known], own[H.other], own[H.steady] = 0.0, over, 0.0
+    if abs(rise) <= 0.5 * FIXED.risen:
+        own[H.over] += min(dt / FIXED.against_s, 1.0) * rise
+        own[H.known] = 1.0
+    elif own[H.known] == 0.0:
+        same = abs(over - own[H.other]) < 0.5 * FIXED.risen
+        own[H.other], own[H.steady] = (own[H.other], own[H.steady] + dt) if same else (over, 0.0)
+        if own[H.steady] >= FIXED.against_s:
+            own[H.over], own[H.known], rise = over, 1.0, 0.0
+    return rise
 
 
 @kernel
@@ -94,30 +129,12 @@ def judge_heights(own: Array, sensors: Array, over: float, contact: Array, dt: f
         shows: the robot shows its weight.
     """
     closed = (1 if contact[0] >= 0.5 else 0) + (2 if contact[1] >= 0.5 else 0)
-    last, rise, swapped = own[H.closed], over - own[H.over], False
-    if math.isnan(over) or (0 < closed < 3 and last != 3.0 and last != closed):  # it may have leapt to other ground
-        own[H.known] = 0.0
-    if closed > 0:
-        own[H.closed] = -1.0 if math.isnan(over) else closed
-    if closed == 3:
-        own[H.opened] = 0.0
-        if last != 3.0:
-            own[H.known], own[H.other], own[H.steady] = 0.0, over, 0.0
-        if abs(rise) <= 0.5 * FIXED.risen:
-            own[H.over] += min(dt / FIXED.against_s, 1.0) * rise
-            own[H.known] = 1.0
-        elif own[H.known] == 0.0:
-            same = abs(over - own[H.other]) < 0.5 * FIXED.risen
-            own[H.other], own[H.steady] = (own[H.other], own[H.steady] + dt) if same else (over, 0.0)
-            if own[H.steady] >= FIXED.against_s:
-                own[H.over], own[H.known], rise = over, 1.0, 0.0
-    elif closed > 0:
+    rise, swapped = _learn_height(own, over, closed, dt), 0 < closed < 3
+    if swapped:
         rise = rise if closed == 1 else -rise
         own[H.opened] = max(own[H.opened], -rise)
-        swapped, rise = True, rise if own[H.opened] < FIXED.lifted else 0.0
-    elif not shows:
-        rise = 0.0
-    if not own[H.known] > 0.0 or not abs(rise) > FIXED.risen or (swapped and rise < 0.0):
+    unsure = (swapped and (rise < 0.0 or own[H.opened] >= FIXED.lifted)) or (closed == 0 and not shows)
+    if unsure or not own[H.known] > 0.0 or not abs(rise) > FIXED.risen:
         own[H.alike] = own[H.lasts] = 0.0
         return
     own[H.lasts] += dt if own[H.alike] > 0.0 else 0.0
