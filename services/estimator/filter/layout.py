@@ -133,7 +133,7 @@ class HeightLayout(NamedTuple):
     closed: int = 4
     """Switches that were closed when one was closed last, bit f for foot f; -1: encoders were wrong then."""
     opened: int = 5
-    """How far the foot whose switch is open has been above the other since it opened, m."""
+    """Most that the foot whose switch is open has been above the other since it opened, m."""
     alike: int = 6
     """1 if the last sample contradicted the switches, else 0: one alone may be a jump."""
     lasts: int = 7
