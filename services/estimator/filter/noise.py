@@ -390,19 +390,11 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
 def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:
     """Return start and rest; `stated`: pose and slope at the start are known."""
     return BestLimits(
-        samples=params.standstill_samples,
-        gyro_variance=params.standstill_gyro_sd**2,
-        acc_variance=params.standstill_acc_sd**2,
-        travel=params.standstill_travel,
-        gyro_bias_sd=params.gyro_bias_sd,
-        acc_bias_sd=params.acc_bias_sd,
-        slope_sd=params.start_slope_sd if stated else math.inf,
-        start=StartPose(*map(float, start)),
-        start_sd=FIXED.stated_sd if stated else FIXED.lost_sd,
-        gap_s=params.gap_periods * 1e-9 * params.imu_period_ns,
-        forget_s=1e-9 * params.reset_gap_ns,
-        max_speed=params.max_speed,
-        level_sd=FIXED.level_sd if params.level_ground and stated else math.inf,
-        hypotheses=hypotheses,
+        samples=params.standstill_samples, travel=params.standstill_travel, max_speed=params.max_speed,
+        gyro_variance=params.standstill_gyro_sd**2, acc_variance=params.standstill_acc_sd**2,
+        gyro_bias_sd=params.gyro_bias_sd, acc_bias_sd=params.acc_bias_sd, hypotheses=hypotheses,
+        slope_sd=params.start_slope_sd if stated else math.inf, start=StartPose(*map(float, start)),
+        start_sd=FIXED.stated_sd if stated else FIXED.lost_sd, gap_s=params.gap_periods * 1e-9 * params.imu_period_ns,
+        forget_s=1e-9 * params.reset_gap_ns, level_sd=FIXED.level_sd if params.level_ground and stated else math.inf,
         levels=params.levels and not (params.level_ground and stated),
-    )
+    )  # fmt: skip
