@@ -309,7 +309,6 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
         memory[M.woke] = memory[M.age]
         memory[M.push : M.push + 3] = memory[M.wrong : M.wrong + 4] = 0.0
     memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
-    memory[M.moved] = memory[M.moved] if resting else 1.0
     if resting:
         collapse(state, setting.geometry.foot)
         memory[M.lag : M.lag + 3] = 0.0

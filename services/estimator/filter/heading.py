@@ -66,7 +66,7 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
 
 @kernel
 def gyro_share(memory: Array) -> float:
-    """Return the share of the gyro in the heading, 0 to 1, by `BestState.memory` (104,).
+    """Return the share of the gyro in the heading, 0 to 1, by `BestState.memory` (112,).
 
     It is rho^4/(rho^4 + rho_0^4), rho^2 = `parting`, mean square rate at which standing points part; 0 if it is small.
     """

@@ -141,7 +141,7 @@ class HeightLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (113,)."""
+    """First index of each part of `BestState.memory`, (112,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -227,9 +227,7 @@ class MemoryLayout(NamedTuple):
     t since `woke`: integrals of t d (2), t^2 and d^2, (4,)."""
     heights: int = 72
     """Height of one of two feet over the other: `HeightLayout` from here on."""
-    moved: int = 80
-    """1 once the robot has moved since its start, else 0."""
-    levels: int = 81
+    levels: int = 80
     """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
 
 

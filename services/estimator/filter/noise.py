@@ -114,8 +114,6 @@ class BestLimits(NamedTuple):
     """Rate at which a robot at rest may still turn, rad/s: servos settle under its weight."""
     turn_creep: float = 0.0005
     """Rate at which a robot at rest may still turn about the vertical, rad/s: its weight does not turn it."""
-    rest_memory: float = 2.0
-    """Windows of a rest after a walk that count about the vertical: a real iCub turns by 2 mrad/s for its first 3 s."""
 
 
 class BestSetting(NamedTuple):

@@ -17,8 +17,7 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
     """Correct with the gyro of a robot at rest, about each axis u of odom, in place: u^T w = u^T b_w + noise.
 
     Servos settle under the weight of the robot, which tilts it but does not turn it: the noise about the vertical is
-    smaller. But soles that a walk has set down twisted give way for seconds, and the bias itself wanders: of a rest
-    after a walk the last `rest_memory` windows count, by a walk of the bias with which they weigh as much.
+    smaller.
 
     Args:
         w: mean of the samples, (3,) rad/s, IMU axes.
@@ -26,11 +25,6 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
     """
     cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
     sample_sq = (state.memory[M.shown] * noise.sample_gyro) ** 2
-    if state.memory[M.moved] > 0.0:
-        walk = count * limits.turn_creep**2 / (limits.samples * limits.rest_memory**2)
-        for i in range(3):
-            for j in range(3):
-                cov[E.gyro_bias + i, E.gyro_bias + j] += walk * rot[2, i] * rot[2, j]
     for i in range(3):  # one axis after the other
         creep = limits.creep if i < 2 else limits.turn_creep
         xi, column, z, s = np.empty(n), np.empty(n), 0.0, (sample_sq + limits.samples * creep**2) / count

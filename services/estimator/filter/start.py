@@ -117,7 +117,7 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
     for i in (E.pos, E.pos + 1, E.pos + 2, E.rot + 2):
         state.cov[i, i] = limits.start_sd**2
     state.memory[M.excess], state.memory[M.since], state.memory[M.age] = 1.0, NO_FEET, 0.0
-    state.memory[M.framed], state.memory[M.moved], state.memory[M.woke] = 0.0, 0.0, LONG_AGO
+    state.memory[M.framed], state.memory[M.woke] = 0.0, LONG_AGO
     forget_levels(state.memory)
     for i in range(M.pose_extra, M.pose_extra + 7):
         state.memory[i] = 0.0

@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (104,), see `MemoryLayout`."""
+    """Numbers beside the state, (112,), see `MemoryLayout`."""
     mode_x: Array
     """States of the hypotheses as in `x`, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -64,7 +64,7 @@ class BestState(NamedTuple):
     mode_turn: Array
     """rot_odom_from_foot of the hypotheses at the last sample of the feet, (H, K, 3, 3)."""
     mode_memory: Array
-    """Numbers beside the state of each hypothesis as in `memory`, (H, 104)."""
+    """Numbers beside the state of each hypothesis as in `memory`, (H, 112)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array
