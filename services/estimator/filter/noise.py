@@ -219,7 +219,7 @@ class FixedNumbers(NamedTuple):
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong; twice that for one alone that changes."""
     most_right: float = 0.5
-    """Largest mean logarithm by which motion agrees with a switch: what was right before hides no fault for long."""
+    """Largest mean logarithm by which motion agrees with a switch of two: what was right before hides no fault long."""
     risen: float = 0.008
     """Rise of one of two feet over the other that shows that it does not stand, m. Clean logs, both closed: 7 mm."""
     lifted: float = 0.003

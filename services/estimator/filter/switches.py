@@ -62,7 +62,7 @@ def judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies
             more = size[f] - (0.5 * (usual + firm / closed) if stands and closed > 0 else usual)
             more = min(more if stands else -more, 0.0 if flies and not stands else FIXED.most_more)
         against = sensors[f, S.against] + min(dt / FIXED.against_s, 1.0) * (more - sensors[f, S.against])
-        sensors[f, S.against] = max(against, -FIXED.most_right)
+        sensors[f, S.against] = max(against, -FIXED.most_right) if size.size == 2 else against
         same = sensors[f, S.same]
         sensors[f, S.same] = max(same, 0.0) + dt if stands else min(same, 0.0) - dt
     wrong = 0
