@@ -35,18 +35,24 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--case", action="append", default=[], help="recording; may be repeated [all]")
     options = parser.parse_args(words)
     cases = [(case, name) for case, name in recorded() if not options.case or case in options.case]
+    if not cases:
+        parser.error(f"--case {options.case}: allowed are {', '.join(sorted({case for case, _ in recorded()}))}")
     if options.write:
         made = {f"{case} {name}": digests(case, name) for case, name in cases}
         options.file.write_text(json.dumps({"numbers": numbers(), "digests": made}, indent=1), encoding="utf-8")
         return 0
-    there = json.loads(options.file.read_text(encoding="utf-8"))
+    try:
+        there = json.loads(options.file.read_text(encoding="utf-8"))
+        other = {name: there["digests"][name] for name in (f"{case} {name}" for case, name in cases)}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        parser.error(f"{options.file} is no file of --write with these cases: {error}")
     print(f"numbers there  {there['numbers']}\nnumbers here   {numbers()}", flush=True)
     failed = False
     for case, name in cases:
-        was, now = there["digests"][f"{case} {name}"], digests(case, name)
-        other = [key for key in was | now if was.get(key) != now.get(key)]
-        failed |= bool(other)
-        print(f"{case:<12} {name:<10} {'differs: ' + ', '.join(other) if other else 'equal'}", flush=True)
+        was, now = other[f"{case} {name}"], digests(case, name)
+        unlike = [key for key in was | now if was.get(key) != now.get(key)]
+        failed |= bool(unlike)
+        print(f"{case:<12} {name:<10} {'differs: ' + ', '.join(unlike) if unlike else 'equal'}", flush=True)
     return int(failed)
 
 

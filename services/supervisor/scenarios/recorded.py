@@ -97,7 +97,7 @@ def recorded_scenario(metadata: dict[str, dict[str, str]], path: Path) -> Scenar
 
 
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "numbers": numbers()}
+    found = {"python": platform.python_version(), "machine": platform.machine(), "numbers": numbers()}
     for name in _COMPUTING:
         try:
             found[name] = version(name)
