@@ -11,6 +11,11 @@ Covariance6 = Annotated[tuple[float, ...], Field(min_length=36, max_length=36)]
 Covariance4 = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
 
+SURER = 0.998
+"""Part of its variance before to which that of a heading falls at least where the past is corrected; steps shrink it by
+less."""
+
+
 def _none(value: object) -> bool:
     return value is None
 
@@ -86,6 +91,14 @@ class Odometry(Message):
     stances: Annotated[tuple[StanceEnd, ...], Field(max_length=MAX_FEET)] = Field(
         default=(), exclude_if=_zero, description="stances that have ended since the message before"
     )
+
+    def corrects(self, before: "Odometry") -> bool:
+        """Return whether the step from the message before is a correction of the past, and no motion.
+
+        Dead reckoning never makes a heading surer. Its variance falls where a rest shows the bias of the gyro, or where
+        the estimator begins anew: the pose jumps, and the robot did not move.
+        """
+        return self.covariance[-1] < SURER * before.covariance[-1]
 
 
 class SeenLandmarks(LandmarkDetections):

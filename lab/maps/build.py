@@ -10,7 +10,7 @@ held. Detections that do not fit in the end are left out, and landmarks with too
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -58,6 +58,12 @@ class BuildOptions:
     """Least number of detections of a landmark that is kept."""
     rounds: int = 12
     """Largest number of steps of least squares."""
+    scale_sd: float = 0.0
+    """Standard deviation of a part by which all ways of odometry are too long, 0 = there is no such error."""
+    bend_sds: tuple[float, ...] = ()
+    """Standard deviations of the errors that all detections share, one for each column of `Sightings.bends`."""
+    sway_sds: tuple[float, ...] = ()
+    """Standard deviations of the errors that the detections of one frame share, for the first columns of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +86,8 @@ class BuiltMap:
     """Root mean square of the bearings' residuals, rad."""
     look_sd: float
     """Noise of the descriptors, given or estimated."""
+    common: Array
+    """Errors that all detections share, one for each column of `Sightings.bends`, and that of the ways, (k + 1,)."""
     detections: int
     """Detections in the recording."""
     used: int
@@ -101,11 +109,32 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
     """
     options = options or BuildOptions()
     look_sd = options.look_sd or estimated_look_noise(seen)
-    track = associate(seen, look_sd, options)
-    poses, places = seen.poses.copy(), _first_places(seen, track)
+    return fitted(seen, associate(seen, look_sd, options), look_sd, options, source)
+
+
+def fitted(
+    seen: Sightings, track: Index, look_sd: float, options: BuildOptions, source: str, start: Array | None = None
+) -> BuiltMap:  # fmt: skip
+    """Return the map of detections whose landmarks are known.
+
+    Args:
+        seen: detections and odometry.
+        track: landmark of each detection, (m,).
+        look_sd: noise of the descriptors, kept in the result.
+        options: noise, and which errors are common to all detections.
+        source: named in the map.
+        start: poses to begin with, (f, 3) m and rad; None = those of the odometry.
+
+    Raises:
+        SurefootError: no landmark was seen often enough.
+    """
+    poses = (seen.poses if start is None else start).copy()
+    places = _first_places(replace(seen, poses=poses), track)
+    common = np.zeros(len(options.bend_sds) + 1 + len(poses) * len(options.sway_sds))
     for _ in range(options.rounds):
-        if _improve(seen, track, poses, places, options) < 1e-5:
+        if _improve(seen, track, poses, places, common, options) < 1e-5:
             break
+    seen = seen.straightened(*_errors(common, options))
     residual = _residuals(seen, track, poses, places, options)
     good = (residual**2).sum(axis=1) < OUTLIER
     count = np.bincount(track[good], minlength=len(places))
@@ -126,7 +155,7 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
     shift = float(np.hypot(*(poses - seen.poses)[:, :2].T).max())
     sd = _place_sd(seen, track, used, new, poses, places, options)
     return BuiltMap(
-        world, count[kept], sd, poses, shift, range_rms, bearing_rms, look_sd, len(track), int(used.sum()),
+        world, count[kept], sd, poses, shift, range_rms, bearing_rms, look_sd, common, len(track), int(used.sum()),
         len(places) - len(kept),
     )  # fmt: skip
 
@@ -218,13 +247,15 @@ def _residuals(seen: Sightings, track: Index, poses: Array, places: Array, optio
     return nu / np.stack((_relative(options, q) * q, np.full(len(q), options.bearing_sd)), axis=1)
 
 
-def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> float:
+def _improve(
+    seen: Sightings, track: Index, poses: Array, places: Array, common: Array, options: BuildOptions
+) -> float:  # fmt: skip
     """Take one step of Gauss and Newton, in place; return the largest correction of a place, m.
 
-    `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m.
+    `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m; `common`: errors of all detections and of all ways.
     """
     m, f, n = len(track), len(poses), len(places)
-    d, q, nu = _geometry(seen, track, poses, places)
+    d, q, nu = _geometry(seen.straightened(*_errors(common, options)), track, poses, places)
     sd_r, sd_b = _relative(options, q) * q, np.full(m, options.bearing_sd)
     u = d / q[:, None]
     size = np.sqrt((nu[:, 0] / sd_r) ** 2 + (nu[:, 1] / sd_b) ** 2)
@@ -238,6 +269,12 @@ def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options
         (rows + m, at_place, -u[:, 1] / q * wb), (rows + m, at_place + 1, u[:, 0] / q * wb),
     ]  # fmt: skip
     right = [nu[:, 0] * wr, nu[:, 1] * wb]
+    shared, bends, sways = 3 * f + 2 * n, len(options.bend_sds), len(options.sway_sds)
+    scale = shared + bends
+    columns = [(k, np.full(m, shared + k)) for k in range(bends)]
+    columns += [(k, scale + 1 + sways * seen.frame + k) for k in range(sways)]
+    for k, column in columns:
+        entries += [(rows, column, seen.bends[:, 0, k] * wr), (rows + m, column, seen.bends[:, 1, k] * wb)]
     start = 2 * m
     before, odometry = _between(poses), _between(seen.poses)
     way, turn = np.hypot(odometry[:, 0], odometry[:, 1]), np.abs(odometry[:, 2])
@@ -250,22 +287,33 @@ def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options
         entries += [
             (at, a, -ex / sd_t), (at, a + 1, -ey / sd_t), (at, a + 2, et / sd_t),
             (at, a + 3, ex / sd_t), (at, a + 4, ey / sd_t),
+            (at, np.full(f - 1, scale), odometry[:, i] / sd_t),
         ]  # fmt: skip
-        right.append((odometry[:, i] - before[:, i]) / sd_t)
+        right.append(((1.0 - common[bends]) * odometry[:, i] - before[:, i]) / sd_t)
     at = start + 2 * (f - 1) + steps
     entries += [(at, a + 2, -1.0 / sd_a), (at, a + 5, 1.0 / sd_a)]
     right.append((odometry[:, 2] - before[:, 2]) / sd_a)
     held = start + 3 * (f - 1) + np.arange(3)
     entries.append((held, np.arange(3), np.full(3, 1e6)))
     right.append(1e6 * (seen.poses[0] - poses[0]))
+    likely = 1.0 / np.maximum(1e-9, np.array([*options.bend_sds, options.scale_sd, *options.sway_sds * f]))
+    entries.append((held[-1] + 1 + np.arange(len(common)), shared + np.arange(len(common)), likely))
+    right.append(-likely * common)
     i, j, v = (np.concatenate([entry[x] for entry in entries]) for x in range(3))
-    jacobian = sparse.csc_matrix((v, (i, j)), shape=(start + 3 * f, 3 * f + 2 * n))
+    jacobian = sparse.csc_matrix((v, (i, j)), shape=(start + 3 * f + len(common), shared + len(common)))
     normal = (jacobian.T @ jacobian).tocsc()
     step: Array = np.asarray(spsolve(normal, jacobian.T @ np.concatenate(right)))
     poses += step[: 3 * f].reshape(f, 3)
-    moved = step[3 * f :].reshape(n, 2)
+    moved = step[3 * f : shared].reshape(n, 2)
     places += moved
+    common += step[shared:]
     return float(np.abs(moved).max())
+
+
+def _errors(common: Array, options: BuildOptions) -> tuple[Array, Array]:
+    """Return the errors of all detections, (k,), and of those of each frame, (f, s)."""
+    bends, sways = len(options.bend_sds), len(options.sway_sds)
+    return common[:bends], common[bends + 1 :].reshape(-1, max(1, sways))[:, :sways]
 
 
 def _between(poses: Array) -> Array:

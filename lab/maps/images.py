@@ -7,8 +7,6 @@ is seen again closes the loop.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,122 +21,24 @@ from surefoot.record.robots import robot_of
 from surefoot.robot.description import Robot
 from surefoot.schemas.topics import HW_IMAGE, HW_JOINTS, SIM_TRUTH, STATE_ODOMETRY, STATE_POSE
 from surefoot.services.vision.eye import Eye
-from surefoot.services.vision.feature_map import CODE, FeatureMap
-from surefoot.services.vision.features import KINDS, Extractor, Kind, distances
+from surefoot.services.vision.feature_map import FeatureMap
+from surefoot.services.vision.features import KINDS, Extractor, Kind
 from surefoot.services.vision.motion import MotionHistory
 from surefoot.services.vision.opencv import opencv
 from surefoot.services.vision.view import Patch
 
-from .build import BuildOptions, build_map
-from .sightings import Sightings
+from .loops import closed
+from .tracks import often_seen, track
 from .turned import ALL, TILTS, FloorLook, camera_error, effects, set_right
 
-SAME = 0.03
-"""Distance within which two sightings of a feature lie, beside what odometry drifts in between, m."""
-LOOK = 0.85
-"""Part of the largest distance of two looks within which a sighting belongs to a feature."""
 PER_M2 = 150.0
 """Largest density of a map, features per m^2."""
 MOST_OF_IMAGE, MOST_OF_TILE = 250, 4000
 """Features of an image and of a part of a photograph, at most."""
 AHEAD, SMALLEST = np.array([[0.75, 0.0], [0.75, 0.3]]), 1e-3
 """Points of the floor and least way by which an error of the camera moves them that is taken off, m."""
-PASSAGE = 0.3
-"""m walked without a sight of a feature, after which the next one is of another passage."""
 TILE, OVERLAP = 1000, 60
 """px, parts of a photograph."""
-
-
-@dataclass
-class Tracks:
-    """Features of the floor, each tracked over the images that show it."""
-
-    kind: Kind
-    positions: Array
-    totals: Array
-    """Sums of the descriptors, bits of ORB each as a number, (n, k)."""
-    count: NDArray[np.int64]
-    last: NDArray[np.int64]
-    """Image that each was seen in last."""
-    scatter: Array
-    """Sum of the squares of the distances from the mean, m^2."""
-
-    def descriptors(self) -> NDArray[Any]:
-        """Return the mean descriptor of each feature, (n, code): by majority of bits for orb."""
-        mean = self.totals / self.count[:, None]
-        return np.packbits(mean > 0.5, axis=1) if self.kind == "orb" else mean.astype(np.float32)
-
-
-def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
-    """Return descriptors (n, d) as float numbers whose mean has a meaning: single bits (orb), else as they are."""
-    return (np.unpackbits(descriptors, axis=1) if kind == "orb" else descriptors).astype(np.float64)
-
-
-def track(looks: list[FloorLook], kind: Kind, options: BuildOptions | None) -> tuple[Tracks, NDArray[np.int64]]:
-    """Return the features of images, and the feature of each sighting in order; `options` None = poses are exact."""
-    width = KINDS[kind].length * (8 if kind == "orb" else 1)
-    none = np.zeros(0, dtype=np.int64)
-    found = Tracks(kind, np.zeros((0, 2)), np.zeros((0, width)), none, none, np.zeros(0))
-    ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
-    numbered: list[NDArray[np.int64]] = []
-    for frame, look in enumerate(looks):
-        x, y, heading = look.pose
-        c, s = math.cos(heading), math.sin(heading)
-        at = np.stack((x + c * look.places[:, 0] - s * look.places[:, 1],
-                       y + s * look.places[:, 0] + c * look.places[:, 1]), axis=1)  # fmt: skip
-        since = ways[frame] - ways[found.last]
-        slack = SAME + (0.0 if options is None else 3.0 * options.walk_share) * since
-        mine = _assigned(at, look.descriptors, found, slack)
-        new = np.flatnonzero(mine < 0)
-        mine[new] = len(found.count) + np.arange(len(new))
-        _grow(found, len(new))
-        known = found.count[mine].clip(1, None if options is None else 10)[:, None]
-        gap = at - found.positions[mine]
-        first = found.count[mine] == 0
-        found.positions[mine] += np.where(first[:, None], gap, gap / (known + 1))
-        found.scatter[mine] += np.where(first, 0.0, (gap**2).sum(axis=1))
-        found.totals[mine] += numbers(kind, look.descriptors)
-        found.count[mine] += 1
-        found.last[mine] = frame
-        numbered.append(mine)
-    return found, np.concatenate(numbered) if numbered else none
-
-
-def _grow(found: Tracks, more: int) -> None:
-    found.positions = np.vstack((found.positions, np.zeros((more, 2))))
-    found.totals = np.vstack((found.totals, np.zeros((more, found.totals.shape[1]))))
-    found.count = np.concatenate((found.count, np.zeros(more, dtype=np.int64)))
-    found.last = np.concatenate((found.last, np.zeros(more, dtype=np.int64)))
-    found.scatter = np.concatenate((found.scatter, np.zeros(more)))
-
-
-def _assigned(at: Array, descriptors: NDArray[Any], found: Tracks, slack: Array) -> NDArray[np.int64]:
-    """Return the track of each sighting, -1 = a new one; each track at most once.
-
-    Args:
-        at: places of the sightings in the map, (n, 2) m.
-        descriptors: of the sightings, (n, d).
-        found: tracks so far.
-        slack: largest distance of a sighting from each track, (tracks,) m.
-    """
-    mine = np.full(len(at), -1, dtype=np.int64)
-    if not len(found.count) or not len(at):
-        return mine
-    reach = float(slack.max())
-    low, high = at.min(axis=0) - reach, at.max(axis=0) + reach
-    near = np.flatnonzero(((found.positions >= low) & (found.positions <= high)).all(axis=1))
-    part = Tracks(found.kind, found.positions[near], found.totals[near], found.count[near], near, np.zeros(len(near)))
-    gap = at[:, None] - part.positions[None]
-    look = distances(found.kind, descriptors, part.descriptors())
-    look[np.hypot(gap[..., 0], gap[..., 1]) > slack[near][None]] = np.inf
-    limit = LOOK * KINDS[found.kind].like
-    pairs = np.argwhere(look <= limit)
-    taken: set[int] = set()
-    for i, j in pairs[np.argsort(look[pairs[:, 0], pairs[:, 1]], kind="stable")].tolist():
-        if mine[i] < 0 and j not in taken:
-            mine[i] = near[j]
-            taken.add(j)
-    return mine
 
 
 def map_of(
@@ -159,74 +59,21 @@ def map_of(
         SurefootError: no feature was seen often enough, or a camera is not above the floor.
     """
     kind = eye.extractor.kind
-    options = (
-        None
-        if exact
-        else BuildOptions(range_share=0.01, range_sd=0.012, bearing_sd=math.radians(1.2), look_sd=1e-3, least=least)
-    )
-    found, mine = track(looks, kind, options)
-    kept = _often_seen(found, least)
-    error = camera_error(looks, mine if exact else passages(looks, mine), ALL if exact else TILTS)
+    if not exact:
+        looks = closed(looks, kind, least)
+    found, mine = track(looks, kind, 0.0)
+    kept = often_seen(found, least)
+    error = camera_error(looks, mine, ALL if exact else TILTS)
     if np.hypot(*(effects(looks[0]._replace(places=AHEAD)) @ error).T).max() > SMALLEST:
         looks = set_right(looks, error)
-        found, mine = track(looks, kind, options)
-        kept = _often_seen(found, least)
-    positions, sd = found.positions.copy(), np.sqrt(0.5 * found.scatter / found.count) / np.sqrt(found.count)
-    if options is not None:
-        kept, positions[kept], sd[kept] = _improved(looks, found, mine, kept, options, source)
+        found, _ = track(looks, kind, 0.0)
+        kept = often_seen(found, least)
+    sd = np.sqrt(0.5 * found.scatter / found.count) / np.sqrt(found.count)
     whole = FeatureMap(
-        kind, positions, found.descriptors(), found.count, np.maximum(sd, 1e-3), eye.patch.pixel, camera, 1, source,
+        kind, found.positions, found.looks, found.count, np.maximum(sd, 1e-3), eye.patch.pixel, camera, 1, source,
         opencv().__version__,
     )  # fmt: skip
     return whole.chosen(kept).pruned(least, per_m2)
-
-
-def _often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
-    """Return the indices of the features of `least` sightings or more (raises SurefootError: there are no two)."""
-    kept = np.flatnonzero(found.count >= least)
-    if len(kept) < 2:
-        most = int(found.count.max(initial=0))
-        raise SurefootError(
-            "no_landmarks", f"no two features were seen {least} times, the most often seen {most} times"
-        )
-    return kept
-
-
-def passages(looks: list[FloorLook], tracks: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for the sightings of each feature, `tracks` (n,), in one passage, (n,).
-
-    In a passage poses hold together.
-    """
-    ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
-    way = np.repeat(ways, [len(look.places) for look in looks])
-    order = np.lexsort((np.arange(len(tracks)), tracks))
-    begins = (np.diff(tracks[order]) > 0) | (np.diff(way[order]) > PASSAGE)
-    found = np.empty(len(tracks), dtype=np.int64)
-    found[order] = np.cumsum(np.concatenate(([False], begins)))
-    return found
-
-
-def _improved(
-    looks: list[FloorLook], found: Tracks, mine: NDArray[np.int64], kept: NDArray[np.int64], options: BuildOptions,
-    source: str,
-) -> tuple[NDArray[np.int64], Array, Array]:  # fmt: skip
-    """Return the features that a common fit of poses and places keeps, (k,), their places (k, 2) m and deviations, m.
-
-    `mine`: feature of each sighting; `kept`: features that may stay.
-    """
-    codes = np.random.default_rng(0).standard_normal((len(found.count), CODE))
-    used = np.isin(mine, kept)
-    places = np.concatenate([look.places for look in looks])[used]
-    frame = np.repeat(np.arange(len(looks)), [len(look.places) for look in looks])[used]
-    poses = np.array([look.pose for look in looks])
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    seen = Sightings(
-        poses, frame, np.hypot(places[:, 0], places[:, 1]), np.arctan2(places[:, 1], places[:, 0]), codes[mine[used]],
-        source,
-    )  # fmt: skip
-    made = build_map(seen, options, source)
-    gap = ((made.world.descriptors[:, None] - codes[kept][None]) ** 2).sum(axis=2)
-    return kept[gap.argmin(axis=1)], made.world.positions, made.sd
 
 
 def read_looks(path: Path, eye: Eye, source: str | None) -> tuple[list[FloorLook], str, str]:

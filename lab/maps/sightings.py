@@ -1,7 +1,7 @@
 """Sightings of a recording: detections of landmarks, and the believed poses of the robot."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,17 @@ class Sightings:
     """Descriptor of each detection, k numbers, (m, k)."""
     source: str
     """Key of the poses."""
+    bends: Array = field(default_factory=lambda: np.zeros((0, 2, 0)))
+    """What k errors that all detections share add to range, m, and bearing, rad, per unit of each, (m, 2, k)."""
+
+    def straightened(self, errors: Array, sway: Array) -> "Sightings":
+        """Return the sightings without the errors that all share, (k,), and those that a frame shares, (n, s <= k)."""
+        if not len(errors):
+            return self
+        off = self.bends @ errors
+        if sway.shape[1]:
+            off += np.einsum("mik,mk->mi", self.bends[:, :, : sway.shape[1]], sway[self.frame])
+        return replace(self, ranges=self.ranges - off[:, 0], bearings=self.bearings - off[:, 1])
 
 
 def read_sightings(path: Path, progress: Callable[[float], None] | None = None) -> Sightings:

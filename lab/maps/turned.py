@@ -71,6 +71,13 @@ def turn_of(heading: float) -> Array:
     return np.array([[c, -s], [s, c]])
 
 
+def check_cameras(looks: list[FloorLook]) -> None:
+    """Raise InvalidField where the camera of a look is not above the floor."""
+    for number, look in enumerate(looks):
+        if not 0.0 < look.camera[2] < math.inf:
+            raise InvalidField("camera", f"got height {look.camera[2]:g} m in look {number}, allowed is > 0")
+
+
 def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = ALL) -> Array:
     """Return p, q, f, g, s, rad, and u, v, m, of a camera, (7,).
 
@@ -83,9 +90,8 @@ def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = 
         InvalidField: a camera is not above the floor.
     """
     placed, moved = list[Array](), list[Array]()
-    for number, look in enumerate(looks):
-        if not 0.0 < look.camera[2] < math.inf:
-            raise InvalidField("camera", f"got height {look.camera[2]:g} m in look {number}, allowed is > 0")
+    check_cameras(looks)
+    for look in looks:
         rot = turn_of(look.pose[2])
         placed.append(look.places @ rot.T + look.pose[:2])
         moved.append(np.einsum("ij,njk->nik", rot, effects(look, free)))

@@ -202,7 +202,7 @@ class WalkReplay:
         """Let the belief take odometry and landmarks of a tick."""
         odometry, gait = messages[topics.STATE_ODOMETRY.key], GaitView.of(messages[topics.STATE_GAIT.key])
         if odometry.initialised:
-            localiser.odometry(odometry.position[0], odometry.position[1], odometry.yaw, now * 1e-9)
+            localiser.odometry(odometry, now * 1e-9)
         if seen is not None and seen.fresh:
             try:
                 localiser.look(seen.stamped(now, now // topics.TICK_NS, 1, 0, "vision"), gait, now * 1e-9)

@@ -10,6 +10,7 @@ import numpy as np
 from surefoot.arrays import Array
 from surefoot.schemas.hw import LandmarkDetections
 from surefoot.schemas.navigation import PoseBelief
+from surefoot.schemas.state import Odometry
 
 from .belief.elsewhere import OtherPlaces
 from .belief.gate import OUTLIER
@@ -98,6 +99,7 @@ class Localiser:
         """Landmarks that the last frame was compared with."""
         self.control: Control = config.control
         self._odometry = model.odometry
+        self._message: Odometry | None = None
         self.odom: Pose | None = None
         """Last odometry, x, y (m) and yaw (rad), frame odom."""
         self._taken: Pose | None = None
@@ -147,11 +149,14 @@ class Localiser:
 
     # -- odometry ----------------------------------------------------------------------------------------------
 
-    def odometry(self, x: float, y: float, yaw: float, now: float) -> None:
-        """Use a pose in odom, m and rad (not wrapped), of time `now`, s."""
-        self.odom = (x, y, yaw)
+    def odometry(self, message: Odometry, now: float) -> None:
+        """Use a pose in odom of time `now`, s; a correction of the past moves the odometry, and not the robot."""
+        before, self._message = self._message, message
+        was, self.odom = self.odom, (*message.position[:2], message.yaw)
         if self._taken is None:
             self._taken, self._taken_at = self.odom, now
+        elif before is not None and was is not None and message.corrects(before):
+            self._taken = placed(between(self.odom, was), self._taken)
         elif now - self._taken_at >= ODOMETRY_S - 1e-6:
             self._take_odometry(now)
 

@@ -95,7 +95,7 @@ class Navigator(Service[NavigatorConfig]):
         elif first:
             self.memory.forget()
         if odometry is not None and odometry.initialised:
-            localiser.odometry(odometry.position[0], odometry.position[1], odometry.yaw, now)
+            localiser.odometry(odometry, now)
         pilot.follow(now, requests.gait, localiser.tracker)
         self._take_sight(fresh_of(inputs.get(STATE_LANDMARKS)) or inputs.get(HW_LANDMARKS), inputs.get(HW_RANGE))
         localiser.search(standing=requests.gait.state == "standing")

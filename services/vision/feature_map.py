@@ -26,6 +26,8 @@ CODE = 8
 """Numbers of the code of a landmark."""
 SAME_PLACE = 0.03
 """Distance, m, within which features of two maps that look alike are one."""
+CELL = 0.25
+"""Edge of the cells in which the density of features is limited, m."""
 PLACE_GRID = 1e-4
 """Step, m, to which the places that a code is drawn from are rounded."""
 
@@ -74,17 +76,26 @@ class FeatureMap:
     def pruned(self, least: int, per_m2: float) -> "FeatureMap":
         """Return the features that were seen `least` times, at most `per_m2` of each square metre, the most seen."""
         kept = np.flatnonzero(self.seen >= least)
-        kept = kept[np.lexsort((kept, -self.seen[kept]))]
-        room: dict[tuple[int, int], int] = {}
-        chosen: list[int] = []
-        cell = 0.25
-        most = max(1, round(per_m2 * cell * cell))
-        for i in kept.tolist():
-            key = (int(self.positions[i, 0] // cell), int(self.positions[i, 1] // cell))
-            if room.get(key, 0) < most:
-                room[key] = room.get(key, 0) + 1
-                chosen.append(i)
-        return self.chosen(np.sort(np.array(chosen, dtype=np.int64)))
+        return self.chosen(kept[spread(self.positions[kept], self.seen[kept], per_m2)])
+
+
+def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[np.int64]:
+    """Return the indices of the features seen most in each cell of 0.25 m, in order, (k,).
+
+    Args:
+        positions: on the floor, (n, 2) m.
+        seen: images that each was seen in, (n,).
+        per_m2: largest density, features per m^2.
+    """
+    room: dict[tuple[int, int], int] = {}
+    chosen: list[int] = []
+    most = max(1, round(per_m2 * CELL * CELL))
+    for i in np.lexsort((np.arange(len(seen)), -seen)).tolist():
+        key = (int(positions[i, 0] // CELL), int(positions[i, 1] // CELL))
+        if room.get(key, 0) < most:
+            room[key] = room.get(key, 0) + 1
+            chosen.append(i)
+    return np.sort(np.array(chosen, dtype=np.int64))
 
 
 def merged(a: FeatureMap, b: FeatureMap) -> FeatureMap:

@@ -45,6 +45,7 @@ class MotionHistory:
     """
 
     robot: Robot
+    _last: Odometry | None = None
     _moments: deque[OdometryAt] = field(default_factory=lambda: deque[OdometryAt](maxlen=KEPT))
     _joints: deque[tuple[int, tuple[float, ...]]] = field(
         default_factory=lambda: deque[tuple[int, tuple[float, ...]]](maxlen=KEPT // 3)
@@ -58,7 +59,20 @@ class MotionHistory:
         level = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         rot = product(level, matrix_from_quat(np.array(odometry.quat_wxyz)))
         x, y, _ = odometry.position
+        if self._last is not None and odometry.corrects(self._last) and self._moments:
+            self._correct((x, y, odometry.yaw))
+        self._last = odometry
         self._moments.append(OdometryAt(odometry.stamp_ns, (x, y, odometry.yaw), rot))
+
+    def _correct(self, pose: tuple[float, float, float]) -> None:
+        """Move all that is kept with a last pose that was corrected, x, y m and heading rad: the robot did not move."""
+        was = self._moments[-1].pose
+        turn = pose[2] - was[2]
+        c, s = math.cos(turn), math.sin(turn)
+        for i, moment in enumerate(self._moments):
+            dx, dy = moment.pose[0] - was[0], moment.pose[1] - was[1]
+            moved = (pose[0] + c * dx - s * dy, pose[1] + s * dx + c * dy, moment.pose[2] + turn)
+            self._moments[i] = moment._replace(pose=moved)
 
     def bent(self, joints: JointState) -> None:
         """Take a sample of the joint encoders."""

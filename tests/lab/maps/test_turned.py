@@ -5,7 +5,7 @@ import pytest
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_rotvec
-from surefoot.lab.maps.images import map_of, passages
+from surefoot.lab.maps.images import map_of
 from surefoot.lab.maps.turned import TILTS, FloorLook, camera_error, effects, tilts, turn_of
 from surefoot.services.vision.eye import Eye
 from tests.services.vision.shots import extractor
@@ -58,13 +58,6 @@ def test_a_camera_shows_its_error_on_a_way_there_and_back(seed):
     assert found[5:] == pytest.approx(error[5:], abs=3e-3)
 
 
-def test_one_straight_way_shows_the_tilt_though_its_poses_drift():
-    made, _, looks = walk((0.02, -0.015, 0.0, 0.0, 0.0, 0.0, 0.0), drift=0.004)
-    found = camera_error(made, passages(made, numbers_of(made, looks)), TILTS)
-    assert found[:2] + found[2:4] == pytest.approx((0.02, -0.015), abs=4e-3)
-    assert not found[4:].any()
-
-
 @pytest.mark.parametrize("exact", [True, False])
 def test_a_map_of_a_tilted_camera_is_that_of_a_level_one(exact):
     made, places, looks = walk((0.02, 0.01, 0.0, 0.005, 0.0, 0.0, 0.0))
@@ -82,13 +75,6 @@ def test_a_camera_that_is_not_above_the_floor_is_refused(height, exact):
     made[4] = made[4]._replace(camera=(*CAMERA[:2], height))
     with expect_error(SurefootError, "invalid", "camera"):
         map_of(made, Eye(extractor(), None), "c", "s", exact=exact)
-
-
-def test_passages_part_where_a_feature_was_out_of_sight():
-    look = FloorLook((0.0, 0.0, 0.0), np.zeros((1, 2)), np.zeros((1, 32), np.uint8))
-    made = [look._replace(pose=(x, 0.0, 0.0)) for x in (0.0, 0.1, 0.2, 1.0, 1.1)]
-    assert passages(made, np.zeros(5, dtype=np.int64)).tolist() == [0, 0, 0, 1, 1]
-    assert len(set(passages(made, np.arange(5)).tolist())) == 5
 
 
 def test_effects_leave_out_what_is_not_looked_for():

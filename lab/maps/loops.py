@@ -1,0 +1,85 @@
+"""Poses of a walk that drift, and the camera's common errors, from the features that its images show again.
+
+Features are tracked by the poses as they are; a floor that comes into view again closes the loop where many features
+agree on one motion. Poses, places, the tilt of the camera, the lean of the floor and the part by which all ways are too
+long are then found together (`.build`): the tilt moves features by T(d) = h I + d d^T / h (`.turned`), which grows with
+the square of the distance d, and a wrong way with d itself, so that one walk tells them apart.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.vision.feature_map import spread
+from surefoot.services.vision.features import Kind
+
+from .build import BuildOptions, fitted
+from .sightings import Sightings
+from .tracks import often_seen, track
+from .turned import LIKELY, TILTS, FloorLook, check_cameras, effects, set_right
+
+DRIFT = BuildOptions(
+    range_share=0.002, range_sd=0.003, bearing_sd=math.radians(0.35), still_m=0.0025, still_rad=0.003, look_sd=1e-3,
+    scale_sd=0.03, bend_sds=LIKELY[:TILTS], sway_sds=(math.radians(0.2), math.radians(0.2)),
+)  # fmt: skip
+"""Noise of features of the floor in an image, of odometry from image to image, and of the tilt in one image, m and rad:
+those of a walking Nao."""
+CLOSED = 0.005
+"""Part of the way that poses drift once they were improved."""
+USED_PER_M2 = 150.0
+"""Features by which poses are improved, per m^2."""
+
+
+def sightings_of(looks: list[FloorLook], tracks: NDArray[np.int64], used: NDArray[np.bool_]) -> Sightings:
+    """Return some of the features of images as detections by range and bearing.
+
+    Args:
+        looks: of a walk.
+        tracks: number of each sighting's feature, (n,).
+        used: which sightings, (n,).
+    """
+    places = np.concatenate([look.places for look in looks])[used]
+    moved = np.concatenate([effects(look, TILTS) for look in looks])[used][:, :, :TILTS]
+    frame = np.repeat(np.arange(len(looks)), [len(look.places) for look in looks])[used]
+    poses = np.array([look.pose for look in looks])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    far = np.maximum(np.hypot(places[:, 0], places[:, 1]), 1e-6)
+    ray = places / far[:, None]
+    across = np.stack((-ray[:, 1], ray[:, 0]), axis=1) / far[:, None]
+    bends = np.stack((np.einsum("ni,nik->nk", ray, moved), np.einsum("ni,nik->nk", across, moved)), axis=1)
+    return Sightings(
+        poses, frame, far, np.arctan2(places[:, 1], places[:, 0]), tracks[used][:, None].astype(np.float64), "images",
+        bends,
+    )  # fmt: skip
+
+
+def closed(looks: list[FloorLook], kind: Kind, least: int, rounds: int = 3) -> list[FloorLook]:
+    """Return the looks with poses that fit together, as a camera that stands straight has them.
+
+    Args:
+        looks: of a walk, in order.
+        kind: of the descriptors.
+        least: images that a feature was seen in, at least.
+        rounds: of tracking and improving.
+
+    Raises:
+        SurefootError: no feature was seen often enough, or a camera is not above the floor.
+    """
+    check_cameras(looks)
+    now, share, start = looks, DRIFT.walk_share, None
+    for _ in range(rounds):
+        found, tracks = track(now, kind, share)
+        kept = often_seen(found, least)
+        kept = kept[spread(found.positions[kept], found.count[kept], USED_PER_M2)]
+        number = np.full(len(found.count), -1)
+        number[kept] = np.arange(len(kept))
+        used = number[tracks] >= 0
+        seen = sightings_of(looks, number[tracks], used)  # the odometry stays that of the walk
+        made = fitted(seen, number[tracks[used]], 1e-3, replace(DRIFT, least=least), "images", start)
+        start, error = made.poses, np.concatenate((made.common[:TILTS], np.zeros(len(LIKELY) - TILTS)))
+        poses = [(float(x), float(y), float(turn)) for x, y, turn in made.poses]
+        now = set_right([look._replace(pose=pose) for look, pose in zip(looks, poses, strict=True)], error)
+        share = CLOSED
+    return now

@@ -1,0 +1,191 @@
+"""Features of the floor, each tracked from image to image by place and look."""
+
+import math
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.arrays import Array
+from surefoot.errors import SurefootError
+from surefoot.services.vision.features import KINDS, Kind, distances, nothing
+from surefoot.services.vision.recognise import RecogniseParams, consensus
+
+from .turned import FloorLook
+
+Index = NDArray[np.int64]
+
+SAME = 0.03
+"""Distance within which two sightings of a feature lie, beside what odometry drifts in between, m."""
+LOOK = 0.85
+"""Part of the largest distance of two looks within which a sighting belongs to a feature."""
+PASSAGE = 0.3
+"""m walked without a sight of a feature, after which the next one is of another passage."""
+AGAIN = RecogniseParams(inlier=0.04)
+"""Limits of the one motion on which features that are seen again agree: a tilt of 1 deg moves them by 3 cm."""
+FEWEST, SHARE, RATIO, TURNED = 6, 0.3, 0.85, 0.3
+"""Features that agree on it, at least, as a number and as a part; look of the nearest over that of the second at most;
+turn of the motion against the heading of the pose, rad, at most."""
+SEEN_BEFORE = 3
+"""Images that a feature was seen in before it can be seen again."""
+RECENT = 10
+"""Sightings whose mean is the place of a feature while poses drift."""
+
+
+@dataclass
+class Tracks:
+    """Features of the floor, n of them, each tracked over the images that show it."""
+
+    kind: Kind
+    positions: Array
+    """Places in the map, (n, 2) m: means of all sightings, of late ones where poses drift."""
+    totals: Array
+    """Sums of the descriptors, bits of ORB each as a number, (n, k)."""
+    looks: NDArray[Any]
+    """Mean descriptor of each, (n, code): by majority of bits for orb."""
+    count: Index
+    """Images that each was seen in, (n,)."""
+    last: Index
+    """Image that each was seen in last, (n,)."""
+    scatter: Array
+    """Sum of the squares of the distances from the mean, (n,) m^2."""
+
+    @staticmethod
+    def none(kind: Kind) -> "Tracks":
+        """Return no track."""
+        zero, code = np.zeros(0, dtype=np.int64), nothing(kind).descriptors
+        return Tracks(kind, np.zeros((0, 2)), numbers(kind, code), code, zero, zero, np.zeros(0))
+
+    def part(self, n: int | Index) -> "Tracks":
+        """Return the first n tracks, or those of the indices n (k,)."""
+        which = slice(n) if isinstance(n, int) else n
+        return Tracks(self.kind, *(getattr(self, each.name)[which] for each in fields(self)[1:]))
+
+    def grown(self, room: int) -> "Tracks":
+        """Return these tracks with zeros behind them, `room` in all."""
+        more = (getattr(self, each.name) for each in fields(self)[1:])
+        return Tracks(self.kind, *(np.concatenate((a, np.zeros((room - len(a), *a.shape[1:]), a.dtype))) for a in more))
+
+
+def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
+    """Return descriptors (n, d) as float numbers whose mean has a meaning: single bits (orb), else as they are."""
+    return (np.unpackbits(descriptors, axis=1) if kind == "orb" else descriptors).astype(np.float64)
+
+
+def track(looks: list[FloorLook], kind: Kind, drift: float) -> tuple[Tracks, Index]:
+    """Return the features of images, and the feature of each sighting in order, (sightings,).
+
+    Args:
+        looks: of a walk, in order.
+        kind: of the descriptors.
+        drift: part of the way by which its poses drift, one standard deviation; 0 = they are exact.
+    """
+    kept, total = Tracks.none(kind), 0
+    ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
+    numbered: list[Index] = []
+    for frame, look in enumerate(looks):
+        x, y, heading = look.pose
+        c, s = math.cos(heading), math.sin(heading)
+        at = np.stack((x + c * look.places[:, 0] - s * look.places[:, 1],
+                       y + s * look.places[:, 0] + c * look.places[:, 1]), axis=1)  # fmt: skip
+        known = kept.part(total)
+        since = ways[frame] - ways[known.last]
+        mine = _assigned(at, look, known, SAME + 3.0 * drift * since, since > PASSAGE if drift else None)
+        new = np.flatnonzero(mine < 0)
+        mine[new] = total + np.arange(len(new))
+        total += len(new)
+        if total > len(kept.count):
+            kept = kept.grown(2 * total)
+        before, gap = kept.count[mine], at - kept.positions[mine]
+        # where poses drift the last passage counts: a mean of two would lie where neither sees the feature
+        again = drift > 0.0 and ways[frame] - ways[kept.last[mine]] > PASSAGE
+        share = np.where((before == 0) | again, 1.0, 1.0 / (before.clip(1, RECENT if drift else None) + 1))
+        kept.positions[mine] += gap * share[:, None]
+        kept.scatter[mine] += np.where(before == 0, 0.0, (gap**2).sum(axis=1))
+        kept.totals[mine] += numbers(kind, look.descriptors)
+        kept.count[mine] += 1
+        kept.last[mine] = frame
+        mean = kept.totals[mine] / kept.count[mine][:, None]
+        kept.looks[mine] = np.packbits(mean > 0.5, axis=1) if kind == "orb" else mean
+        numbered.append(mine)
+    return kept.part(total), np.concatenate(numbered) if numbered else np.zeros(0, dtype=np.int64)
+
+
+def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, again: NDArray[np.bool_] | None) -> Index:
+    """Return the track of each sighting, -1 = a new one; each track at most once.
+
+    Args:
+        at: places of the sightings in the map, (n, 2) m.
+        look: that they are of.
+        found: tracks so far.
+        slack: largest distance of a sighting from each track, (tracks,) m.
+        again: tracks that were out of sight for long, (tracks,): they count only where many agree on one motion;
+            None = each counts.
+    """
+    mine = np.full(len(at), -1, dtype=np.int64)
+    if not len(found.count) or not len(at):
+        return mine
+    reach = float(slack.max())
+    low, high = at.min(axis=0) - reach, at.max(axis=0) + reach
+    inside = ((found.positions >= low) & (found.positions <= high)).all(axis=1)
+    if again is not None:
+        inside &= ~again | (found.count >= SEEN_BEFORE)
+    near = np.flatnonzero(inside)
+    gap = at[:, None] - found.positions[near][None]
+    apart = distances(found.kind, look.descriptors, found.looks[near])
+    apart[np.hypot(gap[..., 0], gap[..., 1]) > slack[near][None]] = np.inf
+    limit = LOOK * KINDS[found.kind].like
+    if again is not None:
+        apart = _of_one_motion(apart, limit, near, look, found, again[near])
+    pairs = np.argwhere(apart <= limit)
+    taken: set[int] = set()
+    for i, j in pairs[np.argsort(apart[pairs[:, 0], pairs[:, 1]], kind="stable")].tolist():
+        if mine[i] < 0 and j not in taken:
+            mine[i] = near[j]
+            taken.add(j)
+    return mine
+
+
+def _of_one_motion(
+    apart: Array, limit: float, near: Index, look: FloorLook, found: Tracks, again: NDArray[np.bool_]
+) -> Array:  # fmt: skip
+    """Return the distances of looks, infinite where a feature comes again without one motion that many agree on.
+
+    Args:
+        apart: distances, (n, m), of sightings and near tracks.
+        limit: largest distance of two looks of one feature.
+        near: numbers of the tracks, (m,).
+        look: of the sightings.
+        found: all tracks.
+        again: near tracks that were out of sight for long, (m,).
+    """
+    old = np.flatnonzero(again)
+    if not len(old):
+        return apart
+    seen = apart[:, old]
+    first = seen.argmin(axis=1)
+    best = seen[np.arange(len(seen)), first]
+    seen[np.arange(len(seen)), first] = np.inf
+    good = np.flatnonzero((best <= limit) & (best <= RATIO * seen.min(axis=1)))
+    left = apart.copy()
+    left[:, old] = np.inf
+    if len(good) >= FEWEST:
+        here, there = look.places[good], found.positions[near[old[first[good]]]]
+        agree, _ = consensus(here, there, AGAIN, (look.pose[2], TURNED))
+        if agree.sum() >= max(FEWEST, SHARE * len(good)):
+            i, j = good[agree], old[first[good[agree]]]
+            left[i, j] = apart[i, j]
+    return left
+
+
+def often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
+    """Return the indices of the features of `least` sightings or more (raises SurefootError: there are no two)."""
+    kept = np.flatnonzero(found.count >= least)
+    if len(kept) < 2:
+        most = int(found.count.max(initial=0))
+        raise SurefootError(
+            "no_landmarks", f"no two features were seen {least} times, the most often seen {most} times"
+        )
+    return kept

@@ -1,0 +1,76 @@
+"""Walks whose poses drift, of a camera that is tilted: both found together, from what is seen again."""
+
+import math
+
+import numpy as np
+import pytest
+
+from surefoot.lab.maps.images import map_of
+from surefoot.lab.maps.loops import closed
+from surefoot.lab.maps.tracks import track
+from surefoot.lab.maps.turned import FloorLook
+from surefoot.services.vision.eye import Eye
+from tests.services.vision.shots import extractor
+
+from .test_turned import walk
+
+LEVEL = (0.0,) * 7
+WAY = [(0.02 * k, 0.0, 0.0) for k in range(60)] + [(1.2, 0.0, 0.2 * k) for k in range(1, 16)] + [
+    (1.2 - 0.02 * k, 0.0, math.pi) for k in range(50)
+]  # fmt: skip
+
+
+def stated(looks: list[FloorLook], longer: float, bend: float) -> list[FloorLook]:
+    """Return looks whose poses are those of an odometry: all ways `longer`, the heading bent by `bend` rad/m."""
+    made, pose, heading = [looks[0]], looks[0].pose, looks[0].pose[2]
+    for before, now in zip(looks, looks[1:], strict=False):
+        dx, dy = now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]
+        c, s = math.cos(heading - before.pose[2]), math.sin(heading - before.pose[2])
+        x = pose[0] + (1.0 + longer) * (c * dx - s * dy)
+        y = pose[1] + (1.0 + longer) * (s * dx + c * dy)
+        heading += now.pose[2] - before.pose[2] + bend * math.hypot(dx, dy)
+        pose = (x, y, heading)
+        made.append(now._replace(pose=pose))
+    return made
+
+
+def off(looks: list[FloorLook], truth: list[FloorLook]) -> float:
+    """Return the largest distance of a pose from the true one, m."""
+    return max(math.dist(a.pose[:2], b.pose[:2]) for a, b in zip(looks, truth, strict=True))
+
+
+@pytest.mark.parametrize(("tilt", "longer", "bend"), [
+    ((0.02, -0.01), 0.0, 0.0), ((0.0, 0.0), 0.03, 0.0), ((0.02, 0.01), 0.03, 0.02), ((-0.02, 0.015), -0.03, -0.03),
+])  # fmt: skip
+def test_a_drift_and_a_tilt_are_told_apart_by_the_floor_that_is_seen_again(tilt, longer, bend):
+    truth, *_ = walk((*tilt, *LEVEL[2:]), WAY)
+    drifted = stated(truth, longer, bend)
+    found = closed(drifted, "orb", 3)
+    assert off(found, truth) < 0.02
+    assert off(drifted, truth) > 0.02 or longer == bend == 0.0
+    level, *_ = walk(LEVEL, WAY)
+    left = np.concatenate([a.places - b.places for a, b in zip(found, level, strict=True)])
+    assert np.hypot(*left.T).mean() < 0.012
+
+
+def test_a_map_of_a_drifting_walk_is_close_to_that_of_the_true_poses():
+    truth, *_ = walk(LEVEL, WAY)
+    eye = Eye(extractor(), None)
+    plain = map_of(truth, eye, "c", "s", exact=True)
+    drifted = map_of(stated(truth, 0.03, 0.02), eye, "c", "s", exact=False)
+    assert len(drifted) > 0.9 * len(plain)
+    gap = np.hypot(*(drifted.positions[:, None] - plain.positions[None]).transpose(2, 0, 1)).min(axis=1)
+    assert np.median(gap) < 0.015
+
+
+@pytest.mark.parametrize(("together", "features"), [(True, 20), (False, 40)])
+def test_features_come_again_where_many_agree_on_one_motion(together, features):
+    rng = np.random.default_rng(3)
+    places, looks = rng.uniform((0.4, -0.4), (1.0, 0.4), (20, 2)), rng.integers(0, 256, (20, 32)).astype(np.uint8)
+    blank = FloorLook((0.4, 0.0, 0.0), np.zeros((0, 2)), np.zeros((0, 32), np.uint8))
+    moved = places + ((0.06, 0.03) if together else rng.uniform(-0.12, 0.12, (20, 2)))
+    seen = [FloorLook((0.0, 0.0, 0.0), where, looks) for where in (places, moved)]
+    walked = [*[seen[0]] * 3, *[blank._replace(pose=(0.2 * k, 0.0, 0.0)) for k in (1, 2, 3, 4, 5, 4, 3, 2, 1)], seen[1]]
+    found, tracks = track(walked, "orb", 0.02)
+    assert len(found.count) == features
+    assert len(tracks) == 80
