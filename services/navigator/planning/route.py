@@ -143,7 +143,8 @@ def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
 
 def _nearest(costs: Costs, point: Point, region: int) -> Point | None:
     row, col = _padded(costs, point)
-    r, c, distance = nearest_free(costs.weight, costs.region, region, row - 0.5, col - 0.5)
+    free = costs.region == region if region else costs.region > 0
+    r, c, distance = nearest_free(free, row - 0.5, col - 0.5)
     return None if math.isinf(distance) else _centre(costs, r, c)
 
 
