@@ -90,9 +90,9 @@ class Costs:
         """Return the costs between marks and cells, (cells, marks), if the marks lie in a region, else (cells, 0)."""
         return self.marks if region == self.marked else self.marks[:, :0]
 
-    def distance(self, row: int, col: int) -> float:
-        """Return how far the centre of a cell is from the edge of the nearest obstacle, m; bounded by `comfort`."""
-        cells = math.sqrt(float(self.distance2[row + 1, col + 1])) - 0.5
+    def clearance_of(self, path: Ints) -> float:
+        """Return the least distance of a path's cells (n,), flat indices, to an obstacle's edge, m; up to `comfort`."""
+        cells = math.sqrt(float(self.distance2.ravel()[path].min())) - 0.5
         return max(0.0, min(self.clearance.comfort, cells * self.grid.cell))
 
 

@@ -81,7 +81,7 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     region = int(costs.region[begin])
     if int(costs.region[end]) != region:
         near = _nearest(costs, goal, region)
-        there = "none" if near is None else f"({near[0]:.3f}, {near[1]:.3f})"
+        there = "none" if near is None else _shown(near)
         text = f"no way leads from {_shown(start)} to {_shown(goal)}; the nearest place that can be reached is {there}"
         raise RouteError("unreachable", text, "goal", near)
     wide, g = costs.weight.shape[1], costs.scratch
@@ -90,18 +90,11 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     path = astar.trace(costs.weight, first, last, g)
     (r0, c0), (r1, c1) = _padded(costs, entry), _padded(costs, goal)
     corners = path[straighten.pull(costs.weight, path, r0, c0, r1, c1)]
-    points = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in corners]
-    points[0], points[-1] = entry, goal
-    if len(corners) == 1:  # start and goal share a cell
-        points = [entry, goal]
-    if entry != start:
-        points.insert(0, start)
+    between = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in corners[1:-1]]
+    points = [*([start] if entry != start else ()), entry, *between, goal]
     waypoints, length = _legs(points, limits.leg)
-    at = np.unravel_index(path, costs.weight.shape)
-    least = int(path[int(np.argmin(costs.distance2[at]))])
-    cost = (-int(g[last]) - 1) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
-    clearance = costs.distance(least // wide - 1, least % wide - 1)
-    return PlannedRoute(start, waypoints, length, cost, clearance)
+    cost = astar.cost_of(int(g[last])) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
+    return PlannedRoute(start, waypoints, length, cost, costs.clearance_of(path))
 
 
 def _checked(point: Point, field: str) -> Point:
