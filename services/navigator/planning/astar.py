@@ -291,7 +291,8 @@ def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
             other = cell + offsets[k]
             step = (STRAIGHT if k < 4 else DIAGONAL) * (factor + (w[other] & FACTOR))
             across = offsets[k] - wide if k < 6 else offsets[k] + wide
-            if cost_of(g[other]) + step == here and (k < 4 or (w[cell + across] > 0 and w[other - across] > 0)):
+            before = cost_of(g[other])  # pyright: ignore[reportArgumentType] - a number to the compiler
+            if before + step == here and (k < 4 or (w[cell + across] > 0 and w[other - across] > 0)):
                 break
         cell = other
         if n == path.size:

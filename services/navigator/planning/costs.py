@@ -86,10 +86,6 @@ class Costs:
         """Return room for the costs of a search, (cells,); every search overwrites all of it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
-    def marks_of(self, region: int) -> Ints:
-        """Return the costs between marks and cells, (cells, marks), if the marks lie in a region, else (cells, 0)."""
-        return self.marks if region == self.marked else self.marks[:, :0]
-
     def clearance_of(self, path: Ints) -> float:
         """Return the least distance of a path's cells (n,), flat indices, to an obstacle's edge, m; up to `comfort`."""
         cells = math.sqrt(float(self.distance2.ravel()[path].min())) - 0.5

@@ -85,8 +85,9 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
         text = f"no way leads from {_shown(start)} to {_shown(goal)}; the nearest place that can be reached is {there}"
         raise RouteError("unreachable", text, "goal", near)
     wide, g = costs.weight.shape[1], costs.scratch
+    marks = costs.marks if region == costs.marked else costs.marks[:, :0]
     first, last = begin[0] * wide + begin[1], end[0] * wide + end[1]
-    astar.search(costs.weight, first, last, costs.marks_of(region), g)
+    astar.search(costs.weight, first, last, marks, g)
     path = astar.trace(costs.weight, first, last, g)
     (r0, c0), (r1, c1) = _padded(costs, entry), _padded(costs, goal)
     corners = path[straighten.pull(costs.weight, path, r0, c0, r1, c1)]
