@@ -18,7 +18,7 @@ from surefoot.services.navigator.environment.episodes import DECISIONS, run_epis
 from surefoot.services.navigator.planning.costs import prepare
 from surefoot.services.navigator.planning.grid import FloorGrid
 from surefoot.services.navigator.planning.route import plan as plan_route
-from surefoot.services.navigator.policy.arrays import GOAL_X, GOAL_Y, LAST, NO_ACTION, STATUS, ModelTables, arrays
+from surefoot.services.navigator.policy.arrays import NO_ACTION, STATUS, ModelTables, arrays, record
 from surefoot.services.navigator.policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
@@ -76,8 +76,8 @@ def decisions() -> None:
     for use in ("four", "arcs"):
         model = load("paper", [f"use={use!r}"])
         world, policy = arrays(model), find("planner", model)
-        status, room = np.zeros(STATUS), room_to_choose(4, len(world.names))
-        status[LAST] = NO_ACTION
+        status, room = record(STATUS), room_to_choose(4, len(world.names))
+        status.last = NO_ACTION
         seconds = best_of(lambda c=(policy.tables, world.tables, status, room): _decide_all(means, cov, *c))
         goal(f"decision of the planner, {use}", 1e6 * seconds / len(means), "<=", 20, "us")
 
@@ -86,7 +86,7 @@ def decisions() -> None:
 def _decide_all(means: Any, cov: Any, policy: PolicyTables, model: ModelTables, status: Any, room: ChoiceRoom) -> int:
     total = 0
     for i in range(means.shape[0]):
-        total += choose(policy, model, means[i], cov, model.scene[GOAL_X], model.scene[GOAL_Y], status, room)
+        total += choose(policy, model, means[i], cov, model.scene.goal_x, model.scene.goal_y, status, room)
     return total
 
 

@@ -19,15 +19,15 @@ from surefoot.lab.train.evaluation import Seeds, episodes, paired, summary
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN, run_episodes
 from surefoot.services.navigator.policy.arrays import arrays
-from surefoot.services.navigator.policy.library import find
-from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import (
+from surefoot.services.navigator.policy.decider import (
     STEER_SHARE,
     STEER_TURN_DEG,
     TUNED_STAND_ABOVE,
     TUNED_STAND_SLOPE,
     hand,
 )
+from surefoot.services.navigator.policy.library import find
+from surefoot.services.navigator.policy.params import load
 
 BENCH = Bench("policies")
 

@@ -19,7 +19,7 @@ from surefoot.services.navigator.environment.episodes import (
     run_episodes,
 )
 from surefoot.services.navigator.policy.arrays import REACHED, Arrays
-from surefoot.services.navigator.policy.policies import Policy
+from surefoot.services.navigator.policy.decider import Policy
 
 from .. import statistics
 from ..pools import worker_threads

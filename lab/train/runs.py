@@ -8,10 +8,10 @@ from pathlib import Path
 from surefoot.errors import SurefootError
 from surefoot.services.navigator.environment.episodes import ENDED_AS, SECONDS_TAKEN, run_episodes
 from surefoot.services.navigator.policy.arrays import REACHED, arrays
+from surefoot.services.navigator.policy.decider import Policy
 from surefoot.services.navigator.policy.library import provenance_of
 from surefoot.services.navigator.policy.params import NavigationModel
 from surefoot.services.navigator.policy.planner import planner
-from surefoot.services.navigator.policy.policies import Policy
 
 from ..pools import worker_threads
 from .sarsa import Schedule, Training, train

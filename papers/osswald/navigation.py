@@ -10,7 +10,7 @@ from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact, n
 from surefoot.lab.statistics import welch
 from surefoot.lab.train.evaluation import paired, summary
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
-from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG
+from surefoot.services.navigator.policy.decider import PAPER_TURN_DEG, TUNED_TURN_DEG
 
 from . import live as live_runs
 from . import pixels

@@ -15,9 +15,9 @@ from surefoot.lab.train.evaluation import EVALUATION, Seeds, episodes
 from surefoot.lab.train.runs import SELECTED_ON, SELECTION
 from surefoot.lab.train.sarsa import Schedule, Training
 from surefoot.services.navigator.environment.episodes import ENDED_AS, SECONDS_TAKEN
-from surefoot.services.navigator.policy.arrays import GAMMA, REACHED, Arrays, arrays
+from surefoot.services.navigator.policy.arrays import REACHED, Arrays, arrays
+from surefoot.services.navigator.policy.decider import PAPER_TURN_DEG, TUNED_TURN_DEG, Policy, hand
 from surefoot.services.navigator.policy.params import NavigationModel, load
-from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG, Policy, hand
 
 from .episode import Episode, drift_of, follow_all
 from .learner import paths
@@ -179,7 +179,7 @@ def with_printed_gamma() -> tuple[str, Array]:
         refusal = str(error)
     free = load("paper", (THREE_STATES, "guards.stands=1000000", "guards.turns=1000000"))
     training = Training(free, TRAININGS[0], AS_PRINTED)
-    training.world.scene[GAMMA] = PRINTED_GAMMA
+    training.world.tables.scene.gamma = PRINTED_GAMMA
     training.advance(AS_PRINTED.episodes)
     return refusal, episodes(arrays(free), training.policy(), Seeds(PAIRED_EPISODES.first, PAIRED_EPISODES.first + 100))
 

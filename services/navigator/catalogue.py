@@ -10,9 +10,9 @@ from .belief.tracker import Motion
 from .config import NavigatorConfig
 from .goals import Act
 from .policy.arrays import PER_10CM, arrays
+from .policy.decider import Decider, Policy
 from .policy.library import find, known
 from .policy.params import ActionModel, NavigationModel, load
-from .policy.policies import Decider, Policy
 
 
 def act_of(name: str, action: ActionModel, model: NavigationModel) -> Act:

@@ -17,7 +17,7 @@ from .localiser import Localiser
 from .maps import Maps
 from .memory import Kept
 from .pilot import Pilot
-from .policy.policies import Decider
+from .policy.decider import Decider
 
 Log = Callable[[str, str], None]
 

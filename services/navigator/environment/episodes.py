@@ -11,7 +11,7 @@ from ..belief.ukf import THETA, X, Y, wrap
 from ..policy import arrays as slots
 from ..policy.arrays import Arrays, ModelTables
 from ..policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
-from ..policy.policies import Policy
+from ..policy.decider import Policy
 from .model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from .world import act, begin
 
@@ -54,23 +54,21 @@ def _run(
     for e in range(results.shape[0]):
         begin(scene, run, start + e, state)
         stands, turns, total = 0, 0, 0.0
-        while status[slots.OUTCOME] == slots.RUNNING:
+        while status.outcome == slots.RUNNING:
             if knows:
                 for i in range(4):
                     state.ahead_mean[i] = truth[i]
             cov = sure if knows else state.ahead_cov
-            chosen = choose(
-                policy, model, state.ahead_mean, cov, scene[slots.GOAL_X], scene[slots.GOAL_Y], status, choice
-            )
+            chosen = choose(policy, model, state.ahead_mean, cov, scene.goal_x, scene.goal_y, status, choice)
             act(model, run, start + e, chosen, state, room)
-            stands += model.actions[chosen, slots.KIND] == slots.STAND
-            turns += model.actions[chosen, slots.KIND] == slots.TURNING
+            stands += model.actions[chosen].kind == slots.STAND
+            turns += model.actions[chosen].kind == slots.TURNING
             error = nees(truth, state.mean, state.cov)
             total += error
-            if status[slots.STEPS] == NEES_DECISION:
+            if status.steps == NEES_DECISION:
                 results[e, NEES_AT] = error
-        results[e, SECONDS_TAKEN], results[e, ENDED_AS] = status[slots.TIME], status[slots.OUTCOME]
-        results[e, DECISIONS], results[e, STANDS_MADE], results[e, TURNS_MADE] = status[slots.STEPS], stands, turns
+        results[e, SECONDS_TAKEN], results[e, ENDED_AS] = status.time, status.outcome
+        results[e, DECISIONS], results[e, STANDS_MADE], results[e, TURNS_MADE] = status.steps, stands, turns
         results[e, ERROR] = math.sqrt((truth[X] - state.mean[X]) ** 2 + (truth[Y] - state.mean[Y]) ** 2)
         results[e, NEES_SUM] = total
 

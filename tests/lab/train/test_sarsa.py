@@ -29,7 +29,7 @@ def test_corners_are_weights_of_the_table_that_is_read():
             assert weights.sum() == pytest.approx(1.0)
             assert (weights >= 0).all()
             want = np.zeros(4)
-            add_values(table, grid, world.actions, d, phi, h, 1.0, want)
+            add_values(table, grid, world.tables.actions, d, phi, h, 1.0, want)
             got = np.array([weights @ table.reshape(-1)[cells + a] for a in range(4)])
             assert (got[[0, 2, 1, 3]] if flip else got) == pytest.approx(want)
 

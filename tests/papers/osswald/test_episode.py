@@ -16,8 +16,8 @@ from surefoot.services.navigator.environment.episodes import (
     run_episodes,
 )
 from surefoot.services.navigator.policy.arrays import REACHED, arrays
+from surefoot.services.navigator.policy.decider import hand
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import hand
 
 
 @pytest.mark.parametrize("states", [3, 4])

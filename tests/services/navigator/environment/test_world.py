@@ -11,10 +11,10 @@ from surefoot.services.navigator.environment import episodes
 from surefoot.services.navigator.environment.draws import seed
 from surefoot.services.navigator.environment.model import episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin, drift_at, look, scatter
-from surefoot.services.navigator.policy.arrays import BLOCKED, CUT_OFF, LAST, OUTCOME, REACHED, RUNNING, TIME, arrays
+from surefoot.services.navigator.policy.arrays import CUT_OFF, REACHED, RUNNING, arrays
+from surefoot.services.navigator.policy.decider import hand
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import hand
 
 
 class Episode:
@@ -23,7 +23,7 @@ class Episode:
     def __init__(self, model, run=3, number=0):
         self.world, self.run, self.number = arrays(model), run, number
         self.state, self.room = episode_state(self.world), episode_room(self.world.states)
-        begin(self.world.scene, run, number, self.state)
+        begin(self.world.tables.scene, run, number, self.state)
 
     def __getattr__(self, name):
         return getattr(self.state, name)
@@ -34,7 +34,7 @@ class Episode:
     def look(self):
         """Return the number of landmarks in a frame of the first action; the belief stays as it is."""
         state = self.state._replace(mean=self.mean.copy(), cov=self.cov.copy())
-        return look(self.world.scene, self.world.actions[0], state, self.room)
+        return look(self.world.tables.scene, self.world.tables.actions[0], state, self.room)
 
 
 STILL = [
@@ -50,7 +50,7 @@ def test_the_floor_has_the_density_that_was_asked_for():
     counts, e = [], episode_state(world)
     for k in range(300):
         seed(e.rng, k, 0, 1)
-        scatter(world.scene, e.rng, e.marks, e.first)
+        scatter(world.tables.scene, e.rng, e.marks, e.first)
         counts.append(e.first[-1])
         inside = e.marks[: e.first[-1]]
         assert (inside >= [-1.0, -1.0]).all()
@@ -93,7 +93,7 @@ def test_without_noise_it_goes_where_it_was_sent():
     turn = math.radians(23.0)
     want = [0.1 + 0.1 * math.cos(turn), 0.1 * math.sin(turn), turn]
     assert e.truth[:3] == pytest.approx(want, abs=1e-12)
-    assert e.status[TIME] == pytest.approx(3 * 1.75)
+    assert e.status.time == pytest.approx(3 * 1.75)
 
 
 def test_a_drift_turns_in_proportion_to_the_way():
@@ -113,19 +113,19 @@ def test_a_wall_stops_it_blocks_it_and_turning_frees_it():
     e.mean[:3] = e.truth[:3]
     for _ in range(4):
         e.act("walk")
-    assert (e.truth[1], e.status[BLOCKED]) == (pytest.approx(0.85), 1)
+    assert (e.truth[1], e.status.blocked) == (pytest.approx(0.85), 1)
     for _ in range(8):
         e.act("left")
-    assert e.status[BLOCKED] == 0
+    assert e.status.blocked == 0
 
 
 def test_the_goal_ends_it_with_the_bonus_and_the_limit_without():
     e = Episode(load("paper", STILL))
     e.truth[0] = e.mean[0] = 4.78
-    assert (e.act("walk"), e.status[OUTCOME]) == (200.0, REACHED)
+    assert (e.act("walk"), e.status.outcome) == (200.0, REACHED)
     e = Episode(load("paper", [*STILL, "scene.time_limit=3"]))
-    assert (e.act("walk"), e.status[OUTCOME]) == (-1.75, RUNNING)
-    assert (e.act("walk"), e.status[OUTCOME]) == (-1.75, CUT_OFF)
+    assert (e.act("walk"), e.status.outcome) == (-1.75, RUNNING)
+    assert (e.act("walk"), e.status.outcome) == (-1.75, CUT_OFF)
 
 
 def test_switching_costs_are_charged_to_the_action_that_switches():
@@ -198,7 +198,7 @@ def test_known_pose_beats_belief_and_all_arrive():
 def test_the_status_knows_the_last_action():
     e = Episode(load("paper"))
     e.act("left")
-    assert e.world.names[int(e.status[LAST])] == "left"
+    assert e.world.names[int(e.status.last)] == "left"
 
 
 @pytest.mark.parametrize(
