@@ -86,7 +86,7 @@ def decisions() -> None:
 def _decide_all(means: Any, cov: Any, policy: PolicyTables, model: ModelTables, status: Any, room: ChoiceRoom) -> int:
     total = 0
     for i in range(means.shape[0]):
-        total += choose(policy, model, means[i], cov, model.scene.goal_x, model.scene.goal_y, status, room)
+        total += choose(policy, model, means[i], cov, model.scene[0].goal_x, model.scene[0].goal_y, status, room)
     return total
 
 

@@ -49,7 +49,7 @@ class BatchRoom(NamedTuple):
 def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) -> None:
     """Write row e of observation, mask and ends."""
     mean, status, row = state.ahead_mean, state.status, batch.observation[e]
-    d, phi, h = features(mean, state.ahead_cov, model.scene.goal_x, model.scene.goal_y)
+    d, phi, h = features(mean, state.ahead_cov, model.scene[0].goal_x, model.scene[0].goal_y)
     row[0] = min(d, 100.0)
     row[1], row[2] = math.sin(phi), math.cos(phi)
     row[3] = min(max(h, -50.0), 50.0)
@@ -89,7 +89,7 @@ def _step(
             states.ahead_mean[e], states.ahead_cov[e], states.status[e],
         )  # fmt: skip
         if batch.renew[e]:
-            begin(model.scene, run, batch.episodes[e], state)
+            begin(model.scene[0], run, batch.episodes[e], state)
             batch.episodes[e] += stride
             batch.reward[e] = 0.0
         elif only_renew:

@@ -185,7 +185,7 @@ def _learn_episode(
     lessons: Lessons, policy: PolicyTables, model: ModelTables, run: int, e: int, part: float, room: LearningRoom
 ) -> None:
     """Learn from episode e, in place; `part` is the share of the training that lies before it."""
-    scene, settings, state, traces = model.scene, lessons.settings, room.state, room.traces
+    scene, settings, state, traces = model.scene[0], lessons.settings, room.state, room.traces
     status, values, gx, gy = state.status, room.choice.values, scene.goal_x, scene.goal_y
     flat, gamma = lessons.table.reshape(-1), scene.gamma
     decay = gamma * settings[LAMBDA]

@@ -71,7 +71,7 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
 
     It is called once more at the end, with the last reward; that action is not done.
     """
-    scene, room = world.tables.scene, episode_room(world.states)
+    scene, room = world.tables.scene[0], episode_room(world.states)
     state = _begun(world, run, episode)
     truth, mean, cov, status = state.truth, state.ahead_mean, state.ahead_cov, state.status
     rows: list[tuple[Array, Array, Array, tuple[float, float, float], float, bool]] = []
@@ -121,13 +121,13 @@ def drift_of(world: Arrays, episode: int, run: int = EVALUATION) -> float:
 def _begun(world: Arrays, run: int, episode: int) -> EpisodeState:
     """Return the arrays of episode `episode` of seed `run` at its start."""
     state = episode_state(world)
-    begin(world.tables.scene, run, episode, state)
+    begin(world.tables.scene[0], run, episode, state)
     return state
 
 
 def deciding(world: Arrays, policy: Policy) -> Decide:
     """Return the function by which `follow` follows a policy."""
-    room, scene = room_to_choose(world.states, len(world.names)), world.tables.scene
+    room, scene = room_to_choose(world.states, len(world.names)), world.tables.scene[0]
 
     def decide(mean: Array, cov: Array, status: Record, reward: float) -> int:
         return choose(policy.tables, world.tables, mean, cov, float(scene.goal_x), float(scene.goal_y), status, room)

@@ -35,7 +35,7 @@ class Learner:
         part = training.done / max(1, training.schedule.episodes - 1)
         self._alpha = s[learning.ALPHA_FIRST] * (s[learning.ALPHA_LAST] / s[learning.ALPHA_FIRST]) ** part
         self._eps = s[learning.EPS_FIRST] * (s[learning.EPS_LAST] / s[learning.EPS_FIRST]) ** part
-        self._decay = w.tables.scene.gamma * s[learning.LAMBDA]
+        self._decay = w.tables.scene[0].gamma * s[learning.LAMBDA]
         self._room = room_to_choose(w.states, count)
         self._policy = PolicyTables(SARSA, np.zeros(NUMBERS), self.table, training.grid, np.eye(3))
         self._cells, self._weights = np.zeros(8, dtype=np.int64), np.zeros(8)
@@ -59,7 +59,7 @@ class Learner:
             following = self._room.values[chosen]
         flat = self.table.reshape(-1)
         if self._started:
-            step = self._alpha * (reward + self.training.world.tables.scene.gamma * following - self._value)
+            step = self._alpha * (reward + self.training.world.tables.scene[0].gamma * following - self._value)
             for cell, trace in self._traces.items():
                 flat[cell] += step * trace
             self._traces = {
@@ -71,7 +71,7 @@ class Learner:
 
     def _choose(self, mean: Array, cov: Array, status: Record) -> int:
         w, mask = self.training.world, self._room.mask
-        goal = float(w.tables.scene.goal_x), float(w.tables.scene.goal_y)
+        goal = float(w.tables.scene[0].goal_x), float(w.tables.scene[0].goal_y)
         chosen = choose(self._policy, w.tables, mean, cov, *goal, status, self._room)
         if uniform(self._explore) < self._eps and status.blocked == 0.0:
             chosen = below(self._explore, mask.size)
@@ -82,7 +82,7 @@ class Learner:
     def _mark(self, mean: Array, cov: Array, chosen: int) -> None:
         """Read Q(s, a) of the believed state and lay traces for it; mean (n,), cov (n, n): m, m, rad first."""
         w, t = self.training.world, self.training
-        d, phi, h = features(mean, cov, float(w.tables.scene.goal_x), float(w.tables.scene.goal_y))
+        d, phi, h = features(mean, cov, float(w.tables.scene[0].goal_x), float(w.tables.scene[0].goal_y))
         flip = learning.corners(self.table, t.grid, d, phi, h, self._cells, self._weights)
         own = int(w.tables.actions[chosen].mirror) if flip > 0.0 else chosen
         self._value, flat = 0.0, self.table.reshape(-1)

@@ -179,7 +179,7 @@ def with_printed_gamma() -> tuple[str, Array]:
         refusal = str(error)
     free = load("paper", (THREE_STATES, "guards.stands=1000000", "guards.turns=1000000"))
     training = Training(free, TRAININGS[0], AS_PRINTED)
-    training.world.tables.scene.gamma = PRINTED_GAMMA
+    training.world.tables.scene[0].gamma = PRINTED_GAMMA
     training.advance(AS_PRINTED.episodes)
     return refusal, episodes(arrays(free), training.policy(), Seeds(PAIRED_EPISODES.first, PAIRED_EPISODES.first + 100))
 

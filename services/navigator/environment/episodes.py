@@ -50,7 +50,7 @@ def _run(
 ) -> None:
     """Walk episodes one after the other and write their results, (count, RESULTS); arguments as of `run_episodes`."""
     room, choice = rooms
-    scene, status, truth, sure = model.scene, state.status, state.truth, np.zeros((4, 4))
+    scene, status, truth, sure = model.scene[0], state.status, state.truth, np.zeros((4, 4))
     for e in range(results.shape[0]):
         begin(scene, run, start + e, state)
         stands, turns, total = 0, 0, 0.0

@@ -69,10 +69,10 @@ def most_landmarks(scene: Record) -> int:
 
 def episode_state(world: Arrays, *count: int) -> EpisodeState:
     """Return the arrays of one episode, or of a batch of `count` episodes."""
-    n, (nx, ny) = world.states, squares(world.tables.scene)
+    n, (nx, ny) = world.states, squares(world.tables.scene[0])
     return EpisodeState(
         np.zeros((*count, 4), dtype=np.uint64),
-        np.zeros((*count, most_landmarks(world.tables.scene), 2)),
+        np.zeros((*count, most_landmarks(world.tables.scene[0]), 2)),
         np.zeros((*count, nx * ny + 1), dtype=np.int64),
         np.zeros((*count, TRUTH)),
         np.zeros((*count, n)),

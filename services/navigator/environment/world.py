@@ -277,7 +277,7 @@ def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeS
         state: of the episode; truth, belief and status are carried over the action.
         room: scratch.
     """
-    scene, action, status = model.scene, model.actions[chosen], state.status
+    scene, action, status = model.scene[0], model.actions[chosen], state.status
     state.truth[DRIFT] = drift_at(scene, state.truth[BEGAN], status.way)
     seed(state.rng, run, episode, STEP + int(status.steps))
     _frames_of(scene, action, state, room)

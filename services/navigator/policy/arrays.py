@@ -48,7 +48,7 @@ class ModelTables(NamedTuple):
     actions: Record
     """Actions of the model, records ACTION, (A,)."""
     scene: Record
-    """Floor, start, goal, noises and guards, a record SCENE."""
+    """Floor, start, goal, noises and guards, one record SCENE, (1,)."""
     switching: Array
     """Extra time of an action of kind j after kind i, (3, 3) s, order STAND, TURNING, WALK."""
 
@@ -97,7 +97,7 @@ def arrays(model: NavigationModel) -> Arrays:
     table = np.array([_row(model, action) for action in model.used], dtype=ACTION)
     table["mirror"] = [names.index(mirror_of(model, name, names)) for name in names]
     states = model.filter.states if sight.tilt_sd_deg == 0 else 6
-    return Arrays(ModelTables(table, values, switching), states, names)
+    return Arrays(ModelTables(table, np.array([values], dtype=SCENE), switching), states, names)
 
 
 def _row(model: NavigationModel, action: ActionModel) -> Record:

@@ -61,7 +61,7 @@ def room_to_choose(states: int, actions: int) -> ChoiceRoom:
 @row_kernel
 def allow(model: ModelTables, status: Record, mask: Flags) -> None:
     """Mark the allowed actions (a,): only turns while blocked, limited numbers of stands and of turns in a row."""
-    actions, scene, blocked = model.actions, model.scene, status.blocked > 0.0
+    actions, scene, blocked = model.actions, model.scene[0], status.blocked > 0.0
     for a in range(actions.shape[0]):
         kind = actions[a].kind
         if blocked:
@@ -135,7 +135,7 @@ def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy
     for a in range(out.size):
         out[a] = 0.0
     dx, dy = gx - x[0], gy - x[1]
-    d = max(math.sqrt(dx * dx + dy * dy), model.scene.goal_radius)
+    d = max(math.sqrt(dx * dx + dy * dy), model.scene[0].goal_radius)
     add_values(policy.table, policy.grid, model.actions, d, wrap(math.atan2(dy, dx) - x[2]), x[3], 1.0, out)
 
 
@@ -159,7 +159,7 @@ def _average(
             d = math.sqrt(dx * dx + dy * dy)
             phi = wrap(math.atan2(dy, dx) - theta)
             b = drift + sign * low[3, j] * numbers[SPREAD_DRIFT]
-            add_values(policy.table, policy.grid, model.actions, max(d, model.scene.goal_radius), phi, b, 0.125, out)
+            add_values(policy.table, policy.grid, model.actions, max(d, model.scene[0].goal_radius), phi, b, 0.125, out)
 
 
 @row_kernel

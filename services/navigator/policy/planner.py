@@ -162,7 +162,7 @@ def plan(
     v += _guess(world, np.linspace(0.0, d_max, nd), nphi)
     q = np.zeros((nb, nd, nphi, len(world.names)))
     grid, drifts = grid_of(world, d_max, drift_max), np.linspace(0.0, drift_max, nb)
-    radius = float(world.tables.scene.goal_radius)
+    radius = float(world.tables.scene[0].goal_radius)
     room = PlanRoom(groups, noise_samples(samples), drifts, radius, d_max, _per_m(world))
     priced, sweeps, worst = _priced(world.tables.actions), 0, math.inf
     while worst > tolerance and sweeps < most:
@@ -200,7 +200,7 @@ def shown_by_standing(world: Arrays) -> Array:
     stands = [row for row in world.tables.actions if row.kind == slots.STAND]
     if not stands:
         return np.eye(3) * VARIANCE_UNSEEN
-    row, density = stands[0], world.tables.scene.density
+    row, density = stands[0], world.tables.scene[0].density
     info, seen, half = np.zeros((3, 3)), 0.0, math.acos(row.cos_half)
     nr, na = 24, 24
     dr, da = (row.range_max - row.range_min) / nr, 2.0 * half / na
@@ -218,8 +218,8 @@ def shown_by_standing(world: Arrays) -> Array:
     frames = max(row.frames - row.late, 0.0)
     if seen <= 0.0 or frames <= 0.0:
         return np.eye(3) * VARIANCE_UNSEEN
-    info *= frames * min(1.0, world.tables.scene.most / seen)
-    return _inverse(info) + np.diag([(world.tables.scene.height * world.tables.scene.tilt_sd) ** 2] * 2 + [0.0])
+    info *= frames * min(1.0, world.tables.scene[0].most / seen)
+    return _inverse(info) + np.diag([(world.tables.scene[0].height * world.tables.scene[0].tilt_sd) ** 2] * 2 + [0.0])
 
 
 def _inverse(m: Array) -> Array:

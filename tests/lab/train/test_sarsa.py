@@ -58,7 +58,7 @@ def test_a_training_that_was_interrupted_goes_on_with_the_same_bits(tmp_path):
     assert again.done == 25
     again.advance(100)
     assert np.array_equal(again.table, whole.table)
-    assert np.array_equal(again.policy().table, whole.policy().table)
+    assert np.array_equal(again.policy().tables.table, whole.policy().tables.table)
     assert np.array_equal(again.seconds, whole.seconds)
 
 

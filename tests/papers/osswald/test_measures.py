@@ -87,9 +87,9 @@ def test_expected_matches_are_those_of_the_kernel_on_average(params):
     world = arrays(load(params, ("filter.states=3",)))
     walks = follow_all(world, hand(world), 5, 0, 3)
     counts, state, room = [], episode_state(world), episode_room(3)
-    nx, ny = squares(world.tables.scene)
+    nx, ny = squares(world.tables.scene[0])
     for e in walks:
-        square = ((e.marks - (world.tables.scene.x_min, world.tables.scene.y_min)) // CELL).astype(int) @ [ny, 1]
+        square = ((e.marks - (world.tables.scene[0].x_min, world.tables.scene[0].y_min)) // CELL).astype(int) @ [ny, 1]
         state = state._replace(marks=e.marks, first=np.searchsorted(square, np.arange(nx * ny + 1)))
         for i, (pose, index) in enumerate(zip(e.truth[1:], e.actions, strict=True)):
             if e.stands[i]:
@@ -97,7 +97,7 @@ def test_expected_matches_are_those_of_the_kernel_on_average(params):
             for again in range(20):
                 seed(state.rng, 77, i, again)
                 state.truth[:3], state.mean[:], state.cov[:] = pose, e.mean[i], e.cov[i]
-                counts.append(look(world.tables.scene, world.tables.actions[index], state, room))
+                counts.append(look(world.tables.scene[0], world.tables.actions[index], state, room))
     assert len(counts) > 2000
     assert measures.matches_expected(world, walks) == pytest.approx(
         np.mean(counts), abs=5 * np.std(counts) / len(counts) ** 0.5

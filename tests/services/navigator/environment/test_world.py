@@ -23,7 +23,7 @@ class Episode:
     def __init__(self, model, run=3, number=0):
         self.world, self.run, self.number = arrays(model), run, number
         self.state, self.room = episode_state(self.world), episode_room(self.world.states)
-        begin(self.world.tables.scene, run, number, self.state)
+        begin(self.world.tables.scene[0], run, number, self.state)
 
     def __getattr__(self, name):
         return getattr(self.state, name)
@@ -34,7 +34,7 @@ class Episode:
     def look(self):
         """Return the number of landmarks in a frame of the first action; the belief stays as it is."""
         state = self.state._replace(mean=self.mean.copy(), cov=self.cov.copy())
-        return look(self.world.tables.scene, self.world.tables.actions[0], state, self.room)
+        return look(self.world.tables.scene[0], self.world.tables.actions[0], state, self.room)
 
 
 STILL = [
@@ -50,7 +50,7 @@ def test_the_floor_has_the_density_that_was_asked_for():
     counts, e = [], episode_state(world)
     for k in range(300):
         seed(e.rng, k, 0, 1)
-        scatter(world.tables.scene, e.rng, e.marks, e.first)
+        scatter(world.tables.scene[0], e.rng, e.marks, e.first)
         counts.append(e.first[-1])
         inside = e.marks[: e.first[-1]]
         assert (inside >= [-1.0, -1.0]).all()
@@ -211,7 +211,7 @@ def test_the_status_knows_the_last_action():
     ],
 )
 def test_drift_follows_its_course_over_the_way(course, wanted):
-    scene = arrays(load("paper", [f"drift.course={course!r}"])).scene
+    scene = arrays(load("paper", [f"drift.course={course!r}"])).tables.scene[0]
     began = math.radians(40.0)
     for way, deg in zip((0.0, 2.5, 5.0), wanted, strict=True):
         assert drift_at(scene, began, way) == pytest.approx(math.radians(10.0 * deg))
