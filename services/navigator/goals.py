@@ -10,9 +10,9 @@ from surefoot.schemas.navigation import GoalState
 from surefoot.schemas.state import GaitState
 
 from .belief.tracker import Motion
+from .planning.grid import Point
 from .policy.settings import Conduct
 
-Point = tuple[float, float]
 End = tuple[GoalState, str, str]
 """State in which a goal ends, error code, message."""
 

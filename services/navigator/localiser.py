@@ -31,11 +31,11 @@ from .belief.moved import MovedLandmarks, Sight
 from .belief.relocalise import Relocaliser, Relocation, between, placed
 from .belief.strain import DISPLACED, STRAINED, MapStrain, turned_back
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
-from .belief.ukf import wrap
+from .belief.ukf import Pose, wrap
 from .catalogue import errors_of
 from .config import NavigatorConfig
 from .goals import GaitView
-from .messages import LostView, Pose, camera_words, pose_message
+from .messages import LostView, camera_words, pose_message
 from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 

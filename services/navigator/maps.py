@@ -14,12 +14,10 @@ from .belief.landmarks import FloorLandmarks, LandmarkMapError
 from .config import NavigatorConfig
 from .planning import map_files
 from .planning.costs import Clearance, Costs, prepare
-from .planning.grid import FloorGrid, GridError, grid_of
+from .planning.grid import FloorGrid, GridError, Point, grid_of
 from .planning.route import RouteError, RouteLimits, plan
 from .planning.seen import Pose, SeenObstacles
 from .policy.settings import Conduct
-
-Point = tuple[float, float]
 
 FARTHEST = 1e4
 """Largest distance of a goal from the origin of the map, m."""

@@ -8,10 +8,8 @@ from surefoot.schemas.state import SeenLandmarks
 
 from .belief.relocalise import between
 from .belief.tracker import Control, PoseTracker
-from .belief.ukf import wrap
+from .belief.ukf import Pose, wrap
 from .pilot import Pilot
-
-Pose = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

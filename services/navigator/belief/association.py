@@ -4,9 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from .consensus import consensus, matched_of
@@ -24,15 +23,13 @@ from .gate import (
     nearest_look,
 )
 
-Index = NDArray[np.int64]
-
 
 class Fates(NamedTuple):
     """Results of matching, one element per detection."""
 
-    landmark: Index
+    landmark: Ints
     """Landmark, -1 = none, (m,)."""
-    fate: Index
+    fate: Ints
     """MATCHED or another fate of `gate`, (m,)."""
     nis: Array
     """Normalised innovation squared of each sighting against the landmark most like it, 2 degrees of freedom, (m,)."""
@@ -41,7 +38,7 @@ class Fates(NamedTuple):
 
 
 @row_kernel
-def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
+def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
     """Sort indices (n,) in place by their keys, equal keys by tie."""
     for i in range(1, chosen.size):  # by insertion: n is a few dozen
         this, j = chosen[i], i
@@ -57,7 +54,7 @@ def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
 @row_kernel
 def _nearest(
     mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, fates: Fates
-) -> Index:
+) -> Ints:
     """Write landmark and fate of each detection by itself; return the detections that match a landmark.
 
     Args:
@@ -85,7 +82,7 @@ def _nearest(
 
 
 @row_kernel
-def _one_each(chosen: Index, fates: Fates) -> Index:
+def _one_each(chosen: Ints, fates: Fates) -> Ints:
     """Return the detections that are left when each landmark keeps the one that looks most like it, that first."""
     sort_by(chosen, fates.gap, fates.landmark)
     kept = 0
@@ -103,7 +100,7 @@ def _one_each(chosen: Index, fates: Fates) -> Index:
 @row_kernel
 def match(
     mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, seed: int
-) -> tuple[Fates, Index]:
+) -> tuple[Fates, Ints]:
     """Associate the detections of one frame with landmarks.
 
     Args:
@@ -151,7 +148,7 @@ def likeness(look: Array, columns: Array, out: Array) -> None:
 
 
 @row_kernel
-def look_alikes(looks: Array, columns: Array, look: float) -> Index:
+def look_alikes(looks: Array, columns: Array, look: float) -> Ints:
     """Return the number of landmarks that each detection looks like, (m,).
 
     Args:

@@ -4,16 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array, Flags
+from surefoot.arrays import Array, Flags, Ints
 from surefoot.geometry.linear_kernels import inverse3, solve3
 from surefoot.kernels.jit import row_kernel
 
 from .gate import GATE, PAIRS, SPREAD, FrameTables, variances
 from .ukf import THETA, X, Y, wrap
-
-Index = NDArray[np.int64]
 
 DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
 
@@ -35,7 +32,7 @@ def draw(state: int, n: int) -> tuple[int, int]:
 
 
 @row_kernel
-def matched_of(chosen: Index, landmark: Index, frame: FrameTables, positions: Array) -> Matched:
+def matched_of(chosen: Ints, landmark: Ints, frame: FrameTables, positions: Array) -> Matched:
     """Return the chosen detections (k,) with the places of their landmarks."""
     k = chosen.size
     found = Matched(np.empty((k, 2)), np.empty((k, 4)))

@@ -12,15 +12,10 @@ detections of a frame have in common, caused by an unknown tilt of the trunk.
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from .ukf import THETA, X, Y, wrap
-
-Index = NDArray[np.int64]
 
 # fates of a detection
 MATCHED, INVALID, FAR, UNLIKE, AMBIGUOUS, DOUBLED, OUTLIER, SURPLUS = 0, 1, 2, 3, 4, 5, 6, 7
@@ -52,9 +47,9 @@ class MapTables(NamedTuple):
     """Descriptors of the landmarks, (n, k)."""
     grid: Array
     """Cells of the index, (5,), see `landmarks.Buckets`."""
-    starts: Index
+    starts: Ints
     """First member of each cell, (cells + 1,)."""
-    members: Index
+    members: Ints
     """Landmarks by cell, (n,)."""
 
 

@@ -6,14 +6,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.errors import Refusal
 
 from .gate import MapTables
-
-Index = NDArray[np.int64]
 
 MOST_LANDMARKS = 100_000
 LONGEST_DESCRIPTOR = 256
@@ -35,9 +32,9 @@ class Buckets:
 
     grid: Array
     """x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns, (5,)."""
-    starts: Index
+    starts: Ints
     """First member of each cell, (rows * columns + 1,): cell c holds `members[starts[c]:starts[c + 1]]`."""
-    members: Index
+    members: Ints
     """Landmarks by cell and then by number, (n,)."""
 
 

@@ -8,16 +8,14 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.errors import Refusal
 
 from . import association
 from .gate import FAR, UNLIKE, FrameTables
 from .landmarks import FloorLandmarks
-
-Index = NDArray[np.int64]
 
 MOST_DETECTIONS = 256
 FATES = ("matched", "invalid", "far", "unlike", "ambiguous", "doubled", "outlier", "surplus")
@@ -152,13 +150,13 @@ class Detections:
 class Matches:
     """Result of matching a frame."""
 
-    detections: Index
+    detections: Ints
     """Matched detections, those first that look most like their landmark, (k,)."""
-    landmarks: Index
+    landmarks: Ints
     """Landmark of each matched detection, (k,)."""
     nis: Array
     """Normalised innovation squared of each match by the gate's covariance, 2 degrees of freedom, (k,)."""
-    fates: Index
+    fates: Ints
     """Fate of every detection, index of `FATES`, (m,)."""
     counts: dict[str, int] = field(default_factory=dict[str, int])
     """Number of detections by fate."""

@@ -30,9 +30,8 @@ from .places import (
     search,
 )
 from .sightings import SightingMemory, candidates
-from .ukf import wrap
+from .ukf import Pose, wrap
 
-Pose = tuple[float, float, float]
 UNBOUNDED = 2**62
 """Work of a search that is not cut into portions."""
 ALIKE, LIKELY, MOST_ALIKE = 1e-3, 0.95, 4

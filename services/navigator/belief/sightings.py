@@ -8,16 +8,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from .association import likeness
 from .gate import apart2, variances
 from .matching import Detections, MatchLimits, SightNoise
-
-Index = NDArray[np.int64]
 
 MOST = 256
 """Largest number of sightings that are kept."""
@@ -38,7 +35,7 @@ class SightingTables(NamedTuple):
     """Mean covariances of one detection (xx, xy, yy), (n, 3) m^2."""
     mean: Array
     """Mean descriptors, (n, k)."""
-    times: Index
+    times: Ints
     """Number of detections, at most `LONGEST`; 0 = an empty row, (n,)."""
     at: Array
     """Times of the last detection, s, (n,)."""
@@ -124,7 +121,7 @@ def gather(
 
 
 @row_kernel
-def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Index, Index]:
+def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Ints, Ints]:
     """Return the candidates of each sighting: landmarks about as alike as the most alike one; none if too many.
 
     Args:
@@ -184,7 +181,7 @@ class SightingMemory:
                 self.tables, seen.ranges[good], seen.bearings[good], seen.looks[good], np.array(pose), own, look, time
             )
 
-    def seen_from(self, pose: tuple[float, float, float], most: int) -> tuple[Array, Array, Array, Index, int]:
+    def seen_from(self, pose: tuple[float, float, float], most: int) -> tuple[Array, Array, Array, Ints, int]:
         """Return the sightings seen most often, as they lie from a pose in the frame of the memory.
 
         Args:

@@ -36,8 +36,8 @@ from surefoot.kernels.jit import row_kernel
 from .common_errors import NEAREST, CommonErrors, fill_gain
 from .landmarks import FloorLandmarks
 from .matching import Detections, MatchLimits, SightNoise, match
+from .ukf import Pose
 
-Pose = tuple[float, float, float]
 Turn = tuple[float, float, float]
 
 STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12

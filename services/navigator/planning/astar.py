@@ -22,11 +22,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Ints
 from surefoot.kernels.jit import inner_kernel, row_kernel
 
 Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int32]
-Longs = NDArray[np.int64]
+Ints32 = NDArray[np.int32]
 
 STRAIGHT, DIAGONAL = 12, 17
 UNIT = 4
@@ -52,7 +52,9 @@ GROWTH = 65_536
 
 
 @row_kernel
-def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: int, used: int) -> tuple[int, int]:
+def enter(
+    entry: int, f: int, heads: Ints32, cell_of: Ints32, next_of: Ints32, spare: int, used: int
+) -> tuple[int, int]:
     """Put an entry (cell << 4 | direction) into the bucket of f.
 
     Args:
@@ -81,7 +83,7 @@ def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: 
 
 
 @row_kernel
-def doubled(entries: Ints) -> Ints:
+def doubled(entries: Ints32) -> Ints32:
     """Return room for twice as many entries (n,), the first n of which are these."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
@@ -96,29 +98,29 @@ class SearchMap(NamedTuple):
     """Cost factors with the bit EVEN, padded and flattened, (cells,)."""
     wide: int
     """Cells of a padded row."""
-    marks: Ints
+    marks: Ints32
     """Costs between marks and cells, (cells, marks)."""
     goal: int
     """Index of the goal, or NOWHERE."""
-    offsets: Longs
+    offsets: Ints
     """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
-    onward: Longs
+    onward: Ints
     """Directions after each, (8, 3)."""
 
 
 class Successors(NamedTuple):
     """Ends of the steps from one cell."""
 
-    entry: Longs
+    entry: Ints
     """Cell << 4 | direction, (8,)."""
-    f: Longs
+    f: Ints
     """Cost from the start to each end, plus the bound on the rest of the way, (8,)."""
-    h: Longs
+    h: Ints
     """Lower bound on the cost of the rest of the way, (8,)."""
 
 
 @row_kernel
-def _map_of(weight: Bytes, goal: int, marks: Ints) -> SearchMap:
+def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
     """Return the constants of a search for one goal: weights with a border (rows + 2, cols + 2), goal, neighbours."""
     wide = weight.shape[1]
     return SearchMap(
@@ -144,7 +146,7 @@ def bound(floor: SearchMap, cell: int) -> int:
 
 
 @row_kernel
-def _run(floor: SearchMap, g: Ints, n: int, step: int, cost: int) -> tuple[int, int]:
+def _run(floor: SearchMap, g: Ints32, n: int, step: int, cost: int) -> tuple[int, int]:
     """Follow a straight run of EVEN cells from n by steps of `step`, reached at `cost`; write costs into g (cells,).
 
     Returns:
@@ -162,7 +164,7 @@ def _run(floor: SearchMap, g: Ints, n: int, step: int, cost: int) -> tuple[int, 
 
 
 @inner_kernel
-def _expand(floor: SearchMap, g: Ints, cell: int, came: int, here: int, out: Successors) -> int:
+def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: Successors) -> int:
     """Write the ends of the steps from a cell that become cheaper; return their number.
 
     Args:
@@ -202,7 +204,7 @@ def _expand(floor: SearchMap, g: Ints, cell: int, came: int, here: int, out: Suc
 
 
 @row_kernel
-def _settle_rest(g: Ints) -> int:
+def _settle_rest(g: Ints32) -> int:
     """Settle the cells of g (cells,) that were seen only, in place; return their number."""
     count = 0
     for n in range(g.size):
@@ -213,7 +215,7 @@ def _settle_rest(g: Ints) -> int:
 
 
 @row_kernel
-def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
+def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> int:
     """Settle cells from the start on until the goal is.
 
     Args:
@@ -275,7 +277,7 @@ def cost_of(entry: int) -> int:
 
 
 @row_kernel
-def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
+def trace(weight: Bytes, start: int, goal: int, g: Ints32) -> Ints32:
     """Return the cells of the path from start to goal, flat indices (n,), by the costs g (cells,) of `search`.
 
     `weight` (rows, cols): factor of each cell.

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.arguments import number, whole
 from surefoot.arrays import Flags
@@ -17,11 +16,8 @@ from surefoot.errors import FieldError, Refusal
 from surefoot.kernels.jit import row_kernel
 
 from . import astar
-from .astar import EVEN, HEAVIEST, UNIT
+from .astar import EVEN, HEAVIEST, UNIT, Bytes, Ints32
 from .grid import FloorGrid
-
-Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int32]
 
 LARGE = 300_000
 """Free cells from which on marks pay: they take 16 bytes a cell, and a second or so to make for four million."""
@@ -72,21 +68,21 @@ class Costs:
     weight: Bytes
     """Cost factors of the padded cells, (rows + 2, cols + 2): UNIT far from obstacles, 0 = not to be entered; with the
     bit EVEN, see `astar`."""
-    region: Ints
+    region: Ints32
     """Connected regions of free cells, numbered from 1 on, (rows + 2, cols + 2); 0 = blocked."""
-    distance2: Ints
+    distance2: Ints32
     """Squared distance of cell centres to the nearest obstacle's, (rows + 2, cols + 2) cells^2, bounded."""
-    marks: Ints
+    marks: Ints32
     """Costs between cells that lie far apart and all others, (cells, marks), see `astar`; no marks in a small map."""
     marked: int
     """Region the marks are in."""
 
     @cached_property
-    def scratch(self) -> Ints:
+    def scratch(self) -> Ints32:
         """Return room for the costs of a search, (cells,); every search overwrites all of it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
-    def clearance_of(self, path: Ints) -> float:
+    def clearance_of(self, path: Ints32) -> float:
         """Return the least distance of a path's cells (n,), flat indices, to an obstacle's edge, m; up to `comfort`."""
         cells = math.sqrt(float(self.distance2.ravel()[path].min())) - 0.5
         return max(0.0, min(self.clearance.comfort, cells * self.grid.cell))
@@ -154,7 +150,7 @@ def _mark_even(weight: Bytes) -> None:
 
 
 @row_kernel
-def squared_distance(wall: Flags, most: int) -> Ints:
+def squared_distance(wall: Flags, most: int) -> Ints32:
     """Return the squared distance of every cell centre to the nearest wall's, cells^2: exact to `most`, then constant.
 
     d^2(r, c) = min over k of (k - c)^2 + down(r, k)^2, down = distance to the nearest wall of the same column.
@@ -183,7 +179,7 @@ def squared_distance(wall: Flags, most: int) -> Ints:
 
 
 @row_kernel
-def root(parent: Ints, i: int) -> int:
+def root(parent: Ints32, i: int) -> int:
     """Return the representative of label i, and shorten the way to it in `parent` (labels,), in place."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -192,7 +188,7 @@ def root(parent: Ints, i: int) -> int:
 
 
 @row_kernel
-def regions(weight: Bytes) -> Ints:
+def regions(weight: Bytes) -> Ints32:
     """Return the connected region of every free cell of weight (rows, cols), from 1 on, 0 = blocked.
 
     Neighbours share an edge: a diagonal step needs both cells beside it, so it connects nothing that edges do not.

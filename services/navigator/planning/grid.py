@@ -11,6 +11,8 @@ from surefoot.errors import FieldError, Refusal
 from surefoot.geometry.heightmap import MAX_CELLS, SMALLEST_CELL, HeightMap
 
 Cells = NDArray[np.int8]
+Point = tuple[float, float]
+"""x and y in m, frame map."""
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 LARGEST_CELL = 10.0

@@ -11,8 +11,7 @@ from surefoot.errors import Refusal
 
 from . import astar, straighten
 from .costs import Costs, nearest_free
-
-Point = tuple[float, float]
+from .grid import Point
 
 FARTHEST = 1e6
 """Largest coordinate of a start, goal or waypoint, m."""

@@ -11,9 +11,8 @@ import numpy as np
 
 from surefoot.schemas.hw import Range
 
-from .grid import OCCUPIED, FloorGrid
+from .grid import OCCUPIED, FloorGrid, Point
 
-Point = tuple[float, float]
 Pose = tuple[float, float, float]
 
 FARTHEST = 1.0

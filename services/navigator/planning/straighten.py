@@ -4,7 +4,7 @@ import numpy as np
 
 from surefoot.kernels.jit import row_kernel
 
-from .astar import DIAGONAL, FACTOR, HEAVIEST, STRAIGHT, Bytes, Ints
+from .astar import DIAGONAL, FACTOR, HEAVIEST, STRAIGHT, Bytes, Ints32
 
 
 @row_kernel
@@ -51,7 +51,7 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
 
 
 @row_kernel
-def pull(weight: Bytes, path: Ints, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints:
+def pull(weight: Bytes, path: Ints32, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints32:
     """Return the positions in a path (n,) of its corners after straight lines replaced parts that they make no dearer.
 
     From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
