@@ -46,11 +46,11 @@ class MapTables(NamedTuple):
     looks: Array
     """Descriptors of the landmarks, (n, k)."""
     grid: Array
-    """Cells of the index, (5,), see `landmarks.Buckets`."""
+    """x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns, (5,)."""
     starts: Ints
-    """First member of each cell, (cells + 1,)."""
+    """First member of each cell, (rows * columns + 1,): cell c holds `members[starts[c]:starts[c + 1]]`."""
     members: Ints
-    """Landmarks by cell, (n,)."""
+    """Landmarks by cell and then by number, (n,)."""
 
 
 @row_kernel

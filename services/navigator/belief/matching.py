@@ -5,7 +5,7 @@ Gate by the covariance of the pose, nearest descriptor with ratio test within th
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,14 +65,7 @@ class SightNoise:
 
     def wider(self, factor: float) -> "SightNoise":
         """Return the noise with every standard deviation of range and bearing times a factor."""
-        return replace(
-            self,
-            range_sd=self.range_sd * factor,
-            range_share=self.range_share * factor,
-            bearing_sd=self.bearing_sd * factor,
-            common_range_sd=self.common_range_sd * factor,
-            common_bearing_sd=self.common_bearing_sd * factor,
-        )
+        return SightNoise(**{name: v if name == "look_sd" else factor * v for name, v in vars(self).items()})
 
 
 @dataclass(frozen=True)
@@ -201,30 +194,27 @@ def check_length(seen: Detections, world: FloorLandmarks) -> None:
         raise DetectionError("bad_descriptor", text, "descriptor")
 
 
-def look_alikes(
-    matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise, limits: MatchLimits | None = None
-) -> Array:
+def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise) -> Array:
     """Return the number of landmarks of the map that each detection looks like, (m,); at least 1 for a match.
 
     Args:
         matches: of the frame at the believed pose.
         seen: its detections.
         world: landmarks.
-        limits: those of the match; None = the defaults of `MatchLimits`.
     """
-    look = (limits or MatchLimits()).look(noise, world.descriptor_length)
+    look = MatchLimits().look(noise, world.descriptor_length)
     found = association.look_alikes(seen.looks, world.columns, look).astype(np.float64)
     here = (matches.fates != FAR) & (matches.fates != UNLIKE)
     return np.where(here, np.maximum(found, 1.0), found)
 
 
-def gate_areas(cov: Array, seen: Detections, noise: SightNoise, limits: MatchLimits | None = None) -> Array:
+def gate_areas(cov: Array, seen: Detections, noise: SightNoise) -> Array:
     """Return the area of the floor that the gate of each detection covers, about, (m,) m^2; cov (3, 3) or larger."""
     r, own = seen.ranges, noise.range_sd**2 + (noise.range_share * seen.ranges) ** 2
     position = 0.5 * (cov[0, 0] + cov[1, 1])
     along = own + noise.common_range_sd**2 + position
     across = r * r * (noise.bearing_sd**2 + noise.common_bearing_sd**2 + cov[2, 2]) + position
-    return math.pi * (limits or MatchLimits()).gate * np.sqrt(along * across)
+    return math.pi * MatchLimits().gate * np.sqrt(along * across)
 
 
 def _floats(values: ArrayLike) -> Array:

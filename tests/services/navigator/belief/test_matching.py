@@ -292,5 +292,5 @@ def test_a_map_survives_the_wire():
 
 def test_two_far_apart_landmarks_make_no_large_index():
     world = FloorLandmarks(np.array([[0.0, 0.0], [1e4, 1e4], [0.1, 0.0]]), np.eye(3))
-    assert world.buckets.starts.size < 100
-    assert sorted(world.buckets.members.tolist()) == [0, 1, 2]
+    assert world.tables.starts.size < 100
+    assert sorted(world.tables.members.tolist()) == [0, 1, 2]
