@@ -79,9 +79,7 @@ class Localiser:
         self._log = log
         sight, share = model.sight, model.sight.standing_share
         noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg))
-        standing = SightNoise(
-            sight.range_sd * share, sight.range_sd_share * share, math.radians(sight.bearing_sd_deg) * share
-        )
+        standing = noise.wider(share)
         start = StartUncertainty(
             model.filter.position_sd,
             math.radians(model.filter.heading_sd_deg),

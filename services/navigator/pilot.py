@@ -7,7 +7,6 @@ the walker goes on without a halt. A walker that does not publish its end is wai
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 from surefoot.arrays import Array
 from surefoot.errors import Refusal
@@ -18,6 +17,7 @@ from .arrival import arrival, reach, sure_of_place
 from .belief.tracker import Motion, PoseTracker
 from .belief.ukf import wrap
 from .goals import Act, End, GaitView, NavigationGoal, Point
+from .maps import Maps
 from .orders import Orders
 from .policy.decider import Decider
 from .policy.settings import Conduct
@@ -25,22 +25,6 @@ from .searching import Aside, Search, no_way
 
 BLOCKED_SHARE = 0.25
 """Part of the decisions without progress that an echo forbade to walk, from which on the goal ends as blocked."""
-
-
-class Ways(Protocol):
-    """Obstacles that routes go around."""
-
-    def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return whether nothing seen that the map does not know stands on a route, m, frame map."""
-        ...
-
-    def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
-        """Return waypoints to each place, around what was seen (raises Refusal: `unreachable`, `blocked`, ...)."""
-        ...
-
-
-def no_record(_goal: NavigationGoal, _end: End) -> None:
-    """Keep no record of the end of a goal."""
 
 
 class Pilot:
@@ -61,8 +45,8 @@ class Pilot:
         *,
         commands: bool,
         conduct: Conduct | None = None,
-        ways: Ways | None = None,
-        record: Callable[[NavigationGoal, End], None] = no_record,
+        ways: Maps | None = None,
+        record: Callable[[NavigationGoal, End], None] = lambda _goal, _end: None,
         aside: Aside = no_way,
     ) -> None:
         self.acts, self.commands, self.conduct = acts, commands, conduct or Conduct()

@@ -155,7 +155,7 @@ class Requests:
             pilot.ended = kept.ended
         for tick, goal in kept.planned:
             self.plan(tick, goal)
-        what = "goes on with its goal" if pilot.state in ("navigating", "stopping") else "no goal under way"
+        what = "goes on with its goal" if pilot.under_way else "no goal under way"
         self.log("info", f"started again in tick {self.tick}: {what}")
 
     def carry_out(self) -> None:

@@ -94,13 +94,14 @@ def arrays(model: NavigationModel) -> Arrays:
     values.goal_reward, values.gamma = model.reward.goal, model.reward.gamma
     switching = np.array([[model.switching.get(a, {}).get(b, 0.0) for b in KINDS] for a in KINDS])
     names = model.names
-    table = np.array([_row(model, action) for action in model.used], dtype=ACTION)
+    table = np.array([row_of(model, action) for action in model.used], dtype=ACTION)
     table["mirror"] = [names.index(mirror_of(model, name, names)) for name in names]
     states = model.filter.states if sight.tilt_sd_deg == 0 else 6
     return Arrays(ModelTables(table, np.array([values], dtype=SCENE), switching), states, names)
 
 
-def _row(model: NavigationModel, action: ActionModel) -> Record:
+def row_of(model: NavigationModel, action: ActionModel) -> Record:
+    """Return an action as a record ACTION; its mirror is not known here."""
     sight, row = model.sight, record(ACTION)
     moving = action.kind != "stand"
     row.kind, row.forward, row.turn = KINDS.index(action.kind), action.forward, math.radians(action.turn_deg)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from surefoot.arrays import Array, Ints
+from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import free_kernel
 
 from . import arrays as slots
@@ -200,7 +201,7 @@ def shown_by_standing(world: Arrays) -> Array:
     stands = [row for row in world.tables.actions if row.kind == slots.STAND]
     if not stands:
         return np.eye(3) * VARIANCE_UNSEEN
-    row, density = stands[0], world.tables.scene[0].density
+    row, scene = stands[0], world.tables.scene[0]
     info, seen, half = np.zeros((3, 3)), 0.0, math.acos(row.cos_half)
     nr, na = 24, 24
     dr, da = (row.range_max - row.range_min) / nr, 2.0 * half / na
@@ -208,7 +209,7 @@ def shown_by_standing(world: Arrays) -> Array:
         r = row.range_min + (i + 0.5) * dr
         for j in range(na):
             a = -half + (j + 0.5) * da
-            weight = density * row.match * r * dr * da
+            weight = scene.density * row.match * r * dr * da
             h_range = np.array([-math.cos(a), -math.sin(a), 0.0])
             h_bearing = np.array([math.sin(a) / r, -math.cos(a) / r, -1.0])
             var_range = row.sd_range**2 + (row.sd_share * r) ** 2
@@ -218,15 +219,8 @@ def shown_by_standing(world: Arrays) -> Array:
     frames = max(row.frames - row.late, 0.0)
     if seen <= 0.0 or frames <= 0.0:
         return np.eye(3) * VARIANCE_UNSEEN
-    info *= frames * min(1.0, world.tables.scene[0].most / seen)
-    return _inverse(info) + np.diag([(world.tables.scene[0].height * world.tables.scene[0].tilt_sd) ** 2] * 2 + [0.0])
-
-
-def _inverse(m: Array) -> Array:
-    """Return the inverse of a symmetric m (3, 3), every sum in index order."""
-    from surefoot.geometry.linear_kernels import inverse3
-
-    return inverse3(m)[0]
+    info *= frames * min(1.0, scene.most / seen)
+    return inverse3(info)[0] + np.diag([(scene.height * scene.tilt_sd) ** 2] * 2 + [0.0])
 
 
 def planner(world: Arrays, provenance: dict[str, str] | None = None) -> Policy:
