@@ -12,14 +12,13 @@ from .consensus import consensus, matched_of
 from .gate import (
     DOUBLED,
     INVALID,
-    LONGEST,
     MATCHED,
-    MOST,
     OUTLIER,
-    SHORTEST,
     SURPLUS,
     FrameTables,
     MapTables,
+    MatchLimits,
+    SightNoise,
     nearest_look,
 )
 
@@ -53,7 +52,7 @@ def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
 
 @row_kernel
 def _nearest(
-    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, fates: Fates
+    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: SightNoise, limits: MatchLimits, fates: Fates
 ) -> Ints:
     """Write landmark and fate of each detection by itself; return the detections that match a landmark.
 
@@ -61,8 +60,6 @@ def _nearest(
         mean: believed state, (n,), see `ukf`.
         cov: its covariance, (n, n).
         frame: the m detections.
-        noise: of a sighting, see `gate`.
-        limits: see `gate`.
         fates: written.
     """
     m, (ranges, bearings, looks) = frame.ranges.size, frame
@@ -71,7 +68,7 @@ def _nearest(
         finite = math.isfinite(ranges[d]) and math.isfinite(bearings[d])
         for i in range(looks.shape[1]):
             finite = finite and math.isfinite(looks[d, i])
-        if finite and limits[SHORTEST] <= ranges[d] <= limits[LONGEST]:
+        if finite and limits.shortest <= ranges[d] <= limits.longest:
             fates.landmark[d], fates.fate[d], fates.nis[d], fates.gap[d] = nearest_look(
                 mean, cov, ranges[d], bearings[d], looks[d], world, noise, limits
             )
@@ -99,7 +96,7 @@ def _one_each(chosen: Ints, fates: Fates) -> Ints:
 
 @row_kernel
 def match(
-    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, seed: int
+    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: SightNoise, limits: MatchLimits, seed: int
 ) -> tuple[Fates, Ints]:
     """Associate the detections of one frame with landmarks.
 
@@ -108,8 +105,6 @@ def match(
         cov: its covariance, (3, 3) or larger.
         frame: detections.
         world: landmarks.
-        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
-        limits: of gate, likeness, range, spread, pairs and matches, indexed as in `gate`, (8,).
         seed: of the random pairs.
 
     Returns:
@@ -120,12 +115,12 @@ def match(
     chosen = _one_each(_nearest(mean, cov, frame, world, noise, limits, fates), fates)
     found = matched_of(chosen, fates.landmark, frame, world.positions)
     inlier = consensus(mean, cov, found, noise, limits, seed)
-    most, kept = int(limits[MOST]), 0
+    kept = 0
     for a in range(chosen.size):
         d = chosen[a]
         if not inlier[a]:
             fates.fate[d] = OUTLIER
-        elif kept >= most:
+        elif kept >= limits.most:
             fates.fate[d] = SURPLUS
         else:
             chosen[kept] = d

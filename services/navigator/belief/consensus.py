@@ -9,7 +9,7 @@ from surefoot.arrays import Array, Flags, Ints
 from surefoot.geometry.linear_kernels import inverse3, solve3
 from surefoot.kernels.jit import row_kernel
 
-from .gate import GATE, PAIRS, SPREAD, FrameTables, variances
+from .gate import FrameTables, MatchLimits, SightNoise, variances
 from .ukf import THETA, X, Y, wrap
 
 DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
@@ -69,12 +69,12 @@ def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Array, r: 
 
 @row_kernel
 def motion_of(
-    mean: Array, cov: Array, i: int, j: int, found: Matched, noise: Array
+    mean: Array, cov: Array, i: int, j: int, found: Matched, noise: SightNoise
 ) -> tuple[float, float, float, float]:
     """Return the pose by matches i and j, x and y in m and heading in rad, and the variance of its heading, rad^2.
 
     The heading is the mean of the one that two points give and the believed one, weighted by their variances: two
-    points close together determine it poorly. `mean` (n,), `cov` (n, n): belief; `noise`: see `gate`.
+    points close together determine it poorly. `mean` (n,), `cov` (n, n): belief.
     """
     one, other, places = found.rays[i], found.rays[j], found.places
     ax, ay = one[DISTANCE] * one[COS], one[DISTANCE] * one[SIN]
@@ -96,7 +96,7 @@ def motion_of(
 
 
 @row_kernel
-def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: float, v: float, gate: float) -> None:
+def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide: float, v: float, gate: float) -> None:
     """Mark the matches (k,) that agree with a pose (3,): variances times `wide`, v rad^2 added to that of bearing."""
     c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
     for m in range(inlier.size):
@@ -106,7 +106,7 @@ def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: flo
 
 
 @row_kernel
-def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: Array) -> Array:
+def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: SightNoise) -> Array:
     """Return the pose (3,) of least squares by the inliers and the belief: three steps of Gauss and Newton.
 
     Args:
@@ -115,7 +115,6 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
         information: inverse of its covariance, (3, 3).
         inlier: matches that count, (k,).
         found: matches.
-        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
     """
     for _ in range(3):
         a, v = information.copy(), np.zeros(3)
@@ -145,14 +144,14 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
 
 @row_kernel
 def _best_motion(
-    mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int
+    mean: Array, cov: Array, found: Matched, noise: SightNoise, limits: MatchLimits, seed: int
 ) -> tuple[Array, float]:
     """Return the pose (3,) of the best motion through two matches, and the variance of its heading, rad^2.
 
-    `mean` (n,), `cov` (n, n): belief; `noise`, `limits`: see `gate`; `seed` of the pairs that are tried.
+    `mean` (n,), `cov` (n, n): belief; `seed` of the pairs that are tried.
     """
     k = found.places.shape[0]
-    pairs, most, gate = k * (k - 1) // 2, int(limits[PAIRS]), limits[GATE]
+    pairs, most, gate = k * (k - 1) // 2, limits.pairs, limits.gate
     every = pairs <= most
     best, state, i, j = math.inf, seed % 2147483648, 0, 0
     pose, loose = np.zeros(3), 0.0
@@ -182,21 +181,21 @@ def _best_motion(
 
 
 @row_kernel
-def consensus(mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int) -> Flags:
+def consensus(mean: Array, cov: Array, found: Matched, noise: SightNoise, limits: MatchLimits, seed: int) -> Flags:
     """Return the matches (k,) that agree with the best rigid motion through two of them.
 
     The best motion has the least sum over all matches of min(misfit, gate) + ln(b'/b) (MSAC; b' is the variance of the
     bearing with that of the motion's heading: a loose motion explains everything). It is refined by least squares over
-    its inliers and the belief; matches that then differ by less than limits[SPREAD] times the variances stay. All pairs
-    are tried if they are at most limits[PAIRS], else as many drawn at random.
+    its inliers and the belief; matches that then differ by less than `spread` times the variances stay. All pairs
+    are tried if they are at most `pairs`, else as many drawn at random.
     """
     inlier = np.ones(found.places.shape[0], dtype=np.bool_)
     if inlier.size < 2:
         return inlier
     pose, loose = _best_motion(mean, cov, found, noise, limits, seed)
-    agreeing(inlier, pose, found, noise, 2.0, loose, limits[GATE])
+    agreeing(inlier, pose, found, noise, 2.0, loose, limits.gate)
     information = inverse3(cov)[0]  # of the pose: it reads the first three rows and columns
     for _ in range(2):
         pose = refined(pose, mean, information, inlier, found, noise)
-        agreeing(inlier, pose, found, noise, limits[SPREAD], 0.0, limits[GATE])
+        agreeing(inlier, pose, found, noise, limits.spread, 0.0, limits.gate)
     return inlier

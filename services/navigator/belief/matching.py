@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from surefoot.arrays import Array, Ints
-from surefoot.errors import Refusal
 
 from . import association
-from .gate import FAR, UNLIKE, FrameTables
+from .gate import FAR, UNLIKE, DetectionError, FrameTables, MatchLimits, SightNoise
 from .landmarks import FloorLandmarks
 
 MOST_DETECTIONS = 256
@@ -22,84 +21,6 @@ FATES = ("matched", "invalid", "far", "unlike", "ambiguous", "doubled", "outlier
 """Fates of a detection, in the order of the numbers in `gate`: matched; impossible range or bearing; no landmark in the
 gate; none there looks like it; two there look like it; its landmark is matched by another detection; no rigid motion of
 the others explains it; beyond the maximum per frame."""
-
-
-class DetectionError(Refusal):
-    """Detections that cannot be used; `field` names what is wrong with them."""
-
-
-@dataclass(frozen=True)
-class SightNoise:
-    """Noise of a camera that measures range and bearing of landmarks on the floor; standard deviations.
-
-    Raises:
-        DetectionError: a number is negative or not finite, or a whole measurement has no noise.
-    """
-
-    range_sd: float = 0.0
-    """Constant part of the range noise, m."""
-    range_share: float = 0.03
-    """Proportional part of the range noise, part of the range."""
-    bearing_sd: float = math.radians(1.5)
-    """Noise of the bearing, rad."""
-    common_range_sd: float = 0.0
-    """Range error common to all detections of a frame, m, such as by an unknown tilt."""
-    common_bearing_sd: float = 0.0
-    """Bearing error common to all detections of a frame, rad."""
-    look_sd: float = 0.05
-    """Noise of each element of a descriptor."""
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise DetectionError("bad_noise", f"{name} is finite and >= 0, got {value!r}", name)
-        if self.range_sd + self.range_share == 0.0 or self.bearing_sd == 0.0 or self.look_sd == 0.0:
-            text = "range_sd or range_share, bearing_sd and look_sd are > 0"
-            raise DetectionError("bad_noise", f"{text}, got {vars(self)}", "bearing_sd")
-
-    def array(self) -> Array:
-        """Return the numbers in the order of `gate`, (5,)."""
-        return np.array(
-            [self.range_sd, self.range_share, self.bearing_sd, self.common_range_sd, self.common_bearing_sd]
-        )
-
-    def wider(self, factor: float) -> "SightNoise":
-        """Return the noise with every standard deviation of range and bearing times a factor."""
-        return SightNoise(**{name: v if name == "look_sd" else factor * v for name, v in vars(self).items()})
-
-
-@dataclass(frozen=True)
-class MatchLimits:
-    """Limits within which a detection is matched with a landmark."""
-
-    gate: float = 9.21
-    """Largest normalised innovation squared, chi^2_2(.99)."""
-    look_sds: float = 2.0
-    """Descriptors of one landmark differ by less than this many times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %."""
-    ratio: float = 0.8
-    """Largest distance to the nearest descriptor over that to the second nearest in the gate."""
-    shortest: float = 0.02
-    """Least range, m; nearer detections are invalid."""
-    longest: float = 50.0
-    """Largest range, m; farther detections are invalid."""
-    spread: float = 1.3
-    """Variance of a residual at the refined motion over that of a detection."""
-    pairs: int = 190
-    """Number of motions that are tried: all pairs of up to 20 matches."""
-    most: int = 10
-    """Largest number of matches of a frame."""
-
-    def array(self, noise: SightNoise, length: int) -> Array:
-        """Return the numbers in the order of `gate`, (8,), for descriptors of `length` elements."""
-        look = self.look(noise, length)
-        return np.array(
-            [self.gate, look, self.ratio, self.shortest, self.longest, self.spread, self.pairs, self.most],
-            dtype=np.float64,
-        )
-
-    def look(self, noise: SightNoise, length: int) -> float:
-        """Return the largest distance of two descriptors of one landmark."""
-        return self.look_sds * noise.look_sd * math.sqrt(length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +102,7 @@ def match(
     check_length(seen, world)
     fates, kept = association.match(
         np.ascontiguousarray(mean, dtype=np.float64), np.ascontiguousarray(cov, dtype=np.float64), seen.tables,
-        world.tables, noise.array(), limits.array(noise, world.descriptor_length), seed,
+        world.tables, noise, limits, seed,
     )  # fmt: skip
     counts = np.bincount(fates.fate, minlength=len(FATES)).tolist()
     return Matches(kept, fates.landmark[kept], fates.nis[kept], fates.fate, dict(zip(FATES, counts, strict=True)))

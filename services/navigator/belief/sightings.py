@@ -82,7 +82,7 @@ def gather(
     bearings: Array,
     looks: Array,
     pose: Array,
-    noise: Array,
+    noise: SightNoise,
     look: float,
     time: float,
 ) -> None:
@@ -96,7 +96,6 @@ def gather(
         bearings: rad, (m,).
         looks: descriptors, (m, k).
         pose: of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
-        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
         look: largest distance of two descriptors of one landmark.
         time: of the frame, s.
     """
@@ -175,8 +174,9 @@ class SightingMemory:
         good = np.isfinite(seen.ranges) & np.isfinite(seen.bearings) & np.isfinite(seen.looks).all(axis=1)
         good &= (seen.ranges >= shortest) & (seen.ranges <= longest)
         if good.any() and all(map(math.isfinite, pose)):
-            look, own = MatchLimits().look(self.noise, self.length), (noise or self.noise).array()
-            own[3:] = 0.0  # errors common to a frame do not average out: added by `seen_from`
+            look = MatchLimits().look(self.noise, self.length)
+            # errors common to a frame do not average out: added by `seen_from`
+            own = (noise or self.noise)._replace(common_range_sd=0.0, common_bearing_sd=0.0)
             gather(
                 self.tables, seen.ranges[good], seen.bearings[good], seen.looks[good], np.array(pose), own, look, time
             )
