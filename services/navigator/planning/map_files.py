@@ -42,6 +42,7 @@ PNG_MAGIC, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 
 Number = Annotated[float, BeforeValidator(str)]
 """Number that may be written as text, for YAML 1.1 takes 5e-2 for one; true is none."""
+Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 class MapFileError(Refusal):
@@ -60,11 +61,11 @@ class MapInfo:
     """Path of the image; `load` checks that it exists."""
     resolution: Annotated[Number, Field(ge=1e-4, le=10.0)]
     """Edge of a pixel of the map's image, m."""
-    origin: tuple[Annotated[Number, Field(ge=-1e6, le=1e6)], Annotated[Number, Field(ge=-1e6, le=1e6)]]
+    origin: tuple[Coordinate, Coordinate]
     """Lower-left corner of the lower-left pixel, x and y in m, frame map."""
     occupied_thresh: Annotated[Number, Field(ge=0.0, le=1.0)]
     """Occupancy above which a pixel is occupied, 0 to 1."""
-    free_thresh: Annotated[Number, Field(ge=0.0, le=1.0)]
+    free_thresh: Annotated[Number, Field(ge=0.0)]
     """Occupancy below which a pixel is free, 0 to 1."""
     negate: bool = False
     """True if bright pixels are occupied."""
