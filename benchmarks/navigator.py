@@ -14,7 +14,7 @@ from benchmarks.bench import Bench, best_of, goal, seconds_of, table
 from surefoot.kernels.jit import free_kernel, row_kernel
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.belief.ukf import LandmarkSighting, predict, update, work_space, wrap
-from surefoot.services.navigator.environment.episodes import DECISIONS, run_episodes
+from surefoot.services.navigator.environment.episodes import run_episodes
 from surefoot.services.navigator.planning.costs import prepare
 from surefoot.services.navigator.planning.grid import FloorGrid
 from surefoot.services.navigator.planning.route import plan as plan_route
@@ -69,7 +69,7 @@ def decisions() -> None:
     world = arrays(model)
     for name in ("tuned", "planner"):
         policy = find(name, model)
-        steps = run_episodes(world, policy, 0, 0, 300)[:, DECISIONS].sum()
+        steps = run_episodes(world, policy, 0, 0, 300)["decisions"].sum()
         seconds = best_of(lambda policy=policy: run_episodes(world, policy, 0, 0, 300))
         goal(f"belief steps of {name}, one core", steps / seconds, ">=", 1e5, "1/s")
     means, cov = np.random.default_rng(0).normal(size=(2000, 4)), np.diag([0.01, 0.01, 0.02, 0.1])

@@ -14,24 +14,25 @@ Record = Any
 """Numbers that are read and written by name, as in `action.forward`; records of one kind make an array."""
 
 
-def _named(*names: str) -> np.dtype[Any]:
+def named(*names: str) -> np.dtype[Any]:
+    """Return the type of a record of numbers with these names, each text one or more of them."""
     return np.dtype((np.record, [(name, np.float64) for some in names for name in some.split()]))
 
 
-ACTION = _named(
+ACTION = named(
     "kind forward turn seconds frames match",
     "var_along var_across var_heading var_drift",  # of the true motion
     "filter_heading",  # variance of the heading in the filter: with three states it holds the drift, too
     "range_min range_max cos_half box_at box_half",  # footprint, and the square around it
     "sd_range sd_share sd_bearing tilt_keep mirror late",
 )
-SCENE = _named(
+SCENE = named(
     "x_min x_max y_min y_max radius look_ahead",
     "start_x start_y start_yaw goal_x goal_y goal_radius time_limit",
     "density most drift_size drift_normal drift_known start_sd start_yaw_sd",
     "tilt_sd height max_stands max_turns goal_reward gamma course",
 )
-STATUS = _named("time last stands turns blocked outcome steps way")  # of an episode, or of the live navigator
+STATUS = named("time last stands turns blocked outcome steps way")  # of an episode, or of the live navigator
 STAND, TURNING, WALK = 0, 1, 2  # kinds
 
 COURSES = ("constant", "flip", "step", "ramp")  # of the drift: values of COURSE

@@ -163,7 +163,7 @@ def test_the_belief_is_as_sure_as_it_claims(name):
     model = load(name)
     results = episodes.run_episodes(arrays(model), find("tuned", model), 77, 0, 600)
     low, high = stats.chi2.ppf([0.005, 0.995], 3 * 600) / 600
-    assert low < results[:, episodes.NEES_AT].mean() < high
+    assert low < results["nees_at"].mean() < high
 
 
 def test_tilt_is_modelled_and_ignoring_it_is_overconfident():
@@ -173,14 +173,14 @@ def test_tilt_is_modelled_and_ignoring_it_is_overconfident():
     assert world.states == 6
     results = episodes.run_episodes(world, find("tuned", model), 78, 0, 150)
     low, high = stats.chi2.ppf([0.0005, 0.9995], 3 * 150) / 150
-    assert low < results[:, episodes.NEES_AT].mean() < high
+    assert low < results["nees_at"].mean() < high
 
 
 def test_who_never_sees_does_not_stand_for_ever():
     model = load("paper", ["scene.landmarks_per_m2=0", "scene.time_limit=200"])
     for policy in (hand(arrays(model)), find("planner", model)):
         results = episodes.run_episodes(arrays(model), policy, 1, 0, 10)
-        assert results[:, episodes.STANDS_MADE].max() < 0.95 * results[:, episodes.DECISIONS].max()
+        assert results["stands"].max() < 0.95 * results["decisions"].max()
 
 
 def test_known_pose_beats_belief_and_all_arrive():
@@ -190,9 +190,9 @@ def test_known_pose_beats_belief_and_all_arrive():
         episodes.run_episodes(world, p, 5, 0, 300, knows)
         for p, knows in ((planner, True), (planner, False), (find("tuned", model), False), (find("hand", model), False))
     )
-    times = [r[:, episodes.SECONDS_TAKEN].mean() for r in (limit, ours, tuned, plain)]
+    times = [r["seconds"].mean() for r in (limit, ours, tuned, plain)]
     assert times == sorted(times)
-    assert all((r[:, episodes.ENDED_AS] == REACHED).all() for r in (limit, ours, tuned, plain))
+    assert all((r["ended"] == REACHED).all() for r in (limit, ours, tuned, plain))
 
 
 def test_the_status_knows_the_last_action():
@@ -225,5 +225,5 @@ def test_a_drift_that_changes_its_sign_costs_the_planner_no_more_than_the_hand_c
         model = load(params, [f"drift.per_10cm_deg={deg}", "drift.course='flip'"])
         world = arrays(model)
         both = [episodes.run_episodes(world, policy, 0, 50_000, 300) for policy in (planner, find("tuned", model))]
-        ours, other = (results[:, episodes.SECONDS_TAKEN].mean() for results in both)
+        ours, other = (results["seconds"].mean() for results in both)
         assert ours < 1.02 * other
