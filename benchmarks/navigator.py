@@ -11,6 +11,7 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, best_of, goal, seconds_of, table
+from surefoot.arrays import record
 from surefoot.kernels.jit import free_kernel, row_kernel
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.belief.ukf import LandmarkSighting, predict, update, work_space, wrap
@@ -18,7 +19,7 @@ from surefoot.services.navigator.environment.episodes import run_episodes
 from surefoot.services.navigator.planning.costs import prepare
 from surefoot.services.navigator.planning.grid import FloorGrid
 from surefoot.services.navigator.planning.route import plan as plan_route
-from surefoot.services.navigator.policy.arrays import NO_ACTION, STATUS, ModelTables, arrays, record
+from surefoot.services.navigator.policy.arrays import NO_ACTION, STATUS, ModelTables, arrays
 from surefoot.services.navigator.policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from surefoot.arrays import Record
 from surefoot.services.navigator.environment.episodes import (
     run_episodes,
 )
-from surefoot.services.navigator.policy.arrays import REACHED, Arrays, Record
+from surefoot.services.navigator.policy.arrays import REACHED, Arrays
 from surefoot.services.navigator.policy.decider import Policy
 
 from .. import statistics

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Flags, Ints
+from surefoot.arrays import Array, Flags, Ints, Record
 from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.environment.draws import Stream, below, seed, stream, uniform
 from surefoot.services.navigator.environment.model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin
 from surefoot.services.navigator.policy import arrays as slots
-from surefoot.services.navigator.policy.arrays import Arrays, ModelTables, Record
+from surefoot.services.navigator.policy.arrays import Arrays, ModelTables
 from surefoot.services.navigator.policy.choose import (
     NUMBERS,
     SARSA,

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.arrays import Array, Flags
+from surefoot.arrays import Array, Flags, Record
 from surefoot.lab.train.evaluation import EVALUATION
 from surefoot.services.navigator.belief.ukf import DRIFT
 from surefoot.services.navigator.environment.model import EpisodeState, episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin
 from surefoot.services.navigator.policy import arrays as slots
-from surefoot.services.navigator.policy.arrays import Arrays, Record
+from surefoot.services.navigator.policy.arrays import Arrays
 from surefoot.services.navigator.policy.choose import choose, features, room_to_choose
 from surefoot.services.navigator.policy.decider import Policy
 

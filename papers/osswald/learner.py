@@ -9,11 +9,11 @@ the path and leaves the table that the kernel of the training gets, bit for bit.
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record
 from surefoot.lab.train import learning
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.environment.draws import below, seed, stream, uniform
-from surefoot.services.navigator.policy.arrays import REACHED, Record
+from surefoot.services.navigator.policy.arrays import REACHED
 from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, PolicyTables, choose, features, room_to_choose
 
 from .episode import Episode, follow

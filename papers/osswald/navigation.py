@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from surefoot.arrays import Record
 from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact, near, with_known
 from surefoot.lab.statistics import welch
 from surefoot.lab.train.evaluation import paired, summary
-from surefoot.services.navigator.policy.arrays import Record
 from surefoot.services.navigator.policy.decider import PAPER_TURN_DEG, TUNED_TURN_DEG
 
 from . import live as live_runs

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record
 from surefoot.errors import ConfigError
 from surefoot.lab.train.evaluation import EVALUATION, Seeds, episodes
 from surefoot.lab.train.runs import SELECTED_ON, SELECTION
 from surefoot.lab.train.sarsa import Schedule, Training
-from surefoot.services.navigator.policy.arrays import REACHED, Arrays, Record, arrays
+from surefoot.services.navigator.policy.arrays import REACHED, Arrays, arrays
 from surefoot.services.navigator.policy.decider import PAPER_TURN_DEG, TUNED_TURN_DEG, Policy, hand
 from surefoot.services.navigator.policy.params import NavigationModel, load
 

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Flags, Ints
+from surefoot.arrays import Array, Flags, Ints, Record, named
 from surefoot.geometry.linear_kernels import inverse3, solve3
 from surefoot.kernels.jit import row_kernel
 
 from .gate import FrameTables, MatchLimits, SightNoise, variances
 from .ukf import THETA, X, Y, wrap
 
-DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
+RAY = named("distance cos sin bearing")
 
 
 class Matched(NamedTuple):
@@ -20,8 +20,8 @@ class Matched(NamedTuple):
 
     places: Array
     """Places of the landmarks, (k, 2) m, frame map."""
-    rays: Array
-    """Distance (m), cosine and sine of the bearing, bearing (rad) of the detections, (k, 4)."""
+    rays: Record
+    """Distance (m), cosine and sine of the bearing, bearing (rad) of the detections, records RAY, (k,)."""
 
 
 @row_kernel
@@ -35,17 +35,17 @@ def draw(state: int, n: int) -> tuple[int, int]:
 def matched_of(chosen: Ints, landmark: Ints, frame: FrameTables, positions: Array) -> Matched:
     """Return the chosen detections (k,) with the places of their landmarks."""
     k = chosen.size
-    found = Matched(np.empty((k, 2)), np.empty((k, 4)))
+    found = Matched(np.empty((k, 2)), np.empty(k, RAY))
     for m in range(k):
         d = int(chosen[m])
-        found.places[m] = positions[landmark[d]]
-        found.rays[m, DISTANCE], found.rays[m, COS] = frame.ranges[d], math.cos(frame.bearings[d])
-        found.rays[m, SIN], found.rays[m, BEARING] = math.sin(frame.bearings[d]), frame.bearings[d]
+        ray, found.places[m] = found.rays[m], positions[landmark[d]]
+        ray.distance, ray.bearing = frame.ranges[d], frame.bearings[d]
+        ray.cos, ray.sin = math.cos(ray.bearing), math.sin(ray.bearing)
     return found
 
 
 @row_kernel
-def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Array, r: float, b: float) -> float:
+def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Record, r: float, b: float) -> float:
     """Return the squared residual of a detection at an assumed pose over its variances, 2 degrees of freedom.
 
     Radial and tangential part of the vector from the detection to the landmark, in heading axes: no angles, no roots.
@@ -56,15 +56,15 @@ def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Array, r: 
         c: cosine of its heading.
         s: sine of its heading.
         place: of the landmark, (2,) m, frame map.
-        ray: row of `Matched.rays`, (4,).
+        ray: one of `Matched.rays`.
         r: variance of the range, m^2.
         b: variance of the bearing, rad^2.
     """
     dx, dy = place[0] - x, place[1] - y
     ax, ay = c * dx + s * dy, c * dy - s * dx
-    radial = ray[COS] * ax + ray[SIN] * ay - ray[DISTANCE]
-    tangential = ray[COS] * ay - ray[SIN] * ax
-    return radial * radial / r + tangential * tangential / (b * ray[DISTANCE] * ray[DISTANCE])
+    radial = ray.cos * ax + ray.sin * ay - ray.distance
+    tangential = ray.cos * ay - ray.sin * ax
+    return radial * radial / r + tangential * tangential / (b * ray.distance * ray.distance)
 
 
 @row_kernel
@@ -77,13 +77,13 @@ def motion_of(
     points close together determine it poorly. `mean` (n,), `cov` (n, n): belief.
     """
     one, other, places = found.rays[i], found.rays[j], found.places
-    ax, ay = one[DISTANCE] * one[COS], one[DISTANCE] * one[SIN]
-    bx, by = other[DISTANCE] * other[COS], other[DISTANCE] * other[SIN]
+    ax, ay = one.distance * one.cos, one.distance * one.sin
+    bx, by = other.distance * other.cos, other.distance * other.sin
     ux, uy = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
     length2 = max(ux * ux + uy * uy, 1e-12)
-    ra, ba = variances(one[DISTANCE], noise)
-    rb, bb = variances(other[DISTANCE], noise)
-    blur = 0.5 * (ra + rb + ba * one[DISTANCE] * one[DISTANCE] + bb * other[DISTANCE] * other[DISTANCE])
+    ra, ba = variances(one.distance, noise)
+    rb, bb = variances(other.distance, noise)
+    blur = 0.5 * (ra + rb + ba * one.distance * one.distance + bb * other.distance * other.distance)
     of_pair = blur / length2
     turn = wrap(math.atan2(uy, ux) - math.atan2(by - ay, bx - ax) - mean[THETA])
     weight = cov[THETA, THETA] / (cov[THETA, THETA] + of_pair) if of_pair < math.inf else 0.0
@@ -100,7 +100,7 @@ def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide
     """Mark the matches (k,) that agree with a pose (3,): variances times `wide`, v rad^2 added to that of bearing."""
     c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
     for m in range(inlier.size):
-        r, b = variances(found.rays[m, DISTANCE], noise)
+        r, b = variances(found.rays[m].distance, noise)
         off = misfit(pose[X], pose[Y], c, s, found.places[m], found.rays[m], wide * r, wide * b + v)
         inlier[m] = off < gate
 
@@ -125,7 +125,7 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
         for m in range(inlier.size):
             if not inlier[m]:
                 continue
-            distance, bearing = found.rays[m, DISTANCE], found.rays[m, BEARING]
+            distance, bearing = found.rays[m].distance, found.rays[m].bearing
             dx, dy = found.places[m, 0] - pose[X], found.places[m, 1] - pose[Y]
             q2 = max(dx * dx + dy * dy, 1e-12)
             q = math.sqrt(q2)
@@ -169,7 +169,7 @@ def _best_motion(
         total, c, s = 0.0, math.cos(heading), math.sin(heading)
         looseness = math.log1p(v / (2.0 * variances(0.0, noise)[1]))
         for m in range(k):
-            r, b = variances(found.rays[m, DISTANCE], noise)
+            r, b = variances(found.rays[m].distance, noise)
             off = misfit(x, y, c, s, found.places[m], found.rays[m], 2.0 * r, 2.0 * b + v)
             total += min(gate, off + looseness)
             if total >= best:

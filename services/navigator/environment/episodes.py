@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record, named
 from surefoot.kernels.jit import free_kernel
 
 from ..belief.ukf import THETA, X, Y, wrap
 from ..policy import arrays as slots
-from ..policy.arrays import Arrays, ModelTables, Record, named
+from ..policy.arrays import Arrays, ModelTables
 from ..policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from ..policy.decider import Policy
 from .model import EpisodeRoom, EpisodeState, episode_room, episode_state

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Ints
+from surefoot.arrays import Array, Ints, Record, record
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import NUISANCE
-from ..policy.arrays import STATUS, Arrays, Record, record
+from ..policy.arrays import STATUS, Arrays
 from .draws import Stream
 
 CELL = 0.25  # m, edge of the squares by which landmarks are found

@@ -6,12 +6,12 @@ decides about walls, landmarks in view and the arrival at the goal, as in the pa
 
 import math
 
-from surefoot.arrays import Array, Ints
+from surefoot.arrays import Array, Ints, Record
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import DRIFT, NUISANCE, THETA, LandmarkSighting, X, Y, predict, update, wrap
 from ..policy import arrays as slots
-from ..policy.arrays import ModelTables, Record
+from ..policy.arrays import ModelTables
 from .draws import Stream, below, normal_pair, seed, uniform
 from .model import BEGAN, CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState, squares
 

@@ -2,22 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record, named, record
 
 from .params import KINDS, ActionModel, NavigationModel, mirror_of
-
-Record = Any
-"""Numbers that are read and written by name, as in `action.forward`; records of one kind make an array."""
-
-
-def named(*names: str) -> np.dtype[Any]:
-    """Return the type of a record of numbers with these names, each text one or more of them."""
-    return np.dtype((np.record, [(name, np.float64) for some in names for name in some.split()]))
-
 
 ACTION = named(
     "kind forward turn seconds frames match",
@@ -64,11 +55,6 @@ class Arrays:
     """Number of states of the filter, nuisances included."""
     names: tuple[str, ...]
     """Names of the actions, (A,)."""
-
-
-def record(kind: np.dtype[Any]) -> Record:
-    """Return a record of zeros."""
-    return np.zeros(1, kind)[0]
 
 
 def arrays(model: NavigationModel) -> Arrays:

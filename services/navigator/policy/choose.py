@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Flags
+from surefoot.arrays import Array, Flags, Record
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import entropy, spread, wrap
 from . import arrays as slots
-from .arrays import ModelTables, Record
+from .arrays import ModelTables
 from .grids import add_values
 
 HAND, STEER, PLANNER, SARSA = 0, 1, 2, 3  # kinds of policy

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record, record
 from surefoot.schemas.navigation import Decision
 
 from ..belief.ukf import entropy, wrap
 from . import arrays as slots
-from .arrays import STATUS, Arrays, Record, record
+from .arrays import STATUS, Arrays
 from .choose import (
     HAND,
     NUMBERS,

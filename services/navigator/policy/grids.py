@@ -6,10 +6,8 @@ d_max, clamped; phi = its bearing, periodic, row 0 at -pi. Weights are multiline
 
 import math
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record
 from surefoot.kernels.jit import row_kernel
-
-from .arrays import Record
 
 D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M = 0, 1, 2, 3, 4, 5
 """Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror (-1:

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Ints
+from surefoot.arrays import Array, Ints, Record
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import free_kernel
 
 from . import arrays as slots
-from .arrays import Arrays, Record
+from .arrays import Arrays
 from .choose import PLANNER, PolicyTables
 from .decider import Policy, planner_numbers
 from .grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED, PER_M
