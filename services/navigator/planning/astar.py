@@ -102,6 +102,8 @@ class SearchMap(NamedTuple):
     """Costs between marks and cells, (cells, marks)."""
     goal: int
     """Index of the goal, or NOWHERE."""
+    goal_row: int
+    goal_col: int
     offsets: Ints
     """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
     onward: Ints
@@ -128,6 +130,8 @@ def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
         wide,
         marks,
         goal,
+        goal // wide,
+        goal % wide,
         np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1]),
         np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 1], [5, 1, 2], [6, 2, 3], [7, 3, 0]]),
     )
@@ -138,7 +142,7 @@ def bound(floor: SearchMap, cell: int) -> int:
     """Return the bound of the cost from a cell to the goal."""
     if floor.goal == NOWHERE:
         return 0
-    dr, dc = abs(cell // floor.wide - floor.goal // floor.wide), abs(cell % floor.wide - floor.goal % floor.wide)
+    dr, dc = abs(cell // floor.wide - floor.goal_row), abs(cell % floor.wide - floor.goal_col)
     h = 2 * UNIT * (STRAIGHT * max(dr, dc) + (DIAGONAL - STRAIGHT) * min(dr, dc))
     for m in range(floor.marks.shape[1]):
         h = max(h, abs(floor.marks[cell, m] - floor.marks[floor.goal, m]))
