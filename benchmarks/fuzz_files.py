@@ -108,7 +108,7 @@ def formats(folder: Path) -> tuple[Format, ...]:
         Format("floor map", ".yaml", (yaml,), load_map),
         Format("floor image", ".pgm", (b"P5\n2 2\n255\n\x00\xff\x80\x00", b"P2\n2 2\n255\n0 255 128 0\n"), load_image),
         Format("landmarks", ".npz", (made("l.npz", lambda p: landmark_files.save(marks, p)),), landmark_files.load),
-        Format("policy", ".npz", texts("services/navigator/policies/*.npz"), load_policy),
+        Format("policy", ".npz", texts("services/navigator/policy/shipped/*.npz"), load_policy),
         Format("slip model", ".json", texts("services/footholds/models/shipped/*.json"), models_of_slip.load),
         Format("log", ".csv", (csv,), read_table),
         Format("walk memory", ".json", (walk,), lambda p: MemoryFile(str(p)).recall(1, 9)),

@@ -29,7 +29,6 @@ from surefoot.schemas.topics import TERRAIN_MAP
 from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.models.files import shipped as shipped_model
 from surefoot.services.footholds.service import Footholds
-from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
 from surefoot.services.navigator.policy.arrays import arrays
 from surefoot.services.navigator.policy.files import shipped as shipped_policies
 from surefoot.services.navigator.policy.library import find
@@ -183,7 +182,7 @@ class PolicyJudge:
 
     def _seconds(self, name: str, policy: str) -> float:
         model, world = self.worlds[name]
-        return float(episodes(world, find(policy, model, world), EPISODES)[:, SECONDS_TAKEN].mean())
+        return float(episodes(world, find(policy, model, world), EPISODES)["seconds"].mean())
 
 
 def _altered(member: str, array: NDArray[Any], random: Random) -> NDArray[Any]:

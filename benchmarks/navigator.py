@@ -11,14 +11,15 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
 from benchmarks.bench import Bench, best_of, goal, seconds_of, table
+from surefoot.arrays import record
 from surefoot.kernels.jit import free_kernel, row_kernel
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.belief.ukf import LandmarkSighting, predict, update, work_space, wrap
-from surefoot.services.navigator.environment.episodes import DECISIONS, run_episodes
+from surefoot.services.navigator.environment.episodes import run_episodes
 from surefoot.services.navigator.planning.costs import prepare
 from surefoot.services.navigator.planning.grid import FloorGrid
 from surefoot.services.navigator.planning.route import plan as plan_route
-from surefoot.services.navigator.policy.arrays import GOAL_X, GOAL_Y, LAST, NO_ACTION, STATUS, ModelTables, arrays
+from surefoot.services.navigator.policy.arrays import NO_ACTION, STATUS, ModelTables, arrays
 from surefoot.services.navigator.policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
@@ -69,15 +70,15 @@ def decisions() -> None:
     world = arrays(model)
     for name in ("tuned", "planner"):
         policy = find(name, model)
-        steps = run_episodes(world, policy, 0, 0, 300)[:, DECISIONS].sum()
+        steps = run_episodes(world, policy, 0, 0, 300)["decisions"].sum()
         seconds = best_of(lambda policy=policy: run_episodes(world, policy, 0, 0, 300))
         goal(f"belief steps of {name}, one core", steps / seconds, ">=", 1e5, "1/s")
     means, cov = np.random.default_rng(0).normal(size=(2000, 4)), np.diag([0.01, 0.01, 0.02, 0.1])
     for use in ("four", "arcs"):
         model = load("paper", [f"use={use!r}"])
         world, policy = arrays(model), find("planner", model)
-        status, room = np.zeros(STATUS), room_to_choose(4, len(world.names))
-        status[LAST] = NO_ACTION
+        status, room = record(STATUS), room_to_choose(4, len(world.names))
+        status.last = NO_ACTION
         seconds = best_of(lambda c=(policy.tables, world.tables, status, room): _decide_all(means, cov, *c))
         goal(f"decision of the planner, {use}", 1e6 * seconds / len(means), "<=", 20, "us")
 
@@ -86,7 +87,7 @@ def decisions() -> None:
 def _decide_all(means: Any, cov: Any, policy: PolicyTables, model: ModelTables, status: Any, room: ChoiceRoom) -> int:
     total = 0
     for i in range(means.shape[0]):
-        total += choose(policy, model, means[i], cov, model.scene[GOAL_X], model.scene[GOAL_Y], status, room)
+        total += choose(policy, model, means[i], cov, model.scene[0].goal_x, model.scene[0].goal_y, status, room)
     return total
 
 

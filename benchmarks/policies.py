@@ -17,17 +17,17 @@ from surefoot.lab.statistics import half_width
 from surefoot.lab.studies import Line, seeds_of, study
 from surefoot.lab.train.evaluation import Seeds, episodes, paired, summary
 from surefoot.lab.train.sarsa import Training
-from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN, run_episodes
+from surefoot.services.navigator.environment.episodes import run_episodes
 from surefoot.services.navigator.policy.arrays import arrays
-from surefoot.services.navigator.policy.library import find
-from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import (
+from surefoot.services.navigator.policy.decider import (
     STEER_SHARE,
     STEER_TURN_DEG,
     TUNED_STAND_ABOVE,
     TUNED_STAND_SLOPE,
     hand,
 )
+from surefoot.services.navigator.policy.library import find
+from surefoot.services.navigator.policy.params import load
 
 BENCH = Bench("policies")
 
@@ -126,7 +126,7 @@ class Study:
                 self.compare("planner against tuned hand", ours, tuned, 1.0)
                 if drift < 3:  # where larger thresholds suit the hand controller better than its own
                     others = [self.times(params, f"tuned-{deg}", sets) for deg in (21, 23, 25, 28)]
-                    best = min(others, key=lambda r: float(r[:, SECONDS_TAKEN].mean()))
+                    best = min(others, key=lambda r: float(r["seconds"].mean()))
                     self.compare("planner against hand tuned to this drift", ours, best, 1.0)
                 self.show(f"{params}, drift {drift} deg per 10 cm")
 
@@ -221,7 +221,7 @@ def baseline(name: str, evaluation: Seeds) -> tuple[float, Any]:
     """Return the 35 deg controller's best threshold on the tuning episodes and its results on the others."""
     world = arrays(load(name))
     times = {
-        h: episodes(world, hand(world, stand_above=h), TUNING, stream=TUNING_STREAM)[:, SECONDS_TAKEN].mean()
+        h: episodes(world, hand(world, stand_above=h), TUNING, stream=TUNING_STREAM)["seconds"].mean()
         for h in THRESHOLDS
     }
     threshold = min(times, key=lambda h: times[h])

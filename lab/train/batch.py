@@ -46,33 +46,17 @@ class BatchRoom(NamedTuple):
 
 
 @free_kernel
-def _one_of(states: EpisodeState, e: int) -> EpisodeState:
-    """Return the state of episode e as views into the arrays of its batch."""
-    return EpisodeState(
-        states.rng[e],
-        states.marks[e],
-        states.first[e],
-        states.truth[e],
-        states.mean[e],
-        states.cov[e],
-        states.ahead_mean[e],
-        states.ahead_cov[e],
-        states.status[e],
-    )
-
-
-@free_kernel
 def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) -> None:
     """Write row e of observation, mask and ends."""
     mean, status, row = state.ahead_mean, state.status, batch.observation[e]
-    d, phi, h = features(mean, state.ahead_cov, model.scene[slots.GOAL_X], model.scene[slots.GOAL_Y])
+    d, phi, h = features(mean, state.ahead_cov, model.scene[0].goal_x, model.scene[0].goal_y)
     row[0] = min(d, 100.0)
     row[1], row[2] = math.sin(phi), math.cos(phi)
     row[3] = min(max(h, -50.0), 50.0)
     row[4] = min(max(mean[DRIFT], -50.0), 50.0) if mean.size > DRIFT else 0.0
-    row[5] = status[slots.BLOCKED]
-    batch.terminated[e] = status[slots.OUTCOME] == slots.REACHED
-    batch.truncated[e] = status[slots.OUTCOME] == slots.CUT_OFF
+    row[5] = status.blocked
+    batch.terminated[e] = status.outcome == slots.REACHED
+    batch.truncated[e] = status.outcome == slots.CUT_OFF
     allow(model, status, batch.mask[e])
 
 
@@ -82,7 +66,7 @@ def _allowed(model: ModelTables, batch: BatchRoom, e: int, blocked: bool) -> int
     if not batch.mask[e, batch.chosen[e]]:
         wanted = slots.TURNING if blocked else slots.WALK
         for a in range(model.actions.shape[0]):
-            if model.actions[a, slots.KIND] == wanted:
+            if model.actions[a].kind == wanted:
                 return a
     return batch.chosen[e]
 
@@ -100,15 +84,18 @@ def _step(
     """Begin the episodes of a part (first, end) that are to be renewed, act once in the others, in place."""
     stride = batch.episodes.size
     for e in range(part[0], part[1]):
-        state = _one_of(states, e)
+        state = EpisodeState(
+            states.rng[e], states.marks[e], states.first[e], states.truth[e], states.mean[e], states.cov[e],
+            states.ahead_mean[e], states.ahead_cov[e], states.status[e],
+        )  # fmt: skip
         if batch.renew[e]:
-            begin(model.scene, run, batch.episodes[e], state)
+            begin(model.scene[0], run, batch.episodes[e], state)
             batch.episodes[e] += stride
             batch.reward[e] = 0.0
         elif only_renew:
             continue
         else:
-            action = _allowed(model, batch, e, state.status[slots.BLOCKED] > 0.0)
+            action = _allowed(model, batch, e, state.status.blocked > 0.0)
             batch.reward[e] = act(model, run, batch.episodes[e] - stride, action, state, room)
         _observe(model, state, e, batch)
 
@@ -159,7 +146,7 @@ class EpisodeBatch:
     @property
     def seconds(self) -> Array:
         """Time of each episode so far, s, (count,)."""
-        return self._states.status[:, slots.TIME]
+        return self._states.status["time"]
 
     def begin(self, which: Flags) -> None:
         """Begin a new episode where `which` (count,) is true."""

@@ -7,19 +7,12 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from surefoot.arrays import Array
+from surefoot.arrays import Record
 from surefoot.services.navigator.environment.episodes import (
-    DECISIONS,
-    ENDED_AS,
-    NEES_AT,
-    NEES_SUM,
-    SECONDS_TAKEN,
-    STANDS_MADE,
-    TURNS_MADE,
     run_episodes,
 )
 from surefoot.services.navigator.policy.arrays import REACHED, Arrays
-from surefoot.services.navigator.policy.policies import Policy
+from surefoot.services.navigator.policy.decider import Policy
 
 from .. import statistics
 from ..pools import worker_threads
@@ -52,8 +45,8 @@ def episodes(
     knows: bool = False,
     stream: int = EVALUATION,
     progress: Callable[[float], None] = lambda share: None,
-) -> Array:
-    """Return the results (count, RESULTS) of a policy, computed on all cores.
+) -> Record:
+    """Return the results RESULT, (count,), of a policy, computed on all cores.
 
     Args:
         world: the model's arrays.
@@ -64,24 +57,24 @@ def episodes(
     """
     starts = range(seeds.first, seeds.end, CHUNK)
 
-    def part(start: int) -> Array:
+    def part(start: int) -> Record:
         return run_episodes(world, policy, stream, start, min(CHUNK, seeds.end - start), knows)
 
     with worker_threads() as pool:
-        parts: list[Array] = []
+        parts: list[Record] = []
         for found in pool.map(part, starts):
             parts.append(found)
             progress(len(parts) / len(starts))
     return np.concatenate(parts)
 
 
-def summary(results: Array) -> dict[str, Any]:
+def summary(results: Record) -> dict[str, Any]:
     """Return mean, spread, success and consistency of episodes, times in s; times of failed episodes count as they are.
 
-    `results`: a row for each episode, columns as this module names them.
+    `results`: a record RESULT for each episode.
     """
-    seconds, n = results[:, SECONDS_TAKEN], results.shape[0]
-    reached = int((results[:, ENDED_AS] == REACHED).sum())
+    seconds, n = results["seconds"], results.shape[0]
+    reached = int((results["ended"] == REACHED).sum())
     low, high = statistics.chi_band(n)
     return {
         "episodes": n,
@@ -93,21 +86,21 @@ def summary(results: Array) -> dict[str, Any]:
         "worst_s": float(seconds.max()),
         "success": reached / n,
         "success_at_least": statistics.success_bound(reached, n),
-        "stands": float(results[:, STANDS_MADE].mean()),
-        "turns": float(results[:, TURNS_MADE].mean()),
-        "nees": float(results[:, NEES_SUM].sum() / results[:, DECISIONS].sum()),
-        "nees_at_20": float(results[:, NEES_AT].mean()),
+        "stands": float(results["stands"].mean()),
+        "turns": float(results["turns"].mean()),
+        "nees": float(results["nees_sum"].sum() / results["decisions"].sum()),
+        "nees_at_20": float(results["nees_at"].mean()),
         "nees_at_20_band95": (low, high),
-        "inside_95_at_20": float((results[:, NEES_AT] <= ELLIPSE_95).mean()),
+        "inside_95_at_20": float((results["nees_at"] <= ELLIPSE_95).mean()),
     }
 
 
-def paired(ours: Array, others: Array) -> dict[str, Any]:
+def paired(ours: Record, others: Record) -> dict[str, Any]:
     """Return the mean difference of times, ours - others, s, of the same seeds, with its 95 % interval and p-value.
 
-    Both (episodes, columns), rows of the same seed.
+    Both (episodes,), those of the same seeds.
     """
-    a, b = ours[:, SECONDS_TAKEN], others[:, SECONDS_TAKEN]
+    a, b = ours["seconds"], others["seconds"]
     found, base = statistics.paired(a, b), float(b.mean())
     return {
         "difference_s": found.mean,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Flags, Ints
+from surefoot.arrays import Array, Flags, Ints, Record
 from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.environment.draws import Stream, below, seed, stream, uniform
 from surefoot.services.navigator.environment.model import EpisodeRoom, EpisodeState, episode_room, episode_state
@@ -128,9 +128,9 @@ def learning_room(world: Arrays, size: int) -> LearningRoom:
 
 
 @free_kernel
-def _explored(chosen: int, eps: float, status: Array, mask: Flags, explore: Stream) -> int:
+def _explored(chosen: int, eps: float, status: Record, mask: Flags, explore: Stream) -> int:
     """Return the chosen action, or with probability eps an allowed one (`mask` (a,)) at random; never while blocked."""
-    if uniform(explore) < eps and status[slots.BLOCKED] == 0.0:
+    if uniform(explore) < eps and status.blocked == 0.0:
         chosen = below(explore, mask.size)
         while not mask[chosen]:
             chosen = below(explore, mask.size)
@@ -185,9 +185,9 @@ def _learn_episode(
     lessons: Lessons, policy: PolicyTables, model: ModelTables, run: int, e: int, part: float, room: LearningRoom
 ) -> None:
     """Learn from episode e, in place; `part` is the share of the training that lies before it."""
-    scene, settings, state, traces = model.scene, lessons.settings, room.state, room.traces
-    status, values, gx, gy = state.status, room.choice.values, scene[slots.GOAL_X], scene[slots.GOAL_Y]
-    flat, gamma = lessons.table.reshape(-1), scene[slots.GAMMA]
+    scene, settings, state, traces = model.scene[0], lessons.settings, room.state, room.traces
+    status, values, gx, gy = state.status, room.choice.values, scene.goal_x, scene.goal_y
+    flat, gamma = lessons.table.reshape(-1), scene.gamma
     decay = gamma * settings[LAMBDA]
     alpha = settings[ALPHA_FIRST] * (settings[ALPHA_LAST] / settings[ALPHA_FIRST]) ** part
     eps = settings[EPS_FIRST] * (settings[EPS_LAST] / settings[EPS_FIRST]) ** part
@@ -196,24 +196,24 @@ def _learn_episode(
     count, reward, value, started = 0, 0.0, 0.0, False
     while True:
         chosen, following = 0, 0.0
-        if status[slots.OUTCOME] != slots.REACHED:
+        if status.outcome != slots.REACHED:
             chosen = choose(policy, model, state.ahead_mean, state.ahead_cov, gx, gy, status, room.choice)
             chosen = _explored(chosen, eps, status, room.choice.mask, room.explore)
             following = values[chosen]
         if started:
             delta = reward + gamma * following - value
             count = _credit(flat, traces, count, alpha * delta, decay)
-        if status[slots.OUTCOME] != slots.RUNNING:
+        if status.outcome != slots.RUNNING:
             break
         started = True
         d, phi, h = features(state.ahead_mean, state.ahead_cov, gx, gy)
         flip = corners(lessons.table, lessons.grid, d, phi, h, traces.cells, traces.weights)
-        own = int(model.actions[chosen, slots.MIRROR]) if flip > 0.0 else chosen
+        own = int(model.actions[chosen].mirror) if flip > 0.0 else chosen
         value, count = _mark(flat, traces, own, count, settings[ACCUMULATE] > 0.0)
         reward = act(model, run, e, chosen, state, room.room)
     for i in range(count):
         traces.place_of[traces.active[i]] = -1
-    lessons.seconds[e] = status[slots.TIME]
+    lessons.seconds[e] = status.time
 
 
 @free_kernel

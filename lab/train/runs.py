@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from surefoot.errors import SurefootError
-from surefoot.services.navigator.environment.episodes import ENDED_AS, SECONDS_TAKEN, run_episodes
+from surefoot.services.navigator.environment.episodes import run_episodes
 from surefoot.services.navigator.policy.arrays import REACHED, arrays
+from surefoot.services.navigator.policy.decider import Policy
 from surefoot.services.navigator.policy.library import provenance_of
 from surefoot.services.navigator.policy.params import NavigationModel
 from surefoot.services.navigator.policy.planner import planner
-from surefoot.services.navigator.policy.policies import Policy
 
 from ..pools import worker_threads
 from .sarsa import Schedule, Training, train
@@ -73,8 +73,8 @@ def make_sarsa(
             training.take_up(path)
         policy = train(training, path, note)
         results = run_episodes(world, policy, SELECTION, 0, SELECTED_ON)
-        reached = float((results[:, ENDED_AS] == REACHED).mean())
-        return policy, Trained(number, float(results[:, SECONDS_TAKEN].mean()), reached)
+        reached = float((results["ended"] == REACHED).mean())
+        return policy, Trained(number, float(results["seconds"].mean()), reached)
 
     with worker_threads() as pool:
         try:

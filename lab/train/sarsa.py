@@ -12,11 +12,11 @@ import numpy as np
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.services.navigator.policy.arrays import Arrays, arrays
-from surefoot.services.navigator.policy.choose import NUMBERS, SARSA
+from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, PolicyTables
+from surefoot.services.navigator.policy.decider import Policy
 from surefoot.services.navigator.policy.grids import D_MAX, GRID, LAYER_MAX, LAYER_MIN, MIRRORED
 from surefoot.services.navigator.policy.library import provenance_of
 from surefoot.services.navigator.policy.params import NavigationModel
-from surefoot.services.navigator.policy.policies import Policy
 
 from .learning import (
     ACCUMULATE,
@@ -114,7 +114,8 @@ class Training:
             schedule_sha256=self.schedule.sha256(),
             schedule=json.dumps(asdict(self.schedule), sort_keys=True),
         )
-        return Policy("sarsa", SARSA, self.world.names, np.zeros(NUMBERS), table, self.grid, np.eye(3), about)
+        tables = PolicyTables(SARSA, np.zeros(NUMBERS), table, self.grid, np.eye(3))
+        return Policy("sarsa", self.world.names, tables, about)
 
     def identity(self) -> str:
         """Return the hash of model, schedule and seed that a checkpoint must have."""

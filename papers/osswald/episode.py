@@ -9,18 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.arrays import Array, Flags
+from surefoot.arrays import Array, Flags, Record
 from surefoot.lab.train.evaluation import EVALUATION
 from surefoot.services.navigator.belief.ukf import DRIFT
 from surefoot.services.navigator.environment.model import EpisodeState, episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin
 from surefoot.services.navigator.policy import arrays as slots
 from surefoot.services.navigator.policy.arrays import Arrays
-from surefoot.services.navigator.policy.choose import features, room_to_choose
-from surefoot.services.navigator.policy.policies import Policy, choose_with
+from surefoot.services.navigator.policy.choose import choose, features, room_to_choose
+from surefoot.services.navigator.policy.decider import Policy
 
-Decide = Callable[[Array, Array, Array, float], int]
-"""Return an action for mean (n,), covariance (n, n), status (STATUS,) and the reward since the last decision."""
+Decide = Callable[[Array, Array, Record, float], int]
+"""Return an action for mean (n,), covariance (n, n), status and the reward since the last decision."""
 
 
 @dataclass(frozen=True)
@@ -71,31 +71,31 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
 
     It is called once more at the end, with the last reward; that action is not done.
     """
-    scene, room = world.scene, episode_room(world.states)
+    scene, room = world.tables.scene[0], episode_room(world.states)
     state = _begun(world, run, episode)
     truth, mean, cov, status = state.truth, state.ahead_mean, state.ahead_cov, state.status
     rows: list[tuple[Array, Array, Array, tuple[float, float, float], float, bool]] = []
     actions: list[int] = []
     reward = 0.0
     while True:
-        seen = features(mean, cov, scene[slots.GOAL_X], scene[slots.GOAL_Y])
+        seen = features(mean, cov, scene.goal_x, scene.goal_y)
         rows.append(
             (
                 truth[:3].copy(),
                 mean[:3].copy(),
                 cov[:3, :3].copy(),
                 seen,
-                float(status[slots.TIME]),
-                status[slots.BLOCKED] > 0.0,
+                float(status.time),
+                status.blocked > 0.0,
             )
         )
         chosen = decide(mean, cov, status, reward)
-        if status[slots.OUTCOME] != slots.RUNNING:
+        if status.outcome != slots.RUNNING:
             break
         actions.append(chosen)
         reward = act(world.tables, run, episode, chosen, state, room)
     done = np.array(actions, dtype=np.int64)
-    kinds, turn = world.actions[done, slots.KIND], world.actions[done, slots.TURN]
+    kinds, turn = world.tables.actions["kind"][done], world.tables.actions["turn"][done]
     true, estimate, spread, seen_all, time, blocked = zip(*rows, strict=True)
     return Episode(
         np.array(time),
@@ -109,7 +109,7 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
         np.where(kinds == slots.TURNING, np.sign(turn), 0.0).astype(np.int64),
         float(truth[DRIFT]),
         state.marks[: state.first[-1]].copy(),
-        status[slots.OUTCOME] == slots.REACHED,
+        status.outcome == slots.REACHED,
     )
 
 
@@ -121,17 +121,16 @@ def drift_of(world: Arrays, episode: int, run: int = EVALUATION) -> float:
 def _begun(world: Arrays, run: int, episode: int) -> EpisodeState:
     """Return the arrays of episode `episode` of seed `run` at its start."""
     state = episode_state(world)
-    begin(world.scene, run, episode, state)
+    begin(world.tables.scene[0], run, episode, state)
     return state
 
 
 def deciding(world: Arrays, policy: Policy) -> Decide:
     """Return the function by which `follow` follows a policy."""
-    room = room_to_choose(world.states, len(world.names))
-    goal = float(world.scene[slots.GOAL_X]), float(world.scene[slots.GOAL_Y])
+    room, scene = room_to_choose(world.states, len(world.names)), world.tables.scene[0]
 
-    def decide(mean: Array, cov: Array, status: Array, reward: float) -> int:
-        return choose_with(policy, world, mean, cov, goal, status, room)
+    def decide(mean: Array, cov: Array, status: Record, reward: float) -> int:
+        return choose(policy.tables, world.tables, mean, cov, float(scene.goal_x), float(scene.goal_y), status, room)
 
     return decide
 

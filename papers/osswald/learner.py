@@ -9,11 +9,11 @@ the path and leaves the table that the kernel of the training gets, bit for bit.
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record
 from surefoot.lab.train import learning
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.environment.draws import below, seed, stream, uniform
-from surefoot.services.navigator.policy.arrays import BLOCKED, GAMMA, GOAL_X, GOAL_Y, MIRROR, OUTCOME, REACHED
+from surefoot.services.navigator.policy.arrays import REACHED
 from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, PolicyTables, choose, features, room_to_choose
 
 from .episode import Episode, follow
@@ -35,7 +35,7 @@ class Learner:
         part = training.done / max(1, training.schedule.episodes - 1)
         self._alpha = s[learning.ALPHA_FIRST] * (s[learning.ALPHA_LAST] / s[learning.ALPHA_FIRST]) ** part
         self._eps = s[learning.EPS_FIRST] * (s[learning.EPS_LAST] / s[learning.EPS_FIRST]) ** part
-        self._decay = w.scene[GAMMA] * s[learning.LAMBDA]
+        self._decay = w.tables.scene[0].gamma * s[learning.LAMBDA]
         self._room = room_to_choose(w.states, count)
         self._policy = PolicyTables(SARSA, np.zeros(NUMBERS), self.table, training.grid, np.eye(3))
         self._cells, self._weights = np.zeros(8, dtype=np.int64), np.zeros(8)
@@ -48,18 +48,18 @@ class Learner:
         """Return the next episode of the training."""
         return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
 
-    def decide(self, mean: Array, cov: Array, status: Array, reward: float) -> int:
+    def decide(self, mean: Array, cov: Array, status: Record, reward: float) -> int:
         """Learn from the reward of the last action, and return the number of the next one.
 
-        mean, cov: believed x, y (m), heading (rad) and more, with covariance; status: elements `STATUS` of the episode.
+        mean, cov: believed x, y (m), heading (rad) and more, with covariance.
         """
         chosen, following = 0, 0.0
-        if status[OUTCOME] != REACHED:
+        if status.outcome != REACHED:
             chosen = self._choose(mean, cov, status)
             following = self._room.values[chosen]
         flat = self.table.reshape(-1)
         if self._started:
-            step = self._alpha * (reward + self.training.world.scene[GAMMA] * following - self._value)
+            step = self._alpha * (reward + self.training.world.tables.scene[0].gamma * following - self._value)
             for cell, trace in self._traces.items():
                 flat[cell] += step * trace
             self._traces = {
@@ -69,11 +69,11 @@ class Learner:
         self._mark(mean, cov, chosen)
         return chosen
 
-    def _choose(self, mean: Array, cov: Array, status: Array) -> int:
+    def _choose(self, mean: Array, cov: Array, status: Record) -> int:
         w, mask = self.training.world, self._room.mask
-        goal = float(w.scene[GOAL_X]), float(w.scene[GOAL_Y])
+        goal = float(w.tables.scene[0].goal_x), float(w.tables.scene[0].goal_y)
         chosen = choose(self._policy, w.tables, mean, cov, *goal, status, self._room)
-        if uniform(self._explore) < self._eps and status[BLOCKED] == 0.0:
+        if uniform(self._explore) < self._eps and status.blocked == 0.0:
             chosen = below(self._explore, mask.size)
             while not mask[chosen]:
                 chosen = below(self._explore, mask.size)
@@ -82,9 +82,9 @@ class Learner:
     def _mark(self, mean: Array, cov: Array, chosen: int) -> None:
         """Read Q(s, a) of the believed state and lay traces for it; mean (n,), cov (n, n): m, m, rad first."""
         w, t = self.training.world, self.training
-        d, phi, h = features(mean, cov, float(w.scene[GOAL_X]), float(w.scene[GOAL_Y]))
+        d, phi, h = features(mean, cov, float(w.tables.scene[0].goal_x), float(w.tables.scene[0].goal_y))
         flip = learning.corners(self.table, t.grid, d, phi, h, self._cells, self._weights)
-        own = int(w.actions[chosen, MIRROR]) if flip > 0.0 else chosen
+        own = int(w.tables.actions[chosen].mirror) if flip > 0.0 else chosen
         self._value, flat = 0.0, self.table.reshape(-1)
         for corner, weight in zip(self._cells, self._weights, strict=True):
             cell, old = int(corner) + own, self._traces.get(int(corner) + own)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from surefoot.arrays import Array
-from surefoot.services.navigator.policy.arrays import COS_HALF, KIND, MATCH, RANGE_MAX, RANGE_MIN, STAND, Arrays
+from surefoot.services.navigator.policy.arrays import STAND, Arrays
 
 from .episode import Episode
 
@@ -76,13 +76,13 @@ def matches_expected(world: Arrays, episodes: Iterable[Episode]) -> float:
     counts: list[float] = []
     for e in episodes:
         for pose, index in zip(e.truth[1:], e.actions, strict=True):
-            action = world.actions[index]
-            if action[KIND] == STAND:
+            action = world.tables.actions[index]
+            if action.kind == STAND:
                 continue
             to = e.marks - pose[:2]
             r = np.hypot(to[:, 0], to[:, 1])
-            ahead = to @ np.array([math.cos(pose[2]), math.sin(pose[2])]) >= action[COS_HALF] * r
-            counts.append(action[MATCH] * float((ahead & (r >= action[RANGE_MIN]) & (r <= action[RANGE_MAX])).sum()))
+            ahead = to @ np.array([math.cos(pose[2]), math.sin(pose[2])]) >= action.cos_half * r
+            counts.append(action.match * float((ahead & (r >= action.range_min) & (r <= action.range_max)).sum()))
     return float(np.mean(counts))
 
 

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Record
 from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact, near, with_known
 from surefoot.lab.statistics import welch
 from surefoot.lab.train.evaluation import paired, summary
-from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
-from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG
+from surefoot.services.navigator.policy.decider import PAPER_TURN_DEG, TUNED_TURN_DEG
 
 from . import live as live_runs
 from . import pixels
@@ -115,7 +114,7 @@ def _against(where: str, v: Vision, printed: tuple[str, str, str], least: float)
     """Return the rows of 100 + 100 episodes, of 1000 pairs, and of all trainings."""
     h, ours = summary(v.hand), summary(v.learned)
     gain = 100.0 * (1.0 - ours["mean_s"] / h["mean_s"])
-    p = welch(v.hand[:, SECONDS_TAKEN], v.learned[:, SECONDS_TAKEN])
+    p = welch(v.hand["seconds"], v.learned["seconds"])
     thousand = paired(v.paired_learned[v.chosen], v.paired_hand)
     low, high = (-x for x in reversed(thousand["difference_ci95_percent"]))
     return [
@@ -132,7 +131,7 @@ def _against(where: str, v: Vision, printed: tuple[str, str, str], least: float)
     ]  # fmt: skip
 
 
-def _trainings(where: str, what: str, v: Vision, results: Array, *, judged: bool) -> Finding:
+def _trainings(where: str, what: str, v: Vision, results: Record, *, judged: bool) -> Finding:
     found = [paired(each, v.paired_hand) for each in results]
     gains = [-p["difference_percent"] for p in found]
     better = sum(g > 0.0 and p["p_welch"] < LEVEL for g, p in zip(gains, found, strict=True))
@@ -152,7 +151,7 @@ def _normal(s: NavigationStudy) -> list[Finding]:
 
 def _turning(s: NavigationStudy) -> list[Finding]:
     v, paper = s.normal, PAPER_TURN_DEG
-    times = {deg: float(r[:, SECONDS_TAKEN].mean()) for deg, (r, _) in s.turning.items()}
+    times = {deg: float(r["seconds"].mean()) for deg, (r, _) in s.turning.items()}
     swings = {deg: float(np.mean([reversals(e) for e in walks])) for deg, (_, walks) in s.turning.items()}
     walls = {deg: 100.0 * float(np.mean([e.blocked.any() for e in walks])) for deg, (_, walks) in s.turning.items()}
     best, least, most = min(times, key=lambda deg: times[deg]), min(times), max(times)
@@ -176,7 +175,7 @@ def _robot(s: NavigationStudy) -> list[Finding]:
     v = s.normal
     hand, learned = v.hand_walks, v.learned_walks
     runs = _least_runs(93.16, 10.14, 86.53, 8.60)
-    times = v.paired_learned[v.chosen][:, SECONDS_TAKEN]
+    times = v.paired_learned[v.chosen]["seconds"]
     to_left, to_right = times[v.drifts > 0.0], times[v.drifts < 0.0]
     side, low, high = difference(to_left, to_right)
     undo = 100.0 * turns_against_drift(learned)

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record
 from surefoot.errors import ConfigError
 from surefoot.lab.train.evaluation import EVALUATION, Seeds, episodes
 from surefoot.lab.train.runs import SELECTED_ON, SELECTION
 from surefoot.lab.train.sarsa import Schedule, Training
-from surefoot.services.navigator.environment.episodes import ENDED_AS, SECONDS_TAKEN
-from surefoot.services.navigator.policy.arrays import GAMMA, REACHED, Arrays, arrays
+from surefoot.services.navigator.policy.arrays import REACHED, Arrays, arrays
+from surefoot.services.navigator.policy.decider import PAPER_TURN_DEG, TUNED_TURN_DEG, Policy, hand
 from surefoot.services.navigator.policy.params import NavigationModel, load
-from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG, Policy, hand
 
 from .episode import Episode, drift_of, follow_all
 from .learner import paths
@@ -54,15 +53,15 @@ class Vision:
         threshold: nats, the one with least time of those with full success.
         trained: time of the episodes of each training, s, (trainings, 1500).
         chosen: index of the training that did best on the episodes of the selection.
-        hand: results of the 35 deg controller, (100, RESULTS).
-        learned: of the chosen training's policy, (100, RESULTS).
+        hand: results of the 35 deg controller, (100,).
+        learned: of the chosen training's policy, (100,).
         hand_walks: the episodes of `hand` step by step.
         walks: the episodes of `learned` step by step, with the policy of each training.
         drifts: drift of the episodes that follow, rad per m, (1000,).
-        paired_hand: results of the 35 deg controller, (1000, RESULTS).
-        paired_learned: of each training on the same episodes, (trainings, 1000, RESULTS).
-        paired_settling: the same after trainings with this project's schedule, (trainings, 1000, RESULTS).
-        tuned: of a hand controller with TUNED_TURN_DEG on the same episodes, (1000, RESULTS).
+        paired_hand: results of the 35 deg controller, (1000,).
+        paired_learned: of each training on the same episodes, (trainings, 1000).
+        paired_settling: the same after trainings with this project's schedule, (trainings, 1000).
+        tuned: of a hand controller with TUNED_TURN_DEG on the same episodes, (1000,).
     """
 
     model: NavigationModel
@@ -71,15 +70,15 @@ class Vision:
     threshold: float
     trained: Array
     chosen: int
-    hand: Array
-    learned: Array
+    hand: Record
+    learned: Record
     hand_walks: tuple[Episode, ...]
     walks: tuple[tuple[Episode, ...], ...]
     drifts: Array
-    paired_hand: Array
-    paired_learned: Array
-    paired_settling: Array
-    tuned: Array
+    paired_hand: Record
+    paired_learned: Record
+    paired_settling: Record
+    tuned: Record
 
     @property
     def learned_walks(self) -> tuple[Episode, ...]:
@@ -104,9 +103,9 @@ class NavigationStudy:
     normal: Vision
     blur: Vision
     paths: tuple[tuple[int, Episode], ...]
-    turning: dict[float, tuple[Array, tuple[Episode, ...]]]
+    turning: dict[float, tuple[Record, tuple[Episode, ...]]]
     refusal: str
-    printed_gamma: Array
+    printed_gamma: Record
     reversed_eps: Array
 
 
@@ -118,7 +117,7 @@ def tune(world: Arrays, seeds: Seeds = TUNING_EPISODES) -> tuple[dict[float, tup
     found: dict[float, tuple[float, float]] = {}
     for h in THRESHOLDS:
         results = episodes(world, hand(world, stand_above=h), seeds, stream=TUNING_STREAM)
-        found[h] = float(results[:, SECONDS_TAKEN].mean()), float((results[:, ENDED_AS] == REACHED).mean())
+        found[h] = float(results["seconds"].mean()), float((results["ended"] == REACHED).mean())
     return found, min(found, key=lambda h: (-found[h][1], found[h][0]))
 
 
@@ -127,7 +126,7 @@ def choose_of(world: Arrays, policies: list[Policy]) -> int:
     results = [episodes(world, policy, Seeds(0, SELECTED_ON), stream=SELECTION) for policy in policies]
     return min(
         range(len(results)),
-        key=lambda i: (-(results[i][:, ENDED_AS] == REACHED).sum(), results[i][:, SECONDS_TAKEN].mean()),
+        key=lambda i: (-(results[i]["ended"] == REACHED).sum(), results[i]["seconds"].mean()),
     )
 
 
@@ -170,7 +169,7 @@ def train(model: NavigationModel, seed: int, schedule: Schedule = AS_PRINTED) ->
     return training
 
 
-def with_printed_gamma() -> tuple[str, Array]:
+def with_printed_gamma() -> tuple[str, Record]:
     """Return how the model refuses gamma .95, and results of a policy trained with it all the same (no guards)."""
     try:
         load("paper", (f"reward.gamma={PRINTED_GAMMA}",))
@@ -179,7 +178,7 @@ def with_printed_gamma() -> tuple[str, Array]:
         refusal = str(error)
     free = load("paper", (THREE_STATES, "guards.stands=1000000", "guards.turns=1000000"))
     training = Training(free, TRAININGS[0], AS_PRINTED)
-    training.world.scene[GAMMA] = PRINTED_GAMMA
+    training.world.tables.scene[0].gamma = PRINTED_GAMMA
     training.advance(AS_PRINTED.episodes)
     return refusal, episodes(arrays(free), training.policy(), Seeds(PAIRED_EPISODES.first, PAIRED_EPISODES.first + 100))
 
@@ -192,7 +191,7 @@ def study(progress: Callable[[float, str], None] = lambda share, step: None) -> 
     blurred = compare(blur, lambda share: progress(0.4 + 0.4 * share, f"{step}, strong blur"))
     progress(0.8, "paths of a training, other turning thresholds, errata")
     drawn = paths(Training(normal, TRAININGS[seen.chosen], AS_PRINTED), EVERY)
-    turning: dict[float, tuple[Array, tuple[Episode, ...]]] = {}
+    turning: dict[float, tuple[Record, tuple[Episode, ...]]] = {}
     for deg in TURN_THRESHOLDS:
         policy = hand(seen.world, turn_deg=deg, stand_above=seen.threshold)
         turning[deg] = (

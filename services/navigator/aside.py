@@ -10,13 +10,12 @@ from surefoot.arrays import Array
 from .belief.apart import telling
 from .belief.landmarks import FloorLandmarks
 from .belief.matching import MatchLimits, SightNoise
+from .belief.ukf import Pose
 from .localiser import Localiser
 from .maps import Maps
 from .planning.costs import Costs
+from .planning.grid import Point
 from .searching import Aside
-
-Pose = tuple[float, float, float]
-Point = tuple[float, float]
 
 ENOUGH = 8.0
 """Landmarks around its end that make a way no better than a shorter one."""

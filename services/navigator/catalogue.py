@@ -9,26 +9,17 @@ from .belief.common_errors import CommonErrors
 from .belief.tracker import Motion
 from .config import NavigatorConfig
 from .goals import Act
-from .policy.arrays import PER_10CM, arrays
+from .policy.arrays import arrays, row_of
+from .policy.decider import Decider, Policy
 from .policy.library import find, known
 from .policy.params import ActionModel, NavigationModel, load
-from .policy.policies import Decider, Policy
 
 
 def act_of(name: str, action: ActionModel, model: NavigationModel) -> Act:
     """Return an action of the model as the pilot orders and predicts it."""
-    return Act(
-        name,
-        action.kind,
-        Motion(
-            action.forward, 0.0, math.radians(action.turn_deg), action.forward,
-            along=action.along_sd**2, across=action.across_sd**2,
-            heading=math.radians(action.heading_sd_deg) ** 2,
-            drifting=(math.radians(action.drift_walk_deg) * PER_10CM) ** 2,
-        ),
-        action.duration,
-        action.match * (model.sight.moving_match_share if action.kind != "stand" else 1.0),
-    )  # fmt: skip
+    row = row_of(model, action)
+    motion = row.forward, 0.0, row.turn, row.forward, row.var_along, row.var_across, row.var_heading, row.var_drift
+    return Act(name, action.kind, Motion(*map(float, motion)), action.duration, float(row.match))
 
 
 def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:

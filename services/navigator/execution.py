@@ -39,11 +39,6 @@ class Execution:
         self.lag = lag
         self.pieces: list[Piece] = []
 
-    @property
-    def empty(self) -> bool:
-        """True if nothing is under way."""
-        return not self.pieces
-
     def begin(self, motion: Motion, duration: float, now: float, ends_in: float | None) -> None:
         """Record that the walker started an action.
 

@@ -6,15 +6,13 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from surefoot.arrays import Array
-from surefoot.schemas.navigation import Decision, GoalState
+from surefoot.schemas.navigation import GoalState
 from surefoot.schemas.state import GaitState
 
 from .belief.tracker import Motion
-from .belief.ukf import entropy, wrap
+from .planning.grid import Point
 from .policy.settings import Conduct
 
-Point = tuple[float, float]
 End = tuple[GoalState, str, str]
 """State in which a goal ends, error code, message."""
 
@@ -203,19 +201,3 @@ class NavigationGoal:
             total += math.hypot(px - x, py - y)
             x, y = px, py
         return total
-
-
-def decision_of(
-    number: int, goal: NavigationGoal, act: Act, reason: str, values: dict[str, float], mean: Array, cov: Array
-) -> Decision:
-    """Return a decision for the feedback; actions without a finite value are left out of `values`.
-
-    `mean`: believed x, y (m), heading (rad) in the map first, (n,); `cov`: its covariance, (n, n).
-    """
-    gx, gy = goal.waypoint
-    dx, dy = gx - float(mean[0]), gy - float(mean[1])
-    return Decision(
-        number=number, action=act.name, reason=reason, values={k: v for k, v in values.items() if math.isfinite(v)},
-        distance=math.hypot(dx, dy), bearing=float(wrap(math.atan2(dy, dx) - float(mean[2]))),
-        entropy=max(float(entropy(cov)), -1e3),
-    )  # fmt: skip

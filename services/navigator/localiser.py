@@ -32,11 +32,11 @@ from .belief.moved import MovedLandmarks, Sight
 from .belief.relocalise import Relocaliser, Relocation, between, placed
 from .belief.strain import DISPLACED, STRAINED, MapStrain, turned_back
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
-from .belief.ukf import wrap
+from .belief.ukf import Pose, wrap
 from .catalogue import errors_of
 from .config import NavigatorConfig
 from .goals import GaitView
-from .messages import LostView, Pose, camera_words, pose_message
+from .messages import LostView, camera_words, pose_message
 from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 
@@ -80,9 +80,7 @@ class Localiser:
         self._log = log
         sight, share = model.sight, model.sight.standing_share
         noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg))
-        standing = SightNoise(
-            sight.range_sd * share, sight.range_sd_share * share, math.radians(sight.bearing_sd_deg) * share
-        )
+        standing = noise.wider(share)
         start = StartUncertainty(
             model.filter.position_sd,
             math.radians(model.filter.heading_sd_deg),

@@ -4,6 +4,7 @@ import math
 
 from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.schemas.hw import Range
 from surefoot.schemas.navigation import OccupancyGrid
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
@@ -13,12 +14,10 @@ from .belief.landmarks import FloorLandmarks, LandmarkMapError
 from .config import NavigatorConfig
 from .planning import map_files
 from .planning.costs import Clearance, Costs, prepare
-from .planning.grid import FloorGrid, GridError, grid_of
+from .planning.grid import FloorGrid, GridError, Point, grid_of
 from .planning.route import RouteError, RouteLimits, plan
-from .planning.seen import Cone, Pose, SeenObstacles
+from .planning.seen import Pose, SeenObstacles
 from .policy.settings import Conduct
-
-Point = tuple[float, float]
 
 FARTHEST = 1e4
 """Largest distance of a goal from the origin of the map, m."""
@@ -88,7 +87,7 @@ class Maps:
             self._costs = prepare(self.grid, self._clearance)
         return self._costs
 
-    def see(self, seen: Cone, at: Pose, unsure: tuple[float, float], now: float) -> None:
+    def see(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
         """Enter a reading of the ranger into the local map; arguments as of `SeenObstacles.take`."""
         if self.grid is None:
             return

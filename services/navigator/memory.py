@@ -3,78 +3,57 @@
 The file belongs to one run (its folder); contents of another epoch, or of a later tick than now, are ignored.
 """
 
-from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from surefoot.arrays import Array
 from surefoot.geometry.linear import eigen3
 from surefoot.lockstep.memory import MOST_ID, RunMemory, Stored
 from surefoot.schemas.navigation import GoalState
 
+from .belief.ukf import Pose
 from .goals import End, NavigationGoal
 
 
-@dataclass(frozen=True)
-class Kept:
+class Kept(BaseModel):
     """State that a navigator needs to go on."""
 
-    number: int
-    """Number of the last order."""
-    pose: tuple[float, float, float]
-    """Believed x, y (m) and heading (rad), frame map."""
-    covariance: tuple[float, ...]
-    """Covariance of the pose, (9,), row by row."""
-    odom: tuple[float, float, float] | None
-    """Odometry of the same moment, x, y (m) and heading (rad); None = there is none."""
-    goal: NavigationGoal | None
-    """Last goal; None = there was none."""
-    state: GoalState = "idle"
-    """State of the pilot."""
-    end: End = ("idle", "", "")
-    """End of the goal, coming or past; of one under way, its present state."""
-    ended: float = 0.0
-    """Simulated time at which the last goal ended, s."""
-    planned: tuple[tuple[int, NavigationGoal], ...] = ()
-    """Goals that wait for their tick."""
-
-
-class _StoredGoal(Stored):
-    """Content of the file: what is `Kept`."""
-
     model_config = ConfigDict(allow_inf_nan=False)
-    number: int = Field(ge=0, le=MOST_ID)
-    pose: tuple[float, float, float]
-    covariance: tuple[float, ...]
-    odom: tuple[float, float, float] | None
-    goal: NavigationGoal | None
-    state: GoalState
-    end: End
-    ended: float
-    planned: tuple[tuple[int, NavigationGoal], ...]
+    number: int = Field(ge=0, le=MOST_ID, description="of the last order")
+    pose: Pose = Field(description="believed x, y (m) and heading (rad), frame map")
+    covariance: tuple[float, ...] = Field(description="of the pose, (9,), row by row")
+    odom: Pose | None = Field(description="odometry of the same moment, m and rad; null = there is none")
+    goal: NavigationGoal | None = Field(description="last goal; null = there was none")
+    state: GoalState = Field(default="idle", description="of the pilot")
+    end: End = Field(default=("idle", "", ""), description="of the goal, coming or past; else its present state")
+    ended: float = Field(default=0.0, description="simulated time at which the last goal ended, s")
+    planned: tuple[tuple[int, NavigationGoal], ...] = Field(default=(), description="goals that wait for their tick")
 
     @field_validator("covariance")
     @classmethod
     def _positive(cls, covariance: tuple[float, ...]) -> tuple[float, ...]:
-        matrix = np.array(covariance).reshape(3, 3)
-        least = -1e-9 * float(np.abs(matrix).max())
-        if (np.abs(matrix - matrix.T) > -least).any() or not eigen3(matrix)[0].min() >= least:
+        if not is_covariance(np.array(covariance).reshape(3, 3)):
             raise ValueError(f"got {covariance}, allowed is a covariance: symmetric, without negative variances")
         return covariance
 
-    @field_validator("goal")
+    @field_validator("goal", "planned")
     @classmethod
-    def _goal(cls, goal: NavigationGoal | None) -> NavigationGoal | None:
-        if goal is not None:
+    def _goals(cls, kept: Any) -> Any:
+        for goal in (goal for _, goal in kept) if isinstance(kept, tuple) else (kept,) if kept else ():
             goal.check()
-        return goal
+        return kept
 
-    @field_validator("planned")
-    @classmethod
-    def _goals(cls, planned: tuple[tuple[int, NavigationGoal], ...]) -> tuple[tuple[int, NavigationGoal], ...]:
-        for _, goal in planned:
-            goal.check()
-        return planned
+
+class _StoredGoal(Stored, Kept):
+    """Content of the file."""
+
+
+def is_covariance(matrix: Array) -> bool:
+    """Return whether a (3, 3) matrix is symmetric without negative variances, but for rounding."""
+    least = -1e-9 * float(np.abs(matrix).max())
+    return bool((np.abs(matrix - matrix.T) <= -least).all() and eigen3(matrix)[0].min() >= least)
 
 
 class GoalMemory(RunMemory):
@@ -95,4 +74,4 @@ class GoalMemory(RunMemory):
     def recall(self, epoch: int, tick: int) -> Kept | None:
         """Return the state that was kept in this epoch, not after this tick, or None."""
         found = self.read(_StoredGoal, epoch, tick)
-        return found and Kept(**{field.name: getattr(found, field.name) for field in fields(Kept)})
+        return found and Kept.model_construct(**{name: getattr(found, name) for name in Kept.model_fields})

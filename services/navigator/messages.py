@@ -8,10 +8,8 @@ from surefoot.schemas.state import SeenLandmarks
 
 from .belief.relocalise import between
 from .belief.tracker import Control, PoseTracker
-from .belief.ukf import wrap
+from .belief.ukf import Pose, wrap
 from .pilot import Pilot
-
-Pose = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -76,11 +74,11 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float, results: tuple[GoalRe
     goal = pilot.goal
     if goal is None:
         return NavigationFeedback(state="idle", current_pose=pose)
-    under_way = pilot.state in ("navigating", "stopping")
+    under_way = pilot.under_way
     elapsed = max(0.0, (now if under_way else pilot.ended or now) - goal.began)
     left = goal.left(pose[0], pose[1]) if under_way else 0.0
     whole = goal.left(*goal.start) if goal.start is not None else left
-    walked = max(0.0, math.hypot(whole - left, 0.0))
+    walked = abs(whole - left)
     remaining = elapsed * left / walked if under_way and walked > 0.2 and elapsed > 0.0 else None
     return NavigationFeedback(
         state=pilot.state,

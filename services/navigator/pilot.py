@@ -7,7 +7,6 @@ the walker goes on without a halt. A walker that does not publish its end is wai
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 from surefoot.arrays import Array
 from surefoot.errors import Refusal
@@ -17,9 +16,10 @@ from surefoot.schemas.navigation import Decision, GoalState
 from .arrival import arrival, reach, sure_of_place
 from .belief.tracker import Motion, PoseTracker
 from .belief.ukf import wrap
-from .goals import Act, End, GaitView, NavigationGoal, Point, decision_of
+from .goals import Act, End, GaitView, NavigationGoal, Point
+from .maps import Maps
 from .orders import Orders
-from .policy.policies import Decider
+from .policy.decider import Decider
 from .policy.settings import Conduct
 from .searching import Aside, Search, no_way
 
@@ -27,27 +27,11 @@ BLOCKED_SHARE = 0.25
 """Part of the decisions without progress that an echo forbade to walk, from which on the goal ends as blocked."""
 
 
-class Ways(Protocol):
-    """Obstacles that routes go around."""
-
-    def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return whether nothing seen that the map does not know stands on a route, m, frame map."""
-        ...
-
-    def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
-        """Return waypoints to each place, around what was seen (raises Refusal: `unreachable`, `blocked`, ...)."""
-        ...
-
-
-def no_record(_goal: NavigationGoal, _end: End) -> None:
-    """Keep no record of the end of a goal."""
-
-
 class Pilot:
     """Conducts one goal at a time.
 
     Args:
-        acts: the actions, in the order of the policy's values.
+        acts: the actions of the policy.
         commands: the pilot moves the tracker by the commands; else odometry moves it.
         conduct: times, tolerances and recoveries; None = the defaults of `Conduct`.
         ways: obstacles; None = routes stay as they are.
@@ -61,8 +45,8 @@ class Pilot:
         *,
         commands: bool,
         conduct: Conduct | None = None,
-        ways: Ways | None = None,
-        record: Callable[[NavigationGoal, End], None] = no_record,
+        ways: Maps | None = None,
+        record: Callable[[NavigationGoal, End], None] = lambda _goal, _end: None,
         aside: Aside = no_way,
     ) -> None:
         self.acts, self.commands, self.conduct = acts, commands, conduct or Conduct()
@@ -220,16 +204,15 @@ class Pilot:
         if max(still, now - goal.nearest_at) > self.conduct.stuck:
             self._give_up(goal, now)
             return
-        choice = decider.decide(mean, cov, goal.waypoint, blocked=blocked)
-        act, reason = self.acts[choice.index], choice.reason
+        decision = decider.decide(mean, cov, goal.waypoint, blocked=blocked)
+        act, reason = next(act for act in self.acts if act.name == decision.action), decision.reason
         if distance <= self._reach(goal, cov):  # there by the estimate, but not sure
             act = self._look(goal, now, gait, tracker) or act
             reason = f"at the waypoint by the estimate, but not sure of it: look ({goal.looks})"
         elif act.kind == "stand":
             self._stand_until = now + (gait.ends_in or 0.0) + act.duration
-        values = dict(zip([a.name for a in self.acts], choice.values, strict=False))
         self.decisions += 1
-        self.decision = decision_of(self.decisions, goal, act, reason, values, mean, cov)
+        self.decision = decision.model_copy(update={"number": self.decisions, "action": act.name, "reason": reason})
         if act.kind != "stand":
             self._give(_command(act), act)
 

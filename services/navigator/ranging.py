@@ -8,7 +8,7 @@ from .arrival import spread
 from .belief.relocalise import placed
 from .localiser import Localiser
 from .maps import Maps
-from .planning.seen import Cone, expected_echo
+from .planning.seen import expected_echo
 from .policy.settings import Conduct
 
 ECHO_SLACK = 0.25
@@ -35,6 +35,6 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct,
             expected = max(least, reach.shortest), max(largest, reach.shortest)
             got = reach.longest if reach.distance is None else reach.distance
             localiser.echo(got, expected, ECHO_SLACK + 2.0 * unsure[0], now)
-        maps.see(Cone(reach.distance, reach.longest, 0.5 * reach.field_of_view), at, unsure, now)
+        maps.see(reach, at, unsure, now)
     near = reach.distance is not None and reach.distance <= max(conduct.blocked, reach.shortest)
     return near or any(reach.bump)

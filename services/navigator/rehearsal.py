@@ -9,11 +9,11 @@ from .belief.association import likeness
 from .belief.landmarks import FloorLandmarks
 from .belief.lost import Footprint, LostModel, LostState, evidence_of, in_view, observed
 from .belief.matching import Detections, MatchLimits, SightNoise, match
-from .belief.relocalise import Glance, relocalise
+from .belief.relocalise import Relocaliser
 from .belief.tracker import Motion
 from .catalogue import Catalogue
 from .config import NavigatorConfig
-from .localiser import Localiser
+from .localiser import WORK, Localiser
 from .planning.costs import prepare
 from .planning.grid import OCCUPIED, FloorGrid
 from .planning.route import RouteError, plan
@@ -48,7 +48,9 @@ def rehearse_belief() -> None:
             found = match(mean, cov, seen, world, noise, limits)
         expected = 0.1 * in_view(world, (0.0, 0.0, 0.0), Footprint())
         state = observed(state, evidence_of(found, cov, seen, world, noise, expected), model)
-    relocalise([Glance(seen)], world, noise)
+    relocaliser = Relocaliser(world, noise)
+    relocaliser.add(seen, (0.0, 0.0, 0.0), 0.0)
+    relocaliser.step((0.0, 0.0, 0.0), WORK)
     telling(np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0)]), np.array([(0.5, 0.0)]), world, 0.5)
     likeness(seen.looks[0], world.columns, np.empty(len(world.positions)))
 

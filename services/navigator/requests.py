@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,9 @@ from .catalogue import Catalogue
 from .goals import GaitView, NavigationGoal
 from .localiser import Localiser
 from .maps import Maps
-from .memory import Kept
+from .memory import Kept, is_covariance
 from .pilot import Pilot
-from .policy.policies import Decider
+from .policy.decider import Decider
 
 Log = Callable[[str, str], None]
 
@@ -138,9 +137,10 @@ class Requests:
     def kept(self) -> Kept:
         """Return the state that a restarted navigator needs."""
         t, pilot = self.localiser.tracker, self.pilot
-        return Kept(
-            pilot.orders.number, t.pose, tuple(t.cov[:3, :3].ravel().tolist()), self.localiser.odom, pilot.goal,
-            pilot.state, pilot.end, pilot.ended, tuple(self.planned),
+        return Kept.model_construct(
+            number=pilot.orders.number, pose=t.pose, covariance=tuple(t.cov[:3, :3].ravel().tolist()),
+            odom=self.localiser.odom, goal=pilot.goal, state=pilot.state, end=pilot.end, ended=pilot.ended,
+            planned=tuple(self.planned),
         )  # fmt: skip
 
     def resume(self, kept: Kept, odometry: Odometry | None) -> None:
@@ -155,7 +155,7 @@ class Requests:
             pilot.ended = kept.ended
         for tick, goal in kept.planned:
             self.plan(tick, goal)
-        what = "goes on with its goal" if pilot.state in ("navigating", "stopping") else "no goal under way"
+        what = "goes on with its goal" if pilot.under_way else "no goal under way"
         self.log("info", f"started again in tick {self.tick}: {what}")
 
     def carry_out(self) -> None:
@@ -177,13 +177,3 @@ class Requests:
             raise Refusal("not_initialised", "the estimator has not finished its standstill calibration")
         if self.gait.state == "refused":
             raise Refusal("fallen", self.gait.reason or "the robot has fallen")
-
-
-def is_covariance(cov: np.ndarray[Any, Any]) -> bool:
-    """Return whether a (3, 3) matrix can be a covariance: symmetric, its leading minors not negative."""
-    if not np.allclose(cov, cov.T, atol=1e-12):
-        return False
-    a, b, c, d, e, f = cov[0, 0], cov[0, 1], cov[0, 2], cov[1, 1], cov[1, 2], cov[2, 2]
-    det = a * (d * f - e * e) - b * (b * f - e * c) + c * (b * e - d * c)
-    pairs = (a * d - b * b, a * f - c * c, d * f - e * e)
-    return bool(min(a, d, f) >= 0.0 and min(pairs) >= -1e-15 and det >= -1e-15)

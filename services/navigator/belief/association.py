@@ -4,35 +4,31 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from .consensus import consensus, matched_of
 from .gate import (
     DOUBLED,
     INVALID,
-    LONGEST,
     MATCHED,
-    MOST,
     OUTLIER,
-    SHORTEST,
     SURPLUS,
     FrameTables,
     MapTables,
+    MatchLimits,
+    SightNoise,
     nearest_look,
 )
-
-Index = NDArray[np.int64]
 
 
 class Fates(NamedTuple):
     """Results of matching, one element per detection."""
 
-    landmark: Index
+    landmark: Ints
     """Landmark, -1 = none, (m,)."""
-    fate: Index
+    fate: Ints
     """MATCHED or another fate of `gate`, (m,)."""
     nis: Array
     """Normalised innovation squared of each sighting against the landmark most like it, 2 degrees of freedom, (m,)."""
@@ -41,7 +37,7 @@ class Fates(NamedTuple):
 
 
 @row_kernel
-def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
+def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
     """Sort indices (n,) in place by their keys, equal keys by tie."""
     for i in range(1, chosen.size):  # by insertion: n is a few dozen
         this, j = chosen[i], i
@@ -56,16 +52,14 @@ def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
 
 @row_kernel
 def _nearest(
-    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, fates: Fates
-) -> Index:
+    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: SightNoise, limits: MatchLimits, fates: Fates
+) -> Ints:
     """Write landmark and fate of each detection by itself; return the detections that match a landmark.
 
     Args:
         mean: believed state, (n,), see `ukf`.
         cov: its covariance, (n, n).
         frame: the m detections.
-        noise: of a sighting, see `gate`.
-        limits: see `gate`.
         fates: written.
     """
     m, (ranges, bearings, looks) = frame.ranges.size, frame
@@ -74,7 +68,7 @@ def _nearest(
         finite = math.isfinite(ranges[d]) and math.isfinite(bearings[d])
         for i in range(looks.shape[1]):
             finite = finite and math.isfinite(looks[d, i])
-        if finite and limits[SHORTEST] <= ranges[d] <= limits[LONGEST]:
+        if finite and limits.shortest <= ranges[d] <= limits.longest:
             fates.landmark[d], fates.fate[d], fates.nis[d], fates.gap[d] = nearest_look(
                 mean, cov, ranges[d], bearings[d], looks[d], world, noise, limits
             )
@@ -85,7 +79,7 @@ def _nearest(
 
 
 @row_kernel
-def _one_each(chosen: Index, fates: Fates) -> Index:
+def _one_each(chosen: Ints, fates: Fates) -> Ints:
     """Return the detections that are left when each landmark keeps the one that looks most like it, that first."""
     sort_by(chosen, fates.gap, fates.landmark)
     kept = 0
@@ -102,8 +96,8 @@ def _one_each(chosen: Index, fates: Fates) -> Index:
 
 @row_kernel
 def match(
-    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, seed: int
-) -> tuple[Fates, Index]:
+    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: SightNoise, limits: MatchLimits, seed: int
+) -> tuple[Fates, Ints]:
     """Associate the detections of one frame with landmarks.
 
     Args:
@@ -111,8 +105,6 @@ def match(
         cov: its covariance, (3, 3) or larger.
         frame: detections.
         world: landmarks.
-        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
-        limits: of gate, likeness, range, spread, pairs and matches, indexed as in `gate`, (8,).
         seed: of the random pairs.
 
     Returns:
@@ -123,12 +115,12 @@ def match(
     chosen = _one_each(_nearest(mean, cov, frame, world, noise, limits, fates), fates)
     found = matched_of(chosen, fates.landmark, frame, world.positions)
     inlier = consensus(mean, cov, found, noise, limits, seed)
-    most, kept = int(limits[MOST]), 0
+    kept = 0
     for a in range(chosen.size):
         d = chosen[a]
         if not inlier[a]:
             fates.fate[d] = OUTLIER
-        elif kept >= most:
+        elif kept >= limits.most:
             fates.fate[d] = SURPLUS
         else:
             chosen[kept] = d
@@ -151,7 +143,7 @@ def likeness(look: Array, columns: Array, out: Array) -> None:
 
 
 @row_kernel
-def look_alikes(looks: Array, columns: Array, look: float) -> Index:
+def look_alikes(looks: Array, columns: Array, look: float) -> Ints:
     """Return the number of landmarks that each detection looks like, (m,).
 
     Args:

@@ -10,7 +10,7 @@ up for it. Frames that share an error are so not taken for independent ones.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class CommonErrors:
         h = self.height
         along = self.tilt * (h * h + TYPICAL**2) / h
         across = math.hypot(self.tilt * h / TYPICAL, self.sway / TYPICAL)
-        return replace(noise, common_range_sd=along, common_bearing_sd=across)
+        return noise._replace(common_range_sd=along, common_bearing_sd=across)
 
 
 @row_kernel

@@ -4,18 +4,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array, Flags
+from surefoot.arrays import Array, Flags, Ints, Record, named
 from surefoot.geometry.linear_kernels import inverse3, solve3
 from surefoot.kernels.jit import row_kernel
 
-from .gate import GATE, PAIRS, SPREAD, FrameTables, variances
+from .gate import FrameTables, MatchLimits, SightNoise, variances
 from .ukf import THETA, X, Y, wrap
 
-Index = NDArray[np.int64]
-
-DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
+RAY = named("distance cos sin bearing")
 
 
 class Matched(NamedTuple):
@@ -23,8 +20,8 @@ class Matched(NamedTuple):
 
     places: Array
     """Places of the landmarks, (k, 2) m, frame map."""
-    rays: Array
-    """Distance (m), cosine and sine of the bearing, bearing (rad) of the detections, (k, 4)."""
+    rays: Record
+    """Distance (m), cosine and sine of the bearing, bearing (rad) of the detections, records RAY, (k,)."""
 
 
 @row_kernel
@@ -35,20 +32,20 @@ def draw(state: int, n: int) -> tuple[int, int]:
 
 
 @row_kernel
-def matched_of(chosen: Index, landmark: Index, frame: FrameTables, positions: Array) -> Matched:
+def matched_of(chosen: Ints, landmark: Ints, frame: FrameTables, positions: Array) -> Matched:
     """Return the chosen detections (k,) with the places of their landmarks."""
     k = chosen.size
-    found = Matched(np.empty((k, 2)), np.empty((k, 4)))
+    found = Matched(np.empty((k, 2)), np.empty(k, RAY))
     for m in range(k):
         d = int(chosen[m])
-        found.places[m] = positions[landmark[d]]
-        found.rays[m, DISTANCE], found.rays[m, COS] = frame.ranges[d], math.cos(frame.bearings[d])
-        found.rays[m, SIN], found.rays[m, BEARING] = math.sin(frame.bearings[d]), frame.bearings[d]
+        ray, found.places[m] = found.rays[m], positions[landmark[d]]
+        ray.distance, ray.bearing = frame.ranges[d], frame.bearings[d]
+        ray.cos, ray.sin = math.cos(ray.bearing), math.sin(ray.bearing)
     return found
 
 
 @row_kernel
-def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Array, r: float, b: float) -> float:
+def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Record, r: float, b: float) -> float:
     """Return the squared residual of a detection at an assumed pose over its variances, 2 degrees of freedom.
 
     Radial and tangential part of the vector from the detection to the landmark, in heading axes: no angles, no roots.
@@ -59,34 +56,34 @@ def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Array, r: 
         c: cosine of its heading.
         s: sine of its heading.
         place: of the landmark, (2,) m, frame map.
-        ray: row of `Matched.rays`, (4,).
+        ray: one of `Matched.rays`.
         r: variance of the range, m^2.
         b: variance of the bearing, rad^2.
     """
     dx, dy = place[0] - x, place[1] - y
     ax, ay = c * dx + s * dy, c * dy - s * dx
-    radial = ray[COS] * ax + ray[SIN] * ay - ray[DISTANCE]
-    tangential = ray[COS] * ay - ray[SIN] * ax
-    return radial * radial / r + tangential * tangential / (b * ray[DISTANCE] * ray[DISTANCE])
+    radial = ray.cos * ax + ray.sin * ay - ray.distance
+    tangential = ray.cos * ay - ray.sin * ax
+    return radial * radial / r + tangential * tangential / (b * ray.distance * ray.distance)
 
 
 @row_kernel
 def motion_of(
-    mean: Array, cov: Array, i: int, j: int, found: Matched, noise: Array
+    mean: Array, cov: Array, i: int, j: int, found: Matched, noise: SightNoise
 ) -> tuple[float, float, float, float]:
     """Return the pose by matches i and j, x and y in m and heading in rad, and the variance of its heading, rad^2.
 
     The heading is the mean of the one that two points give and the believed one, weighted by their variances: two
-    points close together determine it poorly. `mean` (n,), `cov` (n, n): belief; `noise`: see `gate`.
+    points close together determine it poorly. `mean` (n,), `cov` (n, n): belief.
     """
     one, other, places = found.rays[i], found.rays[j], found.places
-    ax, ay = one[DISTANCE] * one[COS], one[DISTANCE] * one[SIN]
-    bx, by = other[DISTANCE] * other[COS], other[DISTANCE] * other[SIN]
+    ax, ay = one.distance * one.cos, one.distance * one.sin
+    bx, by = other.distance * other.cos, other.distance * other.sin
     ux, uy = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
     length2 = max(ux * ux + uy * uy, 1e-12)
-    ra, ba = variances(one[DISTANCE], noise)
-    rb, bb = variances(other[DISTANCE], noise)
-    blur = 0.5 * (ra + rb + ba * one[DISTANCE] * one[DISTANCE] + bb * other[DISTANCE] * other[DISTANCE])
+    ra, ba = variances(one.distance, noise)
+    rb, bb = variances(other.distance, noise)
+    blur = 0.5 * (ra + rb + ba * one.distance * one.distance + bb * other.distance * other.distance)
     of_pair = blur / length2
     turn = wrap(math.atan2(uy, ux) - math.atan2(by - ay, bx - ax) - mean[THETA])
     weight = cov[THETA, THETA] / (cov[THETA, THETA] + of_pair) if of_pair < math.inf else 0.0
@@ -99,17 +96,17 @@ def motion_of(
 
 
 @row_kernel
-def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: float, v: float, gate: float) -> None:
+def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide: float, v: float, gate: float) -> None:
     """Mark the matches (k,) that agree with a pose (3,): variances times `wide`, v rad^2 added to that of bearing."""
     c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
     for m in range(inlier.size):
-        r, b = variances(found.rays[m, DISTANCE], noise)
+        r, b = variances(found.rays[m].distance, noise)
         off = misfit(pose[X], pose[Y], c, s, found.places[m], found.rays[m], wide * r, wide * b + v)
         inlier[m] = off < gate
 
 
 @row_kernel
-def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: Array) -> Array:
+def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: SightNoise) -> Array:
     """Return the pose (3,) of least squares by the inliers and the belief: three steps of Gauss and Newton.
 
     Args:
@@ -118,7 +115,6 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
         information: inverse of its covariance, (3, 3).
         inlier: matches that count, (k,).
         found: matches.
-        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
     """
     for _ in range(3):
         a, v = information.copy(), np.zeros(3)
@@ -129,7 +125,7 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
         for m in range(inlier.size):
             if not inlier[m]:
                 continue
-            distance, bearing = found.rays[m, DISTANCE], found.rays[m, BEARING]
+            distance, bearing = found.rays[m].distance, found.rays[m].bearing
             dx, dy = found.places[m, 0] - pose[X], found.places[m, 1] - pose[Y]
             q2 = max(dx * dx + dy * dy, 1e-12)
             q = math.sqrt(q2)
@@ -148,14 +144,14 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
 
 @row_kernel
 def _best_motion(
-    mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int
+    mean: Array, cov: Array, found: Matched, noise: SightNoise, limits: MatchLimits, seed: int
 ) -> tuple[Array, float]:
     """Return the pose (3,) of the best motion through two matches, and the variance of its heading, rad^2.
 
-    `mean` (n,), `cov` (n, n): belief; `noise`, `limits`: see `gate`; `seed` of the pairs that are tried.
+    `mean` (n,), `cov` (n, n): belief; `seed` of the pairs that are tried.
     """
     k = found.places.shape[0]
-    pairs, most, gate = k * (k - 1) // 2, int(limits[PAIRS]), limits[GATE]
+    pairs, most, gate = k * (k - 1) // 2, limits.pairs, limits.gate
     every = pairs <= most
     best, state, i, j = math.inf, seed % 2147483648, 0, 0
     pose, loose = np.zeros(3), 0.0
@@ -173,7 +169,7 @@ def _best_motion(
         total, c, s = 0.0, math.cos(heading), math.sin(heading)
         looseness = math.log1p(v / (2.0 * variances(0.0, noise)[1]))
         for m in range(k):
-            r, b = variances(found.rays[m, DISTANCE], noise)
+            r, b = variances(found.rays[m].distance, noise)
             off = misfit(x, y, c, s, found.places[m], found.rays[m], 2.0 * r, 2.0 * b + v)
             total += min(gate, off + looseness)
             if total >= best:
@@ -185,21 +181,21 @@ def _best_motion(
 
 
 @row_kernel
-def consensus(mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int) -> Flags:
+def consensus(mean: Array, cov: Array, found: Matched, noise: SightNoise, limits: MatchLimits, seed: int) -> Flags:
     """Return the matches (k,) that agree with the best rigid motion through two of them.
 
     The best motion has the least sum over all matches of min(misfit, gate) + ln(b'/b) (MSAC; b' is the variance of the
     bearing with that of the motion's heading: a loose motion explains everything). It is refined by least squares over
-    its inliers and the belief; matches that then differ by less than limits[SPREAD] times the variances stay. All pairs
-    are tried if they are at most limits[PAIRS], else as many drawn at random.
+    its inliers and the belief; matches that then differ by less than `spread` times the variances stay. All pairs
+    are tried if they are at most `pairs`, else as many drawn at random.
     """
     inlier = np.ones(found.places.shape[0], dtype=np.bool_)
     if inlier.size < 2:
         return inlier
     pose, loose = _best_motion(mean, cov, found, noise, limits, seed)
-    agreeing(inlier, pose, found, noise, 2.0, loose, limits[GATE])
+    agreeing(inlier, pose, found, noise, 2.0, loose, limits.gate)
     information = inverse3(cov)[0]  # of the pose: it reads the first three rows and columns
     for _ in range(2):
         pose = refined(pose, mean, information, inlier, found, noise)
-        agreeing(inlier, pose, found, noise, limits[SPREAD], 0.0, limits[GATE])
+        agreeing(inlier, pose, found, noise, limits.spread, 0.0, limits.gate)
     return inlier

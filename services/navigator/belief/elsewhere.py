@@ -21,7 +21,8 @@ from .landmarks import FloorLandmarks
 from .matching import Detections, SightNoise
 from .moved import Sight
 from .places import COV, EVIDENCE, FILLED, Assignment, Evidence, associate, evidence, search
-from .relocalise import Pose, RelocaliseLimits, Relocaliser, between, placed
+from .relocalise import RelocaliseLimits, Relocaliser, between, placed
+from .ukf import Pose
 
 _ORIGIN: Pose = (0.0, 0.0, 0.0)
 

@@ -12,24 +12,83 @@ detections of a frame have in common, caused by an unknown tilt of the trunk.
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
+from surefoot.errors import Refusal
 from surefoot.kernels.jit import row_kernel
 
 from .ukf import THETA, X, Y, wrap
 
-Index = NDArray[np.int64]
-
 # fates of a detection
 MATCHED, INVALID, FAR, UNLIKE, AMBIGUOUS, DOUBLED, OUTLIER, SURPLUS = 0, 1, 2, 3, 4, 5, 6, 7
 
-# indices of the noise vector
-RANGE_SD, RANGE_SHARE, BEARING_SD, COMMON_RANGE_SD, COMMON_BEARING_SD = 0, 1, 2, 3, 4
 
-# indices of the limits vector
-GATE, LOOK, RATIO, SHORTEST, LONGEST, SPREAD, PAIRS, MOST = 0, 1, 2, 3, 4, 5, 6, 7
+class DetectionError(Refusal):
+    """Detections that cannot be used; `field` names what is wrong with them."""
+
+
+class _Deviations(NamedTuple):
+    range_sd: float = 0.0
+    """Constant part of the range noise, m."""
+    range_share: float = 0.03
+    """Proportional part of the range noise, part of the range."""
+    bearing_sd: float = math.radians(1.5)
+    """Noise of the bearing, rad."""
+    common_range_sd: float = 0.0
+    """Range error common to all detections of a frame, m, such as by an unknown tilt."""
+    common_bearing_sd: float = 0.0
+    """Bearing error common to all detections of a frame, rad."""
+    look_sd: float = 0.05
+    """Noise of each element of a descriptor."""
+
+
+class SightNoise(_Deviations):
+    """Noise of a camera that measures range and bearing of landmarks on the floor; standard deviations.
+
+    Raises:
+        DetectionError: a number is negative or not finite, or a whole measurement has no noise.
+    """
+
+    __slots__ = ()
+
+    def __new__(cls, *numbers: float, **named: float) -> "SightNoise":
+        self = super().__new__(cls, *map(float, numbers), **{name: float(value) for name, value in named.items()})
+        for name, value in self._asdict().items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise DetectionError("bad_noise", f"{name} is finite and >= 0, got {value!r}", name)
+        if self.range_sd + self.range_share == 0.0 or self.bearing_sd == 0.0 or self.look_sd == 0.0:
+            text = "range_sd or range_share, bearing_sd and look_sd are > 0"
+            raise DetectionError("bad_noise", f"{text}, got {self._asdict()}", "bearing_sd")
+        return self
+
+    def wider(self, factor: float) -> "SightNoise":
+        """Return the noise with every standard deviation of range and bearing times a factor."""
+        *lengths, look_sd = self
+        return SightNoise(*(factor * each for each in lengths), look_sd)
+
+
+class MatchLimits(NamedTuple):
+    """Limits within which a detection is matched with a landmark."""
+
+    gate: float = 9.21
+    """Largest normalised innovation squared, chi^2_2(.99)."""
+    look_sds: float = 2.0
+    """Descriptors of one landmark differ by less than this many times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %."""
+    ratio: float = 0.8
+    """Largest distance to the nearest descriptor over that to the second nearest in the gate."""
+    shortest: float = 0.02
+    """Least range, m; nearer detections are invalid."""
+    longest: float = 50.0
+    """Largest range, m; farther detections are invalid."""
+    spread: float = 1.3
+    """Variance of a residual at the refined motion over that of a detection."""
+    pairs: int = 190
+    """Number of motions that are tried: all pairs of up to 20 matches."""
+    most: int = 10
+    """Largest number of matches of a frame."""
+
+    def look(self, noise: SightNoise, length: int) -> float:
+        """Return the largest distance of two descriptors of one landmark."""
+        return self.look_sds * noise.look_sd * math.sqrt(length)
 
 
 class FrameTables(NamedTuple):
@@ -51,18 +110,18 @@ class MapTables(NamedTuple):
     looks: Array
     """Descriptors of the landmarks, (n, k)."""
     grid: Array
-    """Cells of the index, (5,), see `landmarks.Buckets`."""
-    starts: Index
-    """First member of each cell, (cells + 1,)."""
-    members: Index
-    """Landmarks by cell, (n,)."""
+    """x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns, (5,)."""
+    starts: Ints
+    """First member of each cell, (rows * columns + 1,): cell c holds `members[starts[c]:starts[c + 1]]`."""
+    members: Ints
+    """Landmarks by cell and then by number, (n,)."""
 
 
 @row_kernel
-def variances(distance: float, noise: Array) -> tuple[float, float]:
-    """Return variances of range (m^2), bearing (rad^2) of a detection at `distance` m, common errors in; noise (5,)."""
-    own = noise[RANGE_SD] * noise[RANGE_SD] + (noise[RANGE_SHARE] * distance) ** 2
-    return own + noise[COMMON_RANGE_SD] ** 2, noise[BEARING_SD] ** 2 + noise[COMMON_BEARING_SD] ** 2
+def variances(distance: float, noise: SightNoise) -> tuple[float, float]:
+    """Return variances of range (m^2), bearing (rad^2) of a detection at `distance` m, common errors in."""
+    own = noise.range_sd * noise.range_sd + (noise.range_share * distance) ** 2
+    return own + noise.common_range_sd**2, noise.bearing_sd**2 + noise.common_bearing_sd**2
 
 
 @row_kernel
@@ -155,7 +214,14 @@ def _cells(grid: Array, x: float, y: float, reach: float) -> tuple[int, int, int
 
 @row_kernel
 def nearest_look(
-    mean: Array, cov: Array, distance: float, bearing: float, look: Array, world: MapTables, noise: Array, limits: Array
+    mean: Array,
+    cov: Array,
+    distance: float,
+    bearing: float,
+    look: Array,
+    world: MapTables,
+    noise: SightNoise,
+    limits: MatchLimits,
 ) -> tuple[int, int, float, float]:
     """Return the landmark in the gate of one detection that looks most like it.
 
@@ -166,15 +232,13 @@ def nearest_look(
         bearing: detected, rad.
         look: descriptor of the detection, (k,).
         world: landmarks.
-        noise: indexed by RANGE_SD and the others, (5,).
-        limits: indexed by GATE and the others, (8,).
 
     Returns:
         Landmark or -1, its fate (MATCHED, FAR, UNLIKE or AMBIGUOUS), normalised innovation squared, square of the
         distance of the descriptors.
     """
     r, b = variances(distance, noise)
-    gate = limits[GATE]
+    gate, alike = limits.gate, limits.look_sds * noise.look_sd * math.sqrt(look.size)
     reach = reach_of(mean, cov, distance, r, b, gate)
     at_x = mean[X] + distance * math.cos(mean[THETA] + bearing)
     at_y = mean[Y] + distance * math.sin(mean[THETA] + bearing)
@@ -204,8 +268,8 @@ def nearest_look(
                 second = gap
     if best < 0:
         return -1, FAR, 0.0, 0.0
-    if first > limits[LOOK] * limits[LOOK]:
+    if first > alike * alike:
         return -1, UNLIKE, best_nis, first
-    if second < math.inf and first >= limits[RATIO] * limits[RATIO] * second:
+    if second < math.inf and first >= limits.ratio * limits.ratio * second:
         return -1, AMBIGUOUS, best_nis, first
     return best, MATCHED, best_nis, first

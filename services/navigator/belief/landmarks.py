@@ -6,14 +6,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.errors import Refusal
 
 from .gate import MapTables
-
-Index = NDArray[np.int64]
 
 MOST_LANDMARKS = 100_000
 LONGEST_DESCRIPTOR = 256
@@ -27,18 +24,6 @@ PER_BUCKET = 4.0
 
 class LandmarkMapError(Refusal):
     """A landmark map that cannot be used; `field` names what is wrong with it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Buckets:
-    """Landmarks sorted by square cells of the floor."""
-
-    grid: Array
-    """x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns, (5,)."""
-    starts: Index
-    """First member of each cell, (rows * columns + 1,): cell c holds `members[starts[c]:starts[c + 1]]`."""
-    members: Index
-    """Landmarks by cell and then by number, (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,15 +80,9 @@ class FloorLandmarks:
         return max((x1 - x0) * (y1 - y0), SMALLEST_SPREAD**2)
 
     @cached_property
-    def buckets(self) -> Buckets:
-        """Index of the landmarks by the cell that they lie in."""
-        return _sorted_by_place(self.positions)
-
-    @cached_property
     def tables(self) -> MapTables:
-        """Landmarks with their index of places, for kernels."""
-        at = self.buckets
-        return MapTables(self.positions, self.descriptors, at.grid, at.starts, at.members)
+        """Landmarks with an index of the cells that they lie in, for kernels."""
+        return MapTables(self.positions, self.descriptors, *_sorted_by_place(self.positions))
 
     @cached_property
     def columns(self) -> Array:
@@ -167,7 +146,8 @@ def _check(positions: Array, descriptors: Array) -> None:
         raise LandmarkMapError("bad_map", text, "positions")
 
 
-def _sorted_by_place(positions: Array) -> Buckets:
+def _sorted_by_place(positions: Array) -> tuple[Array, Ints, Ints]:
+    """Return grid, starts and members of `MapTables`."""
     n = positions.shape[0]
     low, size = positions.min(axis=0), np.ptp(positions, axis=0)
     edge = max(
@@ -179,4 +159,4 @@ def _sorted_by_place(positions: Array) -> Buckets:
     starts = np.zeros(rows * cols + 1, dtype=np.int64)
     np.cumsum(np.bincount(number, minlength=rows * cols), out=starts[1:])
     members = np.argsort(number, kind="stable").astype(np.int64)
-    return Buckets(np.array([low[0], low[1], edge, rows, cols], dtype=np.float64), starts, members)
+    return np.array([low[0], low[1], edge, rows, cols], dtype=np.float64), starts, members

@@ -24,7 +24,7 @@ from surefoot.errors import Refusal
 from . import association
 from .gate import FAR, INVALID, OUTLIER, UNLIKE
 from .landmarks import FloorLandmarks
-from .matching import Detections, Matches, MatchLimits, SightNoise, gate_areas, look_alikes
+from .matching import Detections, Matches, SightNoise, gate_areas, look_alikes
 
 Shares = tuple[float, float, float]
 """Shares of detections here, elsewhere, strange; they add up to 1."""
@@ -63,11 +63,7 @@ class Footprint:
 
 @dataclass(frozen=True)
 class LostModel:
-    """Shares and rates of the three hypotheses.
-
-    Raises:
-        Refusal: shares that do not add up to 1 or are not positive, rates that are negative.
-    """
+    """Shares and rates of the hypotheses; shares are positive and add up to 1, rates are positive."""
 
     right: Shares = (0.72, 0.20, 0.08)
     """Shares if the pose is right, before any was seen, with twice the expected false detections: a map grows old."""
@@ -121,28 +117,6 @@ class LostModel:
     """Probability from which the pose counts as lost."""
     memory_s: float = 3.0
     """Time constant of the counts in the reason, s."""
-
-    def __post_init__(self) -> None:
-        for name in ("right", "displaced", "misfit", "off_map"):
-            shares: Shares = getattr(self, name)
-            if min(shares) <= 0.0 or abs(sum(shares) - 1.0) > 1e-9:
-                raise Refusal("bad_lost_model", f"{name}: three shares > 0 that add up to 1, got {shares}", name)
-        for name in (
-            "displacement_rate",
-            "misfit_rate",
-            "leaving_rate",
-            "blinding_rate",
-            "recovery_rate",
-            "memory_s",
-            "scale",
-            "misfit_scale",
-            "most",
-            "most_apart",
-            "gate",
-        ):
-            value: float = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise Refusal("bad_lost_model", f"{name} is finite and > 0, got {value!r}", name)
 
 
 @dataclass(frozen=True)
@@ -207,7 +181,6 @@ def evidence_of(
     world: FloorLandmarks,
     noise: SightNoise,
     expected: float = 0.0,
-    limits: MatchLimits | None = None,
 ) -> FrameEvidence:
     """Return the evidence of a frame for and against the believed pose.
 
@@ -220,13 +193,12 @@ def evidence_of(
         seen: its detections.
         world: landmarks.
         expected: landmarks in view there times the share that is recognised in this action; 0 = not known.
-        limits: those of the match; None = the defaults of `MatchLimits`.
     """
     counts = matches.counts
     here = counts["matched"] + counts["surplus"] + counts["doubled"] + counts["ambiguous"]
     away = counts["far"] + counts["unlike"]
-    alike = look_alikes(matches, seen, world, noise, limits)
-    many = (alike * gate_areas(cov, seen, noise, limits) / world.area).tolist()
+    alike = look_alikes(matches, seen, world, noise)
+    many = (alike * gate_areas(cov, seen, noise) / world.area).tolist()
     chances = [1.0 - math.exp(-each) for each in many]  # numpy's own exponential depends on the processor
     found: tuple[list[float], list[float]] = ([], [])
     for fate, chance, count in zip(matches.fates.tolist(), chances, alike.tolist(), strict=True):

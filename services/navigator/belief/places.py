@@ -15,18 +15,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 
 from .association import sort_by
 from .sightings import WIDE
 from .ukf import wrap
-
-Index = NDArray[np.int64]
-
 
 BESIDE = 0.3  # m and rad, of a pose from a place that the same pair led to
 SAME = 16.0  # squared standard deviations that coordinates of one place differ by at most
@@ -49,9 +45,9 @@ class Evidence(NamedTuple):
     """Their covariances (xx, xy, yy), (s, 3) m^2."""
     false: Array
     """Share of false ones among such sightings, (s,)."""
-    starts: Index
+    starts: Ints
     """First candidate of each sighting, (s + 1,)."""
-    members: Index
+    members: Ints
     """Candidates: landmarks."""
     positions: Array
     """Landmarks, (n, 2) m, frame map."""
@@ -64,7 +60,7 @@ class Evidence(NamedTuple):
 class Assignment(NamedTuple):
     """Landmarks that explain the sightings at one pose."""
 
-    chosen: Index
+    chosen: Ints
     """Landmark of each sighting, -1 = none, (s,)."""
     far: Array
     """Squared residual of each over the variances, (s,)."""
@@ -75,7 +71,7 @@ class PlaceList(NamedTuple):
 
     places: Array
     """x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance, (p, PLACE)."""
-    chosen: Index
+    chosen: Ints
     """Landmark of each sighting at each place, -1 = none, (p, s)."""
 
 
@@ -117,7 +113,7 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
 
 
 @row_kernel
-def improve(pose: Array, seen: Evidence, chosen: Index) -> tuple[Array, float]:
+def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
     """Take one step of least squares of a pose x, y (m), heading (rad), map, over the explained sightings, in place.
 
     chosen: landmark of each sighting, below 0 = unexplained.
@@ -178,7 +174,7 @@ def agree(one: Array, other: Array) -> bool:
 
 
 @row_kernel
-def keep(found: PlaceList, filled: int, row: Array, chosen: Index) -> int:
+def keep(found: PlaceList, filled: int, row: Array, chosen: Ints) -> int:
     """Enter a place into the list of the best; return how many are filled.
 
     A place that explains half of its sightings by the landmarks of another, within the covariances, is the same place.
@@ -260,7 +256,7 @@ def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Arra
 
 
 @row_kernel
-def _few_first(starts: Index) -> Index:
+def _few_first(starts: Ints) -> Ints:
     """Return the sightings that have candidates, sorted by the number of these."""
     n, kept = starts.size - 1, 0
     few, count = np.empty(n, dtype=np.int64), np.empty(n)
@@ -293,7 +289,7 @@ def _in_reach(seen: Evidence, i: int, j: int, p: int, q: int) -> float:
 
 
 @row_kernel
-def _advance(cursor: Index, few: Index, starts: Index) -> None:
+def _advance(cursor: Ints, few: Ints, starts: Ints) -> None:
     """Set the cursor to the next pair of candidates, or to the first of the next pair of sightings, in place."""
     i, j = int(few[int(cursor[FIRST])]), int(few[int(cursor[SECOND])])
     cursor[B] += 1
@@ -306,7 +302,7 @@ def _advance(cursor: Index, few: Index, starts: Index) -> None:
 
 
 @row_kernel
-def search(seen: Evidence, found: PlaceList, cursor: Index, tries: int, work: int) -> bool:
+def search(seen: Evidence, found: PlaceList, cursor: Ints, tries: int, work: int) -> bool:
     """Go on with finding the places of a map from which the sightings would look as they did.
 
     Args:

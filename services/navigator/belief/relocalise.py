@@ -5,7 +5,6 @@ its evidence, and a pose is returned only if one place has nearly all of it; see
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -30,27 +29,14 @@ from .places import (
     search,
 )
 from .sightings import SightingMemory, candidates
-from .ukf import wrap
+from .ukf import Pose, wrap
 
-Pose = tuple[float, float, float]
-UNBOUNDED = 2**62
-"""Work of a search that is not cut into portions."""
 ALIKE, LIKELY, MOST_ALIKE = 1e-3, 0.95, 4
 """Least evidence of a place over that of the best, probability of all these places from which on they stand out, and
 their largest number."""
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]
 """Reason for no pose. unseen: fewer than two sightings look like landmarks of the map; unknown: no place explains
 them, or chance explains them as well; ambiguous: another place explains them as well; unsure: too few of them."""
-
-
-@dataclass(frozen=True)
-class Glance:
-    """One frame of a robot that stands or turns on the spot."""
-
-    seen: Detections
-    """Detections of the frame."""
-    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Pose of base_link then, x, y (m) and heading (rad), in the frame whose pose is searched."""
 
 
 @dataclass(frozen=True)
@@ -85,22 +71,16 @@ class RelocaliseLimits:
 class Relocation:
     """Result of a search for the pose of a lost robot."""
 
-    pose: tuple[float, float, float] | None
+    pose: Pose | None
     """Pose of the reference frame, x, y in m and heading in rad, frame map; None = none is sure."""
     covariance: Array
     """Covariance of the best place, (3, 3), m and rad; zeros if there is none."""
     probability: float
     """Probability of the best place."""
-    runner_up: float
-    """Probability of the second best place."""
     reason: Reason
     """Reason why there is no pose; empty = there is one."""
     sightings: int
     """Number of different sightings that look like landmarks."""
-    explained: int
-    """Number of sightings that the best place explains."""
-    best: tuple[float, float, float] | None = None
-    """The best place, however unsure; for reports, not for use."""
     reference: Pose = (0.0, 0.0, 0.0)
     """Pose that was searched for, in the frame of the frames' poses, m and rad."""
     alike: tuple[Pose, ...] = ()
@@ -171,7 +151,7 @@ class Relocaliser:
         found, limits = self._search, self.limits
         if found.places is None:
             self._search = None
-            return Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unseen", found.known, 0, reference=found.here)
+            return Relocation(None, np.zeros((3, 3)), 0.0, "unseen", found.known, reference=found.here)
         if not search(found.evidence, found.places, found.cursor, limits.tries, work):
             return None
         self._search, filled = None, int(found.cursor[FILLED])
@@ -213,26 +193,6 @@ class PlaceSearch:
     """Number of different sightings that look like landmarks."""
 
 
-def relocalise(
-    glances: Sequence[Glance], world: FloorLandmarks, noise: SightNoise, limits: RelocaliseLimits | None = None
-) -> Relocation:
-    """Return the pose from which the camera sees the glances.
-
-    Args:
-        glances: frames of the standing robot, or of one that turned, each with its pose by odometry.
-        world: landmarks.
-        limits: None = the defaults of `RelocaliseLimits`.
-
-    Raises:
-        DetectionError: descriptors of another length than the map's.
-    """
-    relocaliser = Relocaliser(world, noise, limits)
-    for number, glance in enumerate(glances):
-        relocaliser.add(glance.seen, glance.pose, 0.1 * number)
-    found = relocaliser.step((0.0, 0.0, 0.0), UNBOUNDED)
-    return found or Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unseen", 0, 0)
-
-
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:
     """Compare the places (p, PLACE), see `places`, with each other and with chance.
 
@@ -240,7 +200,7 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
     """
     places = places[np.isfinite(places[:, EVIDENCE])]
     if not len(places):
-        return Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unknown", known, 0)
+        return Relocation(None, np.zeros((3, 3)), 0.0, "unknown", known)
     order = np.argsort(-places[:, EVIDENCE], kind="stable")
     places = places[order]
     chance = math.log(limits.elsewhere)
@@ -261,8 +221,7 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
     elif first < limits.sure or best[EXPLAINED] < limits.least or cov[2, 2] > limits.heading_sd**2:
         none = math.exp(chance - top) / whole
         reason = "ambiguous" if second > 0.5 * (1.0 - first) else "unknown" if none > first else "unsure"
-    explained = int(best[EXPLAINED])
-    found = Relocation(None if reason else pose, cov, first, second, reason, known, explained, pose)
+    found = Relocation(None if reason else pose, cov, first, reason, known)
     least = ALIKE * weights[0]
     fit = [k for k in range(len(weights)) if weights[k] > least and places[k, EXPLAINED] >= limits.least]
     held = sum(weights[k] for k in fit) / whole

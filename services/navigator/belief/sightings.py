@@ -8,16 +8,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Ints
 from surefoot.kernels.jit import row_kernel
 
 from .association import likeness
 from .gate import apart2, variances
 from .matching import Detections, MatchLimits, SightNoise
-
-Index = NDArray[np.int64]
 
 MOST = 256
 """Largest number of sightings that are kept."""
@@ -38,7 +35,7 @@ class SightingTables(NamedTuple):
     """Mean covariances of one detection (xx, xy, yy), (n, 3) m^2."""
     mean: Array
     """Mean descriptors, (n, k)."""
-    times: Index
+    times: Ints
     """Number of detections, at most `LONGEST`; 0 = an empty row, (n,)."""
     at: Array
     """Times of the last detection, s, (n,)."""
@@ -85,7 +82,7 @@ def gather(
     bearings: Array,
     looks: Array,
     pose: Array,
-    noise: Array,
+    noise: SightNoise,
     look: float,
     time: float,
 ) -> None:
@@ -99,7 +96,6 @@ def gather(
         bearings: rad, (m,).
         looks: descriptors, (m, k).
         pose: of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
-        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
         look: largest distance of two descriptors of one landmark.
         time: of the frame, s.
     """
@@ -124,7 +120,7 @@ def gather(
 
 
 @row_kernel
-def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Index, Index]:
+def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Ints, Ints]:
     """Return the candidates of each sighting: landmarks about as alike as the most alike one; none if too many.
 
     Args:
@@ -178,13 +174,14 @@ class SightingMemory:
         good = np.isfinite(seen.ranges) & np.isfinite(seen.bearings) & np.isfinite(seen.looks).all(axis=1)
         good &= (seen.ranges >= shortest) & (seen.ranges <= longest)
         if good.any() and all(map(math.isfinite, pose)):
-            look, own = MatchLimits().look(self.noise, self.length), (noise or self.noise).array()
-            own[3:] = 0.0  # errors common to a frame do not average out: added by `seen_from`
+            look = MatchLimits().look(self.noise, self.length)
+            # errors common to a frame do not average out: added by `seen_from`
+            own = (noise or self.noise)._replace(common_range_sd=0.0, common_bearing_sd=0.0)
             gather(
                 self.tables, seen.ranges[good], seen.bearings[good], seen.looks[good], np.array(pose), own, look, time
             )
 
-    def seen_from(self, pose: tuple[float, float, float], most: int) -> tuple[Array, Array, Array, Index, int]:
+    def seen_from(self, pose: tuple[float, float, float], most: int) -> tuple[Array, Array, Array, Ints, int]:
         """Return the sightings seen most often, as they lie from a pose in the frame of the memory.
 
         Args:

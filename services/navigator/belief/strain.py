@@ -36,8 +36,8 @@ from surefoot.kernels.jit import row_kernel
 from .common_errors import NEAREST, CommonErrors, fill_gain
 from .landmarks import FloorLandmarks
 from .matching import Detections, MatchLimits, SightNoise, match
+from .ukf import Pose
 
-Pose = tuple[float, float, float]
 Turn = tuple[float, float, float]
 
 STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12
@@ -103,14 +103,13 @@ class FrameLines(NamedTuple):
 
 
 @row_kernel
-def lines_of(places: Array, rays: Array, pose: Array, noise: Array, height: float, lines: FrameLines) -> None:
+def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height: float, lines: FrameLines) -> None:
     """Write the equations of the matches of a frame.
 
     Args:
         places: of the landmarks, (k, 2) m, frame map.
         rays: range, m, and bearing, rad, (k, 2).
         pose: believed x, y, m, and heading, rad, (3,).
-        noise: of the camera: standard deviation of the range, m, its share of the range, of the bearing, rad, (3,).
         height: of the camera, m.
         lines: result, 2 k of them.
     """
@@ -138,9 +137,9 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: Array, height: floa
             row[POSE], row[POSE + 1], row[POSE + 2] = mx, my, uy * ahead - ux * left
             lines.off[i] = ux * (ahead - zx) + uy * (left - zy)
             own = (
-                noise[2] * max(far, NEAREST)
+                noise.bearing_sd * max(far, NEAREST)
                 if across
-                else math.sqrt(noise[0] ** 2 + (noise[1] * max(far, NEAREST)) ** 2)
+                else math.sqrt(noise.range_sd**2 + (noise.range_share * max(far, NEAREST)) ** 2)
             )
             lines.variance[i] = own * own
 
@@ -266,18 +265,15 @@ class MapStrain:
             time: of the frame, s.
         """
         far, aside = self.model.wider
-        wide = SightNoise(
-            noise.range_sd, math.hypot(noise.range_share, far), math.hypot(noise.bearing_sd, aside),
-            noise.common_range_sd, noise.common_bearing_sd, noise.look_sd,
-        )  # fmt: skip
+        share, bearing = math.hypot(noise.range_share, far), math.hypot(noise.bearing_sd, aside)
+        wide = noise._replace(range_share=share, bearing_sd=bearing)
         found = match(np.array(pose), cov, seen, world, wide, MatchLimits(most=MOST), seed=0)
         k = len(found.detections)
         if k < LEAST:
             return
         rays = np.stack((seen.ranges[found.detections], seen.bearings[found.detections]), 1)
         lines = FrameLines(np.zeros((2 * k, STATES)), np.zeros(2 * k), np.zeros(2 * k))
-        sds = np.array([noise.range_sd, noise.range_share, noise.bearing_sd])
-        lines_of(world.positions[found.landmarks], rays, np.array(pose), sds, self.shared.height, lines)
+        lines_of(world.positions[found.landmarks], rays, np.array(pose), noise, self.shared.height, lines)
         lines.variance[:] += np.repeat(world.sd[found.landmarks] ** 2, 2)
         dt, self._at = max(0.0, time - self._at), time
         long = math.exp(-dt / self.model.fade_s)

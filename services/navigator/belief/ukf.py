@@ -26,6 +26,9 @@ import numpy as np
 from surefoot.arrays import Array
 from surefoot.kernels.jit import row_kernel
 
+Pose = tuple[float, float, float]
+"""x and y in m, heading in rad, frame map."""
+
 X, Y, THETA, DRIFT, NUISANCE = 0, 1, 2, 3, 4  # parts of the state
 ALONG, ACROSS, HEADING, DRIFTING = 0, 1, 2, 3  # parts of the noise
 TURN = 2.0 * math.pi

@@ -4,22 +4,21 @@ import math
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record, named
 from surefoot.kernels.jit import free_kernel
 
 from ..belief.ukf import THETA, X, Y, wrap
 from ..policy import arrays as slots
 from ..policy.arrays import Arrays, ModelTables
 from ..policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
-from ..policy.policies import Policy
+from ..policy.decider import Policy
 from .model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from .world import act, begin
 
-SECONDS_TAKEN, ENDED_AS, DECISIONS, STANDS_MADE, TURNS_MADE, ERROR, NEES_SUM, NEES_AT = 0, 1, 2, 3, 4, 5, 6, 7
-RESULTS = 8
+RESULT = named("seconds ended decisions stands turns error nees_sum nees_at")
 NEES_DECISION = 20
-"""Columns of the result of an episode: s, REACHED or CUT_OFF, number of actions, of stands, of turns, final error of
-the estimate in m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES after NEES_DECISION."""
+"""Result of an episode: s, REACHED or CUT_OFF, number of actions, of stands, of turns, final error of the estimate in
+m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES after NEES_DECISION."""
 
 
 @free_kernel
@@ -46,37 +45,35 @@ def _run(
     start: int,
     state: EpisodeState,
     rooms: tuple[EpisodeRoom, ChoiceRoom],
-    results: Array,
+    results: Record,
 ) -> None:
-    """Walk episodes one after the other and write their results, (count, RESULTS); arguments as of `run_episodes`."""
+    """Walk episodes one after the other and write their results RESULT, (count,); arguments as of `run_episodes`."""
     room, choice = rooms
-    scene, status, truth, sure = model.scene, state.status, state.truth, np.zeros((4, 4))
+    scene, status, truth, sure = model.scene[0], state.status, state.truth, np.zeros((4, 4))
     for e in range(results.shape[0]):
         begin(scene, run, start + e, state)
         stands, turns, total = 0, 0, 0.0
-        while status[slots.OUTCOME] == slots.RUNNING:
+        while status.outcome == slots.RUNNING:
             if knows:
                 for i in range(4):
                     state.ahead_mean[i] = truth[i]
             cov = sure if knows else state.ahead_cov
-            chosen = choose(
-                policy, model, state.ahead_mean, cov, scene[slots.GOAL_X], scene[slots.GOAL_Y], status, choice
-            )
+            chosen = choose(policy, model, state.ahead_mean, cov, scene.goal_x, scene.goal_y, status, choice)
             act(model, run, start + e, chosen, state, room)
-            stands += model.actions[chosen, slots.KIND] == slots.STAND
-            turns += model.actions[chosen, slots.KIND] == slots.TURNING
+            stands += model.actions[chosen].kind == slots.STAND
+            turns += model.actions[chosen].kind == slots.TURNING
             error = nees(truth, state.mean, state.cov)
             total += error
-            if status[slots.STEPS] == NEES_DECISION:
-                results[e, NEES_AT] = error
-        results[e, SECONDS_TAKEN], results[e, ENDED_AS] = status[slots.TIME], status[slots.OUTCOME]
-        results[e, DECISIONS], results[e, STANDS_MADE], results[e, TURNS_MADE] = status[slots.STEPS], stands, turns
-        results[e, ERROR] = math.sqrt((truth[X] - state.mean[X]) ** 2 + (truth[Y] - state.mean[Y]) ** 2)
-        results[e, NEES_SUM] = total
+            if status.steps == NEES_DECISION:
+                results[e].nees_at = error
+        found = results[e]
+        found.seconds, found.ended, found.decisions = status.time, status.outcome, status.steps
+        found.stands, found.turns, found.nees_sum = stands, turns, total
+        found.error = math.sqrt((truth[X] - state.mean[X]) ** 2 + (truth[Y] - state.mean[Y]) ** 2)
 
 
-def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int, knows: bool = False) -> Array:
-    """Return the results (count, RESULTS) of episodes start .. start + count - 1 of seed `run`.
+def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int, knows: bool = False) -> Record:
+    """Return the results RESULT, (count,), of episodes start .. start + count - 1 of seed `run`.
 
     Args:
         world: arrays of the model.
@@ -88,6 +85,6 @@ def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int
     n, state = world.states, episode_state(world)
     if knows:
         state = state._replace(ahead_mean=np.zeros(max(n, 4)))
-    rooms, results = (episode_room(n), room_to_choose(n, len(world.names))), np.zeros((count, RESULTS))
+    rooms, results = (episode_room(n), room_to_choose(n, len(world.names))), np.zeros(count, RESULT)
     _run(policy.tables, knows, world.tables, run, start, state, rooms, results)
     return results

@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Ints
+from surefoot.arrays import Array, Ints, Record, record
+from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import NUISANCE
-from ..policy.arrays import DENSITY, STATUS, X_MAX, X_MIN, Y_MAX, Y_MIN, Arrays
+from ..policy.arrays import STATUS, Arrays
 from .draws import Stream
 
 CELL = 0.25  # m, edge of the squares by which landmarks are found
@@ -38,8 +39,8 @@ class EpisodeState(NamedTuple):
     """Belief at the next decision, which may come before the last frames of an action, (n,)."""
     ahead_cov: Array
     """Covariance of the state predicted for the end of the action, (n, n)."""
-    status: Array
-    """Counters and flags of the episode, (STATUS,), in the columns that `arrays` names."""
+    status: Record
+    """Counters and flags of the episode, a record STATUS."""
 
 
 class EpisodeRoom(NamedTuple):
@@ -53,31 +54,32 @@ class EpisodeRoom(NamedTuple):
     """Scratch of the filter, with one column more for the landmarks in view."""
 
 
-def squares(scene: Array) -> tuple[int, int]:
-    """Return the numbers of squares of `CELL` m along x and y that cover the floor of a scene, (ELEMENTS,)."""
-    return math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL), math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
+@row_kernel
+def squares(scene: Record) -> tuple[int, int]:
+    """Return the numbers of squares of `CELL` m along x and y that cover the floor of a scene."""
+    return math.ceil((scene.x_max - scene.x_min) / CELL), math.ceil((scene.y_max - scene.y_min) / CELL)
 
 
-def most_landmarks(scene: Array) -> int:
-    """Return the number of landmarks that an episode in a scene (ELEMENTS,) has room for: mean and ten deviations."""
+def most_landmarks(scene: Record) -> int:
+    """Return the number of landmarks that an episode in a scene has room for: mean and ten deviations."""
     nx, ny = squares(scene)
-    mean = nx * ny * CELL * CELL * scene[DENSITY]
+    mean = nx * ny * CELL * CELL * scene.density
     return int(mean + 10.0 * math.sqrt(mean)) + 16
 
 
 def episode_state(world: Arrays, *count: int) -> EpisodeState:
     """Return the arrays of one episode, or of a batch of `count` episodes."""
-    n, (nx, ny) = world.states, squares(world.scene)
+    n, (nx, ny) = world.states, squares(world.tables.scene[0])
     return EpisodeState(
         np.zeros((*count, 4), dtype=np.uint64),
-        np.zeros((*count, most_landmarks(world.scene), 2)),
+        np.zeros((*count, most_landmarks(world.tables.scene[0]), 2)),
         np.zeros((*count, nx * ny + 1), dtype=np.int64),
         np.zeros((*count, TRUTH)),
         np.zeros((*count, n)),
         np.zeros((*count, n, n)),
         np.zeros((*count, n)),
         np.zeros((*count, n, n)),
-        np.zeros((*count, STATUS)),
+        np.zeros(count, STATUS) if count else record(STATUS),
     )
 
 

@@ -6,65 +6,62 @@ decides about walls, landmarks in view and the arrival at the goal, as in the pa
 
 import math
 
-from surefoot.arrays import Array, Ints
+from surefoot.arrays import Array, Ints, Record
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import DRIFT, NUISANCE, THETA, LandmarkSighting, X, Y, predict, update, wrap
 from ..policy import arrays as slots
 from ..policy.arrays import ModelTables
 from .draws import Stream, below, normal_pair, seed, uniform
-from .model import BEGAN, CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState
+from .model import BEGAN, CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState, squares
 
 FLOOR, BEGIN, STEP = 1, 2, 3  # purposes of random streams
 
 
 @row_kernel
-def scatter(scene: Array, rng: Stream, marks: Array, first: Ints) -> None:
+def scatter(scene: Record, rng: Stream, marks: Array, first: Ints) -> None:
     """Draw the landmarks of a floor, in place.
 
     Args:
-        scene: elements of the scene.
+        scene: the floor and its landmarks.
         rng: stream of the floor.
         marks: x and y of landmarks in the map, (M, 2), m, square by square.
         first: index of the first landmark of each square, and their number at the end, (squares + 1,).
     """
-    nx = math.ceil((scene[slots.X_MAX] - scene[slots.X_MIN]) / CELL)
-    ny = math.ceil((scene[slots.Y_MAX] - scene[slots.Y_MIN]) / CELL)
-    floor, count = math.exp(-scene[slots.DENSITY] * CELL * CELL), 0
+    nx, ny = squares(scene)
+    floor, count = math.exp(-scene.density * CELL * CELL), 0
     for ix in range(nx):
         for iy in range(ny):
             first[ix * ny + iy] = count
             product = uniform(rng)
             while product > floor and count < marks.shape[0]:
-                marks[count, 0] = scene[slots.X_MIN] + (ix + uniform(rng)) * CELL
-                marks[count, 1] = scene[slots.Y_MIN] + (iy + uniform(rng)) * CELL
+                marks[count, 0] = scene.x_min + (ix + uniform(rng)) * CELL
+                marks[count, 1] = scene.y_min + (iy + uniform(rng)) * CELL
                 product *= uniform(rng)
-                if marks[count, 0] <= scene[slots.X_MAX] and marks[count, 1] <= scene[slots.Y_MAX]:
+                if marks[count, 0] <= scene.x_max and marks[count, 1] <= scene.y_max:
                     count += 1
     first[nx * ny] = count
 
 
 @row_kernel
-def is_blocked(scene: Array, truth: Array) -> float:
+def is_blocked(scene: Record, truth: Array) -> float:
     """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0.
 
-    `scene` (ELEMENTS,), `truth` (TRUTH,): true pose first, m, rad.
+    `truth` (TRUTH,): true pose first, m, rad.
     """
-    x = truth[X] + scene[slots.LOOK_AHEAD] * math.cos(truth[THETA])
-    y = truth[Y] + scene[slots.LOOK_AHEAD] * math.sin(truth[THETA])
-    r = scene[slots.RADIUS]
-    free = (
-        scene[slots.X_MIN] + r <= x <= scene[slots.X_MAX] - r and scene[slots.Y_MIN] + r <= y <= scene[slots.Y_MAX] - r
-    )
+    x = truth[X] + scene.look_ahead * math.cos(truth[THETA])
+    y = truth[Y] + scene.look_ahead * math.sin(truth[THETA])
+    r = scene.radius
+    free = scene.x_min + r <= x <= scene.x_max - r and scene.y_min + r <= y <= scene.y_max - r
     return 0.0 if free else 1.0
 
 
 @row_kernel
-def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
+def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
     """Begin an episode, in place: floor, drift and true start are drawn, the belief is that of the start.
 
     Args:
-        scene: elements of the scene.
+        scene: start, goal, noises, landmarks.
         run: seed of a series of episodes.
         episode: number of the episode; seed and number determine all draws.
     """
@@ -72,44 +69,43 @@ def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
     seed(rng, run, episode, FLOOR)
     scatter(scene, rng, state.marks, state.first)
     seed(rng, run, episode, BEGIN)
-    mean[X], mean[Y], mean[THETA] = scene[slots.START_X], scene[slots.START_Y], scene[slots.START_YAW]
+    mean[X], mean[Y], mean[THETA] = scene.start_x, scene.start_y, scene.start_yaw
     for i in range(n):
         if i > THETA:
             mean[i] = 0.0
         for j in range(n):
             cov[i, j] = 0.0
-    cov[X, X] = cov[Y, Y] = scene[slots.START_SD] ** 2
-    cov[THETA, THETA] = scene[slots.START_YAW_SD] ** 2
+    cov[X, X] = cov[Y, Y] = scene.start_sd**2
+    cov[THETA, THETA] = scene.start_yaw_sd**2
     if n > DRIFT:
-        cov[DRIFT, DRIFT] = scene[slots.DRIFT_KNOWN] ** 2
+        cov[DRIFT, DRIFT] = scene.drift_known**2
     for i in range(NUISANCE, n):
-        cov[i, i] = scene[slots.TILT_SD] ** 2
+        cov[i, i] = scene.tilt_sd**2
     ex, ey = normal_pair(rng)
     eh, ed = normal_pair(rng)
-    r = scene[slots.RADIUS]
-    truth[X] = min(max(mean[X] + scene[slots.START_SD] * ex, scene[slots.X_MIN] + r), scene[slots.X_MAX] - r)
-    truth[Y] = min(max(mean[Y] + scene[slots.START_SD] * ey, scene[slots.Y_MIN] + r), scene[slots.Y_MAX] - r)
-    truth[THETA] = wrap(mean[THETA] + scene[slots.START_YAW_SD] * eh)
-    if scene[slots.DRIFT_NORMAL] > 0.0:
-        truth[DRIFT] = scene[slots.DRIFT_SIZE] * ed
+    r = scene.radius
+    truth[X] = min(max(mean[X] + scene.start_sd * ex, scene.x_min + r), scene.x_max - r)
+    truth[Y] = min(max(mean[Y] + scene.start_sd * ey, scene.y_min + r), scene.y_max - r)
+    truth[THETA] = wrap(mean[THETA] + scene.start_yaw_sd * eh)
+    if scene.drift_normal > 0.0:
+        truth[DRIFT] = scene.drift_size * ed
     else:
-        truth[DRIFT] = scene[slots.DRIFT_SIZE] if ed > 0.0 else -scene[slots.DRIFT_SIZE]
+        truth[DRIFT] = scene.drift_size if ed > 0.0 else -scene.drift_size
     truth[BEGAN] = truth[DRIFT]
     truth[DRIFT] = drift_at(scene, truth[BEGAN], 0.0)
     tilt_a, tilt_b = normal_pair(rng)
-    truth[ROLL], truth[PITCH] = scene[slots.TILT_SD] * tilt_a, scene[slots.TILT_SD] * tilt_b
-    for i in range(state.status.size):
-        state.status[i] = 0.0
-    state.status[slots.LAST] = slots.NO_ACTION
-    state.status[slots.BLOCKED] = is_blocked(scene, truth)
+    truth[ROLL], truth[PITCH] = scene.tilt_sd * tilt_a, scene.tilt_sd * tilt_b
+    status = state.status
+    status.time = status.stands = status.turns = status.outcome = status.steps = status.way = 0.0
+    status.last, status.blocked = slots.NO_ACTION, is_blocked(scene, truth)
     copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
 
 
 @row_kernel
-def drift_at(scene: Array, began: float, way: float) -> float:
-    """Return the drift, rad per m, after `way` m walked in a scene (ELEMENTS,), by its course; `began` is the first."""
-    course = int(scene[slots.COURSE])
-    dx, dy = scene[slots.GOAL_X] - scene[slots.START_X], scene[slots.GOAL_Y] - scene[slots.START_Y]
+def drift_at(scene: Record, began: float, way: float) -> float:
+    """Return the drift, rad per m, after `way` m walked in a scene, by its course; `began` is the first."""
+    course = int(scene.course)
+    dx, dy = scene.goal_x - scene.start_x, scene.goal_y - scene.start_y
     part = min(1.0, way / math.sqrt(dx * dx + dy * dy))
     if course == 1:
         return began if part < 0.5 else -began
@@ -156,21 +152,20 @@ def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None
 
 
 @row_kernel
-def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -> int:
+def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array) -> int:
     """Write the landmarks that a frame recognises into the last column of work; return their number.
 
-    `scene` and `action`: elements as `policy.arrays` names them; `work` as in `EpisodeRoom`.
+    `work` as in `EpisodeRoom`.
     """
     truth, marks, first = state.truth, state.marks, state.first
-    nx = math.ceil((scene[slots.X_MAX] - scene[slots.X_MIN]) / CELL)
-    ny = math.ceil((scene[slots.Y_MAX] - scene[slots.Y_MIN]) / CELL)
+    nx, ny = squares(scene)
     c, s = math.cos(truth[THETA]), math.sin(truth[THETA])
-    at_x, at_y, half = truth[X] + action[slots.BOX_AT] * c, truth[Y] + action[slots.BOX_AT] * s, action[slots.BOX_HALF]
-    ix0 = max(math.floor((at_x - half - scene[slots.X_MIN]) / CELL), 0)
-    ix1 = min(math.floor((at_x + half - scene[slots.X_MIN]) / CELL), nx - 1)
-    iy0 = max(math.floor((at_y - half - scene[slots.Y_MIN]) / CELL), 0)
-    iy1 = min(math.floor((at_y + half - scene[slots.Y_MIN]) / CELL), ny - 1)
-    near2, far2, cos_half = action[slots.RANGE_MIN] ** 2, action[slots.RANGE_MAX] ** 2, action[slots.COS_HALF]
+    at_x, at_y, half = truth[X] + action.box_at * c, truth[Y] + action.box_at * s, action.box_half
+    ix0 = max(math.floor((at_x - half - scene.x_min) / CELL), 0)
+    ix1 = min(math.floor((at_x + half - scene.x_min) / CELL), nx - 1)
+    iy0 = max(math.floor((at_y - half - scene.y_min) / CELL), 0)
+    iy1 = min(math.floor((at_y + half - scene.y_min) / CELL), ny - 1)
+    near2, far2, cos_half = action.range_min**2, action.range_max**2, action.cos_half
     found, column = 0, work.shape[1] - 1
     if iy1 < iy0:
         return 0
@@ -179,22 +174,19 @@ def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -
             dx, dy = marks[k, 0] - truth[X], marks[k, 1] - truth[Y]
             r2 = dx * dx + dy * dy
             inside = near2 <= r2 <= far2 and c * dx + s * dy >= cos_half * math.sqrt(r2)
-            if inside and found < IN_VIEW and uniform(state.rng) < action[slots.MATCH]:
+            if inside and found < IN_VIEW and uniform(state.rng) < action.match:
                 work[found, column] = k
                 found += 1
     return found
 
 
 @row_kernel
-def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) -> int:
-    """Take one frame and correct the belief with each landmark that is recognised, in place; return their number.
-
-    `scene` and `action`: elements as `policy.arrays` names them.
-    """
+def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) -> int:
+    """Take one frame and correct the belief with each landmark that is recognised, in place; return their number."""
     truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
     gain, work, n = room.gain, room.work, state.mean.size
     found, column = _recognised(scene, action, state, work), work.shape[1] - 1
-    used = min(found, int(scene[slots.MOST]))
+    used = min(found, int(scene.most))
     for i in range(used):
         if found > used:  # a random choice of them
             j = i + below(rng, found - i)
@@ -205,72 +197,71 @@ def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) ->
         dx, dy = marks[k, 0] - truth[X], marks[k, 1] - truth[Y]
         r, b = math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - truth[THETA])
         er, eb = normal_pair(rng)
-        var_r = action[slots.SD_RANGE] ** 2 + (action[slots.SD_SHARE] * r) ** 2
-        seen_r, seen_b = r + math.sqrt(var_r) * er, b + action[slots.SD_BEARING] * eb
+        var_r = action.sd_range**2 + (action.sd_share * r) ** 2
+        seen_r, seen_b = r + math.sqrt(var_r) * er, b + action.sd_bearing * eb
         if n > NUISANCE:
-            tilt_gain(r, b, scene[slots.HEIGHT], gain)
+            tilt_gain(r, b, scene.height, gain)
             seen_r += gain[0, 0] * truth[ROLL] + gain[0, 1] * truth[PITCH]
             seen_b += gain[1, 0] * truth[ROLL] + gain[1, 1] * truth[PITCH]
         seen_r = max(seen_r, 0.01)
         if n > NUISANCE:
             px, py = marks[k, 0] - mean[X], marks[k, 1] - mean[Y]  # at the predicted place: the one seen is noisy
-            near = max(math.sqrt(px * px + py * py), action[slots.RANGE_MIN])
-            tilt_gain(near, math.atan2(py, px) - mean[THETA], scene[slots.HEIGHT], gain)
-        seen = LandmarkSighting(marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[slots.SD_BEARING] ** 2)
+            near = max(math.sqrt(px * px + py * py), action.range_min)
+            tilt_gain(near, math.atan2(py, px) - mean[THETA], scene.height, gain)
+        seen = LandmarkSighting(marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action.sd_bearing**2)
         update(mean, state.cov, seen, gain, work)
     return used
 
 
 @row_kernel
-def move(scene: Array, action: Array, share: float, rng: Stream, truth: Array) -> None:
+def move(scene: Record, action: Record, share: float, rng: Stream, truth: Array) -> None:
     """Carry the truth (TRUTH,) over a share of an action, in place; a wall stops it.
 
-    `scene` and `action`: elements as `policy.arrays` names them; `share`: 0 to 1 of its way and its time.
+    `share`: 0 to 1 of its way and its time.
     """
     along_e, across_e = normal_pair(rng)
     heading_e, _ = normal_pair(rng)
-    change = share * (action[slots.TURN] + truth[DRIFT] * action[slots.FORWARD])
+    change = share * (action.turn + truth[DRIFT] * action.forward)
     middle = truth[THETA] + 0.5 * change
-    along = share * action[slots.FORWARD] + math.sqrt(share * action[slots.VAR_ALONG]) * along_e
-    across = math.sqrt(share * action[slots.VAR_ACROSS]) * across_e
-    c, s, r = math.cos(middle), math.sin(middle), scene[slots.RADIUS]
-    truth[X] = min(max(truth[X] + along * c - across * s, scene[slots.X_MIN] + r), scene[slots.X_MAX] - r)
-    truth[Y] = min(max(truth[Y] + along * s + across * c, scene[slots.Y_MIN] + r), scene[slots.Y_MAX] - r)
-    truth[THETA] = wrap(truth[THETA] + change + math.sqrt(share * action[slots.VAR_HEADING]) * heading_e)
+    along = share * action.forward + math.sqrt(share * action.var_along) * along_e
+    across = math.sqrt(share * action.var_across) * across_e
+    c, s, r = math.cos(middle), math.sin(middle), scene.radius
+    truth[X] = min(max(truth[X] + along * c - across * s, scene.x_min + r), scene.x_max - r)
+    truth[Y] = min(max(truth[Y] + along * s + across * c, scene.y_min + r), scene.y_max - r)
+    truth[THETA] = wrap(truth[THETA] + change + math.sqrt(share * action.var_heading) * heading_e)
 
 
 @row_kernel
-def _frames_of(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) -> None:
+def _frames_of(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) -> None:
     """Do an action frame by frame, in place: truth and belief, and ahead the belief at the next decision.
 
-    That one lacks the frames of the last `decision_delay` s: it is predicted instead. `scene` and `action`: elements as
-    `policy.arrays` names them.
+    That one lacks the frames of the last `decision_delay` s: it is predicted instead.
     """
-    frames, late = int(action[slots.FRAMES]), int(action[slots.LATE])
+    frames, late = int(action.frames), int(action.late)
     share, noise = 1.0 / frames, room.noise
-    noise[0], noise[1] = share * action[slots.VAR_ALONG], share * action[slots.VAR_ACROSS]
-    noise[2], noise[3] = share * action[slots.FILTER_HEADING], share * action[slots.VAR_DRIFT]
-    still, mean, cov, truth = action[slots.KIND] == slots.STAND, state.mean, state.cov, state.truth
+    noise[0], noise[1] = share * action.var_along, share * action.var_across
+    noise[2], noise[3] = share * action.filter_heading, share * action.var_drift
+    still, mean, cov, truth = action.kind == slots.STAND, state.mean, state.cov, state.truth
     for f in range(frames):
         if late > 0 and f == frames - late:
             copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
         if not still:
             move(scene, action, share, state.rng, truth)
-            way = share * action[slots.FORWARD]
-            predict(mean, cov, way, 0.0, share * action[slots.TURN], way, noise, room.work)
+            way = share * action.forward
+            predict(mean, cov, way, 0.0, share * action.turn, way, noise, room.work)
         if mean.size > NUISANCE:
-            keep = action[slots.TILT_KEEP]
+            keep = action.tilt_keep
             ea, eb = normal_pair(state.rng)
-            fresh = math.sqrt(1.0 - keep * keep) * scene[slots.TILT_SD]
+            fresh = math.sqrt(1.0 - keep * keep) * scene.tilt_sd
             truth[ROLL], truth[PITCH] = keep * truth[ROLL] + fresh * ea, keep * truth[PITCH] + fresh * eb
-            age_nuisances(mean, cov, keep, scene[slots.TILT_SD] ** 2)
+            age_nuisances(mean, cov, keep, scene.tilt_sd**2)
         look(scene, action, state, room)
     if late == 0:
         copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
     elif not still:
         for i in range(4):
             noise[i] *= late
-        way, turn = late * share * action[slots.FORWARD], late * share * action[slots.TURN]
+        way, turn = late * share * action.forward, late * share * action.turn
         predict(state.ahead_mean, state.ahead_cov, way, 0.0, turn, way, noise, room.work)
 
 
@@ -286,23 +277,23 @@ def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeS
         state: of the episode; truth, belief and status are carried over the action.
         room: scratch.
     """
-    scene, action, status = model.scene, model.actions[chosen], state.status
-    state.truth[DRIFT] = drift_at(scene, state.truth[BEGAN], status[slots.WAY])
-    seed(state.rng, run, episode, STEP + int(status[slots.STEPS]))
+    scene, action, status = model.scene[0], model.actions[chosen], state.status
+    state.truth[DRIFT] = drift_at(scene, state.truth[BEGAN], status.way)
+    seed(state.rng, run, episode, STEP + int(status.steps))
     _frames_of(scene, action, state, room)
-    kind, last = int(action[slots.KIND]), int(status[slots.LAST])
-    before = slots.STAND if last < 0 else int(model.actions[last, slots.KIND])
-    seconds = action[slots.SECONDS] + model.switching[before, kind]
-    status[slots.TIME] += seconds
-    status[slots.WAY] += action[slots.FORWARD]
-    status[slots.LAST] = chosen
-    status[slots.STEPS] += 1.0
-    status[slots.STANDS] = status[slots.STANDS] + 1.0 if kind == slots.STAND else 0.0
-    status[slots.TURNS] = status[slots.TURNS] + 1.0 if kind == slots.TURNING else 0.0
-    status[slots.BLOCKED] = is_blocked(scene, state.truth)
-    dx, dy = scene[slots.GOAL_X] - state.truth[X], scene[slots.GOAL_Y] - state.truth[Y]
-    if dx * dx + dy * dy < scene[slots.GOAL_RADIUS] ** 2:
-        status[slots.OUTCOME] = slots.REACHED
-        return scene[slots.GOAL_REWARD]
-    status[slots.OUTCOME] = slots.CUT_OFF if status[slots.TIME] >= scene[slots.TIME_LIMIT] else slots.RUNNING
+    kind, last = int(action.kind), int(status.last)
+    before = slots.STAND if last < 0 else int(model.actions[last].kind)
+    seconds = action.seconds + model.switching[before, kind]
+    status.time += seconds
+    status.way += action.forward
+    status.last = chosen
+    status.steps += 1.0
+    status.stands = status.stands + 1.0 if kind == slots.STAND else 0.0
+    status.turns = status.turns + 1.0 if kind == slots.TURNING else 0.0
+    status.blocked = is_blocked(scene, state.truth)
+    dx, dy = scene.goal_x - state.truth[X], scene.goal_y - state.truth[Y]
+    if dx * dx + dy * dy < scene.goal_radius**2:
+        status.outcome = slots.REACHED
+        return scene.goal_reward
+    status.outcome = slots.CUT_OFF if status.time >= scene.time_limit else slots.RUNNING
     return -seconds

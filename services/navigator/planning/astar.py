@@ -22,11 +22,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arrays import Ints
 from surefoot.kernels.jit import inner_kernel, row_kernel
 
 Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int32]
-Longs = NDArray[np.int64]
+Ints32 = NDArray[np.int32]
 
 STRAIGHT, DIAGONAL = 12, 17
 UNIT = 4
@@ -52,25 +52,9 @@ GROWTH = 65_536
 
 
 @row_kernel
-def bound(dr: int, dc: int, marks: Ints, cell: int, goal: int) -> int:
-    """Return the bound of the cost from a cell to the goal.
-
-    Args:
-        dr: offset along rows, cells.
-        dc: offset along columns, cells.
-        marks: costs between marks and cells, (cells, marks), UNSEEN where there is no way.
-        cell: index of the cell.
-        goal: index of the goal.
-    """
-    dr, dc = abs(dr), abs(dc)
-    h = 2 * UNIT * (STRAIGHT * max(dr, dc) + (DIAGONAL - STRAIGHT) * min(dr, dc))
-    for m in range(marks.shape[1]):
-        h = max(h, abs(marks[cell, m] - marks[goal, m]))
-    return h
-
-
-@row_kernel
-def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: int, used: int) -> tuple[int, int]:
+def enter(
+    entry: int, f: int, heads: Ints32, cell_of: Ints32, next_of: Ints32, spare: int, used: int
+) -> tuple[int, int]:
     """Put an entry (cell << 4 | direction) into the bucket of f.
 
     Args:
@@ -99,7 +83,7 @@ def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: 
 
 
 @row_kernel
-def doubled(entries: Ints) -> Ints:
+def doubled(entries: Ints32) -> Ints32:
     """Return room for twice as many entries (n,), the first n of which are these."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
@@ -114,35 +98,31 @@ class SearchMap(NamedTuple):
     """Cost factors with the bit EVEN, padded and flattened, (cells,)."""
     wide: int
     """Cells of a padded row."""
-    marks: Ints
+    marks: Ints32
     """Costs between marks and cells, (cells, marks)."""
     goal: int
     """Index of the goal, or NOWHERE."""
     goal_row: int
     goal_col: int
-    offsets: Longs
+    offsets: Ints
     """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
-    row_of: Longs
-    """Offset along rows, (8,)."""
-    col_of: Longs
-    """Offset along columns, (8,)."""
-    onward: Longs
+    onward: Ints
     """Directions after each, (8, 3)."""
 
 
 class Successors(NamedTuple):
     """Ends of the steps from one cell."""
 
-    entry: Longs
+    entry: Ints
     """Cell << 4 | direction, (8,)."""
-    f: Longs
+    f: Ints
     """Cost from the start to each end, plus the bound on the rest of the way, (8,)."""
-    h: Longs
+    h: Ints
     """Lower bound on the cost of the rest of the way, (8,)."""
 
 
 @row_kernel
-def _map_of(weight: Bytes, goal: int, marks: Ints) -> SearchMap:
+def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
     """Return the constants of a search for one goal: weights with a border (rows + 2, cols + 2), goal, neighbours."""
     wide = weight.shape[1]
     return SearchMap(
@@ -153,32 +133,42 @@ def _map_of(weight: Bytes, goal: int, marks: Ints) -> SearchMap:
         goal // wide,
         goal % wide,
         np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1]),
-        np.array([0, 1, 0, -1, 1, 1, -1, -1]),
-        np.array([1, 0, -1, 0, 1, -1, -1, 1]),
         np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 1], [5, 1, 2], [6, 2, 3], [7, 3, 0]]),
     )
 
 
 @row_kernel
-def _run(floor: SearchMap, g: Ints, n: int, step: int, cost: int) -> tuple[int, int, int]:
+def bound(floor: SearchMap, cell: int) -> int:
+    """Return the bound of the cost from a cell to the goal."""
+    if floor.goal == NOWHERE:
+        return 0
+    dr, dc = abs(cell // floor.wide - floor.goal_row), abs(cell % floor.wide - floor.goal_col)
+    h = 2 * UNIT * (STRAIGHT * max(dr, dc) + (DIAGONAL - STRAIGHT) * min(dr, dc))
+    for m in range(floor.marks.shape[1]):
+        h = max(h, abs(floor.marks[cell, m] - floor.marks[floor.goal, m]))
+    return h
+
+
+@row_kernel
+def _run(floor: SearchMap, g: Ints32, n: int, step: int, cost: int) -> tuple[int, int]:
     """Follow a straight run of EVEN cells from n by steps of `step`, reached at `cost`; write costs into g (cells,).
 
     Returns:
-        End of the run, cost there, length in cells; length 0 where a cell of the run was reached as cheaply before.
+        End of the run, -1 where a cell of the run was reached as cheaply before, and cost there.
     """
     length, each = 1, int(2 * STRAIGHT * (floor.weight[n] & FACTOR))
     while floor.weight[n] >= EVEN and n != floor.goal and length < RUN:
         cost += each
         if cost >= g[n + step]:
-            return n, cost, 0
+            return -1, cost
         n += step
         g[n] = cost
         length += 1
-    return n, cost, length
+    return n, cost
 
 
 @inner_kernel
-def _expand(floor: SearchMap, g: Ints, cell: int, came: int, here: int, out: Successors) -> int:
+def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: Successors) -> int:
     """Write the ends of the steps from a cell that become cheaper; return their number.
 
     Args:
@@ -189,7 +179,6 @@ def _expand(floor: SearchMap, g: Ints, cell: int, came: int, here: int, out: Suc
         here: its cost.
         out: result.
     """
-    r, c = cell // floor.wide, cell % floor.wide
     even, own = floor.weight[cell] >= EVEN and came < ANY, floor.weight[cell] & FACTOR
     steps, count, closed = 8, 0, 0  # closed: bits of the edges that are not free
     if even:
@@ -204,25 +193,22 @@ def _expand(floor: SearchMap, g: Ints, cell: int, came: int, here: int, out: Suc
                 continue
             if k >= 4 and closed & (1 << floor.onward[k, 1] | 1 << floor.onward[k, 2]):
                 continue
-        cost, length = int(here + (STRAIGHT if k < 4 else DIAGONAL) * (own + factor)), 1
+        cost = int(here + (STRAIGHT if k < 4 else DIAGONAL) * (own + factor))
         if cost >= g[n]:
             continue
         g[n] = cost
         if k < 4:
-            n, cost, length = _run(floor, g, n, floor.offsets[k], cost)
-            if length == 0:
+            n, cost = _run(floor, g, n, floor.offsets[k], cost)
+            if n < 0:
                 continue  # its only successor has been reached as cheaply
-        h = 0
-        if floor.goal != NOWHERE:
-            row, col = r + length * floor.row_of[k], c + length * floor.col_of[k]
-            h = bound(row - floor.goal_row, col - floor.goal_col, floor.marks, n, floor.goal)
+        h = bound(floor, n)
         out.entry[count], out.f[count], out.h[count] = n << 4 | k, cost + h, h
         count += 1
     return count
 
 
 @row_kernel
-def _settle_rest(g: Ints) -> int:
+def _settle_rest(g: Ints32) -> int:
     """Settle the cells of g (cells,) that were seen only, in place; return their number."""
     count = 0
     for n in range(g.size):
@@ -233,7 +219,7 @@ def _settle_rest(g: Ints) -> int:
 
 
 @row_kernel
-def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
+def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> int:
     """Settle cells from the start on until the goal is.
 
     Args:
@@ -253,11 +239,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
     out = Successors(ends[0], ends[1], ends[2])
     cell_of, next_of = np.empty(GROWTH, dtype=np.int32), np.empty(GROWTH, dtype=np.int32)
     spare, used, queued, settled = -1, 1, 1, 0
-    g[start] = 0
-    f = 0
-    if goal != NOWHERE:
-        row, col = start // floor.wide - floor.goal_row, start % floor.wide - floor.goal_col
-        f = bound(row, col, marks, start, goal)
+    g[start], f = 0, bound(floor, start)
     cell_of[0], next_of[0] = start << 4 | ANY, -1
     heads[f & (BUCKETS - 1)] = 0
     while queued > 0:
@@ -299,7 +281,7 @@ def cost_of(entry: int) -> int:
 
 
 @row_kernel
-def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
+def trace(weight: Bytes, start: int, goal: int, g: Ints32) -> Ints32:
     """Return the cells of the path from start to goal, flat indices (n,), by the costs g (cells,) of `search`.
 
     `weight` (rows, cols): factor of each cell.
@@ -310,22 +292,15 @@ def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
     path = np.empty(1024, dtype=np.int32)
     path[0], n, cell = goal, 1, goal
     while cell != start:
-        here, factor, found = cost_of(g[cell]), w[cell] & FACTOR, -1
+        here, factor, other = cost_of(g[cell]), w[cell] & FACTOR, cell
         for k in range(8):
-            if found >= 0:
-                break
             other = cell + offsets[k]
-            if w[other] == 0 or g[other] == UNSEEN:
-                continue
+            step = (STRAIGHT if k < 4 else DIAGONAL) * (factor + (w[other] & FACTOR))
+            across = offsets[k] - wide if k < 6 else offsets[k] + wide
             before = cost_of(g[other])  # pyright: ignore[reportArgumentType] - a number to the compiler
-            if k < 4:
-                if before + STRAIGHT * (factor + (w[other] & FACTOR)) == here:
-                    found = other
-            elif before + DIAGONAL * (factor + (w[other] & FACTOR)) == here:
-                across = offsets[k] - wide if k < 6 else offsets[k] + wide
-                if w[cell + across] > 0 and w[other - across] > 0:
-                    found = other
-        cell = found
+            if before + step == here and (k < 4 or (w[cell + across] > 0 and w[other - across] > 0)):
+                break
+        cell = other
         if n == path.size:
             path = doubled(path)
         path[n] = cell

@@ -9,18 +9,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.arguments import number, whole
+from surefoot.arrays import Flags
 from surefoot.errors import FieldError, Refusal
 from surefoot.kernels.jit import row_kernel
 
 from . import astar
-from .astar import EVEN, HEAVIEST, UNIT
+from .astar import EVEN, HEAVIEST, UNIT, Bytes, Ints32
 from .grid import FloorGrid
-
-Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int32]
 
 LARGE = 300_000
 """Free cells from which on marks pay: they take 16 bytes a cell, and a second or so to make for four million."""
@@ -34,13 +31,6 @@ WIDEST = 200
 @dataclass(frozen=True)
 class Clearance:
     """Distances that routes keep from obstacles.
-
-    Args:
-        radius: of the robot, m: no route comes closer to an obstacle.
-        comfort: distance from an obstacle from which on a cell is no cheaper, m.
-        dearest: cost of a cell at `radius` over that of one at `comfort`, 1 to 4.
-        obstacle: occupancy from which on a cell is an obstacle, 1 to 100.
-        through_unknown: unknown cells may be walked over; the outside of the grid never.
 
     Raises:
         Refusal: a number is out of range; `field` names it.
@@ -78,27 +68,23 @@ class Costs:
     weight: Bytes
     """Cost factors of the padded cells, (rows + 2, cols + 2): UNIT far from obstacles, 0 = not to be entered; with the
     bit EVEN, see `astar`."""
-    region: Ints
+    region: Ints32
     """Connected regions of free cells, numbered from 1 on, (rows + 2, cols + 2); 0 = blocked."""
-    distance2: Ints
+    distance2: Ints32
     """Squared distance of cell centres to the nearest obstacle's, (rows + 2, cols + 2) cells^2, bounded."""
-    marks: Ints
+    marks: Ints32
     """Costs between cells that lie far apart and all others, (cells, marks), see `astar`; no marks in a small map."""
     marked: int
     """Region the marks are in."""
 
     @cached_property
-    def scratch(self) -> Ints:
+    def scratch(self) -> Ints32:
         """Return room for the costs of a search, (cells,); every search overwrites all of it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
-    def marks_of(self, region: int) -> Ints:
-        """Return the costs between marks and cells, (cells, marks), if the marks lie in a region, else (cells, 0)."""
-        return self.marks if region == self.marked else self.marks[:, :0]
-
-    def distance(self, row: int, col: int) -> float:
-        """Return how far the centre of a cell is from the edge of the nearest obstacle, m; bounded by `comfort`."""
-        cells = math.sqrt(float(self.distance2[row + 1, col + 1])) - 0.5
+    def clearance_of(self, path: Ints32) -> float:
+        """Return the least distance of a path's cells (n,), flat indices, to an obstacle's edge, m; up to `comfort`."""
+        cells = math.sqrt(float(self.distance2.ravel()[path].min())) - 0.5
         return max(0.0, min(self.clearance.comfort, cells * self.grid.cell))
 
 
@@ -121,10 +107,12 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
     if most > WIDEST:
         allowed = f"{WIDEST} cells, {WIDEST * grid.cell:g} m"
         raise Refusal("bad_clearance", f"comfort is at most {allowed}, got {clearance.comfort!r}", "comfort")
-    wall = blocked(grid.cells, clearance.obstacle, clearance.through_unknown)
-    distance2 = squared_distance(wall, most)
-    weight = weights(distance2, _table(clearance, grid.cell, most))
-    mark_even(weight, EVEN)
+    wall = grid.cells >= clearance.obstacle
+    if not clearance.through_unknown:
+        wall |= grid.cells < 0
+    distance2 = squared_distance(np.pad(wall, 1, constant_values=True), most)
+    weight = _table(clearance, grid.cell, most).take(distance2)
+    _mark_even(weight)
     region = regions(weight)
     size = np.bincount(region.ravel())
     size[0] = 0
@@ -132,38 +120,37 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
     many = MARKS if lasting and size[largest] >= LARGE else 0
     marks = np.empty((weight.size, many), dtype=np.int32)
     cost, far = np.empty(weight.size, dtype=np.int32), int((region.ravel() == largest).argmax())
-    for i in range(many + 1 if many else 0):  # the first is only to find the one farthest from it
+    least = np.full(weight.size, astar.UNSEEN, dtype=np.int32)
+    for i in range(-1, many) if many else ():  # the first is only to find the one farthest from it
         astar.search(weight, far, astar.NOWHERE, marks[:, :0], cost)
-        far = settled_costs(cost, marks, i - 1)
+        found = np.where(cost < 0, -cost - 1, 0)
+        if i >= 0:
+            marks[:, i] = found
+            np.minimum(least, found, out=least)
+        far = int((found if i < 0 else least).argmax())
     return Costs(grid, clearance, weight, region, distance2, marks, largest)
 
 
 def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
     """Return the weight by squared distance in cells, ((most + 1)^2 + 1,)."""
-    table, span = np.zeros((most + 1) ** 2 + 1, dtype=np.uint8), clearance.comfort - clearance.radius
-    for d2 in range(1, table.size):
-        d = (math.sqrt(d2) - 0.5) * cell
-        if d < clearance.radius - 1e-9:
-            continue
-        near = min(1.0, max(0.0, (clearance.comfort - d) / span)) if span > 0.0 else 0.0
-        table[d2] = round(UNIT * (1.0 + (clearance.dearest - 1.0) * near))
-    return table
+    d, span = (np.sqrt(np.arange((most + 1) ** 2 + 1)) - 0.5) * cell, clearance.comfort - clearance.radius
+    near = np.clip((clearance.comfort - d) / span, 0.0, 1.0) if span > 0.0 else 0.0
+    table = np.rint(UNIT * (1.0 + (clearance.dearest - 1.0) * near)).astype(np.uint8)
+    return np.where(d < clearance.radius - 1e-9, np.uint8(0), table)
+
+
+def _mark_even(weight: Bytes) -> None:
+    """Set the bit EVEN of the free cells that weigh the same as all eight neighbours, in place."""
+    inner = weight[1:-1, 1:-1]
+    (rows, cols), even = inner.shape, inner > 0
+    for r in range(3):
+        for c in range(3):
+            even &= weight[r : r + rows, c : c + cols] == inner
+    inner |= even * np.uint8(EVEN)
 
 
 @row_kernel
-def blocked(cells: NDArray[np.int8], obstacle: int, through_unknown: bool) -> Bytes:
-    """Return 1 where a cell is an obstacle, padded, (rows + 2, cols + 2); the frame is one, too."""
-    rows, cols = cells.shape
-    out = np.ones((rows + 2, cols + 2), dtype=np.uint8)
-    for r in range(rows):
-        for c in range(cols):
-            value = cells[r, c]
-            out[r + 1, c + 1] = value >= obstacle or (value < 0 and not through_unknown)
-    return out
-
-
-@row_kernel
-def squared_distance(wall: Bytes, most: int) -> Ints:
+def squared_distance(wall: Flags, most: int) -> Ints32:
     """Return the squared distance of every cell centre to the nearest wall's, cells^2: exact to `most`, then constant.
 
     d^2(r, c) = min over k of (k - c)^2 + down(r, k)^2, down = distance to the nearest wall of the same column.
@@ -192,44 +179,7 @@ def squared_distance(wall: Bytes, most: int) -> Ints:
 
 
 @row_kernel
-def weights(distance2: Ints, table: Bytes) -> Bytes:
-    """Return the cost factor of every cell, `table[d^2]`, (rows, cols), d in cells; 0 = not to be entered.
-
-    The frame stays 0.
-    """
-    rows, cols = distance2.shape
-    out = np.zeros((rows, cols), dtype=np.uint8)
-    last = table.size - 1
-    for r in range(1, rows - 1):
-        for c in range(1, cols - 1):
-            out[r, c] = table[min(last, distance2[r, c])]
-    return out
-
-
-@row_kernel
-def mark_even(weight: Bytes, bit: int) -> None:
-    """Set a bit of the free cells that weigh the same as all eight neighbours, in place."""
-    rows, cols = weight.shape
-    before, this = np.zeros(cols, dtype=np.bool_), np.zeros(cols, dtype=np.bool_)
-    for r in range(1, rows - 1):
-        for c in range(1, cols - 1):
-            w = weight[r, c]
-            same = w > 0
-            for i in range(-1, 2):
-                for j in range(-1, 2):
-                    same = same and weight[r + i, c + j] == w
-            this[c] = same
-        for c in range(1, cols - 1):  # a row behind, so that no mark is compared
-            if before[c]:
-                weight[r - 1, c] |= np.uint8(bit)
-            before[c] = this[c]
-    for c in range(1, cols - 1):
-        if before[c]:
-            weight[rows - 2, c] |= np.uint8(bit)
-
-
-@row_kernel
-def root(parent: Ints, i: int) -> int:
+def root(parent: Ints32, i: int) -> int:
     """Return the representative of label i, and shorten the way to it in `parent` (labels,), in place."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -238,7 +188,7 @@ def root(parent: Ints, i: int) -> int:
 
 
 @row_kernel
-def regions(weight: Bytes) -> Ints:
+def regions(weight: Bytes) -> Ints32:
     """Return the connected region of every free cell of weight (rows, cols), from 1 on, 0 = blocked.
 
     Neighbours share an edge: a diagonal step needs both cells beside it, so it connects nothing that edges do not.
@@ -254,68 +204,32 @@ def regions(weight: Bytes) -> Ints:
             left, under = label[r, c - 1], label[r - 1, c]
             if left == 0 and under == 0:
                 used += 1
-                parent[used] = used
-                label[r, c] = used
+                parent[used] = label[r, c] = used
             elif left == 0 or under == 0 or left == under:
                 label[r, c] = max(left, under)
             else:
                 a, b = root(parent, left), root(parent, under)
-                parent[max(a, b)] = min(a, b)
-                label[r, c] = min(a, b)
-    names = np.zeros(used + 1, dtype=np.int32)
+                parent[max(a, b)] = label[r, c] = min(a, b)
     count = 0
-    for i in range(1, used + 1):
-        at = root(parent, i)
-        if names[at] == 0:
-            count += 1
-            names[at] = count
-        names[i] = names[at]
+    for i in range(1, used + 1):  # a parent has the smaller label: by now it is the number of its region
+        count += parent[i] == i
+        parent[i] = count if parent[i] == i else parent[parent[i]]
     for r in range(1, rows - 1):
         for c in range(1, cols - 1):
-            label[r, c] = names[label[r, c]]
+            label[r, c] = parent[label[r, c]]
     return label
 
 
 @row_kernel
-def nearest_free(weight: Bytes, label: Ints, wanted: int, row: float, col: float) -> tuple[int, int, float]:
-    """Return the free cell nearest to a place, all in padded cells; of one region, or of any where `wanted` is 0.
-
-    Returns:
-        Row, column (0, 0 if there is none), distance in cells.
-    """
-    rows, cols = weight.shape
+def nearest_free(free: Flags, row: float, col: float) -> tuple[int, int, float]:
+    """Return row, column and distance of the free cell (rows, cols) nearest to a place, all in cells; inf: none is."""
     best, best_r, best_c = math.inf, 0, 0
-    for r in range(1, rows - 1):
+    for r in range(free.shape[0]):
         dr = (r - row) * (r - row)
         if dr >= best:
             continue
-        for c in range(1, cols - 1):
-            if weight[r, c] == 0 or (wanted != 0 and label[r, c] != wanted):
-                continue
+        for c in range(free.shape[1]):
             d = dr + (c - col) * (c - col)
-            if d < best:
+            if free[r, c] and d < best:
                 best, best_r, best_c = d, r, c
     return best_r, best_c, math.sqrt(best)
-
-
-@row_kernel
-def settled_costs(cost: Ints, marks: Ints, column: int) -> int:
-    """Write the costs of a search of everything into a column of the marks; return the next mark's cell.
-
-    That is the cell whose least cost to any mark so far is largest. Cells out of reach get 0 in every column.
-
-    Args:
-        cost: of `astar.search`, flattened: -cost - 1 where it was settled.
-        marks: (cells, marks).
-        column: to be written, or -1: none, and the next one is the cell farthest from this search's start.
-    """
-    best, farthest = 0, -1
-    for i in range(cost.size):
-        value = -cost[i] - 1 if cost[i] < 0 else 0
-        if column >= 0:
-            marks[i, column] = value
-            for m in range(column):
-                value = min(value, marks[i, m])
-        if value > farthest:
-            best, farthest = i, value
-    return best

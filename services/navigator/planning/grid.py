@@ -11,6 +11,8 @@ from surefoot.errors import FieldError, Refusal
 from surefoot.geometry.heightmap import MAX_CELLS, SMALLEST_CELL, HeightMap
 
 Cells = NDArray[np.int8]
+Point = tuple[float, float]
+"""x and y in m, frame map."""
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 LARGEST_CELL = 10.0
@@ -26,12 +28,6 @@ class GridError(Refusal):
 @dataclass(frozen=True, eq=False)
 class FloorGrid:
     """Occupancy in frame `map`, as map_server publishes it; immutable.
-
-    Args:
-        cells: occupancy, (rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown.
-        cell: edge of a cell, m.
-        origin: x, y of the lower-left corner of cell [0, 0], m.
-        source: origin of the grid, in words.
 
     Raises:
         GridError: no cells or too many, values outside -1 to 100, a cell size or an origin that cannot be.
@@ -103,30 +99,18 @@ class FloorGrid:
         return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
 
 
-def grid_of(
-    ground: HeightMap, step: float = STEP, floor: float | None = None, source: str = "terrain/map"
-) -> FloorGrid:
-    """Return the occupancy of a height map: ground more than `step` over or under the floor is occupied.
+def grid_of(ground: HeightMap) -> FloorGrid:
+    """Return the occupancy of a height map: ground more than `STEP` over or under the floor, the median, is occupied.
 
-    Args:
-        ground: heights; cells without one are unknown.
-        step: m.
-        floor: height of the floor, m; None = the median height.
-        source: of the grid.
+    Cells without a height are unknown.
 
     Raises:
-        GridError: `step` is not > 0, or no height is known and none is given.
+        GridError: no height is known.
     """
-    if not (math.isfinite(step) and step > 0.0):
-        raise GridError("bad_grid", f"step is finite and > 0 m, got {step!r}", "step")
     z, known = ground.z.astype(np.float64), ~np.isnan(ground.z)
-    if floor is None:
-        if not known.any():
-            raise GridError(
-                "bad_grid", "the height map has no known cell, and no height of the floor is given", "floor"
-            )
-        floor = float(np.median(z[known]))
+    if not known.any():
+        raise GridError("bad_grid", "the height map has no known cell", "cells")
     cells = np.full(z.shape, UNKNOWN, dtype=np.int8)
-    cells[known] = np.where(np.abs(z[known] - floor) > step, OCCUPIED, FREE)
+    cells[known] = np.where(np.abs(z[known] - float(np.median(z[known]))) > STEP, OCCUPIED, FREE)
     half = 0.5 * ground.cell
-    return FloorGrid(cells, ground.cell, (ground.origin[0] - half, ground.origin[1] - half), source)
+    return FloorGrid(cells, ground.cell, (ground.origin[0] - half, ground.origin[1] - half), "terrain/map")

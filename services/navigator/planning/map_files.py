@@ -11,18 +11,20 @@ image has any) and occ = 1 - s, or s with `negate`:
 The top row of the image is y-max. (ROS 2 Navigation, nav2_map_server, map_io.)
 """
 
+import io
 import struct
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 from PIL import Image
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
+from pydantic.dataclasses import dataclass
 
-from surefoot.disk import regular_size
 from surefoot.errors import Refusal
+from surefoot.files import FileError, read_regular
 from surefoot.geometry.heightmap import MAX_CELLS
 
 from .grid import FREE, OCCUPIED, UNKNOWN, FloorGrid
@@ -35,13 +37,20 @@ MAX_YAML_BYTES = 64 * 1024
 DEEPEST = 8
 """Levels of lists and tables in a YAML; a map has two."""
 MAX_IMAGE_BYTES = 128_000_000
-OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
-"""Thresholds that map_saver writes; with 0.25, as newer ones do, its grey 205 for unknown would be read as free."""
 PNG_MAGIC, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+
+
+Number = Annotated[float, BeforeValidator(str)]
+"""Number that may be written as text, for YAML 1.1 takes 5e-2 for one; true is none."""
+Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 class MapFileError(Refusal):
     """A map file that cannot be used; `field` names the key or file."""
+
+
+def _malformed(text: str, field: str = "image") -> MapFileError:
+    return MapFileError("malformed", text, field)
 
 
 @dataclass(frozen=True)
@@ -50,18 +59,28 @@ class MapInfo:
 
     image: Path
     """Path of the image; `load` checks that it exists."""
-    resolution: float
+    resolution: Annotated[Number, Field(ge=1e-4, le=10.0)]
     """Edge of a pixel of the map's image, m."""
-    origin: tuple[float, float]
+    origin: tuple[Coordinate, Coordinate]
     """Lower-left corner of the lower-left pixel, x and y in m, frame map."""
-    occupied_thresh: float = OCCUPIED_THRESH
+    occupied_thresh: Annotated[Number, Field(ge=0.0, le=1.0)]
     """Occupancy above which a pixel is occupied, 0 to 1."""
-    free_thresh: float = FREE_THRESH
+    free_thresh: Annotated[Number, Field(ge=0.0)]
     """Occupancy below which a pixel is free, 0 to 1."""
     negate: bool = False
     """True if bright pixels are occupied."""
     mode: Mode = "trinary"
     """Rule that makes cells of pixels."""
+
+    @field_validator("free_thresh")
+    @classmethod
+    def _below(cls, free: float, info: ValidationInfo) -> float:
+        if free >= info.data.get("occupied_thresh", 1.0):
+            raise ValueError("allowed is less than occupied_thresh")
+        return free
+
+
+INFO = TypeAdapter(MapInfo)
 
 
 def load(path: str | Path) -> FloorGrid:
@@ -71,7 +90,11 @@ def load(path: str | Path) -> FloorGrid:
         MapFileError: a file is missing, truncated, too large, no such map, or the image lies outside of the folder.
     """
     source = Path(path)
-    info = parse(_text(source), source)
+    try:
+        text = _content(source, MAX_YAML_BYTES, "yaml").decode()
+    except UnicodeDecodeError:
+        raise _malformed(f"{source.name} is not UTF-8 text", "yaml") from None
+    info = parse(text, source)
     levels, opacity = _pixels(info.image)
     cells = occupancy(levels, opacity, info)
     return FloorGrid(cells[::-1], info.resolution, info.origin, source.name)
@@ -88,32 +111,21 @@ def parse(text: str, path: Path) -> MapInfo:
         for event in yaml.parse(text, Loader=yaml.SafeLoader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST:
-                raise MapFileError("malformed", f"{path.name}: is nested more than {DEEPEST} deep", "yaml")
+                raise _malformed(f"{path.name}: is nested more than {DEEPEST} deep", "yaml")
             if getattr(event, "anchor", None) is not None:
-                raise MapFileError("malformed", f"{path.name}: anchors and aliases are not allowed in a map", "yaml")
+                raise _malformed(f"{path.name}: anchors and aliases are not allowed in a map", "yaml")
         read: Any = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        why = " ".join(str(error).split())[:200]
-        raise MapFileError("malformed", f"{path.name} is no YAML: {why}", "yaml") from None
+        raise _malformed(f"{path.name} is no YAML: {' '.join(str(error).split())[:200]}", "yaml") from None
     if not isinstance(read, dict):
-        raise MapFileError("malformed", f"{path.name}: a map is a table of keys, got {str(read)[:80]!r}", "yaml")
+        raise _malformed(f"{path.name}: a map is a table of keys, got {str(read)[:80]!r}", "yaml")
     table = cast("dict[str, Any]", read)
-    occupied = _number(table, "occupied_thresh", 0.0, 1.0)
-    free = _number(table, "free_thresh", 0.0, 1.0)
-    if free >= occupied:
-        raise _bad("free_thresh", free, f"below occupied_thresh, {occupied!r}")
-    mode = table.get("mode", "trinary")
-    if mode not in MODES:
-        raise _bad("mode", mode, " or ".join(MODES))
-    return MapInfo(
-        image=_image(table, path),
-        resolution=_number(table, "resolution", 1e-4, 10.0),
-        origin=_origin(table),
-        occupied_thresh=occupied,
-        free_thresh=free,
-        negate=_flag(table, "negate"),
-        mode=mode,
-    )
+    try:
+        return INFO.validate_python({**table, "image": _image(table, path), "origin": _origin(table)})
+    except ValidationError as error:
+        first = error.errors()[0]
+        field, got = str(first["loc"][0]), "" if first["type"] == "missing" else f", got {str(first['input'])[:120]!r}"
+        raise _malformed(f"{field}: {first['msg']}{got}", field) from None
 
 
 def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info: MapInfo) -> NDArray[np.int8]:
@@ -146,128 +158,72 @@ def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info
     return cells
 
 
-def _text(path: Path) -> str:
+def _content(path: Path, most: int, field: str) -> bytes:
     try:
-        size = regular_size(path)
-        if size > MAX_YAML_BYTES:
-            raise MapFileError(
-                "malformed", f"{path.name} has {size} bytes, a map's YAML at most {MAX_YAML_BYTES}", "yaml"
-            )
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise MapFileError("not_found", f"{path} cannot be read: {error.strerror}", "yaml") from None
-    except UnicodeDecodeError:
-        raise MapFileError("malformed", f"{path.name} is not UTF-8 text", "yaml") from None
+        return read_regular(path, most)
+    except FileError as error:
+        raise MapFileError("not_found" if error.code == "not_found" else "malformed", str(error), field) from None
 
 
-def _bad(field: str, value: Any, allowed: str) -> MapFileError:
-    return MapFileError("malformed", f"{field} must be {allowed}, got {str(value)[:120]!r}", field)
-
-
-def _number(table: dict[str, Any], key: str, low: float, high: float) -> float:
-    if key not in table:
-        raise MapFileError("malformed", f"{key} is missing", key)
-    return _float(table[key], key, low, high)
-
-
-def _float(value: Any, key: str, low: float, high: float) -> float:
-    allowed = f"a number from {low:g} to {high:g}"
-    if isinstance(value, bool):
-        raise _bad(key, value, allowed)
-    try:
-        number = float(value)  # YAML 1.1 takes 5e-2 for a text
-    except (TypeError, ValueError, OverflowError):
-        raise _bad(key, value, allowed) from None
-    if not low <= number <= high:
-        raise _bad(key, value, allowed)
-    return number
-
-
-def _flag(table: dict[str, Any], key: str) -> bool:
-    value = table.get(key, 0)
-    if value not in (0, 1, True, False):
-        raise _bad(key, value, "0 or 1")
-    return bool(value)
-
-
-def _origin(table: dict[str, Any]) -> tuple[float, float]:
+def _origin(table: dict[str, Any]) -> tuple[Any, Any]:
     value = table.get("origin")
-    if not isinstance(value, list) or len(cast("list[Any]", value)) != 3:
-        raise _bad("origin", value, "[x, y, yaw]")
-    x, y, yaw = (_float(part, "origin", -1e6, 1e6) for part in cast("list[Any]", value))
-    if yaw != 0.0:
-        raise _bad("origin", yaw, "without rotation: yaw 0")
-    return (x, y)
+    if not isinstance(value, list) or len(cast("list[Any]", value)) != 3 or value[2] != 0:
+        raise _malformed(f"origin must be [x, y, 0], without rotation, got {str(value)[:120]!r}", "origin")
+    return value[0], value[1]
 
 
 def _image(table: dict[str, Any], path: Path) -> Path:
-    name = table.get("image")
+    name, folder = table.get("image"), path.resolve().parent
     if not isinstance(name, str) or not name or "\0" in name:
-        raise _bad("image", name, "the name of a PGM or PNG file")
-    folder = path.resolve().parent
+        raise _malformed(f"image must be the name of a PGM or PNG file, got {str(name)[:120]!r}")
     image = (folder / name).resolve()
     if not image.is_relative_to(folder):
-        raise _bad("image", name, "in the folder of the YAML, or below it")
+        raise _malformed(f"image must be in the folder of the YAML, or below it, got {name[:120]!r}")
     return image
 
 
 def _pixels(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Return grey (h, w) or colours (h, w, 3), and opacity (h, w) if any; the header is checked before decoding."""
-    try:
-        size = regular_size(path)
-        if size > MAX_IMAGE_BYTES:
-            raise MapFileError("malformed", f"{path.name} has {size} bytes, allowed are {MAX_IMAGE_BYTES}", "image")
-        with path.open("rb") as file:
-            head = file.read(4096)
-            file.seek(max(0, size - 4096))
-            tail = file.read()
-    except OSError as error:
-        raise MapFileError("not_found", f"{path.name} cannot be read: {error.strerror}", "image") from None
-    width, height, most = _png_head(head, path) if head.startswith(PNG_MAGIC) else _pgm_head(head, path)
+    content = _content(path, MAX_IMAGE_BYTES, "image")
+    is_png = content.startswith(PNG_MAGIC)
+    width, height, most = _png_head(content, path) if is_png else _pgm_head(content, path)
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_CELLS):
         allowed = f"1 to {MAX_SIDE} pixels a side and at most {MAX_CELLS} in all"
-        raise MapFileError("malformed", f"{path.name} is {width} x {height}, allowed are {allowed}", "image")
-    if most > 255:
-        raise MapFileError("malformed", f"{path.name} has values up to {most}, allowed are 8 bits, up to 255", "image")
-    if head.startswith(PNG_MAGIC) and PNG_END not in tail:
-        raise MapFileError("malformed", f"{path.name} is cut off: a PNG ends with IEND", "image")
+        raise _malformed(f"{path.name} is {width} x {height}, allowed are {allowed}")
+    if not 1 <= most <= 255:
+        raise _malformed(f"{path.name}: the largest value must be 1 to 255, got {most}")
+    if is_png and PNG_END not in content[-4096:]:
+        raise _malformed(f"{path.name} is cut off: a PNG ends with IEND")
+    if content.startswith(b"P5") and len(content) < width * height:
+        raise _malformed(f"{path.name} is cut off: {width} x {height} pixels do not fit into it")
     try:
-        with Image.open(path, formats=("PNG", "PPM")) as picture:
-            clear = picture.mode in ("LA", "RGBA", "PA") or "transparency" in picture.info
-            if clear:
+        with Image.open(io.BytesIO(content), formats=("PNG", "PPM")) as picture:
+            if picture.mode in ("LA", "RGBA", "PA") or "transparency" in picture.info:
                 whole = np.asarray(picture.convert("RGBA"))
                 return whole[..., :3], whole[..., 3]
             return np.asarray(picture.convert("L" if picture.mode in ("1", "L") else "RGB")), None
     except (OSError, SyntaxError, ValueError, EOFError, struct.error) as error:
-        raise MapFileError("malformed", f"{path.name} is damaged or cut off: {error}", "image") from None
+        raise _malformed(f"{path.name} is damaged or cut off: {error}") from None
 
 
-def _png_head(head: bytes, path: Path) -> tuple[int, int, int]:
+def _png_head(content: bytes, path: Path) -> tuple[int, int, int]:
     """Return width, height and largest value of a PNG."""
-    if len(head) < 33 or head[12:16] != b"IHDR":
-        raise MapFileError("malformed", f"{path.name} is cut off in its header", "image")
-    width, height, bits = struct.unpack_from(">IIB", head, 16)
+    if len(content) < 33 or content[12:16] != b"IHDR":
+        raise _malformed(f"{path.name} is cut off in its header")
+    width, height, bits = struct.unpack_from(">IIB", content, 16)
     return width, height, 2**bits - 1
 
 
-def _pgm_head(head: bytes, path: Path) -> tuple[int, int, int]:
+def _pgm_head(content: bytes, path: Path) -> tuple[int, int, int]:
     """Return width, height and largest value of a PGM."""
-    if head[:2] not in (b"P2", b"P5"):
-        raise MapFileError(
-            "malformed", f"{path.name} must be a PGM (P2, P5) or PNG, it begins with {head[:8]!r}", "image"
-        )
+    if content[:2] not in (b"P2", b"P5"):
+        raise _malformed(f"{path.name} must be a PGM (P2, P5) or PNG, it begins with {content[:8]!r}")
     words: list[bytes] = []
-    for line in head[2:].split(b"\n"):
+    for line in content[2:4096].split(b"\n"):
         words += line.split(b"#", 1)[0].split()[: 3 - len(words)]
         if len(words) == 3:
             break
     if len(words) < 3 or not all(word.isdigit() and len(word) < 10 for word in words):
-        raise MapFileError("malformed", f"{path.name} has no width, height and largest value in its header", "image")
+        raise _malformed(f"{path.name} has no width, height and largest value in its header")
     width, height, most = (int(word) for word in words)
-    if head[:2] == b"P5" and path.stat().st_size < width * height * (1 if most < 256 else 2):
-        raise MapFileError(
-            "malformed", f"{path.name} is cut off: {width} x {height} pixels do not fit into it", "image"
-        )
-    if most < 1:
-        raise MapFileError("malformed", f"{path.name}: the largest value must be 1 to 255, got {most}", "image")
     return width, height, most

@@ -11,8 +11,7 @@ from surefoot.errors import Refusal
 
 from . import astar, straighten
 from .costs import Costs, nearest_free
-
-Point = tuple[float, float]
+from .grid import Point
 
 FARTHEST = 1e6
 """Largest coordinate of a start, goal or waypoint, m."""
@@ -29,22 +28,12 @@ class RouteError(Refusal):
 
 @dataclass(frozen=True)
 class RouteLimits:
-    """Limits of a route.
-
-    Raises:
-        Refusal: a number is out of range; `field` names it.
-    """
+    """Limits of a route, positive numbers."""
 
     leg: float = 1.0
     """Largest distance of two waypoints, m: the viewing distance."""
     slack: float = 0.3
     """Largest distance of the start from a free cell, m: a robot beside a wall may go away from it."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.leg) and self.leg > 0.0):
-            raise Refusal("bad_route_limits", f"leg is finite and > 0 m, got {self.leg!r}", "leg")
-        if not (math.isfinite(self.slack) and self.slack >= 0.0):
-            raise Refusal("bad_route_limits", f"slack is finite and >= 0 m, got {self.slack!r}", "slack")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,27 +70,21 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     region = int(costs.region[begin])
     if int(costs.region[end]) != region:
         near = _nearest(costs, goal, region)
-        there = "none" if near is None else f"({near[0]:.3f}, {near[1]:.3f})"
+        there = "none" if near is None else _shown(near)
         text = f"no way leads from {_shown(start)} to {_shown(goal)}; the nearest place that can be reached is {there}"
         raise RouteError("unreachable", text, "goal", near)
     wide, g = costs.weight.shape[1], costs.scratch
+    marks = costs.marks if region == costs.marked else costs.marks[:, :0]
     first, last = begin[0] * wide + begin[1], end[0] * wide + end[1]
-    astar.search(costs.weight, first, last, costs.marks_of(region), g)
+    astar.search(costs.weight, first, last, marks, g)
     path = astar.trace(costs.weight, first, last, g)
     (r0, c0), (r1, c1) = _padded(costs, entry), _padded(costs, goal)
     corners = path[straighten.pull(costs.weight, path, r0, c0, r1, c1)]
-    points = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in corners]
-    points[0], points[-1] = entry, goal
-    if len(corners) == 1:  # start and goal share a cell
-        points = [entry, goal]
-    if entry != start:
-        points.insert(0, start)
+    between = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in corners[1:-1]]
+    points = [*([start] if entry != start else ()), entry, *between, goal]
     waypoints, length = _legs(points, limits.leg)
-    at = np.unravel_index(path, costs.weight.shape)
-    least = int(path[int(np.argmin(costs.distance2[at]))])
-    cost = (-int(g[last]) - 1) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
-    clearance = costs.distance(least // wide - 1, least % wide - 1)
-    return PlannedRoute(start, waypoints, length, cost, clearance)
+    cost = astar.cost_of(int(g[last])) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
+    return PlannedRoute(start, waypoints, length, cost, costs.clearance_of(path))
 
 
 def _checked(point: Point, field: str) -> Point:
@@ -143,7 +126,8 @@ def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
 
 def _nearest(costs: Costs, point: Point, region: int) -> Point | None:
     row, col = _padded(costs, point)
-    r, c, distance = nearest_free(costs.weight, costs.region, region, row - 0.5, col - 0.5)
+    free = costs.region == region if region else costs.region > 0
+    r, c, distance = nearest_free(free, row - 0.5, col - 0.5)
     return None if math.isinf(distance) else _centre(costs, r, c)
 
 

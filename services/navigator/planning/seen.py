@@ -6,13 +6,13 @@ forgotten.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from .grid import OCCUPIED, FloorGrid
+from surefoot.schemas.hw import Range
 
-Point = tuple[float, float]
+from .grid import OCCUPIED, FloorGrid, Point
+
 Pose = tuple[float, float, float]
 
 FARTHEST = 1.0
@@ -29,18 +29,6 @@ MOST = 4096
 """Largest number of marked cells; the oldest are dropped."""
 AHEAD = 2.0
 """Length of the route that is checked, m: farther marks are planned around when they come near."""
-
-
-@dataclass(frozen=True)
-class Cone:
-    """One reading of a ranger."""
-
-    distance: float | None
-    """Distance of the nearest echo, m; None = none within reach."""
-    longest: float
-    """End of the reach, m."""
-    half: float
-    """Half of the field of view, rad."""
 
 
 def expected_echo(
@@ -90,7 +78,7 @@ class SeenObstacles:
         self.version = 0
         """Number that changes with the set of marked cells."""
 
-    def take(self, seen: Cone, at: Pose, unsure: tuple[float, float], now: float) -> None:
+    def take(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
         """Enter one reading.
 
         Args:
@@ -101,23 +89,21 @@ class SeenObstacles:
         before = set(self.marks)
         for cell in [cell for cell, time in self.marks.items() if now - time > self.keep]:
             del self.marks[cell]
-        reach = min(seen.longest if seen.distance is None else seen.distance, FARTHEST)
-        for cell in self._inside(at, seen.half, reach - SLACK):
+        half, distance = 0.5 * seen.field_of_view, seen.distance
+        for cell in self._inside(at, half, min(seen.longest if distance is None else distance, FARTHEST) - SLACK):
             del self.marks[cell]
-        if seen.distance is not None and seen.distance <= FARTHEST:
-            slack, wider = SLACK + 2.0 * unsure[0], seen.half + EDGE + 2.0 * unsure[1]
-            known = expected_echo(self.grid, at, (wider, 0.0), seen.distance + slack + 0.1, self.obstacle)[0]
-            if known > seen.distance + slack and not self._seen_again(at, seen, now):
-                self._mark(at, min(seen.half, 0.5 * WIDTH / seen.distance), seen.distance, now)
+        if distance is not None and distance <= FARTHEST:
+            slack, wider = SLACK + 2.0 * unsure[0], half + EDGE + 2.0 * unsure[1]
+            known = expected_echo(self.grid, at, (wider, 0.0), distance + slack + 0.1, self.obstacle)[0]
+            if known > distance + slack and not self._seen_again(at, half, distance, now):
+                self._mark(at, min(half, 0.5 * WIDTH / distance), distance, now)
         while len(self.marks) > MOST:
             del self.marks[min(self.marks, key=lambda cell: self.marks[cell])]
         self.version += before != set(self.marks)
 
-    def _seen_again(self, at: Pose, seen: Cone, now: float) -> bool:
+    def _seen_again(self, at: Pose, half: float, distance: float, now: float) -> bool:
         """Return whether marks explain an echo, and renew these."""
-        assert seen.distance is not None
-        half = seen.half if seen.distance > CLOSE else 0.5 * seen.half
-        again = self._inside(at, half, seen.distance + SLACK)  # nearer ones have been cleared
+        again = self._inside(at, half if distance > CLOSE else 0.5 * half, distance + SLACK)  # nearer ones are cleared
         self.marks.update(dict.fromkeys(again, now))
         return bool(again)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from surefoot.kernels.jit import row_kernel
 
-from .astar import DIAGONAL, FACTOR, HEAVIEST, STRAIGHT, Bytes, Ints
+from .astar import DIAGONAL, FACTOR, HEAVIEST, STRAIGHT, Bytes, Ints32
 
 
 @row_kernel
@@ -51,7 +51,7 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
 
 
 @row_kernel
-def pull(weight: Bytes, path: Ints, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints:
+def pull(weight: Bytes, path: Ints32, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints32:
     """Return the positions in a path (n,) of its corners after straight lines replaced parts that they make no dearer.
 
     From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
@@ -72,23 +72,11 @@ def pull(weight: Bytes, path: Ints, r_start: float, c_start: float, r_goal: floa
     slack = STRAIGHT * HEAVIEST  # of the cells at both ends a line counts what it crosses
     while at < n - 1:
         good, step, bad = at + 1, 2, n
-        while at + step < bad:
-            j = at + step
-            cost = line_cost(weight, rows[at], cols[at], rows[j], cols[j])
-            if 0.0 <= cost <= spent[j] - spent[at] + slack:
-                good = j
-                if j == n - 1:
-                    break
-                step = min(2 * step, n - 1 - at)
-            else:
-                bad = j
         while bad - good > 1:
-            j = (good + bad) // 2
-            if j >= n:
-                break
+            j = min(at + step, n - 1) if bad == n else (good + bad) // 2
             cost = line_cost(weight, rows[at], cols[at], rows[j], cols[j])
             if 0.0 <= cost <= spent[j] - spent[at] + slack:
-                good = j
+                good, step = j, 2 * step
             else:
                 bad = j
         corners[count] = good

@@ -1,37 +1,33 @@
-"""The navigation model as plain arrays for kernels: one row per action, columns named here."""
+"""The navigation model as records of named numbers, one per action and one for the scene, for kernels and Python."""
 
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record, named, record
 
 from .params import KINDS, ActionModel, NavigationModel, mirror_of
 
-# columns of an action
-KIND, FORWARD, TURN, SECONDS, FRAMES, MATCH = 0, 1, 2, 3, 4, 5
-VAR_ALONG, VAR_ACROSS, VAR_HEADING, VAR_DRIFT = 6, 7, 8, 9  # of the true motion
-FILTER_HEADING = 10  # variance of the heading in the filter: with three states it holds the drift, too
-RANGE_MIN, RANGE_MAX, COS_HALF, BOX_AT, BOX_HALF = 11, 12, 13, 14, 15  # footprint, and the square around it
-SD_RANGE, SD_SHARE, SD_BEARING, TILT_KEEP, MIRROR, LATE = 16, 17, 18, 19, 20, 21
-COLUMNS = 22
-
+ACTION = named(
+    "kind forward turn seconds frames match",
+    "var_along var_across var_heading var_drift",  # of the true motion
+    "filter_heading",  # variance of the heading in the filter: with three states it holds the drift, too
+    "range_min range_max cos_half box_at box_half",  # footprint, and the square around it
+    "sd_range sd_share sd_bearing tilt_keep mirror late",
+)
+SCENE = named(
+    "x_min x_max y_min y_max radius look_ahead",
+    "start_x start_y start_yaw goal_x goal_y goal_radius time_limit",
+    "density most drift_size drift_normal drift_known start_sd start_yaw_sd",
+    "tilt_sd height max_stands max_turns goal_reward gamma course",
+)
+STATUS = named("time last stands turns blocked outcome steps way")  # of an episode, or of the live navigator
 STAND, TURNING, WALK = 0, 1, 2  # kinds
 
-# elements of the scene
-X_MIN, X_MAX, Y_MIN, Y_MAX, RADIUS, LOOK_AHEAD = 0, 1, 2, 3, 4, 5
-START_X, START_Y, START_YAW, GOAL_X, GOAL_Y, GOAL_RADIUS, TIME_LIMIT = 6, 7, 8, 9, 10, 11, 12
-DENSITY, MOST, DRIFT_SIZE, DRIFT_NORMAL, DRIFT_KNOWN, START_SD, START_YAW_SD = 13, 14, 15, 16, 17, 18, 19
-TILT_SD, HEIGHT, MAX_STANDS, MAX_TURNS, GOAL_REWARD, GAMMA, COURSE = 20, 21, 22, 23, 24, 25, 26
-ELEMENTS = 27
 COURSES = ("constant", "flip", "step", "ramp")  # of the drift: values of COURSE
 
-# elements of the status of an episode, or of the live navigator
-TIME, LAST, STANDS, TURNS, BLOCKED, OUTCOME, STEPS, WAY = 0, 1, 2, 3, 4, 5, 6, 7
-STATUS = 8
 RUNNING, REACHED, CUT_OFF = 0, 1, 2  # outcomes
 
 NO_ACTION = -1
@@ -39,12 +35,12 @@ PER_10CM = 10.0  # 1/m: from "per 10 cm" to "per m"
 
 
 class ModelTables(NamedTuple):
-    """Arrays of a navigation model that kernels read."""
+    """Arrays of a navigation model that kernels read; SI units, angles in rad."""
 
-    actions: Array
-    """Columns `COLUMNS` of each action, (A, COLUMNS), one row per action, SI units, angles in rad."""
-    scene: Array
-    """Floor, start, goal, noises and guards, (ELEMENTS,); m, rad, s."""
+    actions: Record
+    """Actions of the model, records ACTION, (A,)."""
+    scene: Record
+    """Floor, start, goal, noises and guards, one record SCENE, (1,)."""
     switching: Array
     """Extra time of an action of kind j after kind i, (3, 3) s, order STAND, TURNING, WALK."""
 
@@ -55,79 +51,65 @@ class Arrays:
 
     tables: ModelTables
     """Arrays that kernels read."""
-    groups: NDArray[np.int64]
-    """Index of the rows of `switching` that are alike, (3,): the part of the last action that a planner remembers."""
     states: int
     """Number of states of the filter, nuisances included."""
     names: tuple[str, ...]
     """Names of the actions, (A,)."""
 
-    @property
-    def actions(self) -> Array:
-        """Actions of the model, one row each, (A, COLUMNS)."""
-        return self.tables.actions
-
-    @property
-    def scene(self) -> Array:
-        """Elements of the scene, (ELEMENTS,)."""
-        return self.tables.scene
-
-    @property
-    def switching(self) -> Array:
-        """Extra time of an action of kind j after kind i, s, (3, 3)."""
-        return self.tables.switching
-
 
 def arrays(model: NavigationModel) -> Arrays:
-    """Return a model as arrays for kernels, in SI units: scene (ELEMENTS,), a row for each action."""
+    """Return a model as arrays for kernels, in SI units."""
     scene, sight, drift = model.scene, model.sight, model.drift
-    values = np.zeros(ELEMENTS)
-    values[[X_MIN, X_MAX, Y_MIN, Y_MAX]] = scene.x_min, scene.x_max, scene.y_min, scene.y_max
-    values[[RADIUS, LOOK_AHEAD]] = scene.robot_radius, scene.look_ahead
-    values[[START_X, START_Y, START_YAW]] = scene.start_x, scene.start_y, math.radians(scene.start_yaw_deg)
-    values[[GOAL_X, GOAL_Y, GOAL_RADIUS, TIME_LIMIT]] = scene.goal_x, scene.goal_y, scene.goal_radius, scene.time_limit
-    values[[DENSITY, MOST]] = scene.landmarks_per_m2, sight.most
-    values[DRIFT_SIZE] = math.radians(drift.per_10cm_deg) * PER_10CM
-    values[DRIFT_NORMAL] = drift.kind == "normal"
-    values[DRIFT_KNOWN] = math.radians(drift.known_sd_deg) * PER_10CM
-    values[[START_SD, START_YAW_SD]] = model.filter.position_sd, math.radians(model.filter.heading_sd_deg)
-    values[COURSE] = COURSES.index(drift.course)
-    values[[TILT_SD, HEIGHT]] = math.radians(sight.tilt_sd_deg), sight.camera_height
-    values[[MAX_STANDS, MAX_TURNS]] = model.guards.stands, model.guards.turns
-    values[[GOAL_REWARD, GAMMA]] = model.reward.goal, model.reward.gamma
+    values = record(SCENE)
+    values.x_min, values.x_max, values.y_min, values.y_max = scene.x_min, scene.x_max, scene.y_min, scene.y_max
+    values.radius, values.look_ahead = scene.robot_radius, scene.look_ahead
+    values.start_x, values.start_y, values.start_yaw = scene.start_x, scene.start_y, math.radians(scene.start_yaw_deg)
+    values.goal_x, values.goal_y, values.goal_radius, values.time_limit = (
+        scene.goal_x,
+        scene.goal_y,
+        scene.goal_radius,
+        scene.time_limit,
+    )
+    values.density, values.most = scene.landmarks_per_m2, sight.most
+    values.drift_size = math.radians(drift.per_10cm_deg) * PER_10CM
+    values.drift_normal = drift.kind == "normal"
+    values.drift_known = math.radians(drift.known_sd_deg) * PER_10CM
+    values.start_sd, values.start_yaw_sd = model.filter.position_sd, math.radians(model.filter.heading_sd_deg)
+    values.course = COURSES.index(drift.course)
+    values.tilt_sd, values.height = math.radians(sight.tilt_sd_deg), sight.camera_height
+    values.max_stands, values.max_turns = model.guards.stands, model.guards.turns
+    values.goal_reward, values.gamma = model.reward.goal, model.reward.gamma
     switching = np.array([[model.switching.get(a, {}).get(b, 0.0) for b in KINDS] for a in KINDS])
-    rows = [tuple(row) for row in switching]
-    distinct = list(dict.fromkeys(rows))
     names = model.names
-    table = np.array([_row(model, action) for action in model.used])
-    table[:, MIRROR] = [names.index(mirror_of(model, name, names)) for name in names]
+    table = np.array([row_of(model, action) for action in model.used], dtype=ACTION)
+    table["mirror"] = [names.index(mirror_of(model, name, names)) for name in names]
     states = model.filter.states if sight.tilt_sd_deg == 0 else 6
-    groups = np.array([distinct.index(row) for row in rows], dtype=np.int64)
-    return Arrays(ModelTables(table, values, switching), groups, states, names)
+    return Arrays(ModelTables(table, np.array([values], dtype=SCENE), switching), states, names)
 
 
-def _row(model: NavigationModel, action: ActionModel) -> Array:
-    sight, row = model.sight, np.zeros(COLUMNS)
+def row_of(model: NavigationModel, action: ActionModel) -> Record:
+    """Return an action as a record ACTION; its mirror is not known here."""
+    sight, row = model.sight, record(ACTION)
     moving = action.kind != "stand"
-    row[[KIND, FORWARD, TURN]] = KINDS.index(action.kind), action.forward, math.radians(action.turn_deg)
-    row[[SECONDS, FRAMES]] = action.duration, action.frames
-    row[MATCH] = action.match * (sight.moving_match_share if moving else 1.0)
-    row[VAR_ALONG], row[VAR_ACROSS] = action.along_sd**2, action.across_sd**2
-    row[VAR_HEADING] = math.radians(action.heading_sd_deg) ** 2
-    row[VAR_DRIFT] = (math.radians(action.drift_walk_deg) * PER_10CM) ** 2
+    row.kind, row.forward, row.turn = KINDS.index(action.kind), action.forward, math.radians(action.turn_deg)
+    row.seconds, row.frames = action.duration, action.frames
+    row.match = action.match * (sight.moving_match_share if moving else 1.0)
+    row.var_along, row.var_across = action.along_sd**2, action.across_sd**2
+    row.var_heading = math.radians(action.heading_sd_deg) ** 2
+    row.var_drift = (math.radians(action.drift_walk_deg) * PER_10CM) ** 2
     unknown = math.radians(model.drift.known_sd_deg) * PER_10CM * action.forward if model.filter.states == 3 else 0.0
-    row[FILTER_HEADING] = row[VAR_HEADING] + unknown**2
+    row.filter_heading = row.var_heading + unknown**2
     near = sight.range_min if action.range_min is None else action.range_min
     far = sight.range_max if action.range_max is None else action.range_max
     half = math.radians(sight.half_angle_deg if action.half_angle_deg is None else action.half_angle_deg)
-    row[[RANGE_MIN, RANGE_MAX, COS_HALF]] = near, far, math.cos(half)
-    row[BOX_AT], row[BOX_HALF] = _box(near, far, half)
+    row.range_min, row.range_max, row.cos_half = near, far, math.cos(half)
+    row.box_at, row.box_half = _box(near, far, half)
     share = 1.0 if moving else sight.standing_share
-    row[SD_RANGE], row[SD_SHARE] = share * sight.range_sd, share * sight.range_sd_share
-    row[SD_BEARING] = share * math.radians(sight.bearing_sd_deg)
+    row.sd_range, row.sd_share = share * sight.range_sd, share * sight.range_sd_share
+    row.sd_bearing = share * math.radians(sight.bearing_sd_deg)
     apart = action.duration / action.frames
-    row[TILT_KEEP] = sight.tilt_keep ** (apart / 0.1) if sight.tilt_keep > 0 else 0.0
-    row[LATE] = min(action.frames, math.ceil(model.decision_delay / apart - 1e-9))
+    row.tilt_keep = sight.tilt_keep ** (apart / 0.1) if sight.tilt_keep > 0 else 0.0
+    row.late = min(action.frames, math.ceil(model.decision_delay / apart - 1e-9))
     return row
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Flags
+from surefoot.arrays import Array, Flags, Record
 from surefoot.kernels.jit import row_kernel
 
 from ..belief.ukf import entropy, spread, wrap
@@ -59,20 +59,17 @@ def room_to_choose(states: int, actions: int) -> ChoiceRoom:
 
 
 @row_kernel
-def allow(model: ModelTables, status: Array, mask: Flags) -> None:
-    """Mark the allowed actions (a,): only turns while blocked, limited numbers of stands and of turns in a row.
-
-    `status`: counters of the episode, (STATUS,).
-    """
-    actions, scene, blocked = model.actions, model.scene, status[slots.BLOCKED] > 0.0
+def allow(model: ModelTables, status: Record, mask: Flags) -> None:
+    """Mark the allowed actions (a,): only turns while blocked, limited numbers of stands and of turns in a row."""
+    actions, scene, blocked = model.actions, model.scene[0], status.blocked > 0.0
     for a in range(actions.shape[0]):
-        kind = actions[a, slots.KIND]
+        kind = actions[a].kind
         if blocked:
             mask[a] = kind == slots.TURNING
         elif kind == slots.STAND:
-            mask[a] = status[slots.STANDS] < scene[slots.MAX_STANDS]
+            mask[a] = status.stands < scene.max_stands
         elif kind == slots.TURNING:
-            mask[a] = status[slots.TURNS] < scene[slots.MAX_TURNS]
+            mask[a] = status.turns < scene.max_turns
         else:
             mask[a] = True
 
@@ -98,7 +95,9 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 
 
 @row_kernel
-def _by_hand(policy: PolicyTables, actions: Array, d: float, phi: float, h: float, drift: float, values: Array) -> None:
+def _by_hand(
+    policy: PolicyTables, actions: Record, d: float, phi: float, h: float, drift: float, values: Array
+) -> None:
     """Write the values (a,) of the dual-mode controller: it stands when unsure, turns to a goal far aside, else walks.
 
     The choice of the rules has value 1, the other actions have less, in the order of the rules. The kind STEER takes
@@ -106,7 +105,7 @@ def _by_hand(policy: PolicyTables, actions: Array, d: float, phi: float, h: floa
 
     Args:
         policy: numbers of the rules.
-        actions: rows of the model, (a, columns).
+        actions: of the model, (a,).
         d: distance of the goal, m.
         phi: its bearing, rad.
         h: entropy of the belief, nats.
@@ -117,14 +116,14 @@ def _by_hand(policy: PolicyTables, actions: Array, d: float, phi: float, h: floa
     unsure = h > numbers[STAND_ABOVE] + numbers[STAND_SLOPE] * d
     aside = abs(phi) > numbers[TURN_BEYOND]
     for a in range(actions.shape[0]):
-        what, turn = actions[a, slots.KIND], actions[a, slots.TURN]
+        what, turn = actions[a].kind, actions[a].turn
         if what == slots.STAND:
             values[a] = 1.0 if unsure else -1.0
         elif what == slots.TURNING:
             towards = turn * phi > 0.0
             values[a] = (0.9 if aside else -0.5) if towards else -0.8
         elif policy.kind == STEER:
-            off = abs(turn + drift * actions[a, slots.FORWARD] - numbers[STEER_GAIN] * phi)
+            off = abs(turn + drift * actions[a].forward - numbers[STEER_GAIN] * phi)
             values[a] = 0.5 - 0.05 * off
         else:
             values[a] = 0.5 - 0.05 * abs(turn)
@@ -136,7 +135,7 @@ def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy
     for a in range(out.size):
         out[a] = 0.0
     dx, dy = gx - x[0], gy - x[1]
-    d = max(math.sqrt(dx * dx + dy * dy), model.scene[slots.GOAL_RADIUS])
+    d = max(math.sqrt(dx * dx + dy * dy), model.scene[0].goal_radius)
     add_values(policy.table, policy.grid, model.actions, d, wrap(math.atan2(dy, dx) - x[2]), x[3], 1.0, out)
 
 
@@ -160,9 +159,7 @@ def _average(
             d = math.sqrt(dx * dx + dy * dy)
             phi = wrap(math.atan2(dy, dx) - theta)
             b = drift + sign * low[3, j] * numbers[SPREAD_DRIFT]
-            add_values(
-                policy.table, policy.grid, model.actions, max(d, model.scene[slots.GOAL_RADIUS]), phi, b, 0.125, out
-            )
+            add_values(policy.table, policy.grid, model.actions, max(d, model.scene[0].goal_radius), phi, b, 0.125, out)
 
 
 @row_kernel
@@ -236,7 +233,7 @@ def _gain_of_sight(
             _values_at(policy, model, there, gx, gy, single)
             top = -math.inf
             for a in range(na):
-                kind = int(model.actions[a, slots.KIND])
+                kind = int(model.actions[a].kind)
                 if kind != slots.STAND:
                     value = single[a] - model.switching[slots.STAND, kind]
                     average[a] += 0.125 * value
@@ -244,7 +241,7 @@ def _gain_of_sight(
             chosen_later += 0.125 * top
     chosen_now = -math.inf
     for a in range(na):
-        if int(model.actions[a, slots.KIND]) != slots.STAND:
+        if int(model.actions[a].kind) != slots.STAND:
             chosen_now = max(chosen_now, average[a])
     return chosen_later - chosen_now
 
@@ -264,7 +261,7 @@ def _planned(
     _average(policy, model, mean, low, gx, gy, values)
     can_stand, later = -1, -math.inf  # value of going on after a stand
     for a in range(values.size):
-        kind = int(model.actions[a, slots.KIND])
+        kind = int(model.actions[a].kind)
         if kind == slots.STAND:
             can_stand = a
         else:
@@ -272,7 +269,7 @@ def _planned(
         values[a] -= model.switching[last, kind]
     if can_stand < 0:
         return
-    stand = later - model.actions[can_stand, slots.SECONDS] - model.switching[last, slots.STAND]
+    stand = later - model.actions[can_stand].seconds - model.switching[last, slots.STAND]
     if policy.numbers[SIGHT_SHARE] > 0.0:
         stand += policy.numbers[SIGHT_SHARE] * _gain_of_sight(policy, model, mean, gx, gy, room)
     values[can_stand] = stand
@@ -286,7 +283,7 @@ def choose(
     cov: Array,
     gx: float,
     gy: float,
-    status: Array,
+    status: Record,
     room: ChoiceRoom,
 ) -> int:
     """Return the chosen action; values and mask of `room` are written.
@@ -297,12 +294,12 @@ def choose(
         cov: its covariance, (n, n).
         gx: x of the goal, m, frame map.
         gy: y of the goal, m, frame map.
-        status: (STATUS,); last action, stands, turns and blocked are read.
+        status: last action, stands, turns and blocked are read.
         room: results and scratch.
     """
     allow(model, status, room.mask)
-    last = int(status[slots.LAST])
-    last_kind = slots.STAND if last < 0 else int(model.actions[last, slots.KIND])
+    last = int(status.last)
+    last_kind = slots.STAND if last < 0 else int(model.actions[last].kind)
     d, phi, h = features(mean, cov, gx, gy)
     if policy.kind == PLANNER:
         _planned(policy, model, mean, cov, gx, gy, last_kind, room)
@@ -313,6 +310,6 @@ def choose(
     else:
         drift = mean[3] if mean.size > 3 else 0.0
         _by_hand(policy, model.actions, d, phi, h, drift, room.values)
-    if status[slots.BLOCKED] > 0.0 and last_kind == slots.TURNING:
+    if status.blocked > 0.0 and last_kind == slots.TURNING:
         return last  # the same turn again: turns to and fro would never lead away from the wall
     return best(room.values, room.mask)

@@ -16,9 +16,9 @@ from surefoot.disk import whole
 from surefoot.errors import Refusal
 from surefoot.files import FileError, read_regular
 
-from .choose import NUMBERS
+from .choose import NUMBERS, PolicyTables
+from .decider import KIND_NAMES, Policy
 from .grids import D_MIN, GRID, LAYER_MIN
-from .policies import KIND_NAMES, Policy
 
 VERSION = 2
 """Version of the format; others are refused."""
@@ -29,14 +29,15 @@ KINDS_BY_NAME = {name: kind for kind, name in KIND_NAMES.items()}
 
 def content_of(policy: Policy) -> bytes:
     """Return the bytes of a policy file; equal policies give equal bytes. Tables are kept in single precision."""
+    tables = policy.tables
     held: dict[str, NDArray[Any]] = {
         "version": np.array(VERSION),
-        "kind": np.array(KIND_NAMES[policy.kind]),
+        "kind": np.array(KIND_NAMES[tables.kind]),
         "actions": np.array(policy.actions),
-        "numbers": policy.numbers,
-        "table": policy.table.astype(np.float32),
-        "grid": policy.grid,
-        "shown": policy.shown,
+        "numbers": tables.numbers,
+        "table": tables.table.astype(np.float32),
+        "grid": tables.grid,
+        "shown": tables.shown,
         "provenance": np.array(json.dumps(dict(policy.provenance), sort_keys=True)),
     }
     buffer = io.BytesIO()
@@ -123,17 +124,8 @@ def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None
         raise refuse(f"has the provenance {str(provenance)[:80]!r}, allowed is an object")
     numbers, table, grid, shown = _checked(held, len(names), refuse)
     words = {str(key): str(value) for key, value in provenance.items()}  # pyright: ignore[reportUnknownVariableType]
-    return Policy(
-        words.get("name", name),
-        KINDS_BY_NAME[kind],
-        names,
-        numbers,
-        table,
-        grid,
-        shown,
-        words,
-        hashlib.sha256(content).hexdigest(),
-    )
+    tables = PolicyTables(KINDS_BY_NAME[kind], numbers, table, grid, shown)
+    return Policy(words.get("name", name), names, tables, words, hashlib.sha256(content).hexdigest())
 
 
 def _checked(
@@ -159,5 +151,5 @@ def _checked(
 
 def shipped() -> dict[str, Path]:
     """Return the policy files that ship, by name."""
-    folder = Path(str(resources.files("surefoot.services.navigator"))) / "policies"
+    folder = Path(str(resources.files("surefoot.services.navigator"))) / "policy" / "shipped"
     return {path.stem: path for path in sorted(folder.glob("*.npz"))}

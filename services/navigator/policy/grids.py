@@ -6,10 +6,8 @@ d_max, clamped; phi = its bearing, periodic, row 0 at -pi. Weights are multiline
 
 import math
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record
 from surefoot.kernels.jit import row_kernel
-
-from .arrays import MIRROR
 
 D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M = 0, 1, 2, 3, 4, 5
 """Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror (-1:
@@ -29,9 +27,9 @@ def place(value: float, low: float, high: float, count: int) -> tuple[int, float
 
 @row_kernel
 def add_values(
-    table: Array, grid: Array, actions: Array, d: float, phi: float, layer: float, weight: float, out: Array
+    table: Array, grid: Array, actions: Record, d: float, phi: float, layer: float, weight: float, out: Array
 ) -> None:
-    """Add weight * values of all actions (A, columns) at (d m, phi rad, layer) to out (A,); table (nl, nd, nphi, A).
+    """Add weight * values of all actions (A,) at (d m, phi rad, layer) to out (A,); table (nl, nd, nphi, A).
 
     With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), with < 0 a negative phi at -phi; left and right
     are then exchanged.
@@ -59,4 +57,4 @@ def add_values(
             high = w00 * table[il1, jd, k0, a] + w01 * table[il1, jd, k1, a]
             high += w10 * table[il1, jd1, k0, a] + w11 * table[il1, jd1, k1, a]
             low += wl * (high - low)
-        out[int(actions[a, MIRROR]) if flip else a] += weight * (low + beyond)
+        out[int(actions[a].mirror) if flip else a] += weight * (low + beyond)

@@ -8,10 +8,10 @@ from surefoot.version import VERSION
 
 from .arrays import Arrays, arrays
 from .choose import PLANNER, SARSA
+from .decider import Policy, by_rule
 from .files import load_policy, shipped
 from .params import NavigationModel
 from .planner import planner
-from .policies import Policy, by_rule
 
 NAMES = ("hand", "tuned", "steer", "planner", "sarsa")
 
@@ -60,11 +60,11 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None, *, any_
 def _for_model(policy: Policy, model: NavigationModel, world: Arrays, any_model: bool) -> Policy:
     """Return a policy of a file for a model: itself, or computed anew; raises Refusal for values of another model."""
     made_for = policy.provenance.get("model_sha256")
-    if any_model or policy.kind not in (PLANNER, SARSA) or made_for in (None, model.sha256()):
+    if any_model or policy.tables.kind not in (PLANNER, SARSA) or made_for in (None, model.sha256()):
         return policy
     of = f"{policy.provenance.get('model', '')!r} ({(made_for or '')[:12]})"
     here = f"{model.name!r} ({model.sha256()[:12]})"
-    if policy.kind == PLANNER:
+    if policy.tables.kind == PLANNER:
         return planner(world, provenance_of(model, "planner", instead_of=f"{policy.name}, made for the model {of}"))
     text = f"{policy.name} was learned for the model {of}, this one is {here}; `surefoot train navigator` learns for it"
     raise Refusal("policy_model", text, "policy")

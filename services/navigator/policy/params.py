@@ -288,22 +288,19 @@ def _tables(source: str, seen: tuple[str, ...]) -> dict[str, Any]:
     if source in seen or len(seen) > 8:
         raise ConfigError("invalid", f"{source}: extends itself by way of {' -> '.join(seen)}", "extends")
     if source.endswith(".toml"):
-        path = Path(source)
         try:
-            text = read_regular(path, MAX_FILE_BYTES).decode("utf-8")
+            content = read_regular(Path(source), MAX_FILE_BYTES)
         except FileError as error:
             code = "invalid" if error.code == "value" else error.code
             raise ConfigError(code, f"{source}: {error.message}", "params") from None
-        except UnicodeDecodeError:
-            raise ConfigError("malformed", f"{source}: is not UTF-8 text", "params") from None
     elif source in shipped():
-        text = (resources.files("surefoot.services.navigator") / "params" / f"{source}.toml").read_text("utf-8")
+        content = (resources.files("surefoot.services.navigator") / "params" / f"{source}.toml").read_bytes()
     else:
         hint, known = did_you_mean(source, shipped()), ", ".join(shipped())
         raise ConfigError("invalid", f"got {source!r}{hint}; allowed are {known}, or a file *.toml", "params")
     try:
-        values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        values = tomllib.loads(content.decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError("malformed", f"{source}: is not valid TOML: {error}", "params") from None
     base = values.get("extends", "")
     if not isinstance(base, str):

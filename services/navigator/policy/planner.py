@@ -11,14 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.arrays import Array, Ints
+from surefoot.arrays import Array, Ints, Record
+from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import free_kernel
 
 from . import arrays as slots
 from .arrays import Arrays
-from .choose import PLANNER
+from .choose import PLANNER, PolicyTables
+from .decider import Policy, planner_numbers
 from .grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED, PER_M
-from .policies import Policy, planner_numbers
 
 NOTHING = -1e9
 SIGHT_PRICE = 0.05  # s an action that sees nothing costs more than the one that sees best, of 0 .. 0.8 s
@@ -39,7 +40,7 @@ class PlanRoom(NamedTuple):
     """Constants of a value iteration."""
 
     groups: Ints
-    """Index of the values by kind of the last action, (3,)."""
+    """Index of the values by kind of the last action, alike where switching costs the same, (3,)."""
     samples: Array
     """Standard normal samples of the motion noise: along, across, heading, (k, 3)."""
     drifts: Array
@@ -53,20 +54,20 @@ class PlanRoom(NamedTuple):
 
 
 @free_kernel
-def _motions(actions: Array, drift: float, samples: Array, moved: Array) -> None:
-    """Write forward and left (m) and turn (rad) of each action (A, columns) and sample (k, 3) into moved (A, k, 3).
+def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> None:
+    """Write forward and left (m) and turn (rad) of each action (A,) and sample (k, 3) into moved (A, k, 3).
 
     `drift`: rad per m; samples: deviations along, across and of the heading.
     """
     for a in range(actions.shape[0]):
-        change = actions[a, slots.TURN] + drift * actions[a, slots.FORWARD]
+        change = actions[a].turn + drift * actions[a].forward
         c, s = math.cos(0.5 * change), math.sin(0.5 * change)
         for k in range(samples.shape[0]):
-            along = actions[a, slots.FORWARD] + math.sqrt(actions[a, slots.VAR_ALONG]) * samples[k, 0]
-            across = math.sqrt(actions[a, slots.VAR_ACROSS]) * samples[k, 1]
+            along = actions[a].forward + math.sqrt(actions[a].var_along) * samples[k, 0]
+            across = math.sqrt(actions[a].var_across) * samples[k, 1]
             moved[a, k, 0] = along * c - across * s
             moved[a, k, 1] = along * s + across * c
-            moved[a, k, 2] = change + math.sqrt(actions[a, slots.VAR_HEADING]) * samples[k, 2]
+            moved[a, k, 2] = change + math.sqrt(actions[a].var_heading) * samples[k, 2]
 
 
 @free_kernel
@@ -94,10 +95,10 @@ def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) ->
 
 
 @free_kernel
-def _sweep(v: Array, q: Array, actions: Array, switching: Array, room: PlanRoom) -> float:
+def _sweep(v: Array, q: Array, actions: Record, switching: Array, room: PlanRoom) -> float:
     """Update V (groups, nb, nd, nphi), Q (nb, nd, nphi, A), s, in place, near goals first; return the largest change.
 
-    `actions` (A, columns); `switching`: price of a change between groups of actions, s.
+    `actions` (A,); `switching`: price of a change between groups of actions, s.
     """
     nb, nd, nphi = v.shape[1], v.shape[2], v.shape[3]
     na, worst = actions.shape[0], 0.0
@@ -110,15 +111,15 @@ def _sweep(v: Array, q: Array, actions: Array, switching: Array, room: PlanRoom)
                 phi = -math.pi + kp * (2.0 * math.pi / nphi)
                 gx, gy = d * math.cos(phi), d * math.sin(phi)
                 for a in range(na):
-                    if actions[a, slots.KIND] == slots.STAND:
+                    if actions[a].kind == slots.STAND:
                         q[ib, jd, kp, a] = NOTHING
                         continue
-                    after = room.groups[int(actions[a, slots.KIND])]
-                    q[ib, jd, kp, a] = _mean_after(v[after, ib], gx, gy, moved[a], room) - actions[a, slots.SECONDS]
+                    after = room.groups[int(actions[a].kind)]
+                    q[ib, jd, kp, a] = _mean_after(v[after, ib], gx, gy, moved[a], room) - actions[a].seconds
                 for kind in range(3):
                     top = NOTHING
                     for a in range(na):
-                        top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a, slots.KIND])])
+                        top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a].kind)])
                     worst = max(worst, abs(top - v[room.groups[kind], ib, jd, kp]))
                     v[room.groups[kind], ib, jd, kp] = top
     return worst
@@ -133,7 +134,7 @@ def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
 
 def _per_m(world: Arrays) -> float:
     """Return the seconds that the fastest action takes for a metre."""
-    return min(float(row[slots.SECONDS] / row[slots.FORWARD]) for row in world.actions if row[slots.FORWARD] > 0.0)
+    return min(float(row.seconds / row.forward) for row in world.tables.actions if row.forward > 0.0)
 
 
 def plan(
@@ -155,38 +156,37 @@ def plan(
         tolerance: s, change of a value in a sweep that is small enough.
         most: largest number of sweeps.
     """
-    nb, nd, nphi = shape
-    v = np.zeros((int(world.groups.max()) + 1, nb, nd, nphi))
+    (nb, nd, nphi), switching = shape, world.tables.switching
+    rows = [tuple(row) for row in switching]
+    groups = np.array([list(dict.fromkeys(rows)).index(row) for row in rows], dtype=np.int64)
+    v = np.zeros((int(groups.max()) + 1, nb, nd, nphi))
     v += _guess(world, np.linspace(0.0, d_max, nd), nphi)
     q = np.zeros((nb, nd, nphi, len(world.names)))
-    grid, drifts, radius = (
-        grid_of(world, d_max, drift_max),
-        np.linspace(0.0, drift_max, nb),
-        world.scene[slots.GOAL_RADIUS],
-    )
-    room = PlanRoom(world.groups, noise_samples(samples), drifts, float(radius), d_max, _per_m(world))
-    priced, sweeps, worst = _priced(world.actions), 0, math.inf
+    grid, drifts = grid_of(world, d_max, drift_max), np.linspace(0.0, drift_max, nb)
+    radius = float(world.tables.scene[0].goal_radius)
+    room = PlanRoom(groups, noise_samples(samples), drifts, radius, d_max, _per_m(world))
+    priced, sweeps, worst = _priced(world.tables.actions), 0, math.inf
     while worst > tolerance and sweeps < most:
         sweeps += 1
-        worst = _sweep(v, q, priced, world.switching, room)
+        worst = _sweep(v, q, priced, switching, room)
     return q, grid, sweeps
 
 
-def _priced(actions: Array) -> Array:
-    """Return the actions (a, columns) with a price, s, for seeing less than the moving action that sees most."""
+def _priced(actions: Record) -> Record:
+    """Return the actions (a,) with a price, s, for seeing less than the moving action that sees most."""
     out, best = actions.copy(), 0.0
     for row in actions:
-        best = max(best, float(row[slots.MATCH])) if row[slots.KIND] != slots.STAND else best
+        best = max(best, float(row.match)) if row.kind != slots.STAND else best
     for row in out:
-        if row[slots.KIND] != slots.STAND and best > 0.0:
-            row[slots.SECONDS] += SIGHT_PRICE * (1.0 - row[slots.MATCH] / best)
+        if row.kind != slots.STAND and best > 0.0:
+            row.seconds += SIGHT_PRICE * (1.0 - row.match / best)
     return out
 
 
 def _guess(world: Arrays, d: Array, nphi: int) -> Array:
     """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it; d (nd,) m."""
-    turns = [row for row in world.actions if row[slots.FORWARD] == 0.0 and row[slots.TURN] != 0.0]
-    per_rad = min(row[slots.SECONDS] / abs(row[slots.TURN]) for row in turns)
+    turns = [row for row in world.tables.actions if row.forward == 0.0 and row.turn != 0.0]
+    per_rad = min(row.seconds / abs(row.turn) for row in turns)
     phi = np.abs(-math.pi + np.arange(nphi) * (2.0 * math.pi / nphi))
     return -(1.1 * _per_m(world) * d[:, None] + per_rad * phi[None, :])
 
@@ -198,40 +198,33 @@ def shown_by_standing(world: Arrays) -> Array:
     footprint, times the frames that arrive before the decision; scaled down where more would be seen than are used.
     A tilt common to all frames moves the pose by height * tilt, which no number of landmarks averages out.
     """
-    stands = [row for row in world.actions if row[slots.KIND] == slots.STAND]
+    stands = [row for row in world.tables.actions if row.kind == slots.STAND]
     if not stands:
         return np.eye(3) * VARIANCE_UNSEEN
-    row, density = stands[0], world.scene[slots.DENSITY]
-    info, seen, half = np.zeros((3, 3)), 0.0, math.acos(row[slots.COS_HALF])
+    row, scene = stands[0], world.tables.scene[0]
+    info, seen, half = np.zeros((3, 3)), 0.0, math.acos(row.cos_half)
     nr, na = 24, 24
-    dr, da = (row[slots.RANGE_MAX] - row[slots.RANGE_MIN]) / nr, 2.0 * half / na
+    dr, da = (row.range_max - row.range_min) / nr, 2.0 * half / na
     for i in range(nr):
-        r = row[slots.RANGE_MIN] + (i + 0.5) * dr
+        r = row.range_min + (i + 0.5) * dr
         for j in range(na):
             a = -half + (j + 0.5) * da
-            weight = density * row[slots.MATCH] * r * dr * da
+            weight = scene.density * row.match * r * dr * da
             h_range = np.array([-math.cos(a), -math.sin(a), 0.0])
             h_bearing = np.array([math.sin(a) / r, -math.cos(a) / r, -1.0])
-            var_range = row[slots.SD_RANGE] ** 2 + (row[slots.SD_SHARE] * r) ** 2
+            var_range = row.sd_range**2 + (row.sd_share * r) ** 2
             info += weight * np.multiply.outer(h_range, h_range) / var_range
-            info += weight * np.multiply.outer(h_bearing, h_bearing) / row[slots.SD_BEARING] ** 2
+            info += weight * np.multiply.outer(h_bearing, h_bearing) / row.sd_bearing**2
             seen += weight
-    frames = max(row[slots.FRAMES] - row[slots.LATE], 0.0)
+    frames = max(row.frames - row.late, 0.0)
     if seen <= 0.0 or frames <= 0.0:
         return np.eye(3) * VARIANCE_UNSEEN
-    info *= frames * min(1.0, world.scene[slots.MOST] / seen)
-    return _inverse(info) + np.diag([(world.scene[slots.HEIGHT] * world.scene[slots.TILT_SD]) ** 2] * 2 + [0.0])
-
-
-def _inverse(m: Array) -> Array:
-    """Return the inverse of a symmetric m (3, 3), every sum in index order."""
-    from surefoot.geometry.linear_kernels import inverse3
-
-    return inverse3(m)[0]
+    info *= frames * min(1.0, scene.most / seen)
+    return inverse3(info)[0] + np.diag([(scene.height * scene.tilt_sd) ** 2] * 2 + [0.0])
 
 
 def planner(world: Arrays, provenance: dict[str, str] | None = None) -> Policy:
     """Return the planner of a model: table, sight and numbers."""
     table, grid, _ = plan(world)
-    numbers, shown = planner_numbers(world), shown_by_standing(world)
-    return Policy("planner", PLANNER, world.names, numbers, table, grid, shown, provenance or {})
+    tables = PolicyTables(PLANNER, planner_numbers(world), table, grid, shown_by_standing(world))
+    return Policy("planner", world.names, tables, provenance or {})

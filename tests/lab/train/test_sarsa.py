@@ -9,7 +9,7 @@ from surefoot.lab.train.evaluation import Seeds, episodes, paired, summary
 from surefoot.lab.train.learning import corners
 from surefoot.lab.train.runs import make_sarsa
 from surefoot.lab.train.sarsa import Schedule, Training
-from surefoot.services.navigator.environment.episodes import NEES_AT
+from surefoot.services.navigator.environment.episodes import RESULT
 from surefoot.services.navigator.policy.arrays import arrays
 from surefoot.services.navigator.policy.grids import GRID, add_values
 from surefoot.services.navigator.policy.library import find
@@ -29,7 +29,7 @@ def test_corners_are_weights_of_the_table_that_is_read():
             assert weights.sum() == pytest.approx(1.0)
             assert (weights >= 0).all()
             want = np.zeros(4)
-            add_values(table, grid, world.actions, d, phi, h, 1.0, want)
+            add_values(table, grid, world.tables.actions, d, phi, h, 1.0, want)
             got = np.array([weights @ table.reshape(-1)[cells + a] for a in range(4)])
             assert (got[[0, 2, 1, 3]] if flip else got) == pytest.approx(want)
 
@@ -58,7 +58,7 @@ def test_a_training_that_was_interrupted_goes_on_with_the_same_bits(tmp_path):
     assert again.done == 25
     again.advance(100)
     assert np.array_equal(again.table, whole.table)
-    assert np.array_equal(again.policy().table, whole.policy().table)
+    assert np.array_equal(again.policy().tables.table, whole.policy().tables.table)
     assert np.array_equal(again.seconds, whole.seconds)
 
 
@@ -85,13 +85,13 @@ def test_of_several_trainings_the_best_is_kept_and_all_are_listed(tmp_path):
 def test_statistics():
     assert success_bound(1000, 1000) == pytest.approx(0.05 ** (1 / 1000))
     assert success_bound(0, 10) == 0.0
-    results = np.zeros((4, 8))
-    results[:, 0], results[:, 1], results[:, 2] = [1, 2, 3, 4], 1, 10
+    results = np.zeros(4, RESULT)
+    results["seconds"], results["ended"], results["decisions"] = [1, 2, 3, 4], 1, 10
     s = summary(results)
     assert (s["mean_s"], s["median_s"], s["success"]) == (2.5, 2.5, 1.0)
-    results[:, NEES_AT] = [0.5, 7.81, 7.82, 90.0]  # 7.815: 95 % of chi2 with 3 degrees of freedom
+    results["nees_at"] = [0.5, 7.81, 7.82, 90.0]  # 7.815: 95 % of chi2 with 3 degrees of freedom
     assert summary(results)["inside_95_at_20"] == 0.5
     other = results.copy()
-    other[:, 0] += [1.0, 1.1, 0.9, 1.0]
+    other["seconds"] += [1.0, 1.1, 0.9, 1.0]
     assert paired(results, other)["difference_s"] == pytest.approx(-1.0)
     assert paired(results, results)["p_paired_t"] == 1.0

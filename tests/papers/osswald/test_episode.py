@@ -7,17 +7,11 @@ from surefoot.lab.train.sarsa import Schedule, Training
 from surefoot.papers.osswald.episode import follow_all
 from surefoot.papers.osswald.learner import Learner, paths
 from surefoot.services.navigator.environment.episodes import (
-    DECISIONS,
-    ENDED_AS,
-    ERROR,
-    SECONDS_TAKEN,
-    STANDS_MADE,
-    TURNS_MADE,
     run_episodes,
 )
 from surefoot.services.navigator.policy.arrays import REACHED, arrays
+from surefoot.services.navigator.policy.decider import hand
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import hand
 
 
 @pytest.mark.parametrize("states", [3, 4])
@@ -28,7 +22,7 @@ def test_an_episode_is_the_one_that_is_evaluated(states):
     for row, e in zip(results, walked, strict=True):
         error = np.hypot(*(e.truth - e.mean)[-1, :2])
         got = e.seconds, REACHED if e.reached else 2, len(e.actions), e.stands.sum(), np.abs(e.turns).sum(), error
-        want = row[[SECONDS_TAKEN, ENDED_AS, DECISIONS, STANDS_MADE, TURNS_MADE, ERROR]]
+        want = row.seconds, row.ended, row.decisions, row.stands, row.turns, row.error
         assert np.array_equal(got[:5], want[:5])
         assert got[5] == pytest.approx(want[5], rel=1e-12)  # hypot and sqrt differ in the last bit
         assert np.diff(e.time).sum() == pytest.approx(0.7 * e.stands.sum() + 1.75 * (~e.stands).sum())

@@ -11,9 +11,9 @@ from surefoot.papers.osswald.episode import Episode, drift_of, follow_all
 from surefoot.services.navigator.environment.draws import seed
 from surefoot.services.navigator.environment.model import CELL, episode_room, episode_state, squares
 from surefoot.services.navigator.environment.world import look
-from surefoot.services.navigator.policy.arrays import X_MIN, Y_MIN, arrays
+from surefoot.services.navigator.policy.arrays import arrays
+from surefoot.services.navigator.policy.decider import hand
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import hand
 
 
 def made(stands=(), turns=(), drift=1.0, d=None, h=None) -> Episode:
@@ -87,9 +87,9 @@ def test_expected_matches_are_those_of_the_kernel_on_average(params):
     world = arrays(load(params, ("filter.states=3",)))
     walks = follow_all(world, hand(world), 5, 0, 3)
     counts, state, room = [], episode_state(world), episode_room(3)
-    nx, ny = squares(world.scene)
+    nx, ny = squares(world.tables.scene[0])
     for e in walks:
-        square = ((e.marks - world.scene[[X_MIN, Y_MIN]]) // CELL).astype(int) @ [ny, 1]
+        square = ((e.marks - (world.tables.scene[0].x_min, world.tables.scene[0].y_min)) // CELL).astype(int) @ [ny, 1]
         state = state._replace(marks=e.marks, first=np.searchsorted(square, np.arange(nx * ny + 1)))
         for i, (pose, index) in enumerate(zip(e.truth[1:], e.actions, strict=True)):
             if e.stands[i]:
@@ -97,7 +97,7 @@ def test_expected_matches_are_those_of_the_kernel_on_average(params):
             for again in range(20):
                 seed(state.rng, 77, i, again)
                 state.truth[:3], state.mean[:], state.cov[:] = pose, e.mean[i], e.cov[i]
-                counts.append(look(world.scene, world.actions[index], state, room))
+                counts.append(look(world.tables.scene[0], world.tables.actions[index], state, room))
     assert len(counts) > 2000
     assert measures.matches_expected(world, walks) == pytest.approx(
         np.mean(counts), abs=5 * np.std(counts) / len(counts) ** 0.5

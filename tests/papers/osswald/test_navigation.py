@@ -13,8 +13,8 @@ from surefoot.lab.train.runs import SELECTION
 from surefoot.papers.osswald import navigation
 from surefoot.papers.osswald import study as osswald
 from surefoot.services.navigator.policy.arrays import arrays
+from surefoot.services.navigator.policy.decider import hand
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import hand
 
 
 def test_the_entropy_threshold_is_the_fastest_of_those_that_always_arrive(monkeypatch):

@@ -30,9 +30,9 @@ def test_the_way_is_walked_evenly_and_wholly_a_lag_behind_the_feet() -> None:
     assert walked(execution, LAG) == 0.0
     assert walked(execution, LAG + 1.0) == pytest.approx(0.1)
     assert walked(execution, LAG + 3.0) == pytest.approx(0.2)
-    assert not execution.empty
+    assert execution.pieces
     assert walked(execution, LAG + 4.0) == pytest.approx(0.1)
-    assert execution.empty
+    assert not execution.pieces
 
 
 @pytest.mark.parametrize("stands_at", [0.05, 1.0, 3.9])
@@ -43,14 +43,14 @@ def test_a_walker_that_stands_has_ended_its_action_before_the_stated_time(stands
         orders.take_up(stands_at, GaitView("standing", order=1))
     after = walked(orders.execution, stands_at + LAG)
     assert before + after == pytest.approx(0.4)
-    assert orders.execution.empty
+    assert not orders.execution.pieces
 
 
 def test_standing_between_steps_with_a_landing_ahead_ends_nothing() -> None:
     orders = under_way()
     orders.take_up(1.0, GaitView("standing", order=1, ends_in=3.0))
     assert walked(orders.execution, LAG + 1.0) == pytest.approx(0.1)
-    assert not orders.execution.empty
+    assert orders.execution.pieces
 
 
 def test_an_action_taken_up_while_standing_is_not_ended_with_the_one_before() -> None:
@@ -78,7 +78,7 @@ def test_of_an_action_that_a_stop_ends_only_the_part_until_the_last_landing_is_w
     for now in (1.0, 1.1):
         orders.take_up(now, GaitView("walking", order=2, ends_in=ends_in + 1.0 - now))
     assert before + walked(orders.execution, 10.0) == pytest.approx(whole)
-    assert orders.execution.empty
+    assert not orders.execution.pieces
 
 
 @pytest.mark.parametrize("walked_s", [0.0, 1.0, 2.0, 3.0])
@@ -94,4 +94,4 @@ def test_of_a_stop_without_a_forecast_the_step_under_way_lands_and_how_far_it_le
     steps = 0.1 * landings  # m, 0.1 m a second
     assert forward == pytest.approx(float(steps.mean()), rel=0.01)
     assert variance - 0.1 * forward == pytest.approx(float(steps.var()), rel=0.02)
-    assert orders.execution.empty
+    assert not orders.execution.pieces

@@ -20,7 +20,8 @@ def goal(**changes: Any) -> NavigationGoal:
 
 def kept(**changes: Any) -> Kept:
     given = {"goal": goal(), "planned": ((90, goal(places=(ROUTE[1], ROUTE[2]), ends=(1, 2))),)} | changes
-    return Kept(7, (0.5, 0.1, -0.2), (0.01, 0.001, 0.0, 0.001, 0.02, 0.0, 0.0, 0.0, 0.03), (0.4, 0.0, 0.0), **given)
+    cov = (0.01, 0.001, 0.0, 0.001, 0.02, 0.0, 0.0, 0.0, 0.03)
+    return Kept.model_construct(number=7, pose=(0.5, 0.1, -0.2), covariance=cov, odom=(0.4, 0.0, 0.0), **given)
 
 
 def changed(tmp_path: Path, change: dict[str, Any], *, of_goal: bool) -> GoalMemory:

@@ -6,11 +6,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from surefoot.schemas.navigation import Decision
 from surefoot.services.navigator.belief.matching import SightNoise
 from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
 from surefoot.services.navigator.goals import Act, NavigationGoal, Point
 from surefoot.services.navigator.pilot import Pilot
-from surefoot.services.navigator.policy.policies import PolicyDecision
 from tests.services.navigator.strollers import TICK_S, Stroller
 
 TURN = math.radians(23.0)
@@ -28,12 +28,12 @@ class TowardsGoal:
     def begin(self) -> None:
         """Forget nothing."""
 
-    def decide(self, mean: np.ndarray, cov: np.ndarray, goal: Point, *, blocked: bool) -> PolicyDecision:
+    def decide(self, mean: np.ndarray, cov: np.ndarray, goal: Point, *, blocked: bool) -> Decision:
         """Return a turn when the goal is aside, else a walk."""
-        phi = math.remainder(math.atan2(goal[1] - mean[1], goal[0] - mean[0]) - mean[2], 2.0 * math.pi)
-        if abs(phi) > TURN or blocked:
-            return PolicyDecision(1 if phi > 0.0 else 2, (0.0, 1.0, 1.0, math.nan), "aside")
-        return PolicyDecision(0, (1.0, 0.0, 0.0, math.nan), "ahead")
+        dx, dy = goal[0] - mean[0], goal[1] - mean[1]
+        phi = math.remainder(math.atan2(dy, dx) - mean[2], 2.0 * math.pi)
+        action = ("left" if phi > 0.0 else "right") if abs(phi) > TURN or blocked else "walk"
+        return Decision(number=0, action=action, reason="", distance=math.hypot(dx, dy), bearing=phi, entropy=0.0)
 
 
 class Run:

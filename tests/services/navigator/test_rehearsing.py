@@ -5,13 +5,12 @@ import numpy as np
 from surefoot.kernels.compiling import COMPILING
 from surefoot.services.navigator.belief.lost import Footprint, evidence_of, in_view
 from surefoot.services.navigator.belief.matching import match
-from surefoot.services.navigator.belief.relocalise import Glance, relocalise
 from surefoot.services.navigator.planning import costs as costs_module
 from surefoot.services.navigator.planning.costs import prepare
 from surefoot.services.navigator.planning.grid import FloorGrid
 from surefoot.services.navigator.planning.route import plan
 from surefoot.services.navigator.rehearsal import LARGE_SIDE, rehearse_belief, rehearse_planning
-from tests.services.navigator.belief.floors import EASY, Eye, floor
+from tests.services.navigator.belief.floors import EASY, Eye, Glance, floor, relocalise
 
 
 def test_nothing_is_compiled_after_the_dry_runs():

@@ -13,8 +13,8 @@ from surefoot.errors import Refusal, SurefootError
 from surefoot.schemas.hw import Landmark
 from surefoot.schemas.navigation import CancelRequest, GotoRequest, PolicyRequest, SetPoseRequest, WaypointsRequest
 from surefoot.schemas.topics import NAVIGATOR_ORDER
+from surefoot.services.navigator.memory import is_covariance
 from surefoot.services.navigator.policy.files import shipped
-from surefoot.services.navigator.requests import is_covariance
 from tests.services.navigator.journeys import Journey, ready
 from tests.services.refusals import refused
 

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.schemas.hw import Range
 from surefoot.services.navigator.planning.grid import OCCUPIED, FloorGrid
-from surefoot.services.navigator.planning.seen import Cone, SeenObstacles, expected_echo
+from surefoot.services.navigator.planning.seen import SeenObstacles, expected_echo
 from tests.services.navigator.journeys import Journey
 
 HALF, LONGEST, SHORTEST = 0.5, 2.55, 0.25
@@ -150,26 +151,32 @@ def test_expected_echo_holds_those_of_all_headings_that_may_be() -> None:
     assert 10 < apart < 50
 
 
+def reading(distance: float | None, half: float) -> Range:
+    return Range(
+        stamp_ns=0, distance=distance, shortest=SHORTEST, longest=LONGEST, field_of_view=2.0 * half, bump=(False,) * 2
+    )
+
+
 def test_a_mark_fades_and_is_cleared_by_an_empty_cone() -> None:
     seen, at = SeenObstacles(grid(), 65, keep=10.0), (0.5, 1.5, 0.0)
-    seen.take(Cone(0.6, LONGEST, 0.3), at, (0.0, 0.0), 0.0)
+    seen.take(reading(0.6, 0.3), at, (0.0, 0.0), 0.0)
     assert seen.marks
     assert not seen.free((0.5, 1.5), ((2.5, 1.5),), 0.12)
     assert seen.free((0.5, 1.5), ((0.5, 2.8),), 0.12)
     turned = (0.5, 1.5, math.pi)
-    seen.take(Cone(None, LONGEST, 0.3), turned, (0.0, 0.0), 9.0)
+    seen.take(reading(None, 0.3), turned, (0.0, 0.0), 9.0)
     assert seen.marks  # not looked at
-    seen.take(Cone(None, LONGEST, 0.3), turned, (0.0, 0.0), 11.0)
+    seen.take(reading(None, 0.3), turned, (0.0, 0.0), 11.0)
     assert not seen.marks
-    seen.take(Cone(0.6, LONGEST, 0.3), at, (0.0, 0.0), 12.0)
-    seen.take(Cone(None, LONGEST, 0.35), at, (0.0, 0.0), 12.1)
+    seen.take(reading(0.6, 0.3), at, (0.0, 0.0), 12.0)
+    seen.take(reading(None, 0.35), at, (0.0, 0.0), 12.1)
     assert not seen.marks
 
 
 def test_an_echo_of_a_known_wall_marks_nothing_even_if_the_pose_is_unsure() -> None:
     seen = SeenObstacles(grid(*((r, 40) for r in range(60))), 65, keep=10.0)
-    seen.take(Cone(1.0, LONGEST, 0.3), (1.0, 1.5, 0.0), (0.02, 0.02), 0.0)
-    seen.take(Cone(0.8, LONGEST, 0.3), (1.0, 1.5, 0.0), (0.05, 0.02), 0.0)
+    seen.take(reading(1.0, 0.3), (1.0, 1.5, 0.0), (0.02, 0.02), 0.0)
+    seen.take(reading(0.8, 0.3), (1.0, 1.5, 0.0), (0.05, 0.02), 0.0)
     assert not seen.marks
-    seen.take(Cone(0.5, LONGEST, 0.3), (1.0, 1.5, 0.0), (0.05, 0.02), 0.0)
+    seen.take(reading(0.5, 0.3), (1.0, 1.5, 0.0), (0.05, 0.02), 0.0)
     assert seen.marks

@@ -7,6 +7,7 @@ import numpy as np
 
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import Detections, SightNoise
+from surefoot.services.navigator.belief.relocalise import Relocaliser, Relocation
 
 NEAR, FAR, HALF = 0.35, 1.18, math.radians(33.0)
 """m, m, rad: what the Nao's lower camera sees of the floor."""
@@ -15,6 +16,23 @@ EASY = SightNoise()
 """Of the simulated Nao."""
 ROUGH = SightNoise(range_sd=0.15, range_share=0.0, bearing_sd=math.radians(10.0))
 """As hard as the paper's."""
+
+
+@dataclass(frozen=True)
+class Glance:
+    """One frame of a robot that stands or turns on the spot, and the pose of base_link by odometry then."""
+
+    seen: Detections
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def relocalise(glances, world, noise, limits=None):
+    """The pose from which the camera sees the glances, by one search that is not cut into portions."""
+    relocaliser = Relocaliser(world, noise, limits)
+    for number, glance in enumerate(glances):
+        relocaliser.add(glance.seen, glance.pose, 0.1 * number)
+    found = relocaliser.step((0.0, 0.0, 0.0), 2**62)
+    return found or Relocation(None, np.zeros((3, 3)), 0.0, "unseen", 0)
 
 
 def unit(rows):

@@ -164,14 +164,6 @@ def test_landmarks_in_view_are_those_of_the_sector():
         assert in_view(world, (x, y, heading), view) == inside.sum()
 
 
-@pytest.mark.parametrize(
-    "bad", [{"right": (0.5, 0.5, 0.5)}, {"displaced": (1.0, 0.0, 0.0)}, {"displacement_rate": 0.0}, {"scale": math.nan}]
-)
-def test_models_that_cannot_be_are_refused(bad):
-    with pytest.raises(Refusal):
-        LostModel(**bad)
-
-
 @pytest.mark.parametrize("dt", [-0.1, math.nan, math.inf])
 def test_time_that_cannot_be_is_refused(dt):
     with pytest.raises(Refusal):

@@ -66,17 +66,16 @@ def test_gate_is_the_quadratic_form_with_a_jacobian_by_finite_differences():
 def test_index_finds_what_a_search_of_the_whole_map_finds(noise, scale):
     rng, world = np.random.default_rng(2), floor(2, copied=0.3)
     eye, cov = Eye(world, noise, 3), COV * scale**2
-    limits = MANY.array(noise, LENGTH)
     for mean, seen, _ in frames(eye, rng, 20, cov):
         for r, b, look in zip(seen.ranges, seen.bearings, seen.looks, strict=True):
-            vr, vb = gate.variances(r, noise.array())
+            vr, vb = gate.variances(r, noise)
             nis = np.array([gate.gated(mean, cov, *p, r, b, vr, vb) for p in world.positions])
             inside = np.flatnonzero(nis < 9.21)
-            found, fate, _, gap = gate.nearest_look(mean, cov, r, b, look, world.tables, noise.array(), limits)
+            found, fate, _, gap = gate.nearest_look(mean, cov, r, b, look, world.tables, noise, MANY)
             gaps = np.sort(((world.descriptors[inside] - look) ** 2).sum(axis=1))
             if not inside.size:
                 assert fate == gate.FAR
-            elif gaps[0] > limits[gate.LOOK] ** 2:
+            elif gaps[0] > MANY.look(noise, LENGTH) ** 2:
                 assert fate == gate.UNLIKE
             elif gaps.size > 1 and gaps[0] > 0.64 * gaps[1]:
                 assert fate == gate.AMBIGUOUS
@@ -292,5 +291,5 @@ def test_a_map_survives_the_wire():
 
 def test_two_far_apart_landmarks_make_no_large_index():
     world = FloorLandmarks(np.array([[0.0, 0.0], [1e4, 1e4], [0.1, 0.0]]), np.eye(3))
-    assert world.buckets.starts.size < 100
-    assert sorted(world.buckets.members.tolist()) == [0, 1, 2]
+    assert world.tables.starts.size < 100
+    assert sorted(world.tables.members.tolist()) == [0, 1, 2]

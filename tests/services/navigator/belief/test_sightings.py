@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from surefoot.services.navigator.belief.places import TRIED
-from surefoot.services.navigator.belief.relocalise import Relocaliser, relocalise
+from surefoot.services.navigator.belief.relocalise import Relocaliser
 from surefoot.services.navigator.belief.sightings import FORGET_S, LONGEST, MOST, SightingMemory
-from tests.services.navigator.belief.floors import EASY, LENGTH, ROUGH, Eye, floor
+from tests.services.navigator.belief.floors import EASY, LENGTH, ROUGH, Eye, floor, relocalise
 from tests.services.navigator.belief.test_relocalise import glances
 
 HERE = (0.0, 0.0, 0.0)

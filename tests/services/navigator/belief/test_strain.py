@@ -186,7 +186,7 @@ def test_equations_are_those_of_a_turned_camera_over_a_strained_map():
     bearing, far = math.atan2(d[1], d[0]), math.hypot(*d)
     axes = np.array([d / far, [-d[1] / far, d[0] / far]])
     lines = FrameLines(np.zeros((2, strain.STATES)), np.zeros(2), np.zeros(2))
-    strain.lines_of(place[None], np.array([[far, bearing]]), pose, np.array([0.0, 0.03, 0.02]), HEIGHT, lines)
+    strain.lines_of(place[None], np.array([[far, bearing]]), pose, SightNoise(0.0, 0.03, 0.02), HEIGHT, lines)
     np.testing.assert_allclose(lines.off, 0.0, atol=1e-12)
     e = rng.standard_normal(3)
     true = np.linalg.solve(np.eye(2) + size * np.array([[e[0], e[2]], [e[2], e[1]]]), place - pose[:2])

@@ -11,10 +11,10 @@ from surefoot.services.navigator.environment import episodes
 from surefoot.services.navigator.environment.draws import seed
 from surefoot.services.navigator.environment.model import episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin, drift_at, look, scatter
-from surefoot.services.navigator.policy.arrays import BLOCKED, CUT_OFF, LAST, OUTCOME, REACHED, RUNNING, TIME, arrays
+from surefoot.services.navigator.policy.arrays import CUT_OFF, REACHED, RUNNING, arrays
+from surefoot.services.navigator.policy.decider import hand
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import hand
 
 
 class Episode:
@@ -23,7 +23,7 @@ class Episode:
     def __init__(self, model, run=3, number=0):
         self.world, self.run, self.number = arrays(model), run, number
         self.state, self.room = episode_state(self.world), episode_room(self.world.states)
-        begin(self.world.scene, run, number, self.state)
+        begin(self.world.tables.scene[0], run, number, self.state)
 
     def __getattr__(self, name):
         return getattr(self.state, name)
@@ -34,7 +34,7 @@ class Episode:
     def look(self):
         """Return the number of landmarks in a frame of the first action; the belief stays as it is."""
         state = self.state._replace(mean=self.mean.copy(), cov=self.cov.copy())
-        return look(self.world.scene, self.world.actions[0], state, self.room)
+        return look(self.world.tables.scene[0], self.world.tables.actions[0], state, self.room)
 
 
 STILL = [
@@ -50,7 +50,7 @@ def test_the_floor_has_the_density_that_was_asked_for():
     counts, e = [], episode_state(world)
     for k in range(300):
         seed(e.rng, k, 0, 1)
-        scatter(world.scene, e.rng, e.marks, e.first)
+        scatter(world.tables.scene[0], e.rng, e.marks, e.first)
         counts.append(e.first[-1])
         inside = e.marks[: e.first[-1]]
         assert (inside >= [-1.0, -1.0]).all()
@@ -93,7 +93,7 @@ def test_without_noise_it_goes_where_it_was_sent():
     turn = math.radians(23.0)
     want = [0.1 + 0.1 * math.cos(turn), 0.1 * math.sin(turn), turn]
     assert e.truth[:3] == pytest.approx(want, abs=1e-12)
-    assert e.status[TIME] == pytest.approx(3 * 1.75)
+    assert e.status.time == pytest.approx(3 * 1.75)
 
 
 def test_a_drift_turns_in_proportion_to_the_way():
@@ -113,19 +113,19 @@ def test_a_wall_stops_it_blocks_it_and_turning_frees_it():
     e.mean[:3] = e.truth[:3]
     for _ in range(4):
         e.act("walk")
-    assert (e.truth[1], e.status[BLOCKED]) == (pytest.approx(0.85), 1)
+    assert (e.truth[1], e.status.blocked) == (pytest.approx(0.85), 1)
     for _ in range(8):
         e.act("left")
-    assert e.status[BLOCKED] == 0
+    assert e.status.blocked == 0
 
 
 def test_the_goal_ends_it_with_the_bonus_and_the_limit_without():
     e = Episode(load("paper", STILL))
     e.truth[0] = e.mean[0] = 4.78
-    assert (e.act("walk"), e.status[OUTCOME]) == (200.0, REACHED)
+    assert (e.act("walk"), e.status.outcome) == (200.0, REACHED)
     e = Episode(load("paper", [*STILL, "scene.time_limit=3"]))
-    assert (e.act("walk"), e.status[OUTCOME]) == (-1.75, RUNNING)
-    assert (e.act("walk"), e.status[OUTCOME]) == (-1.75, CUT_OFF)
+    assert (e.act("walk"), e.status.outcome) == (-1.75, RUNNING)
+    assert (e.act("walk"), e.status.outcome) == (-1.75, CUT_OFF)
 
 
 def test_switching_costs_are_charged_to_the_action_that_switches():
@@ -163,7 +163,7 @@ def test_the_belief_is_as_sure_as_it_claims(name):
     model = load(name)
     results = episodes.run_episodes(arrays(model), find("tuned", model), 77, 0, 600)
     low, high = stats.chi2.ppf([0.005, 0.995], 3 * 600) / 600
-    assert low < results[:, episodes.NEES_AT].mean() < high
+    assert low < results["nees_at"].mean() < high
 
 
 def test_tilt_is_modelled_and_ignoring_it_is_overconfident():
@@ -173,14 +173,14 @@ def test_tilt_is_modelled_and_ignoring_it_is_overconfident():
     assert world.states == 6
     results = episodes.run_episodes(world, find("tuned", model), 78, 0, 150)
     low, high = stats.chi2.ppf([0.0005, 0.9995], 3 * 150) / 150
-    assert low < results[:, episodes.NEES_AT].mean() < high
+    assert low < results["nees_at"].mean() < high
 
 
 def test_who_never_sees_does_not_stand_for_ever():
     model = load("paper", ["scene.landmarks_per_m2=0", "scene.time_limit=200"])
     for policy in (hand(arrays(model)), find("planner", model)):
         results = episodes.run_episodes(arrays(model), policy, 1, 0, 10)
-        assert results[:, episodes.STANDS_MADE].max() < 0.95 * results[:, episodes.DECISIONS].max()
+        assert results["stands"].max() < 0.95 * results["decisions"].max()
 
 
 def test_known_pose_beats_belief_and_all_arrive():
@@ -190,15 +190,15 @@ def test_known_pose_beats_belief_and_all_arrive():
         episodes.run_episodes(world, p, 5, 0, 300, knows)
         for p, knows in ((planner, True), (planner, False), (find("tuned", model), False), (find("hand", model), False))
     )
-    times = [r[:, episodes.SECONDS_TAKEN].mean() for r in (limit, ours, tuned, plain)]
+    times = [r["seconds"].mean() for r in (limit, ours, tuned, plain)]
     assert times == sorted(times)
-    assert all((r[:, episodes.ENDED_AS] == REACHED).all() for r in (limit, ours, tuned, plain))
+    assert all((r["ended"] == REACHED).all() for r in (limit, ours, tuned, plain))
 
 
 def test_the_status_knows_the_last_action():
     e = Episode(load("paper"))
     e.act("left")
-    assert e.world.names[int(e.status[LAST])] == "left"
+    assert e.world.names[int(e.status.last)] == "left"
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_the_status_knows_the_last_action():
     ],
 )
 def test_drift_follows_its_course_over_the_way(course, wanted):
-    scene = arrays(load("paper", [f"drift.course={course!r}"])).scene
+    scene = arrays(load("paper", [f"drift.course={course!r}"])).tables.scene[0]
     began = math.radians(40.0)
     for way, deg in zip((0.0, 2.5, 5.0), wanted, strict=True):
         assert drift_at(scene, began, way) == pytest.approx(math.radians(10.0 * deg))
@@ -225,5 +225,5 @@ def test_a_drift_that_changes_its_sign_costs_the_planner_no_more_than_the_hand_c
         model = load(params, [f"drift.per_10cm_deg={deg}", "drift.course='flip'"])
         world = arrays(model)
         both = [episodes.run_episodes(world, policy, 0, 50_000, 300) for policy in (planner, find("tuned", model))]
-        ours, other = (results[:, episodes.SECONDS_TAKEN].mean() for results in both)
+        ours, other = (results["seconds"].mean() for results in both)
         assert ours < 1.02 * other

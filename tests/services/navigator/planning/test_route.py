@@ -57,8 +57,8 @@ def graph(weight):
 @pytest.mark.parametrize("seed", range(3))
 def test_distances_are_those_of_scipy(seed):
     grid = random_grid(seed)
-    wall = costs_module.blocked(grid.cells, 65, False)
-    expected = ndimage.distance_transform_edt(wall == 0)
+    wall = np.pad(grid.cells >= 65, 1, constant_values=True)
+    expected = ndimage.distance_transform_edt(~wall)
     for most in (1, 5, 60):
         found = np.sqrt(costs_module.squared_distance(wall, most))
         near = expected <= most
@@ -211,6 +211,3 @@ def test_clearances_that_cannot_be_are_refused(bad):
 def test_other_settings_that_cannot_be_are_refused():
     with pytest.raises(Refusal):
         prepare(FloorGrid(np.zeros((10, 10), dtype=np.int8), 0.001))
-    for bad in ({"leg": 0.0}, {"leg": math.nan}, {"slack": -1.0}):
-        with pytest.raises(Refusal):
-            RouteLimits(**bad)

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from surefoot.services.navigator.policy.arrays import KIND, STANDS, TURNS, arrays
+from surefoot.services.navigator.policy.arrays import TURNING, arrays
+from surefoot.services.navigator.policy.decider import Decider, hand
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.planner import planner
-from surefoot.services.navigator.policy.policies import Decider, hand
 
 GOAL = (5.0, 0.0)
 SURE = np.diag([1e-4, 1e-4, 1e-4, 1e-3])
@@ -48,7 +48,7 @@ def blurred_planner():
 
 
 def name_of(decider, *args, blocked=False):
-    return decider.world.names[decider.decide(*args, GOAL, blocked=blocked).index]
+    return decider.decide(*args, GOAL, blocked=blocked).action
 
 
 def test_the_hand_controller_follows_its_three_rules(world):
@@ -72,10 +72,11 @@ def test_only_turns_are_allowed_while_blocked_and_a_turn_goes_on(world):
     for name in ("hand", "tuned", "planner"):
         d = Decider(world, policy_of(name))
         first = d.decide(belief(deg=5), SURE, GOAL, blocked=True)
-        assert world.actions[first.index, KIND] == 1
-        assert [math.isnan(v) for v in first.values] == [k != 1 for k in world.actions[:, KIND]]
+        turns = [name for name, action in zip(world.names, world.tables.actions, strict=True) if action.kind == TURNING]
+        assert first.action in turns
+        assert list(first.values) == turns
         again = d.decide(belief(deg=-40), SURE, GOAL, blocked=True)
-        assert again.index == first.index
+        assert again.action == first.action
 
 
 def test_stands_and_turns_in_a_row_are_capped(world):
@@ -83,9 +84,9 @@ def test_stands_and_turns_in_a_row_are_capped(world):
     d = Decider(world, hand(world))
     made = [name_of(d, belief(), unsure) for _ in range(17)]
     assert (made[:15], made[15]) == (["stand"] * 15, "walk")
-    assert d.status[STANDS] == 1
+    assert d.status.stands == 1
     d.begin()
-    d.status[TURNS] = 16
+    d.status.turns = 16
     assert name_of(d, belief(deg=90), SURE) == "walk"
 
 
@@ -104,7 +105,7 @@ def test_the_planner_stands_where_a_look_can_change_the_way_and_never_when_sure(
     assert name_of(d, belief(x=4.3, deg=30), unsure) == "stand"
     d.begin()
     assert name_of(d, belief(x=4.3, deg=0), SURE) == "walk"
-    blind = replace(policy, shown=np.eye(3) * 1e4)
+    blind = replace(policy, tables=policy.tables._replace(shown=np.eye(3) * 1e4))
     assert name_of(Decider(blurred, blind), belief(x=4.3, deg=30), unsure) != "stand"
 
 
@@ -115,7 +116,7 @@ def test_what_a_look_gains_is_never_negative(blurred):
         a = rng.normal(size=(4, 4)) * [0.1, 0.1, 0.2, 0.4]
         mean = belief(*rng.uniform([-0.5, -0.8], [4.8, 0.8]), rng.uniform(-180, 180), rng.normal())
         values = Decider(blurred, policy).decide(mean, a.T @ a + SURE, GOAL, blocked=False).values
-        assert values[3] >= max(values[:3]) - 0.7 - 1e-9
+        assert values.pop("stand") >= max(values.values()) - 0.7 - 1e-9
 
 
 def test_switching_costs_make_a_look_dearer(blurred):
@@ -125,18 +126,19 @@ def test_switching_costs_make_a_look_dearer(blurred):
     for d in (cheap, dear):
         d.did(0)
     value = [d.decide(mean, cov, GOAL, blocked=False).values for d in (cheap, dear)]
-    assert value[1][3] - max(value[1][:3]) < value[0][3] - max(value[0][:3])
+    gain = [each.pop("stand") - max(each.values()) for each in value]
+    assert gain[1] < gain[0]
 
 
 def test_every_policy_gives_reasons_in_words(world):
     for name in ("hand", "tuned", "steer", "planner"):
         verdict = Decider(world, policy_of(name)).decide(belief(deg=50), SURE, GOAL, blocked=False)
-        assert world.names[verdict.index] in verdict.reason
-        assert len(verdict.values) == len(world.names)
+        assert verdict.action in verdict.reason
+        assert tuple(verdict.values) == world.names
 
 
 def test_a_goal_far_beyond_the_table_keeps_its_estimated_time(world):
     d = Decider(world, policy_of("planner"))
     far = d.decide(belief(x=-15), SURE, GOAL, blocked=False).values
     near = d.decide(belief(x=-5), SURE, GOAL, blocked=False).values
-    assert max(near) - max(far) == pytest.approx(175.0, rel=1e-6)
+    assert max(near.values()) - max(far.values()) == pytest.approx(175.0, rel=1e-6)

@@ -11,10 +11,11 @@ import pytest
 from surefoot.errors import Refusal
 from surefoot.services.navigator.policy import files
 from surefoot.services.navigator.policy.arrays import arrays
+from surefoot.services.navigator.policy.choose import SARSA, PolicyTables
+from surefoot.services.navigator.policy.decider import Policy, hand
 from surefoot.services.navigator.policy.files import MEMBERS, content_of, digest_of, load_policy, parse, save, shipped
 from surefoot.services.navigator.policy.library import find, known
 from surefoot.services.navigator.policy.params import load
-from surefoot.services.navigator.policy.policies import Policy, hand
 from tests.services.refusals import refused
 
 AXES = np.array([0.0, 6.0, -8.0, -2.0, 0.0, 0.0])
@@ -24,7 +25,8 @@ AXES = np.array([0.0, 6.0, -8.0, -2.0, 0.0, 0.0])
 def policy():
     world = arrays(load("paper"))
     rng = np.random.default_rng(0)
-    return Policy("x", 3, world.names, np.zeros(8), rng.normal(size=(2, 3, 4, 4)), AXES, np.eye(3), {"seed": "1"})
+    tables = PolicyTables(SARSA, np.zeros(8), rng.normal(size=(2, 3, 4, 4)), AXES, np.eye(3))
+    return Policy("x", world.names, tables, {"seed": "1"})
 
 
 def changed(policy, *, signed=True, **members):
@@ -42,8 +44,8 @@ def test_round_trip_and_equal_bytes(policy, tmp_path):
     digest = save(policy, tmp_path / "p.npz")
     again = load_policy(tmp_path / "p.npz", policy.actions)
     assert again.sha256 == digest
-    assert (again.kind, again.actions, dict(again.provenance)) == (3, policy.actions, {"seed": "1"})
-    assert again.table == pytest.approx(policy.table, abs=1e-6)
+    assert (again.tables.kind, again.actions, dict(again.provenance)) == (3, policy.actions, {"seed": "1"})
+    assert again.tables.table == pytest.approx(policy.tables.table, abs=1e-6)
     assert content_of(policy) == content_of(policy)
     assert not list(tmp_path.glob("*.part"))
 
@@ -85,7 +87,7 @@ def test_a_file_that_was_changed_after_it_was_written_is_refused(policy, member)
     if array.dtype.kind == "f":
         with pytest.raises(Refusal, match="not as it was written"):
             parse(changed(policy, signed=False, **{member: other}), "p", "p.npz")
-        assert parse(changed(policy, **{member: other}), "p", "p.npz").kind == policy.kind
+        assert parse(changed(policy, **{member: other}), "p", "p.npz").tables.kind == policy.tables.kind
 
 
 def test_what_is_wrong_is_named_once(policy):
@@ -150,7 +152,7 @@ def test_the_planner_of_a_shipped_robot_is_its_file_and_of_another_is_computed()
 def test_a_rule_can_be_kept_in_a_file(tmp_path):
     world = arrays(load("paper"))
     save(hand(world, turn_deg=20.0), tmp_path / "mine.npz")
-    assert find(str(tmp_path / "mine.npz"), load("paper")).numbers[2] == pytest.approx(np.radians(20.0))
+    assert find(str(tmp_path / "mine.npz"), load("paper")).tables.numbers[2] == pytest.approx(np.radians(20.0))
 
 
 def test_values_of_another_model_are_refused_or_computed_anew_in_words(tmp_path):

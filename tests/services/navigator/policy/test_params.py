@@ -3,7 +3,7 @@
 import pytest
 
 from surefoot.errors import ConfigError
-from surefoot.services.navigator.policy.arrays import FORWARD, MATCH, MIRROR, TURN, arrays
+from surefoot.services.navigator.policy.arrays import arrays
 from surefoot.services.navigator.policy.params import load, shipped
 from tests.services.refusals import refused
 
@@ -13,10 +13,10 @@ def test_what_ships_is_valid_and_mirrored(name):
     model = load(name)
     for use in model.action_sets:
         world = arrays(load(name, [f"use={use!r}"]))
-        for a, row in enumerate(world.actions):
-            other = world.actions[int(row[MIRROR])]
-            assert (other[TURN], other[FORWARD]) == (-row[TURN], row[FORWARD])
-            assert int(other[MIRROR]) == a
+        for a, row in enumerate(world.tables.actions):
+            other = world.tables.actions[int(row.mirror)]
+            assert (other.turn, other.forward) == (-row.turn, row.forward)
+            assert int(other.mirror) == a
 
 
 def test_values_are_changed_one_by_one_and_the_hash_follows():
@@ -29,8 +29,8 @@ def test_values_are_changed_one_by_one_and_the_hash_follows():
 
 def test_blur_reduces_moving_matches_only():
     sharp, blurred = arrays(load("paper")), arrays(load("paper-blur"))
-    assert blurred.actions[:3, MATCH] == pytest.approx(0.2 * sharp.actions[:3, MATCH])
-    assert blurred.actions[3, MATCH] == sharp.actions[3, MATCH]
+    assert blurred.tables.actions["match"][:3] == pytest.approx(0.2 * sharp.tables.actions["match"][:3])
+    assert blurred.tables.actions[3].match == sharp.tables.actions[3].match
 
 
 @pytest.mark.parametrize(

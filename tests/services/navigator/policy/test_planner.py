@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from surefoot.services.navigator.policy.arrays import KIND, MIRROR, STAND, arrays
+from surefoot.services.navigator.policy.arrays import STAND, arrays
 from surefoot.services.navigator.policy.grids import LAYER_MIN, add_values
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.planner import noise_samples, plan, shown_by_standing
@@ -25,7 +25,7 @@ def noisy():
 
 def read(world, table, grid, d, phi, b):
     out = np.zeros(len(world.names))
-    add_values(table, grid, world.actions, d, phi, b, 1.0, out)
+    add_values(table, grid, world.tables.actions, d, phi, b, 1.0, out)
     return out
 
 
@@ -42,7 +42,7 @@ def test_without_noise_and_drift_it_takes_the_steps_that_geometry_asks_for():
 
 def test_left_and_right_are_mirror_images(noisy):
     world, table, grid, _ = noisy
-    mirror = world.actions[:, MIRROR].astype(int)
+    mirror = world.tables.actions["mirror"].astype(int)
     for d, phi, b in ((0.7, 0.5, 0.3), (1.4, -2.0, 0.9), (0.3, 3.0, 0.0)):
         here, there = read(world, table, grid, d, phi, b), read(world, table, grid, d, -phi, -b)
         assert here[:3] == pytest.approx(there[mirror][:3], abs=0.3 if b == 0 else 1e-9)
@@ -53,7 +53,7 @@ def test_values_satisfy_the_bellman_equation_where_the_grid_is_exact(noisy):
     world, table, _, sweeps = noisy
     again, _, more = plan(world, **SMALL, tolerance=1e-4)
     assert more > sweeps
-    moving = world.actions[:, KIND] != STAND
+    moving = world.tables.actions["kind"] != STAND
     assert np.abs(again - table)[..., moving].max() < 1.0
 
 
@@ -77,7 +77,6 @@ def test_it_turns_against_the_drift_earlier_than_with_it(noisy):
 
 def test_switching_costs_are_part_of_what_starting_costs():
     world = arrays(load("paper", ["switching.walk.stand=0.9", "switching.stand.walk=1.0", "switching.stand.turn=1.0"]))
-    assert sorted(set(world.groups.tolist())) == [0, 1, 2]
     plain, grid, _ = plan(arrays(load("paper")), **SMALL)
     table, _, _ = plan(world, **SMALL)
     assert table[..., :3] == pytest.approx(plain[..., :3], abs=0.2)  # without a stand on the way nothing is switched

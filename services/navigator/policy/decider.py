@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from surefoot.arrays import Array
+from surefoot.arrays import Array, Record, record
+from surefoot.schemas.navigation import Decision
 
+from ..belief.ukf import entropy, wrap
 from . import arrays as slots
-from .arrays import Arrays
+from .arrays import STATUS, Arrays
 from .choose import (
     HAND,
     NUMBERS,
@@ -24,7 +26,6 @@ from .choose import (
     STEER,
     STEER_GAIN,
     TURN_BEYOND,
-    ChoiceRoom,
     PolicyTables,
     choose,
     features,
@@ -47,49 +48,18 @@ STEER_SHARE = 1.0  # of the bearing that is steered out in one arc; of .5 .. 1.2
 
 @dataclass(frozen=True)
 class Policy:
-    """A policy as arrays.
-
-    Attributes:
-        name: of the policy.
-        kind: HAND, STEER, PLANNER or SARSA.
-        actions: names of the actions, in the order of the table.
-        numbers: its parameters, (NUMBERS,).
-        table: action values, (layers, nd, nphi, A).
-        grid: axes of the table, (GRID,).
-        shown: covariance of a pose seen from one stand, (3, 3), robot axes, m and rad.
-        provenance: its origin: model, hash, seed, version.
-        sha256: of the file; empty = from no file.
-    """
+    """A policy as arrays."""
 
     name: str
-    kind: int
+    """Name of the policy."""
     actions: tuple[str, ...]
-    numbers: Array
-    table: Array
-    grid: Array
-    shown: Array
+    """Names of the actions, in the order of the table."""
+    tables: PolicyTables
+    """Arrays that kernels read."""
     provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Origin: model, hash, seed, version."""
     sha256: str = ""
-
-    @property
-    def tables(self) -> PolicyTables:
-        """Kind, parameters, table, axes and shown covariance of the policy, as kernels take them."""
-        return PolicyTables(self.kind, self.numbers, self.table, self.grid, self.shown)
-
-
-@dataclass(frozen=True)
-class PolicyDecision:
-    """One decision of a policy.
-
-    Attributes:
-        index: of the chosen action.
-        values: of all actions, larger is better; NaN where the action is not allowed.
-        reason: in words.
-    """
-
-    index: int
-    values: tuple[float, ...]
-    reason: str
+    """Digest of the file; empty = from no file."""
 
 
 class Decider:
@@ -106,10 +76,10 @@ class Decider:
 
     def begin(self) -> None:
         """Forget the actions so far, for a new goal."""
-        self.status = np.zeros(slots.STATUS)
-        self.status[slots.LAST] = slots.NO_ACTION
+        self.status = record(STATUS)
+        self.status.last = slots.NO_ACTION
 
-    def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> PolicyDecision:
+    def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> Decision:
         """Return the next action for a belief mean (n,), cov (n, n) as it will be when the action begins.
 
         Args:
@@ -118,30 +88,33 @@ class Decider:
             goal: m, frame map.
             blocked: a wall is close ahead, only turns are allowed.
         """
-        self.status[slots.BLOCKED] = float(blocked)
-        index, room = choose_with(self.policy, self.world, mean, cov, goal, self.status, self._room), self._room
-        decision = PolicyDecision(
-            index,
-            tuple(float(v) if ok else math.nan for v, ok in zip(room.values, room.mask, strict=True)),
-            self._reason(index, mean, cov, goal, blocked),
-        )
+        self.status.blocked, names, room = float(blocked), self.world.names, self._room
+        x, y = float(goal[0]), float(goal[1])
+        index = int(choose(self.policy.tables, self.world.tables, mean, cov, x, y, self.status, room))
+        dx, dy = x - float(mean[0]), y - float(mean[1])
+        able = [a for a in range(len(names)) if room.mask[a] and math.isfinite(room.values[a])]
+        decision = Decision(
+            number=0, action=names[index], reason=self._reason(index, mean, cov, goal, blocked),
+            values={names[a]: float(room.values[a]) for a in able}, distance=math.hypot(dx, dy),
+            bearing=float(wrap(math.atan2(dy, dx) - float(mean[2]))), entropy=max(float(entropy(cov)), -1e3),
+        )  # fmt: skip
         self.did(index)
         return decision
 
     def did(self, index: int) -> None:
         """Record that an action was done; `decide` does so for the one it returns."""
-        kind, status = self.world.actions[index, slots.KIND], self.status
-        status[slots.LAST] = index
-        status[slots.STANDS] = status[slots.STANDS] + 1.0 if kind == slots.STAND else 0.0
-        status[slots.TURNS] = status[slots.TURNS] + 1.0 if kind == slots.TURNING else 0.0
+        kind, status = self.world.tables.actions[index].kind, self.status
+        status.last = index
+        status.stands = status.stands + 1.0 if kind == slots.STAND else 0.0
+        status.turns = status.turns + 1.0 if kind == slots.TURNING else 0.0
 
     def _reason(self, index: int, mean: Array, cov: Array, goal: tuple[float, float], blocked: bool) -> str:
-        name, policy, values = self.world.names[index], self.policy, self._room.values
+        name, policy, values = self.world.names[index], self.policy.tables, self._room.values
         if blocked:
             return f"a wall is close ahead, only turns are allowed: {name}"
         d, phi, h = features(mean, cov, goal[0], goal[1])
         if policy.kind in (HAND, STEER):
-            return _rule(policy, name, self.world.actions[index], d, math.degrees(phi), h)
+            return _rule(policy, name, self.world.tables.actions[index], d, math.degrees(phi), h)
         others = [i for i in range(len(values)) if i != index and self._room.mask[i]]
         if not others:
             return f"{name} is the only action allowed"
@@ -149,36 +122,19 @@ class Decider:
         ahead = values[index] - values[second]
         if policy.kind == SARSA:
             return f"{name}: return {values[index]:.1f}, {ahead:.1f} more than {self.world.names[second]}"
-        if self.world.actions[index, slots.KIND] == slots.STAND:
-            cost = self.world.actions[index, slots.SECONDS]
+        if self.world.tables.actions[index].kind == slots.STAND:
+            cost = self.world.tables.actions[index].seconds
             return f"{name}: a look of {cost:.1f} s may change the way and saves {ahead:.2f} s on average (h {h:.1f})"
         return f"{name}: {-values[index]:.1f} s to the goal, {ahead:.2f} s less than {self.world.names[second]}"
 
 
-def _rule(policy: Policy, name: str, action: Array, d: float, phi_deg: float, h: float) -> str:
+def _rule(policy: PolicyTables, name: str, action: Record, d: float, phi_deg: float, h: float) -> str:
     limit = policy.numbers[STAND_ABOVE] + policy.numbers[STAND_SLOPE] * d
     side, beyond = "left" if phi_deg > 0 else "right", math.degrees(policy.numbers[TURN_BEYOND])
-    if action[slots.KIND] == slots.STAND:
+    if action.kind == slots.STAND:
         return f"{name}: entropy {h:.1f} is above {limit:.1f} nats"
     where = f"goal {abs(phi_deg):.0f} deg to the {side}"
     return f"{name}: {where}, {'beyond' if abs(phi_deg) > beyond else 'within'} {beyond:.0f} deg"
-
-
-def choose_with(
-    policy: Policy,
-    world: Arrays,
-    mean: Array,
-    cov: Array,
-    goal: tuple[float, float],
-    status: Array,
-    room: ChoiceRoom,
-) -> int:
-    """Return the chosen action and write values and mask into `room`: `choose` with the arrays of a policy and a model.
-
-    `mean` (n,), `cov` (n, n): belief, see `ukf`; `goal`: x, y (m) in the map; `status`: of the episode, (STATUS,).
-    """
-    x, y = float(goal[0]), float(goal[1])
-    return int(choose(policy.tables, world.tables, mean, cov, x, y, status, room))
 
 
 def hand(
@@ -203,8 +159,8 @@ def hand(
     numbers = np.zeros(NUMBERS)
     numbers[STAND_ABOVE], numbers[STAND_SLOPE] = stand_above, slope
     numbers[TURN_BEYOND], numbers[STEER_GAIN] = math.radians(turn_deg), steer
-    kind, count = (STEER if steer > 0.0 else HAND), len(world.names)
-    return Policy(name, kind, world.names, numbers, np.zeros((1, 1, 1, count)), np.zeros(GRID), np.eye(3))
+    kind, table = (STEER if steer > 0.0 else HAND), np.zeros((1, 1, 1, len(world.names)))
+    return Policy(name, world.names, PolicyTables(kind, numbers, table, np.zeros(GRID), np.eye(3)))
 
 
 def by_rule(name: str, world: Arrays) -> Policy | None:
@@ -228,8 +184,8 @@ def planner_numbers(world: Arrays) -> Array:
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0
-    if any(row[slots.KIND] == slots.WALK and row[slots.TURN] != 0.0 for row in world.actions):
+    if any(row.kind == slots.WALK and row.turn != 0.0 for row in world.tables.actions):
         numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.6, 0.6, 0.6, 3.0
-        if world.switching.any():
+        if world.tables.switching.any():
             numbers[SIGHT_SHARE] = 5.0
     return numbers
