@@ -23,14 +23,14 @@ Feet = NDArray[np.int64]
 
 @kernel
 def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
-    """Fit the excess of the inertial noise to what all standing points see in common, in place.
+    """Fit the excess of the inertial noise, a factor >= 1, to what all standing points see in common, in place.
 
     The innovations of a filter whose noises are right do not correlate in time. If the mean innovation z of all points
     goes the same way again and again, the error is in the prediction: with S its covariance, the excess follows
 
         e = z_k^T S^-1 z_(k-1)/3,   log excess += learn (rise max(e, 0) + min(e, 0) - drop)
 
-    within 1 and `most_excess`.
+    within 1 and `most_excess`. `y`: contact points as the feet are seen now, (K, 3) m, IMU axes.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     z, s, count, rot = np.zeros(3), np.zeros((3, 3)), 0, rotation(x)

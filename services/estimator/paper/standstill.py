@@ -115,7 +115,7 @@ class Standstill:
         return self.standing
 
     def on_feet(self, position: Array) -> None:
-        """Take foot positions (L, 3) in IMU axes, NaN = unknown: they must stay where they are."""
+        """Take foot positions (L, 3) m in IMU axes, NaN = unknown: at rest they must stay where they are."""
         if self._feet is None:
             self._feet = position.copy()
             return
@@ -223,7 +223,13 @@ def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) ->
 
 
 def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
-    """Return the unit normal (3,), on the side of g, of the plane through the used points (L, 3); None: no plane."""
+    """Return the unit normal (3,) of the plane through the used points, on the side of g; None: they span no plane.
+
+    Args:
+        points: (L, 3) m, IMU axes.
+        used: points to take, (L,) bool.
+        g: specific force at rest, (3,) m/s^2, IMU axes.
+    """
     chosen = points[used]
     if len(chosen) < 3:
         return None
