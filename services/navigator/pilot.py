@@ -31,11 +31,15 @@ class Ways(Protocol):
     """Obstacles that routes go around."""
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return whether nothing seen that the map does not know stands on a route, m, frame map."""
+        """Return True if no obstacle was seen, beside those of the map, on a route from `here`, x, y in m, map."""
         ...
 
     def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
-        """Return waypoints to each place, around what was seen (raises Refusal: `unreachable`, `blocked`, ...)."""
+        """Return waypoints to each place from `here`, x, y in m, frame map, around what was seen.
+
+        Raises:
+            Refusal: `unreachable`, `blocked`, `outside` or `invalid`; names `field`.
+        """
         ...
 
 
@@ -278,7 +282,7 @@ class Pilot:
         return ""
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) as they will be when the actions under way have ended."""
+        """Return mean (4,), m, rad, rad per m, and covariance (4, 4) of the belief when the actions under way have ended."""
         rest = self.orders.execution.rest()
         if not rest:
             return tracker.after(Motion())

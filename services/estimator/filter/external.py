@@ -33,7 +33,7 @@ POSITION, YAW, VELOCITY = range(3)
 
 @kernel
 def frame_of(state: BestState) -> int:
-    """Return the first row of the error of the frame of other sources: its shift has three rows, m, its turn one, rad."""
+    """Return the first row of the error of the frame of other sources: three rows of shift, m, and one of turn, rad."""
     return E.points + 3 * state.points.shape[0]
 
 

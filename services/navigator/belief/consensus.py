@@ -36,7 +36,14 @@ def draw(state: int, n: int) -> tuple[int, int]:
 
 @row_kernel
 def matched_of(chosen: Index, landmark: Index, frame: FrameTables, positions: Array) -> Matched:
-    """Return the chosen detections (k,) with the places of their landmarks."""
+    """Return the places of landmarks, frame map, and the rays to them for the chosen detections of a frame.
+
+    Args:
+        chosen: indices of detections, (k,).
+        landmark: index of the landmark of each detection, (m,).
+        frame: the m detections.
+        positions: landmarks of the map, (n, 2) m, frame map.
+    """
     k = chosen.size
     found = Matched(np.empty((k, 2)), np.empty((k, 4)))
     for m in range(k):
@@ -77,7 +84,15 @@ def motion_of(
     """Return the pose by matches i and j, x and y in m and heading in rad, and the variance of its heading, rad^2.
 
     The heading is the mean of the one that two points give and the believed one, weighted by their variances: two
-    points close together determine it poorly. `mean` (n,), `cov` (n, n): belief; `noise`: see `gate`.
+    points close together determine it poorly.
+
+    Args:
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        i: row of a match.
+        j: row of another match.
+        found: matches.
+        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,), m and rad.
     """
     one, other, places = found.rays[i], found.rays[j], found.places
     ax, ay = one[DISTANCE] * one[COS], one[DISTANCE] * one[SIN]
@@ -100,7 +115,17 @@ def motion_of(
 
 @row_kernel
 def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: float, v: float, gate: float) -> None:
-    """Mark the matches (k,) that agree with a pose (3,): variances times `wide`, v rad^2 added to that of bearing."""
+    """Mark the matches that agree with a pose, in place.
+
+    Args:
+        inlier: result, (k,) bool.
+        pose: x and y in m and heading in rad, frame map, (3,).
+        found: k matches.
+        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,), m and rad.
+        wide: factor of the variances.
+        v: variance that is added to that of the bearing, rad^2.
+        gate: largest squared residual over the variances.
+    """
     c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
     for m in range(inlier.size):
         r, b = variances(found.rays[m, DISTANCE], noise)
@@ -186,12 +211,20 @@ def _best_motion(
 
 @row_kernel
 def consensus(mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int) -> Flags:
-    """Return the matches (k,) that agree with the best rigid motion through two of them.
+    """Return True, (k,), for the matches that agree with the best rigid motion through two of them.
 
     The best motion has the least sum over all matches of min(misfit, gate) + ln(b'/b) (MSAC; b' is the variance of the
     bearing with that of the motion's heading: a loose motion explains everything). It is refined by least squares over
     its inliers and the belief; matches that then differ by less than limits[SPREAD] times the variances stay. All pairs
     are tried if they are at most limits[PAIRS], else as many drawn at random.
+
+    Args:
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        found: k matches.
+        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,), m and rad.
+        limits: of gate, spread, pairs and others, indexed as in `gate`, (8,).
+        seed: of the random pairs.
     """
     inlier = np.ones(found.places.shape[0], dtype=np.bool_)
     if inlier.size < 2:

@@ -60,13 +60,16 @@ class SightNoise:
             raise DetectionError("bad_noise", f"{text}, got {vars(self)}", "bearing_sd")
 
     def array(self) -> Array:
-        """Return the numbers in the order of `gate`, (5,)."""
+        """Return the standard deviations of range, m, its share of the range, of the bearing, rad, and in common, (5,).
+
+        The last two are the deviations of range, m, and bearing, rad, that all detections of a frame have in common.
+        """
         return np.array(
             [self.range_sd, self.range_share, self.bearing_sd, self.common_range_sd, self.common_bearing_sd]
         )
 
     def wider(self, factor: float) -> "SightNoise":
-        """Return the noise with every standard deviation of range and bearing times a factor."""
+        """Return the noise with every deviation of range and bearing times a factor; that of descriptors stays."""
         return replace(
             self,
             range_sd=self.range_sd * factor,
@@ -99,7 +102,10 @@ class MatchLimits:
     """Largest number of matches of a frame."""
 
     def array(self, noise: SightNoise, length: int) -> Array:
-        """Return the numbers in the order of `gate`, (8,), for descriptors of `length` elements."""
+        """Return gate, distance of descriptors, ratio, shortest and longest range (m), spread, pairs and matches, (8,).
+
+        `noise` and the `length` of descriptors, in elements, give their largest distance.
+        """
         look = self.look(noise, length)
         return np.array(
             [self.gate, look, self.ratio, self.shortest, self.longest, self.spread, self.pairs, self.most],
@@ -107,7 +113,7 @@ class MatchLimits:
         )
 
     def look(self, noise: SightNoise, length: int) -> float:
-        """Return the largest distance of two descriptors of one landmark."""
+        """Return the largest distance, no unit, of two descriptors of one landmark with `length` elements."""
         return self.look_sds * noise.look_sd * math.sqrt(length)
 
 

@@ -84,7 +84,7 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
     """Choose the nearest candidate of each sighting at a pose; return the number of explained sightings.
 
     Args:
-        pose: of the reference frame in the map, (3,).
+        pose: of the reference frame in the map, x and y in m and heading in rad, (3,).
         loose: variance of its heading, rad^2, beside `wide`.
         wide: factor of every covariance.
         seen: sightings.
@@ -156,7 +156,11 @@ def improve(pose: Array, seen: Evidence, chosen: Index) -> tuple[Array, float]:
 
 @row_kernel
 def evidence(seen: Evidence, to: Assignment) -> float:
-    """Return L of the sightings with their nearest candidates, see the module, nats."""
+    """Return the log likelihood ratio of the sightings with their chosen candidates against "all are false", nats.
+
+    It is sum_i ln(eps_i + (1 - eps_i) A N_i), with eps_i the share of false sightings, A the area that the camera
+    overlooks, m^2, and N_i the density of the chosen landmark, 1/m^2, 0 without one.
+    """
     total = 0.0
     for i in range(to.chosen.size):
         p = 0.0
@@ -169,7 +173,10 @@ def evidence(seen: Evidence, to: Assignment) -> float:
 
 @row_kernel
 def agree(one: Array, other: Array) -> bool:
-    """Return whether two places (PLACE,) are one within their covariances: no coordinate is 4 deviations off."""
+    """Return True if two places are one within their covariances: no coordinate is 4 standard deviations off.
+
+    one, other: rows of `PlaceList.places`, (14,): x, y (m), heading (rad), evidence, explained sightings, covariance.
+    """
     for k in range(3):
         d = one[k] - other[k] if k < 2 else wrap(one[k] - other[k])
         if d * d > SAME * (one[COV + 4 * k] + other[COV + 4 * k]):
@@ -274,7 +281,7 @@ def _few_first(starts: Index) -> Index:
 
 
 def place_list(seen: Evidence, most: int) -> PlaceList:
-    """Return a list with room for a number of places, for the sightings of a search."""
+    """Return a list with room for the `most` best places of a search for these sightings."""
     return PlaceList(np.zeros((most, PLACE)), np.full((most, seen.place.shape[0]), -1))
 
 

@@ -17,7 +17,7 @@ UNIT = 2.0**-53
 
 
 def stream() -> Stream:
-    """Return an array for the state of one stream, (4,)."""
+    """Return an array for the state of one random stream, (4,) uint64, no unit."""
     return np.zeros(4, dtype=np.uint64)
 
 

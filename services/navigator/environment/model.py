@@ -59,7 +59,10 @@ def squares(scene: Array) -> tuple[int, int]:
 
 
 def most_landmarks(scene: Array) -> int:
-    """Return the number of landmarks that an episode in a scene (ELEMENTS,) has room for: mean and ten deviations."""
+    """Return the number of landmarks that an episode has room for: the mean number and ten standard deviations.
+
+    scene: elements of the scene, (ELEMENTS,), SI, see `ModelTables`.
+    """
     nx, ny = squares(scene)
     mean = nx * ny * CELL * CELL * scene[DENSITY]
     return int(mean + 10.0 * math.sqrt(mean)) + 16

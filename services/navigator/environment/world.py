@@ -48,7 +48,7 @@ def scatter(scene: Array, rng: Stream, marks: Array, first: Ints) -> None:
 def is_blocked(scene: Array, truth: Array) -> float:
     """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0.
 
-    `scene` (ELEMENTS,), `truth` (TRUTH,): true pose first, m, rad.
+    `scene` (ELEMENTS,): SI, see `ModelTables`; `truth` (TRUTH,): true x, y (m), heading (rad), frame map, first.
     """
     x = truth[X] + scene[slots.LOOK_AHEAD] * math.cos(truth[THETA])
     y = truth[Y] + scene[slots.LOOK_AHEAD] * math.sin(truth[THETA])
@@ -64,9 +64,10 @@ def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
     """Begin an episode, in place: floor, drift and true start are drawn, the belief is that of the start.
 
     Args:
-        scene: elements of the scene.
+        scene: elements of the scene, (ELEMENTS,), SI, see `ModelTables`.
         run: seed of a series of episodes.
         episode: number of the episode; seed and number determine all draws.
+        state: of the episode, written.
     """
     truth, mean, cov, rng, n = state.truth, state.mean, state.cov, state.rng, state.mean.size
     seed(rng, run, episode, FLOOR)
@@ -120,7 +121,7 @@ def drift_at(scene: Array, began: float, way: float) -> float:
 
 @row_kernel
 def copy_belief(mean: Array, cov: Array, to_mean: Array, to_cov: Array) -> None:
-    """Copy a belief, mean (n,) and covariance (n, n), into `to_mean` and `to_cov`."""
+    """Copy a belief, mean (n,), m and rad, and covariance (n, n), into `to_mean` and `to_cov`, in place."""
     for i in range(mean.size):
         to_mean[i] = mean[i]
         for j in range(mean.size):
@@ -189,7 +190,7 @@ def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -
 def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) -> int:
     """Take one frame and correct the belief with each landmark that is recognised, in place; return their number.
 
-    `scene` and `action`: elements as `policy.arrays` names them.
+    `scene` (ELEMENTS,), `action` (COLUMNS,): SI, see `ModelTables`.
     """
     truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
     gain, work, n = room.gain, room.work, state.mean.size
@@ -223,9 +224,14 @@ def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) ->
 
 @row_kernel
 def move(scene: Array, action: Array, share: float, rng: Stream, truth: Array) -> None:
-    """Carry the truth (TRUTH,) over a share of an action, in place; a wall stops it.
+    """Carry the truth over a share of an action, in place; a wall stops it.
 
-    `scene` and `action`: elements as `policy.arrays` names them; `share`: 0 to 1 of its way and its time.
+    Args:
+        scene: elements of the scene, (ELEMENTS,), SI, see `ModelTables`.
+        action: columns of the action, (COLUMNS,), SI.
+        share: 0 to 1 of its way and its time.
+        rng: random stream of the motion noise.
+        truth: true x, y (m), heading (rad), drift (rad per m) and others, (TRUTH,), see `EpisodeState`.
     """
     along_e, across_e = normal_pair(rng)
     heading_e, _ = normal_pair(rng)

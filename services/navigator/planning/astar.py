@@ -53,7 +53,7 @@ GROWTH = 65_536
 
 @row_kernel
 def bound(dr: int, dc: int, marks: Ints, cell: int, goal: int) -> int:
-    """Return the bound of the cost from a cell to the goal.
+    """Return a lower bound of the cost from a cell to the goal, no unit: an edge of a free cell costs 2 * 12 * 4.
 
     Args:
         dr: offset along rows, cells.
@@ -71,7 +71,7 @@ def bound(dr: int, dc: int, marks: Ints, cell: int, goal: int) -> int:
 
 @row_kernel
 def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: int, used: int) -> tuple[int, int]:
-    """Put an entry (cell << 4 | direction) into the bucket of f.
+    """Put an entry (cell << 4 | direction) into the bucket of f, in place; all numbers are indices or costs, no unit.
 
     Args:
         entry: what to put.
@@ -100,7 +100,7 @@ def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: 
 
 @row_kernel
 def doubled(entries: Ints) -> Ints:
-    """Return room for twice as many entries (n,), the first n of which are these."""
+    """Return an array (2 n,), no unit, that begins with these entries (n,); the rest is not set."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
         out[i] = entries[i]

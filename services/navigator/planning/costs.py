@@ -89,11 +89,11 @@ class Costs:
 
     @cached_property
     def scratch(self) -> Ints:
-        """Return room for the costs of a search, (cells,); every search overwrites all of it."""
+        """Return room for the costs of a search, (cells,), no unit; every search overwrites all of it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
     def marks_of(self, region: int) -> Ints:
-        """Return the costs between marks and cells, (cells, marks), if the marks lie in a region, else (cells, 0)."""
+        """Return the costs between marks and cells, (cells, marks), no unit; (cells, 0) if no mark lies in the region."""
         return self.marks if region == self.marked else self.marks[:, :0]
 
     def distance(self, row: int, col: int) -> float:
@@ -152,7 +152,13 @@ def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
 
 @row_kernel
 def blocked(cells: NDArray[np.int8], obstacle: int, through_unknown: bool) -> Bytes:
-    """Return 1 where a cell is an obstacle, padded, (rows + 2, cols + 2); the frame is one, too."""
+    """Return 1 where a cell is an obstacle, else 0, (rows + 2, cols + 2), in a frame of ones.
+
+    Args:
+        cells: occupancy, (rows, cols): 0 free to 100 occupied, -1 unknown.
+        obstacle: occupancy from which on a cell is an obstacle, 1 to 100.
+        through_unknown: unknown cells are free.
+    """
     rows, cols = cells.shape
     out = np.ones((rows + 2, cols + 2), dtype=np.uint8)
     for r in range(rows):
@@ -193,9 +199,11 @@ def squared_distance(wall: Bytes, most: int) -> Ints:
 
 @row_kernel
 def weights(distance2: Ints, table: Bytes) -> Bytes:
-    """Return the cost factor of every cell, `table[d^2]`, (rows, cols), d in cells; 0 = not to be entered.
+    """Return the cost factor of every cell, no unit, (rows, cols), as table[d^2]; 0 = not to be entered, as its edge.
 
-    The frame stays 0.
+    Args:
+        distance2: squared distance d^2 to the nearest obstacle, cells^2, (rows, cols).
+        table: factor by d^2, (n,); larger d^2 get the last one.
     """
     rows, cols = distance2.shape
     out = np.zeros((rows, cols), dtype=np.uint8)
@@ -208,7 +216,7 @@ def weights(distance2: Ints, table: Bytes) -> Bytes:
 
 @row_kernel
 def mark_even(weight: Bytes, bit: int) -> None:
-    """Set a bit of the free cells that weigh the same as all eight neighbours, in place."""
+    """Set a bit of the free cells that weigh the same as all eight neighbours, in place; weight (rows, cols)."""
     rows, cols = weight.shape
     before, this = np.zeros(cols, dtype=np.bool_), np.zeros(cols, dtype=np.bool_)
     for r in range(1, rows - 1):
@@ -230,7 +238,7 @@ def mark_even(weight: Bytes, bit: int) -> None:
 
 @row_kernel
 def root(parent: Ints, i: int) -> int:
-    """Return the representative of label i, and shorten the way to it in `parent` (labels,), in place."""
+    """Return the representative of label i, an index, and shorten the way to it in `parent` (labels,), in place."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -239,9 +247,10 @@ def root(parent: Ints, i: int) -> int:
 
 @row_kernel
 def regions(weight: Bytes) -> Ints:
-    """Return the connected region of every free cell of weight (rows, cols), from 1 on, 0 = blocked.
+    """Return the number of the connected region of every free cell, from 1 on, 0 = blocked, (rows, cols).
 
     Neighbours share an edge: a diagonal step needs both cells beside it, so it connects nothing that edges do not.
+    `weight`: cost factor of each cell, no unit, (rows, cols); 0 = not to be entered.
     """
     rows, cols = weight.shape
     label = np.zeros((rows, cols), dtype=np.int32)
@@ -278,7 +287,14 @@ def regions(weight: Bytes) -> Ints:
 
 @row_kernel
 def nearest_free(weight: Bytes, label: Ints, wanted: int, row: float, col: float) -> tuple[int, int, float]:
-    """Return the free cell nearest to a place, all in padded cells; of one region, or of any where `wanted` is 0.
+    """Return the free cell nearest to a place.
+
+    Args:
+        weight: cost factor of each cell, (rows, cols); 0 = not to be entered.
+        label: region of each cell, (rows, cols).
+        wanted: region in which the cell lies; 0 = any.
+        row: of the place, cells.
+        col: of the place, cells.
 
     Returns:
         Row, column (0, 0 if there is none), distance in cells.

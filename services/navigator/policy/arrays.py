@@ -79,7 +79,7 @@ class Arrays:
 
 
 def arrays(model: NavigationModel) -> Arrays:
-    """Return a model as arrays for kernels, in SI units: scene (ELEMENTS,), a row for each action."""
+    """Return a model as arrays, SI, angles in rad: scene (ELEMENTS,), actions (A, COLUMNS), switching (3, 3) s."""
     scene, sight, drift = model.scene, model.sight, model.drift
     values = np.zeros(ELEMENTS)
     values[[X_MIN, X_MAX, Y_MIN, Y_MAX]] = scene.x_min, scene.x_max, scene.y_min, scene.y_max

@@ -60,9 +60,12 @@ def room_to_choose(states: int, actions: int) -> ChoiceRoom:
 
 @row_kernel
 def allow(model: ModelTables, status: Array, mask: Flags) -> None:
-    """Mark the allowed actions (a,): only turns while blocked, limited numbers of stands and of turns in a row.
+    """Mark the allowed actions, in place: only turns while blocked, limited numbers of stands and of turns in a row.
 
-    `status`: counters of the episode, (STATUS,).
+    Args:
+        model: actions and limits.
+        status: counters and flags of the episode, (STATUS,), see `EpisodeState`.
+        mask: result, (A,) bool.
     """
     actions, scene, blocked = model.actions, model.scene, status[slots.BLOCKED] > 0.0
     for a in range(actions.shape[0]):
@@ -79,7 +82,10 @@ def allow(model: ModelTables, status: Array, mask: Flags) -> None:
 
 @row_kernel
 def best(values: Array, mask: Flags) -> int:
-    """Return the allowed action of the largest value (the first of equals), -1: none; values and mask (a,)."""
+    """Return the index of the allowed action of the largest value, s, the first of equals; -1: none is allowed.
+
+    `values` (A,) s, `mask` (A,) bool, True = allowed.
+    """
     chosen = -1
     for a in range(values.size):
         if mask[a] and (chosen < 0 or values[a] > values[chosen]):
@@ -179,10 +185,15 @@ def _top4(mean: Array, cov: Array, work: Array) -> None:
 
 @row_kernel
 def after_sight(heading: float, shown: Array, work: Array) -> None:
-    """Split the covariance P (rows 0 .. 3 of work) into the parts that a stand removes and leaves.
+    """Split the covariance P (4, 4) of a belief into the parts that a stand removes and leaves, in place.
 
-    shown (3, 3) is the covariance of a pose seen from the frames of one stand, x ahead. With S = P33 + shown, turned
-    into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move (rows 8 .. 11), P+ is left (4 .. 7).
+    With S = P[:3, :3] + shown, turned into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move, and
+    P+ is left.
+
+    Args:
+        heading: believed, rad.
+        shown: covariance of a pose seen from the frames of one stand, x ahead, (3, 3), m and rad.
+        work: scratch, (19 or more, 4 or more): P in rows 0 .. 3, result P+ in rows 4 .. 7 and P - P+ in rows 8 .. 11.
     """
     c, s = math.cos(heading), math.sin(heading)
     # S, lower triangle, in rows 12 .. 14

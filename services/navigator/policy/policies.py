@@ -173,9 +173,16 @@ def choose_with(
     status: Array,
     room: ChoiceRoom,
 ) -> int:
-    """Return the chosen action and write values and mask into `room`: `choose` with the arrays of a policy and a model.
+    """Return the index of the chosen action, and write values (s) and mask of all actions into `room`.
 
-    `mean` (n,), `cov` (n, n): belief, see `ukf`; `goal`: x, y (m) in the map; `status`: of the episode, (STATUS,).
+    Args:
+        policy: its arrays are taken.
+        world: arrays of the model.
+        mean: believed x, y (m), heading (rad), from n = 4 on drift (rad per m), frame map, (n,).
+        cov: its covariance, (n, n).
+        goal: x, y in the map, m.
+        status: counters and flags of the episode, (STATUS,), see `EpisodeState`.
+        room: results and scratch.
     """
     x, y = float(goal[0]), float(goal[1])
     return int(choose(policy.tables, world.tables, mean, cov, x, y, status, room))
