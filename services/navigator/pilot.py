@@ -282,7 +282,7 @@ class Pilot:
         return ""
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
-        """Return mean (4,), m, rad, rad per m, and covariance (4, 4) of the belief when the actions under way have ended."""
+        """Return mean (4,), m, rad, rad per m, and covariance (4, 4) of the belief after the actions under way."""
         rest = self.orders.execution.rest()
         if not rest:
             return tracker.after(Motion())

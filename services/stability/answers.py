@@ -110,7 +110,7 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
 
 
 def com_reply(request: ComRequest, own: Robot) -> ComReply:
-    """Answer to `stability/com`; `own` is the robot when the request names none."""
+    """Return the answer to `stability/com`; `own` is the robot when the request names none."""
     robot = named_robot(request.robot) if request.robot is not None else own
     stands = posed(robot, request.joints, request.base)
     joints, base, rot = stands.joints, stands.base, stands.rot
@@ -167,7 +167,7 @@ def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot
 
 
 def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
-    """Message of a status; `mu` is the friction coefficient taken for every foot."""
+    """Return the message of a status; `mu` is the friction coefficient taken for every foot."""
     measured = now.com_measured
     return StabilityStatus(
         status=now.region.status,
@@ -184,7 +184,7 @@ def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
 
 
 def no_status(legs: int, mu: float) -> StabilityStatus:
-    """Message as long as a sample is missing, for a robot with so many legs."""
+    """Return the status message of a robot with so many legs while a sample is missing; `mu`: friction coefficient."""
     return StabilityStatus(
         status="infeasible",
         stance=(False,) * legs,
@@ -263,7 +263,7 @@ def _length(extent: Extent | None) -> float | None:
 
 
 def variants(found: Variants) -> tuple[Variant, ...]:
-    """Messages of the answers about many sets."""
+    """Return the answers about many contact sets as messages."""
     status, margin, stable = found.status.tolist(), found.margin.tolist(), found.stable.tolist()
     return tuple(
         Variant(status=STATUSES[s], margin=None if m != m else m, stable=ok)

@@ -133,7 +133,7 @@ def _uncertainty(doubt: Doubt, n: int) -> Uncertainty:
 
 @lru_cache(maxsize=16)
 def named_robot(name: str, field: str = "robot") -> Robot:
-    """Robot description by name (not by path: a request must not read files of its own choice).
+    """Return a robot description by name (not by path: a request must not read files of its own choice).
 
     Raises:
         StabilityError: there is none, by `field`.

@@ -93,7 +93,7 @@ class Costs:
         return np.empty(self.weight.size, dtype=np.int32)
 
     def marks_of(self, region: int) -> Ints:
-        """Return the costs between marks and cells, (cells, marks), no unit; (cells, 0) if no mark lies in the region."""
+        """Return the costs between marks and cells, (cells, marks), no unit; (cells, 0) if no mark is in the region."""
         return self.marks if region == self.marked else self.marks[:, :0]
 
     def distance(self, row: int, col: int) -> float:
