@@ -26,7 +26,10 @@ def made_up_map(robot: Robot) -> HeightMap:
 
 
 def made_up_ground(robot: Robot, smooth: bool) -> FootholdGround:
-    """Return the ground of that map, changed in a corner after it was built."""
+    """Return ground under the neutral stance of a robot, changed in a corner after it was built.
+
+    `smooth`: with the median filter.
+    """
     heights = made_up_map(robot)
     changed = heights.z.copy()
     changed[:2, :2] = 0.01

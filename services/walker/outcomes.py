@@ -8,7 +8,7 @@ Choice = tuple[LegRequest, tuple[float, float]]
 
 
 class Outcomes:
-    """Choices of footholds by leg, and the stances that came of them.
+    """Choices of footholds by leg, and slip and soundness of the stances that followed them.
 
     A choice is made before its leg lifts off, so the stance that ends next is that of the choice before.
     """

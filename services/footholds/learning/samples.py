@@ -65,7 +65,7 @@ class StanceSample:
     """Heights about the chosen cell relative to it, row by row, micrometres; -2^31 = unknown."""
 
     def around(self) -> Layer | None:
-        """Return the heights about the chosen cell, (n, n) m, NaN = unknown; None without them."""
+        """Return the heights about the chosen cell, (n, n) m, NaN = unknown; None if the sample holds none."""
         edge = math.isqrt(len(self.heights_um))
         if edge * edge != len(self.heights_um) or edge < 3:
             return None

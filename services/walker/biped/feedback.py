@@ -53,12 +53,12 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
 
 
 def learn(s: BipedState, p: BipedParams, body: Array) -> None:
-    """Compare the way of a step with the odometry; the quotient of the whole walk counts.
+    """Compare the way of a step with the odometry; the quotient of the whole walk corrects the planned steps.
 
     Args:
         s: state; the step's body pose is not yet taken over.
         p: settings.
-        body: (3,) body pose of the step that ends now.
+        body: x, y (m) and yaw (rad) of the body at the end of the step, odom, (3,).
     """
     if s.seen_then is not None and p.learn > 0.0 and s.learning and not s.held:
         plan, seen = body - s.body, s.seen - s.seen_then

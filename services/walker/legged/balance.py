@@ -32,7 +32,9 @@ LEAST_SHIFT = 0.001  # m; a shorter one changes nothing
 
 @kernel
 def nearest_inside(edges: Array, slack: Array, wanted: float) -> tuple[Array, bool]:
-    """Shortest shift t, (2,), with slack_k - n_k't >= wanted for all edges (Hildreth's method), and whether it exists.
+    """Return the shortest shift t, (2,) m, with slack_k - n_k't >= wanted for all edges, and whether it was found.
+
+    Hildreth's method.
 
     Args:
         edges: outward unit normals n_k, (k, 2).
@@ -65,9 +67,9 @@ def hull_edges(ring: Array) -> tuple[Array, Array]:
 
 
 def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
-    """Shortest shift of the centre of mass, (2,) m, that gives the margin before and after the movement; or None.
+    """Return the shortest shift of the centre of mass, (2,) m, map, for a margin `wanted`, m; None: there is none.
 
-    Where the region has no room for the wanted margin, for a part of it.
+    The margin holds before and after the movement. Where the region has no room for it, a part of it is taken.
     """
     if reply.region is None or reply.com is None or reply.com_after is None or len(reply.region) < 3:
         return None

@@ -116,8 +116,8 @@ def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> 
 
     Args:
         centres: map of foot centres (dilated by the foot sphere).
-        p0: lift-off, (3,).
-        p1: landing, (3,).
+        p0: lift-off, (3,) m, map.
+        p1: landing, (3,) m, map.
         halfwidth: half the width of the swept corridor, m.
     """
     out = np.empty(SAMPLES)
@@ -168,7 +168,10 @@ def _swept(
 
 
 def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
-    """Return the height of the level part, m: `clearance` over both ends p0, p1 (3,) and the highest swept ground."""
+    """Return the height of the level part of a swing, m: `clearance`, m, over both ends and the highest swept ground.
+
+    p0, p1: foot centres at lift-off and landing, (3,) m; ground: heights of the foot centre along the way, (k,) m.
+    """
     high = float(np.nanmax(ground)) if not np.isnan(ground).all() else -math.inf
     return max(float(p0[2]), float(p1[2]), high) + clearance
 
@@ -204,6 +207,7 @@ def targets(
     """Return foot centres of all legs in this tick, (L, 3) m, and the share of each in the load, 0..1, (L,).
 
     Args:
+        paths: of all feet in the step.
         landed: feet on the ground, (L,).
         v: swing phase.
         present: foot centres of the last tick, (L, 3) m.
