@@ -203,7 +203,7 @@ class Mapper:
         return not jumped
 
     def begin(self, feet: Array) -> None:
-        """Take the ground about the robot for the plane under its feet, (n, 3) m, n >= 3, where nothing was seen."""
+        """Take unseen ground about the robot for the plane through its feet, (n, 3) m, n >= 3, odometry frame."""
         pose, p = self._poses[-1], self.params
         layers = self._here(pose)
         x, y, z = feet.T
@@ -222,11 +222,12 @@ class Mapper:
         Where the feet contradict the map, too, or all images have done so for long, the map begins anew.
 
         Args:
+            view: the image.
             now_ns: time of the tick, ns.
             feet: points of the ground under standing feet, frame of the odometry, (n, 3) m.
 
         Raises:
-            Refusal: why the whole image was left out.
+            Refusal: the whole image was left out; its text is the reason.
         """
         pose = self._pose_of(view, now_ns)
         data = view.depths.tobytes()
@@ -291,7 +292,7 @@ class Mapper:
         return _angle(self.error.turn)
 
     def heights(self) -> tuple[Array, Array] | None:
-        """Return the heights, m, and their variances relative to the robot now, m^2; None = nothing was seen."""
+        """Return the heights (n, n) m, map, and their variances relative to the robot (n, n) m^2; None = none seen."""
         if self.layers is None or not self._poses:
             return None
         pose = self._poses[-1]

@@ -66,7 +66,7 @@ class Supervisor(Service[ServiceConfig]):
         return self.last - self.began
 
     def stops(self) -> list[str]:
-        """Return why the driver's run is not valid: an emergency stop, physics that diverged."""
+        """Return the reasons why the driver's run is not valid: an emergency stop, physics that diverged."""
         if self.status is None:
             return []
         stopped = self.status.stopped

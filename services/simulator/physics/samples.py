@@ -153,7 +153,7 @@ class ExactState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """Everything that decides the future of a world."""
+    """Everything that decides the future of a simulated world: state of the physics, sensors and faults."""
 
     physics: Array
     """Integration state of MuJoCo, as `mj_getState` returns it."""

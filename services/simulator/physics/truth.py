@@ -51,7 +51,11 @@ class FeetTruth(NamedTuple):
 
 
 def feet_of(table: Array, counts: Ints) -> FeetTruth:
-    """Views of `table` (L, 17) and `counts` (L, 2)."""
+    """Return the state of the feet as views of its two tables.
+
+    `table` (L, 17): force N, centre m, normal, start m (3 columns each), normal force N, sliding and displacement m of
+    this and of the last stance; `counts` (L, 2): finished stances, ticks since the foot stood.
+    """
     return FeetTruth(
         table[:, 0:3], table[:, 3:6], table[:, 6:9], table[:, 9:12], table[:, 12], table[:, 13], table[:, 14],
         table[:, 15], table[:, 16], counts[:, 0], counts[:, 1],
@@ -187,7 +191,7 @@ class TruthTracker:
         return feet_of(self._table.copy(), self._counts.copy())
 
     def state(self) -> dict[str, Any]:
-        """Return all arrays as lists."""
+        """Return the tracked state of the feet as lists, for a checkpoint."""
         soles = {} if self.soles is None else {"soles": self.soles.state()}
         return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
 

@@ -103,7 +103,7 @@ class System:
         self._note(service, well=True)
 
     def seen(self, service: str, *, visible: bool) -> None:
-        """Note that a service's liveliness token appeared or vanished. Any thread may call it."""
+        """Record that a service's liveliness token appeared or vanished. Any thread may call it."""
         with self._noting:
             signs = self._signs.get(service)
             if signs is not None:
@@ -144,7 +144,7 @@ class System:
         return tuple(name for name in self._services if name in ended | given_up)
 
     def failure(self) -> str:
-        """Return why a service does not run and is not restarted any more, empty while there is none."""
+        """Return the reason why a service does not run and is not restarted any more, empty while there is none."""
         for name in self.given_up():
             log = self.folder.log(name)
             words = said(next((line.strip() for line in reversed(tail(log, LAST_LINES)) if line.strip()), ""))[:300]
