@@ -115,7 +115,7 @@ class Log:
 
     @property
     def rot(self) -> Array:
-        """True rot_world_from_imu, (n, 3, 3)."""
+        """True rot_world_from_imu at each inertial row, (n, 3, 3)."""
         return self.known().rot
 
     @property
@@ -147,9 +147,10 @@ class Log:
         return rows
 
     def arrival(self) -> Ints:
-        """Return the order of arrival, (n + m + e,): numbers of inertial rows, n + those of foot samples, then others.
+        """Return the order of arrival of all inputs, (n + m + e,) indices.
 
-        A sample of the feet or from elsewhere follows the first inertial row at or after its stamp or arrival.
+        Numbers are those of inertial rows, n + those of foot samples, n + m + those of samples of other sources. One of
+        the feet or of another source follows the first inertial row at or after its stamp or arrival.
         """
         if self.order is not None:
             return self.order
@@ -197,7 +198,7 @@ class Log:
 
 
 class Segments(NamedTuple):
-    """Time cut at every inertial row and every foot sample; filters that need no order of arrival walk along it."""
+    """Time of a log cut at every inertial row and foot sample; filters that need no order of arrival walk along it."""
 
     d: Array  # (s,) length, s
     row: Ints  # (s,) inertial row that is the mean over it

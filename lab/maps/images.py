@@ -64,18 +64,27 @@ class Tracks:
     """Sum of the squares of the distances from the mean, m^2."""
 
     def descriptors(self) -> NDArray[Any]:
-        """Return the mean descriptor of each feature, (n, code): by majority of bits for orb."""
+        """Return the mean descriptor of each feature, (n, code), no unit: uint8 by majority of bits (orb) or float32."""
         mean = self.totals / self.count[:, None]
         return np.packbits(mean > 0.5, axis=1) if self.kind == "orb" else mean.astype(np.float32)
 
 
 def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
-    """Return descriptors (n, d) as float numbers whose mean has a meaning: single bits (orb), else as they are."""
+    """Return descriptors as numbers (n, b) whose mean has a meaning, no unit: single bits (orb), else as they are.
+
+    `descriptors`: (n, d), bytes of ORB or numbers of SIFT; b = 8 d for ORB, else d.
+    """
     return (np.unpackbits(descriptors, axis=1) if kind == "orb" else descriptors).astype(np.float64)
 
 
 def track(looks: list[FloorLook], kind: Kind, options: BuildOptions | None) -> tuple[Tracks, NDArray[np.int64]]:
-    """Return the features of images, and the feature of each sighting in order; `options` None = poses are exact."""
+    """Return the features of images, and the index of the feature of each sighting in order, (n,).
+
+    Args:
+        looks: features and poses of the images, in order.
+        kind: of the features.
+        options: noise of the odometry; None = poses are exact.
+    """
     width = KINDS[kind].length * (8 if kind == "orb" else 1)
     none = np.zeros(0, dtype=np.int64)
     found = Tracks(kind, np.zeros((0, 2)), np.zeros((0, width)), none, none, np.zeros(0))
@@ -193,9 +202,10 @@ def _often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
 
 
 def passages(looks: list[FloorLook], tracks: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for the sightings of each feature, `tracks` (n,), in one passage, (n,).
+    """Return a number for each sighting, (n,): equal for those of one feature in one passage of the robot.
 
-    In a passage poses hold together.
+    In a passage the way between two sightings is so short that the poses hold together. `tracks`: index of the feature
+    of each sighting, (n,).
     """
     ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
     way = np.repeat(ways, [len(look.places) for look in looks])
