@@ -182,6 +182,6 @@ def gap_share(random: Sequence[Array], chosen: Array, best: Array, mean: Callabl
 
 
 def trimmed(values: Array, share: float = 0.05) -> float:
-    """Return the mean without a share of the values at each end."""
+    """Return the mean of values (n,), in their unit, without a share of them at each end."""
     cut = int(share * len(values))
     return float(np.sort(values)[cut : len(values) - cut].mean())

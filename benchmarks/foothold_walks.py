@@ -319,7 +319,7 @@ def measured(seed: int, rule: str) -> Line:
 
 
 def of_slip(walks: list[Array], column: int) -> tuple[Ranged, Ranged, Ranged]:
-    """Return AUC of slips over 2 mm, RMSE and bias in mm of own slip against a truth; whole walks are resampled."""
+    """Return AUC of slips over 2 mm, RMSE and bias (mm) of own slip, column 0 of walks (n, 3) mm, against a column."""
 
     def over(statistic: Any) -> Ranged:
         def of(chosen: Sequence[Array]) -> float:

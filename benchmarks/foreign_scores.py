@@ -79,7 +79,10 @@ def scored(log: Log, found: Track, way: float, cost: float = NAN) -> ForeignScor
 
 
 def turned(log: Log, yaw: Array) -> Array:
-    """Return the scored part of a heading from its beginning, rad."""
+    """Return the heading of a track in the scored part of a log, less its first value, (k,) rad.
+
+    `yaw`: at each inertial row, (n,) rad.
+    """
     part = yaw[log.scored]
     return part - part[0]
 

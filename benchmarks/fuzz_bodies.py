@@ -33,7 +33,7 @@ SIZES = (1e-300, 1e-9, 1e-4, 0.02, 0.05, 1.0, 1e6, 1e300)
 
 
 def numbers(random: Random, count: int) -> NDArray[np.float64]:
-    """Return numbers of which none, some or all are odd; at times any bits at all."""
+    """Return `count` numbers, (count,), no unit, of which none, some or all are odd; at times any bits at all."""
     draw = np.random.default_rng(random.getrandbits(32))
     if random.random() < 0.1:
         return draw.integers(0, 2**64, count, dtype=np.uint64).view(np.float64)

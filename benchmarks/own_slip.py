@@ -153,7 +153,7 @@ def faulty_walk(seed: int, fault: str, setting: Setting, rule: Rule | None) -> L
 
 
 def rms(values: Sequence[float] | Array) -> float:
-    """Return the root of the mean square."""
+    """Return the root of the mean square of values (n,), in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 

@@ -64,7 +64,7 @@ class Tracks:
     """Sum of the squares of the distances from the mean, m^2."""
 
     def descriptors(self) -> NDArray[Any]:
-        """Return the mean descriptor of each feature, (n, code), no unit: uint8 by majority of bits (orb) or float32."""
+        """Return the mean descriptor of each feature, (n, code): uint8 by majority of bits for ORB, else float32."""
         mean = self.totals / self.count[:, None]
         return np.packbits(mean > 0.5, axis=1) if self.kind == "orb" else mean.astype(np.float32)
 

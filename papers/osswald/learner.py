@@ -20,13 +20,13 @@ from .episode import Episode, follow
 
 
 class Learner:
-    """Learns during one episode.
+    """Sarsa(lambda) during one episode of a training, as the paper states it.
 
     Args:
         training: whose next episode it is; it is not changed.
 
     Attributes:
-        table: action values, the training's to begin with, (layers, nd, nphi, A).
+        table: action values, the training's to begin with, (layers, nd, nphi, A) s.
     """
 
     def __init__(self, training: Training) -> None:
@@ -49,9 +49,13 @@ class Learner:
         return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
 
     def decide(self, mean: Array, cov: Array, status: Array, reward: float) -> int:
-        """Learn from the reward of the last action, and return the number of the next one.
+        """Learn from the reward of the last action, and return the index of the next one.
 
-        mean, cov: believed x, y (m), heading (rad) and more, with covariance; status: elements `STATUS` of the episode.
+        Args:
+            mean: believed x, y (m), heading (rad) and more, frame map, (n,).
+            cov: its covariance, (n, n).
+            status: counters and flags of the episode, (STATUS,), see `EpisodeState`.
+            reward: minus the seconds of the last action, plus a bonus at the goal.
         """
         chosen, following = 0, 0.0
         if status[OUTCOME] != REACHED:

@@ -171,7 +171,11 @@ def train(model: NavigationModel, seed: int, schedule: Schedule = AS_PRINTED) ->
 
 
 def with_printed_gamma() -> tuple[str, Array]:
-    """Return how the model refuses gamma .95, and results of a policy trained with it all the same (no guards)."""
+    """Return the refusal of the printed discount gamma .95, and results of a policy trained with it all the same.
+
+    Results are a row for each of 100 episodes, (100, 8), columns as `run_episodes` returns them: time (s), outcome,
+    decisions, stands, turns, error (m) and errors squared. Guards against endless stands are off.
+    """
     try:
         load("paper", (f"reward.gamma={PRINTED_GAMMA}",))
         refusal = ""
@@ -185,7 +189,7 @@ def with_printed_gamma() -> tuple[str, Array]:
 
 
 def study(progress: Callable[[float, str], None] = lambda share, step: None) -> NavigationStudy:
-    """Compute everything: about half a minute."""
+    """Return everything that section VI needs: trainings, episodes and comparisons; takes about half a minute."""
     normal, blur = (load(name, (THREE_STATES,)) for name in ("paper", "paper-blur"))
     step = "trainings and 100 + 100 episodes"
     seen = compare(normal, lambda share: progress(0.4 * share, f"{step}, moderate blur"))

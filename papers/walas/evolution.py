@@ -60,7 +60,10 @@ def evolve(
 
 
 def basis_of(genes: Array, family: str) -> Basis:
-    """Return the basis of a genome (m, 3, d): kinds, centres, rates."""
+    """Return the basis of a genome (m, 3, d), no unit: kind, centre and rate of each of m terms by each of d inputs.
+
+    `family`: `gaussian` or `elementary`.
+    """
     if family == "gaussian":
         return Gaussians(genes[:, 1], np.maximum(genes[:, 2], 0.0))
     return Elementary(genes[:, 0].astype(np.int64), genes[:, 1], genes[:, 2])

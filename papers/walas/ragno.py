@@ -62,7 +62,7 @@ class Slope:
 
 
 def postures(robot: Robot) -> tuple[Posture, ...]:
-    """ServoLegs in the neutral position, 30 degrees forward, 30 degrees backward."""
+    """Return Ragno with its legs in the neutral position, 30 degrees forward, and 30 degrees backward."""
     found: list[Posture] = []
     for turn in (0.0, TURN_DEG, -TURN_DEG):
         q = robot.neutral.copy()
@@ -86,7 +86,10 @@ def postures(robot: Robot) -> tuple[Posture, ...]:
 
 
 def slope_contacts(robot: Robot, mu: float) -> ContactSet:
-    """Fore and middle feet on the slope that begins at x = -5 cm, hind feet on the ground before it."""
+    """Return the contacts of fore and middle feet on a slope that begins at x = -5 cm, hind feet on level ground.
+
+    `mu`: friction coefficient.
+    """
     tilt = np.radians(SLOPE_DEG)
     feet = foot_positions(robot.model, robot.neutral)
     feet[:, 2] = np.maximum(0.0, (feet[:, 0] - SLOPE_X) * np.tan(tilt))
@@ -95,7 +98,10 @@ def slope_contacts(robot: Robot, mu: float) -> ContactSet:
 
 
 def slope(robot: Robot, mu: float) -> Slope:
-    """Return the three phases of 4.3 for the movement of 4.3 cm: stability, m, by the norm and by the margin."""
+    """Return the stability of Ragno on the 30 degree slope, m, for its trunk movement of 4.3 cm, by norm and by margin.
+
+    `mu`: friction coefficient.
+    """
     contacts = slope_contacts(robot, mu)
     q = legs_ik(robot.model, contacts.position - [0.0, 0.0, TRUNK_Z])[0]
     now = com(robot.model, q)[:2]
@@ -118,7 +124,7 @@ def slope(robot: Robot, mu: float) -> Slope:
 
 
 def gsm(found: Check) -> float:
-    """Signed geometric stability margin, cm; NaN if there is none."""
+    """Return the signed geometric stability margin of a check, cm; NaN if there is none."""
     return float("nan") if found.gsm is None or found.gsm.value is None else CM * found.gsm.value
 
 
@@ -141,7 +147,7 @@ def figure_15(robot: Robot, found: tuple[Posture, ...]) -> list[Finding]:
 
 
 def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
-    """Section 4.3; the table of friction coefficients is a reference of this project."""
+    """Return the findings of section 4.3, Fig. 17; its friction coefficients are a reference of this project."""
     rows: list[Finding] = []
     for s in found:
         share, reach = SLOPE_TABLE[s.mu]
@@ -193,7 +199,10 @@ def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
 
 
 def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
-    """4.7: forces of each optimum put into CoM from forces must give that optimum."""
+    """Return the finding of section 4.7: forces of each optimum, put into the CoM from forces, give that optimum.
+
+    `weight`: of the robot, N.
+    """
     worst = 0.0
     for s in found:
         support = s.sixteen.support

@@ -49,8 +49,8 @@ def refine(
 
     Args:
         start: first Gaussians; centres and widths are cut to the bounds.
-        u: inputs, (n, d).
-        y: target, (n,).
+        u: inputs, (n, d), no unit.
+        y: target, (n,), no unit.
         w: diagonal of W, (n,).
         bounds: bounds of centres and widths.
         ridge: rho.

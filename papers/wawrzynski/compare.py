@@ -29,7 +29,7 @@ class Comparison:
     noise: Mapping[str, Mapping[str, Any]]  # of the referees
 
     def best_reference(self, measure: str) -> str | None:
-        """Name of the referee with the least mean error; None without referees."""
+        """Return the name of the referee with the least mean error by `measure`; None without referees."""
         means = {name: np.mean([getattr(s, measure) for s in self.scores[name]]) for name in self.noise}
         return min(means, key=lambda name: means[name]) if means else None
 

@@ -79,7 +79,7 @@ def estimators() -> tuple[str, ...]:
 
 
 def experiment(seed: int, rest_s: float = REST_S) -> Experiment:
-    """Stand for so long, walk once, and estimate."""
+    """Return the estimates of one walk of a seed, after a stand of `rest_s` s."""
     scenario = load_scenario(find_scenario(SCENARIOS["bioloid"]))
     first, *others = scenario.steps
     scenario = replace(scenario, steps=(replace(first, after_s=first.after_s + rest_s), *others))

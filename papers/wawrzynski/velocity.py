@@ -35,7 +35,7 @@ NOTES = (
 
 
 def reproduce(out: Path | None, progress: Callable[[float, str], None] = lambda share, step: None) -> Reproduction:
-    """Compute everything; write the figures into a folder when there is one.
+    """Reproduce the velocity estimates of Wawrzynski et al.; write the figures into a folder when there is one.
 
     Args:
         out: folder of the figures, or None.

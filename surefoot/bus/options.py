@@ -37,7 +37,10 @@ class ZenohOptions:
 
 
 def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
-    """Zenoh settings of a session: no multicast, gossip between peers, no start-up delay, quick loss detection."""
+    """Return the Zenoh settings of a session.
+
+    It has no multicast and no start-up delay, gossips between peers, and detects a lost link quickly.
+    """
     listen = endpoint.listen
     secure = is_secure((*endpoint.connect, *listen))
     if endpoint.mode == "peer" and not listen:

@@ -84,7 +84,7 @@ class Answers:
             return None
 
     def settle(self, incoming: Incoming, make: Callable[[], Any], request: Request | None = None) -> None:
-        """Answer with what ``make`` returns or raises; where that is a future, once it is done.
+        """Answer with the result or the error of ``make``; where the result is a future, once it is done.
 
         A participant that repeats its last request of a tick, or order for a tick, gets the same answer: the first was
         lost on the way. What a service learns from a request is learned once, and a walk begins once.

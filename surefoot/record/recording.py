@@ -229,7 +229,7 @@ def recording_info(path: Path) -> dict[str, Any]:
 
 
 def verify_recording(path: Path) -> Findings:
-    """All of a recording, with its checksums, whatever has happened to it.
+    """Return the readable and damaged parts of a recording, with its checksums, whatever has happened to it.
 
     Raises:
         SurefootError: the file cannot be read, is empty, or no MCAP file.
