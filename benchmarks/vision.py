@@ -221,7 +221,10 @@ FAULTS: dict[str, tuple[Fault, ...]] = {
 
 
 def dirty(pixels: Greys) -> Greys:
-    """Return an image through a lens whose right half is smeared (an eighth of the width) and takes half the light."""
+    """Return greys (h, w) as through a lens whose right half is smeared and takes half the light.
+
+    It is smeared over an eighth of the width.
+    """
     half, width = pixels.shape[1] // 2, pixels.shape[1] // 16
     sums = np.cumsum(np.pad(pixels[:, half:].astype(np.float64), ((0, 0), (width, width)), mode="edge"), axis=1)
     smeared = (sums[:, 2 * width :] - sums[:, : -2 * width]) / (2.0 * width)
@@ -229,7 +232,7 @@ def dirty(pixels: Greys) -> Greys:
 
 
 def torn(pixels: Greys) -> Greys:
-    """Return an image whose bands of rows, a sixth of it each, came in another order."""
+    """Return greys (h, w) whose bands of rows, a sixth of the image each, came in another order."""
     return np.vstack([np.array_split(pixels, 6)[i] for i in (3, 0, 5, 2, 1, 4)])
 
 

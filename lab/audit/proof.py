@@ -45,7 +45,15 @@ def holds(points: Array, normals: Array, mu: float, forces: Array, com: Array) -
 
 
 def bounds(points: Array, normals: Array, mu: float, twist: Array, direction: Array) -> float:
-    """Return the h, m, for which a twist (v_x, v_y, v_z, w_z) proves a'c <= h along a unit a (2,); inf: no proof."""
+    """Return the h, m, for which a twist proves that the CoM c of a robot that stands has a'c <= h; inf: no proof.
+
+    Args:
+        points: contacts, (n, 3) m, z up.
+        normals: unit normals of the ground, (n, 3).
+        mu: friction coefficient.
+        twist: (v_x, v_y, v_z, w_z), (4,), v in m.
+        direction: unit vector a, (2,).
+    """
     spin = np.array([-direction[1], direction[0], twist[3]])
     along, across = tangential(twist[:3] + np.cross(spin, points), normals)
     return float(twist[2]) if (along >= mu * across - EXACT).all() else math.inf

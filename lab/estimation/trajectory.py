@@ -83,7 +83,7 @@ def height_error(true: Poses, seen: Poses, pairs: Pairs) -> Array:
 
 
 def laid_over(position: Array, true: Array) -> Array:
-    """Return positions (n, 3) m turned about the vertical and moved to fit true ones (n, 3) m by least squares."""
+    """Return positions (n, 3) m turned about the vertical and moved to fit `true` (n, 3) m by least squares."""
     a, b = position - position.mean(axis=0), true - true.mean(axis=0)
     angle = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a[:, :2] * b[:, :2]))
     c, s = np.cos(angle), np.sin(angle)

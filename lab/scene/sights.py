@@ -100,7 +100,7 @@ class SightKeeper:
 
 
 def in_image(places: Array, sight: SeenImage) -> Array:
-    """Return where an image shows points of the floor, heading axes of base_link, (n, 2) px."""
+    """Return where an image shows points of the floor, (n, 2) px; `places`: heading axes of base_link, (n, 2) m."""
     return view.in_image(sight.image, sight.base, Patch(), places)
 
 

@@ -105,7 +105,7 @@ def summary(results: Array) -> dict[str, Any]:
 def paired(ours: Array, others: Array) -> dict[str, Any]:
     """Return the mean difference of times, ours - others, s, of the same seeds, with its 95 % interval and p-value.
 
-    Both (episodes, columns), rows of the same seed.
+    ours, others: results of episodes, (episodes, columns), the time in s first, rows of the same seed.
     """
     a, b = ours[:, SECONDS_TAKEN], others[:, SECONDS_TAKEN]
     found, base = statistics.paired(a, b), float(b.mean())

@@ -138,7 +138,10 @@ def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
 
 @row_kernel
 def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
-    """Return the slope along x and y of the plane through a 3 x 3 window, rise per way; NaN where a cell is unknown."""
+    """Return the slope along x and y of the plane through the 3 x 3 cells about a cell, rise per way; NaN = unknown.
+
+    z: heights, (ny, nx) m, NaN = unknown; cell: edge of a cell, m; row, col: of the middle, inside the border.
+    """
     ny, nx = z.shape
     if row < 1 or col < 1 or row >= ny - 1 or col >= nx - 1:
         return math.nan, math.nan

@@ -73,7 +73,7 @@ def nothing(kind: Kind) -> FoundFeatures:
 
 
 def distances(kind: Kind, a: NDArray[Any], b: NDArray[Any]) -> Array:
-    """Return the distance of every pair of descriptors, (len(a), len(b)): bits that differ (orb), else Euclidean.
+    """Return the distance of every pair of descriptors, (n, m), no unit: bits that differ (orb), else Euclidean.
 
     `a` (n, d), `b` (m, d): bytes (orb), else float32.
 

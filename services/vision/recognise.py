@@ -126,7 +126,7 @@ def recognise(
 
 
 def seen_from(positions: Array, pose: Array) -> Array:
-    """Return places of the map (n, 2) m in heading axes of a pose x, y, yaw, (n, 2) m."""
+    """Return places of the map, (n, 2) m, in the heading axes of a pose x, y (m), yaw (rad), (3,), as (n, 2) m."""
     away, c, s = positions - pose[:2], math.cos(pose[2]), math.sin(pose[2])
     return np.stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]), axis=1)
 

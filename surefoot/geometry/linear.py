@@ -58,7 +58,7 @@ def _each(function: Callable[[float], float], x: Array) -> Array:
 
 
 def solve(a: Array, b: Array) -> Array:
-    """Return the solution x (n, m) of a x = b for a (n, n), by elimination with row pivots.
+    """Return the solution x (n, m) of a x = b for a (n, n) and b (n, m), any units, by elimination with row pivots.
 
     Raises:
         ZeroDivisionError: a is singular.
@@ -78,9 +78,10 @@ def solve(a: Array, b: Array) -> Array:
 
 
 def eigen3(m: Array) -> tuple[Array, Array]:
-    """Return eigenvalues (3,), largest first, and unit eigenvectors as rows (3, 3) of a symmetric 3x3 matrix.
+    """Return eigenvalues (3,), largest first, and unit eigenvectors as rows (3, 3) of a symmetric matrix m (3, 3).
 
-    Jacobi's method: rotations in the planes of two axes that make the off-diagonal elements zero in turn.
+    Eigenvalues are in the unit of m. Jacobi's method: rotations in the planes of two axes that make the off-diagonal
+    elements zero in turn.
     """
     a, v = m.copy(), np.eye(3)
     for _ in range(SWEEPS):

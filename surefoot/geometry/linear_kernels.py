@@ -36,7 +36,7 @@ def times_transposed(a: Array, b: Array) -> Array:
 
 @row_kernel
 def congruence(a: Array, p: Array) -> Array:
-    """Return a p a^T, (n, n), of (n, m) and (m, m): the covariance p after the linear map a."""
+    """Return a p a^T, (n, n), of a (n, m) and p (m, m), any units: the covariance p after the linear map a."""
     return times_transposed(times(a, p), a)
 
 
@@ -125,5 +125,5 @@ def inverse3(m: Array) -> tuple[Array, float]:
 
 @row_kernel
 def solve3(m: Array, v: Array) -> Array:
-    """Return the solution x of m x = v, (3,); zero where m (3, 3) has no inverse."""
+    """Return the solution x (3,) of m x = v for m (3, 3) and v (3,), any units; zero where m has no inverse."""
     return times_vector(inverse3(m)[0], v)

@@ -348,12 +348,12 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
 
 @kernel
 def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
-    """Return what the changes since the last inertial sample add to the noise, and remember the sample, in place.
+    """Return the variances that the changes since the last inertial sample add to its noise; keep this one.
 
     A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
     mean over its period; the sensors' own noise changes by 6 sigma^2 on average. A bend turns the IMU back again, so
-    errors of the heading cancel; those of the tilt act on the velocity at every moment. `memory`: of `BestState`;
-    w rad/s, q m/s^2: the sample, (3,).
+    errors of the heading cancel; those of the tilt act on the velocity at every moment. `memory` (112,): of
+    `BestState`, changed; w (3,) rad/s, q (3,) m/s^2: the sample, IMU axes.
     """
     turn, push = 0.0, 0.0
     for i in range(3):

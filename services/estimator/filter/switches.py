@@ -131,8 +131,8 @@ def judge_heights(own: Array, sensors: Array, over: float, contact: Array, dt: f
     foot above is closed, and the other has not been above since it opened, they are swapped.
 
     Args:
-        own: numbers of this, see `HeightLayout`.
-        sensors: numbers of each foot, see `SensorLayout`.
+        own: memory of this function, (HEIGHTS,), mixed units as in `HeightLayout`.
+        sensors: numbers of each foot, (2, columns), mixed units as in `SensorLayout`.
         over: height of foot 0 over foot 1, m; NaN: not known.
         contact: probability that each foot touches the ground, (2,).
         dt: time since the last sample, s.

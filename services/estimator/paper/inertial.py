@@ -17,7 +17,7 @@ SMALL_ANGLE_SQUARED = 1e-16  # rad^2; below it the series is exact to machine pr
 
 @kernel
 def rotate_by(b: Array, x: Array) -> Array:
-    """Return f(b, x) = exp([b]) x, (3,): x turned about the vector b by |b| rad (Rodrigues' formula)."""
+    """Return f(b, x) = exp([b]) x, (3,): x (3,), any unit, turned about the vector b (3,) by |b| rad (Rodrigues)."""
     angle_sq = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
     if angle_sq > SMALL_ANGLE_SQUARED:
         angle = math.sqrt(angle_sq)
@@ -36,12 +36,13 @@ def rotate_by(b: Array, x: Array) -> Array:
 
 @kernel
 def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, Array]:
-    """Integrate (2)-(4), also (28)-(30): half a turn of g, a turn and a push of v, half a turn of g.
+    """Integrate g and v over a step of d s: half a turn of g, a turn and a push of v, half a turn of g.
 
-    All in IMU axes: g m/s^2 up, v m/s, gyro w rad/s, accelerometer q m/s^2, (3,) each, over d s.
+    Equations (2)-(4), also (28)-(30), of Wawrzynski et al. All in IMU axes: g m/s^2 up, v m/s, gyro w rad/s,
+    accelerometer q m/s^2, (3,) each.
 
     Returns:
-        g (3,), v (3,) after the step.
+        g (3,) m/s^2, v (3,) m/s after the step.
     """
     half, whole = np.empty(3), np.empty(3)
     for i in range(3):
@@ -67,7 +68,10 @@ def turn_jacobian(x: Array) -> Array:
 
 @kernel
 def transition(w: Array, d: float, exact: bool) -> Array:
-    """Return F, (6, 6): (24) [I 0; -d I I], or with the rotation it drops: [E 0; -d E_h E], E = exp(-[w] d)."""
+    """Return the transition matrix F of (g, v) over a step of d s, (6, 6), with gyro w (3,) rad/s.
+
+    It is equation (24), [I 0; -d I I], or with the rotation that it drops (`exact`): [E 0; -d E_h E], E = exp(-[w] d).
+    """
     f = np.zeros((6, 6))
     axis, by_half, by_whole = np.zeros(3), np.empty(3), np.empty(3)
     for i in range(3):
@@ -86,7 +90,7 @@ def transition(w: Array, d: float, exact: bool) -> Array:
 
 @kernel
 def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """Return C of equation (25), (6, 6): columns = unit noise of gyro and accelerometer.
+    """Return C of equation (25), (6, 6): effect on (g, v), m/s^2 and m/s, of unit noise of gyro and accelerometer.
 
     g, v: before the step of d s, (3,) m/s^2 and m/s; sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
     """
@@ -128,8 +132,8 @@ def predict(
     """Return state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample, equations (28)-(31).
 
     Args:
-        x: state before it; g m/s^2, v m/s, IMU axes.
-        p: its covariance.
+        x: state before it, (6,); g m/s^2, v m/s, IMU axes.
+        p: its covariance, (6, 6).
         w: gyro, (3,) rad/s.
         q: accelerometer, (3,) m/s^2.
         d: the step, s.
@@ -151,12 +155,12 @@ def predict(
 
 
 def widened(p: Array, sd_g: float, sd_v: float) -> Array:
-    """Return P (6, 6) with these standard deviations, m/s^2 and m/s, added to those of g and v."""
+    """Return the covariance p (6, 6) of (g, v) with standard deviations sd_g, m/s^2, and sd_v, m/s, added."""
     return p + np.diag([sd_g**2] * 3 + [sd_v**2] * 3)
 
 
 def without_velocity(p: Array, sd: float) -> Array:
-    """Return P (6, 6) with v independent of g and of variance sd^2, sd in m/s."""
+    """Return the covariance p (6, 6) of (g, v) with v independent of g and of variance sd^2, sd in m/s."""
     out = np.zeros((6, 6))
     out[:3, :3] = p[:3, :3]
     out[3:, 3:] = np.eye(3) * sd**2

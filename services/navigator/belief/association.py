@@ -42,7 +42,13 @@ class Fates(NamedTuple):
 
 @row_kernel
 def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
-    """Sort indices (n,) in place by their keys, equal keys by tie."""
+    """Sort indices in place by rising keys, equal keys by rising ties.
+
+    Args:
+        chosen: indices into the other two, (n,).
+        keys: of all elements, (m,), any unit.
+        ties: of all elements, (m,), no unit.
+    """
     for i in range(1, chosen.size):  # by insertion: n is a few dozen
         this, j = chosen[i], i
         while j > 0:

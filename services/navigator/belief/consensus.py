@@ -135,15 +135,17 @@ def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: flo
 
 @row_kernel
 def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: Array) -> Array:
-    """Return the pose (3,) of least squares by the inliers and the belief: three steps of Gauss and Newton.
+    """Return the pose of least squares by the inliers and the belief, (3,): x and y in m, heading in rad, frame map.
+
+    Three steps of Gauss and Newton.
 
     Args:
-        pose: where the steps begin, x and y in m and heading in rad.
+        pose: where the steps begin, x and y in m and heading in rad, (3,).
         mean: believed pose, (3,) or longer.
         information: inverse of its covariance, (3, 3).
         inlier: matches that count, (k,).
         found: matches.
-        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,).
+        noise: deviations of range and bearing of a sighting, indexed as in `gate`, (5,), m and rad.
     """
     for _ in range(3):
         a, v = information.copy(), np.zeros(3)

@@ -118,9 +118,12 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
 
 @row_kernel
 def improve(pose: Array, seen: Evidence, chosen: Index) -> tuple[Array, float]:
-    """Take one step of least squares of a pose x, y (m), heading (rad), map, over the explained sightings, in place.
+    """Take one step of least squares of a pose over the explained sightings, in place.
 
-    chosen: landmark of each sighting, below 0 = unexplained.
+    Args:
+        pose: x, y (m), heading (rad) of the reference frame in the map, (3,), changed.
+        seen: sightings.
+        chosen: landmark of each sighting, (s,), below 0 = unexplained.
 
     Returns:
         Covariance of the pose (3, 3), and the logarithm of its determinant (inf: it does not follow from these).

@@ -28,7 +28,7 @@ def nees(truth: Array, mean: Array, cov: Array) -> float:
 
     Args:
         truth: true x, y (m), heading (rad), frame map, (3,) or longer.
-        mean: believed ones; e = truth - mean with the heading wrapped.
+        mean: believed x, y (m), heading (rad), (3,) or longer; e = truth - mean with the heading wrapped.
         cov: covariance of `mean`, (3, 3) or larger; P is its first 3x3 block.
     """
     e0, e1, e2 = truth[X] - mean[X], truth[Y] - mean[Y], wrap(truth[THETA] - mean[THETA])

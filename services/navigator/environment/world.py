@@ -23,8 +23,8 @@ def scatter(scene: Array, rng: Stream, marks: Array, first: Ints) -> None:
     """Draw the landmarks of a floor, in place.
 
     Args:
-        scene: elements of the scene.
-        rng: stream of the floor.
+        scene: elements of the scene, (ELEMENTS,), SI, see `ModelTables`.
+        rng: stream of the floor, (4,) uint64.
         marks: x and y of landmarks in the map, (M, 2), m, square by square.
         first: index of the first landmark of each square, and their number at the end, (squares + 1,).
     """

@@ -321,8 +321,8 @@ def settled_costs(cost: Ints, marks: Ints, column: int) -> int:
     That is the cell whose least cost to any mark so far is largest. Cells out of reach get 0 in every column.
 
     Args:
-        cost: of `astar.search`, flattened: -cost - 1 where it was settled.
-        marks: (cells, marks).
+        cost: of `astar.search`, flattened, (cells,), no unit: -cost - 1 where it was settled.
+        marks: costs between marks and cells, (cells, marks), no unit.
         column: to be written, or -1: none, and the next one is the cell farthest from this search's start.
     """
     best, farthest = 0, -1

@@ -145,9 +145,10 @@ def plan(
     tolerance: float = 0.1,
     most: int = 200,
 ) -> tuple[Array, Array, int]:
-    """Return the table of action values (nb, nd, nphi, A) in s (negative), its grid, and the number of sweeps.
+    """Return the table of action values (nb, nd, nphi, A) in s (negative), its axes (GRID,), and the number of sweeps.
 
     Args:
+        world: arrays of the model.
         d_max: m, largest distance of the table; beyond it the choice depends on bearing and drift only.
         drift_max: rad per m, largest drift.
         shape: number of drifts from 0 on, of distances, of bearings.

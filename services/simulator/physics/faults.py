@@ -162,7 +162,10 @@ class FaultBank:
         return None if self.on(tick, "imu_drop") else measured
 
     def joints(self, tick: int, position: Array, current: Array, torque: Array) -> tuple[Array, Array, Array] | None:
-        """Return position (n,) rad, current (n,) A, torque (n,) N m as broken sensors give them; None = no sample."""
+        """Return position (n,) rad, current (n,) A, torque (n,) N m as broken sensors give them; None = no sample.
+
+        position, current, torque: of intact sensors, same shapes and units.
+        """
         table = np.stack((position, current, torque))
         table = self._freeze("joints", bool(self.on(tick, "joints_freeze")), table.ravel()).reshape(table.shape)
         for n, fault in enumerate(self.faults):

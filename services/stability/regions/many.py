@@ -60,8 +60,8 @@ def assess(contacts: ContactSet, index: Ints, begin: Ints, com: Array, *, thread
 
     Args:
         contacts: the pool.
-        index: contacts of all sets, one set after the other.
-        begin: first place of each set in `index`, and the end.
+        index: indices of the contacts of all sets, one set after the other, (n,).
+        begin: first place of each set in `index`, and the end, (k + 1,).
         com: centre of mass of each set, (k, 2) m.
         threads: that work at a time.
     """

@@ -98,9 +98,9 @@ def has_axes(directions: Array) -> bool:
 
 @row_kernel
 def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float]:
-    """Return whether the region is the hull of the contacts exactly, and slopes p, q of their plane z = p x + q y + c.
+    """Return True if the region is the hull of the contacts exactly, and slopes p, q of their plane z = p x + q y + c.
 
-    position, normal: (n, 3), points in m and unit normals; mu: friction, (n,).
+    position, normal: (n, 3), points in m and unit normals; mu: friction coefficients, (n,).
     """
     n = mu.size
     if n < 3:

@@ -57,7 +57,10 @@ class StandingFeet:
         self._touched = np.full(legs, -np.inf)  # time of the last closed switch in this stance
 
     def update(self, stamp: float, touch: Flags, planned: Flags | None) -> Flags:
-        """Return the feet (L,) that stand at `stamp` (s); `planned` stance (L,), None = no plan: switches alone."""
+        """Return the feet that stand at `stamp` s, (L,) bool.
+
+        `touch`: closed switches, (L,); `planned`: feet of the planned stance, (L,), None = no plan: switches alone.
+        """
         return _standing(
             self._touched, self._hold_s, stamp, touch, touch if planned is None else planned, planned is None
         )

@@ -35,9 +35,13 @@ def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
 
 @kernel
 def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array:
-    """Return the point at which the ZMP rests on a foot x, y (m), yaw (rad), (2,) m; side 0 = left.
+    """Return the point at which the ZMP rests on a foot, (2,) m, odom.
 
-    ahead, inwards: from the middle of the foot, m, inwards = towards the other foot.
+    Args:
+        foot: x, y (m), yaw (rad), odom, (3,).
+        side: 0 = left, 1 = right.
+        ahead: from the middle of the foot forward, m.
+        inwards: from the middle of the foot towards the other foot, m.
     """
     y = -inwards if side == 0 else inwards
     out = np.empty(2)
@@ -82,7 +86,10 @@ def smooth(s: float) -> float:
 
 @kernel
 def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
-    """Return the foot at swing phase s in [0, 1], (4,) x, y, yaw, z, between two (x, y, yaw), `lift` m high midway."""
+    """Return the foot at swing phase s in [0, 1], (4,): x, y (m), yaw (rad), height (m), `lift` m high midway.
+
+    begin, end: x, y (m), yaw (rad) at lift-off and landing, odom, (3,).
+    """
     out = np.empty(4)
     way = smooth(s)
     for i in range(3):

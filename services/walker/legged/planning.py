@@ -63,7 +63,7 @@ class StepPlan:
 
 
 def rotated(yaw: float, vectors: Array) -> Array:
-    """Return plane vectors (n, 2) turned by yaw, rad."""
+    """Return vectors in the plane, (n, 2), any unit, turned by `yaw` rad, (n, 2)."""
     c, s = math.cos(yaw), math.sin(yaw)
     return product(vectors, np.array([[c, s], [-s, c]]))
 
@@ -235,7 +235,10 @@ def complete(
 
 
 def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:
-    """Return the points of the ground under standing foot centres (n, 3) m, and its unit normals there, (n, 3)."""
+    """Return the points of the ground under standing feet, (n, 3) m, map, and its unit normals there, (n, 3).
+
+    `feet`: foot centres, (n, 3) m, map.
+    """
     r, ground = frame.robot.foot_radius, frame.ground
     up = np.array([0.0, 0.0, 1.0])
     normals = np.array([up if ground is None else ground.normal(p[0], p[1], p[2] - r) for p in feet])

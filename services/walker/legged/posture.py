@@ -11,7 +11,10 @@ from surefoot.robot.description import KinematicModel
 
 @kernel
 def into_base(feet: Array, body: Array, rot: Array) -> Array:
-    """Return feet (L, 3) m of the map in base_link: rot' (feet - body), rot_map_from_base (3, 3), body (3,) m."""
+    """Return feet (L, 3) m of the map in base_link, (L, 3) m: rot' (feet - body).
+
+    `body`: origin of base_link in the map, (3,) m; `rot`: rot_map_from_base, (3, 3).
+    """
     out = np.empty_like(feet)
     for i in range(feet.shape[0]):
         x, y, z = feet[i, 0] - body[0], feet[i, 1] - body[1], feet[i, 2] - body[2]
@@ -22,7 +25,10 @@ def into_base(feet: Array, body: Array, rot: Array) -> Array:
 
 @kernel
 def into_map(feet_base: Array, body: Array, rot: Array) -> Array:
-    """Return feet (L, 3) m of base_link in the map: body + rot feet, rot_map_from_base (3, 3), body (3,) m."""
+    """Return feet (L, 3) m of base_link in the map, (L, 3) m: body + rot feet.
+
+    `body`: origin of base_link in the map, (3,) m; `rot`: rot_map_from_base, (3, 3).
+    """
     out = np.empty_like(feet_base)
     for i in range(feet_base.shape[0]):
         for k in range(3):

@@ -68,9 +68,16 @@ def progress(go: float, arrive: float, v: float) -> float:
 
 @kernel
 def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive: float, v: float) -> Array:
-    """Return the foot centre at swing phase v, (3,) m, from p0 to p1, (3,) m, over a level part at the height `top`, m.
+    """Return the foot centre at swing phase v, (3,) m, map.
 
-    go, arrive: phases between which it moves sideways.
+    Args:
+        shape: phases of the swing.
+        p0: foot centre at lift-off, (3,) m.
+        p1: foot centre at landing, (3,) m.
+        top: height of the level part, m.
+        go: phase in which the sideways movement begins.
+        arrive: phase in which it ends.
+        v: phase, 0 to 1; above 1 the foot goes on down.
     """
     s = progress(go, arrive, v)
     out = np.empty(3)
