@@ -32,7 +32,7 @@ JOINTS = tuple(0.1 * i + 1 / 3 for i in range(18))
 
 
 class Plain(BaseModel):
-    """Message of a hand-written program."""
+    """Joint message of a hand-written program, which the bus is compared with."""
 
     stamp_ns: int
     tick: int

@@ -127,7 +127,7 @@ def paired(lines: Lines, ground: str, one: str, other: str) -> Pair:
 
 
 def sliding(lines: Lines, ground: str, rule: str) -> list[float]:
-    """Return the sliding of a rule on a ground by seed, mm."""
+    """Return the mean contact sliding per stance under a rule on a ground, mm, for each seed."""
     return [line["sliding_mm"] for (where, name, _), line in lines.items()
             if (where, name) == (ground, rule) and "sliding_mm" in line]  # fmt: skip
 
@@ -159,7 +159,7 @@ def comparison(lines: Lines, grounds: Sequence[str], rules: Sequence[str]) -> It
 
 @dataclass(frozen=True)
 class Verdict:
-    """One target."""
+    """One target of the comparison of foothold rules, and whether it was met."""
 
     what: str
     value: float
@@ -355,7 +355,8 @@ def slip(*, seeds: str = "0:12", processes: int = 2, results: Path | None = None
     were set on seeds 700 to 705.
 
     Args:
-        relearn: file of samples (`surefoot footholds collect`); report re-learning in place of the measure, see below.
+        relearn: file of samples (`surefoot footholds collect`); report instead what two rounds of re-learning close of
+            the gap to a model of all data.
     """
     if relearn is not None:
         show_relearning(relearn, seeds_of(seeds))

@@ -64,11 +64,11 @@ class Ground:
         self.out = [np.empty_like(self.heights.z) for _ in range(3)]
 
     def coefficients(self) -> None:
-        """Compute K1, K2 and cos K3 of all cells."""
+        """Compute the ground coefficients K1, K2 and cos K3 of all cells by the product's kernel."""
         coefficients(self.heights.z, self.push, np.float32(CELL), *self.out)
 
     def slices(self) -> None:
-        """Compute the same coefficients by slices of numpy."""
+        """Compute the ground coefficients K1, K2 and cos K3 of all cells by slices of numpy."""
         map_features_numpy(self.heights.z, STROKE, CELL)
 
     def copies(self) -> None:
@@ -81,7 +81,7 @@ class Ground:
         build_ground(self.heights, self.robot.foot_radius)
 
     def score(self) -> None:
-        """Compute P and masks of all cells without a leg."""
+        """Compute predicted slip and masks of all cells, without a leg's reach."""
         assess(self.ground, HandScore(), whole_map(self.ground), None, STROKE.tolist(), ("p", "mask"), SelectParams())
 
 

@@ -41,7 +41,7 @@ class ForeignScore:
     cost: float = NAN  # us a row
 
     def cells(self) -> tuple[str, ...]:
-        """Return the cells of a table."""
+        """Return the errors as the cells of a table row."""
         numbers = zip(vars(self).values(), (2, 2, 1, 2, 2, 1, 1, 2, 2, 1, 2, 2, 1), strict=True)
         return tuple("-" if not np.isfinite(x) else f"{x:.{digits}f}" for x, digits in numbers)
 

@@ -95,7 +95,7 @@ def blur(
 
 
 def shares(found: list[MatchCount]) -> tuple[float, float, float, float]:
-    """Return the share of matched landmarks with its interval, and the mean number in view."""
+    """Return the share of the landmarks in view that were matched, its 95 % interval, and the mean number in view."""
     k, n = sum(each.matched for each in found), sum(each.in_view for each in found)
     return (share(found), *wilson(min(k, n), max(1, n)), n / max(1, len(found)))
 
@@ -254,7 +254,7 @@ def spoilt(images: Iterable[TakenAt | None], case: str, begin: int) -> Iterable[
 
 
 class BlindRun(NamedTuple):
-    """One run of a blind case."""
+    """Result of one recorded walk with a camera that sees nothing useful."""
 
     wrong: int
     """Published poses that are certain and wrong."""

@@ -95,7 +95,7 @@ def until(duration_s: float) -> None:
 
 
 def remark(text: str) -> None:
-    """Write one line for people beside the output."""
+    """Write one line for people, not for programs, to the error output."""
     notify(f"surefoot: {text}")
 
 

@@ -210,7 +210,7 @@ def inputs_of(log: Log, rows: range) -> Iterator[Inputs]:
 
 
 def feed(running: LogRunner, x: Inputs) -> None:
-    """Feed the inputs of one row."""
+    """Feed the inputs that arrive with one inertial row to an estimator."""
     if x.imu:
         running.imu(x.stamp_ns, x.w, x.q)
     for sample in x.feet:

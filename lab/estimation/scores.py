@@ -49,7 +49,7 @@ class Score:
 
     @property
     def percent(self) -> float:
-        """Absolute error of the average, %."""
+        """Absolute error of the average velocity, % of the true one."""
         return 100.0 * abs(self.average)
 
 
@@ -160,7 +160,7 @@ def tilt(log: Log, found: Track) -> Array:
 
 
 def base_pose(log: Log) -> tuple[Array, Array]:
-    """Return true position (n, 3) m, world, and true heading (n,) rad of base_link at each inertial row."""
+    """Return true position (n, 3) m, world, and true heading (n,) rad of base_link at each inertial row of a log."""
     truth = log.known()
     base = np.einsum("nij,kj->nik", truth.rot, log.rot_base_from_imu)
     position = truth.position - np.einsum("nij,j->ni", base, log.imu_position)

@@ -94,7 +94,7 @@ def default() -> str:
 
 
 class LogRunner:
-    """Estimator of the service that is fed with a log."""
+    """Estimator of the service that is fed with the inputs of a log."""
 
     def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
         self.name, self.feet_count = name, log.feet_count

@@ -123,7 +123,7 @@ class _PendingChoice(NamedTuple):
 
 
 class StanceObserver:
-    """Follows the feet of a walk by truth."""
+    """Follows the feet of a simulated walk by the truth, and records each finished stance with its choice."""
 
     def __init__(self, world: PhysicsWorld) -> None:
         self.tilt = 0.0

@@ -47,7 +47,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All of a paper.
+    """Result of reproducing a paper: a finding for each of its numbers, figures and notes.
 
     Attributes:
         title: what was reproduced.

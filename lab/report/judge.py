@@ -127,7 +127,7 @@ class RunVerdict:
         return "LIMITS MET" if any(row.ok for row in self.rows) else "NO VERDICT"
 
     def value(self, name: str) -> float | None:
-        """Return the value of a metric."""
+        """Return the value of a metric of `METRICS`, in its unit; None: the run has no data on it."""
         return next(row.value for row in self.rows if row.name == name)
 
 

@@ -62,11 +62,11 @@ class SightKeeper:
     _belief: Any = None
 
     def image(self, message: Any) -> None:
-        """Take a message `hw/image`."""
+        """Keep the camera image of a message `hw/image`."""
         self._images.append(message)
 
     def believed(self, message: Any) -> None:
-        """Take a message `state/pose`."""
+        """Keep the believed pose of a message `state/pose`."""
         self._belief = message
 
     def moved(self, message: Any) -> None:

@@ -95,7 +95,7 @@ class Training:
         self._room = learning_room(self.world, self.table.size)
 
     def advance(self, episodes: int) -> None:
-        """Learn from the next episodes."""
+        """Learn from the next `episodes` episodes of the training."""
         end = min(self.done + episodes, self.schedule.episodes)
         learn(self._lessons, self.world.tables, self.seed + 1, self.done, end, self._room)
         self.done = end

@@ -43,7 +43,7 @@ class LiveSight:
                 self._keeper.image(delivery.message())
 
     def take(self, delivery: Delivery) -> None:
-        """Take the newest message of any key."""
+        """Keep the newest message of any key that a sight needs."""
         if delivery.key == STATE_LANDMARKS.key and not self._images:
             self._images = self._client.bus.newest(HW_IMAGE)
         take = {

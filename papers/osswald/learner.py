@@ -45,7 +45,7 @@ class Learner:
         seed(self._explore, training.seed + 1, training.done, learning.EXPLORE)
 
     def walk(self) -> Episode:
-        """Return the next episode of the training."""
+        """Return the next episode of the training, during which the learner learns."""
         return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
 
     def decide(self, mean: Array, cov: Array, status: Array, reward: float) -> int:

@@ -75,7 +75,7 @@ class WalkResult:
 
     @property
     def steps(self) -> int:
-        """Steps with a finished stance."""
+        """Number of steps of the walk with a finished stance."""
         return max((row[0] for row in self.rows), default=0)
 
 

@@ -274,7 +274,14 @@ def reproduce(
     seeds: int = SEEDS,
     jobs: int | None = None,
 ) -> Reproduction:
-    """Do all trials and walks and check each claim; a folder keeps them and gets the figures."""
+    """Reproduce the section of Walas & Belter on footholds: do all trials and walks, and check each claim.
+
+    Args:
+        out: folder that keeps the trials and walks, and gets the figures; None = nothing is kept.
+        progress: gets the share that is done, and its step in words.
+        seeds: number of walks of each case.
+        jobs: processes; None = one for each core.
+    """
     with tempfile.TemporaryDirectory() as temporary:
         done = study(out or Path(temporary), seeds, progress, jobs)
     return Reproduction(TITLE, findings(done), draw(done, out), NOTES)

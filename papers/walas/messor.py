@@ -203,7 +203,7 @@ def _error(robot: Robot, reading: Reading, sensor: PressureSensor | None) -> flo
 
 @dataclass(frozen=True)
 class StandingStudy:
-    """Messor in its neutral stance (Fig. 24)."""
+    """Forces, CoM and region of Messor in its neutral stance (Fig. 24)."""
 
     reading: Reading
     feet: Array  # (L, 3) m

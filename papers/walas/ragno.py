@@ -57,7 +57,7 @@ class Slope:
 
     @property
     def share(self) -> float:
-        """Area of the region over the area of the hull."""
+        """Area of the stability region over the area of the hull of the contacts, no unit."""
         return float(area(self.region.inner) / area(self.hull))
 
 

@@ -21,7 +21,7 @@ RECOVERY_S = 3.0  # after another start, before scores are compared
 
 @dataclass(frozen=True)
 class Comparison:
-    """Scores by estimator on one set."""
+    """Errors of several estimators over one set of logs."""
 
     name: str
     measure: str  # for which the referees are tuned

@@ -28,7 +28,10 @@ PAPER_SOURCES = ("params.py", "feet/mount.py", "paper/*.py")
 
 @dataclass(frozen=True)
 class LogSet:
-    """Logs of one kind; a recording of others is one log, on which referees are also tuned: that favours them."""
+    """Logs of one kind by seed; a set recorded by others is one log.
+
+    Estimators that ours is compared with are tuned on such a log as well, which favours them.
+    """
 
     name: str
     make: Callable[[int], Log]

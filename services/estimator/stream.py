@@ -240,7 +240,7 @@ class Estimator:
 
     @property
     def best(self) -> BestOutput:
-        """The present output of the `best` filter."""
+        """Estimate of the `best` filter at the newest inertial sample."""
         return self._best.output
 
     @property

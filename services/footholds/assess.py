@@ -18,7 +18,7 @@ LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread",
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Rectangle of cells; may reach beyond the map."""
+    """Rectangle of cells of a height map, by its first row and column and its size; it may reach beyond the map."""
 
     row: int
     """First row; may lie outside the map."""

@@ -46,7 +46,7 @@ class OdometryDrift(NamedTuple):
 
 
 class Elevation(NamedTuple):
-    """Layers of the grid, (n, n), row along y."""
+    """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen."""
 
     height: Array
     """Height of each cell, frame of the odometry, m; NaN = not seen."""
@@ -60,7 +60,7 @@ class Elevation(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Place of the layers in the frame of the odometry."""
+    """Place of the cells of an elevation map in the frame of the odometry."""
 
     cell: float
     """Edge of a cell, m."""

@@ -170,14 +170,24 @@ class Mapper:
         return self._poses[-1] if self._poses else None
 
     def placed(self, pose: MapPose) -> MapPose:
-        """Return a pose of the odometry in the map: they differ once the odometry has begun anew."""
+        """Return a pose of the odometry as a pose in the frame of the map.
+
+        The two frames differ once the odometry has begun anew.
+        """
         if self._offset is None:
             return pose
         turn, shift = self._offset
         return pose._replace(position=product(turn, pose.position) + shift, rot=product(turn, pose.rot))
 
     def lay(self, pose: MapPose, trunk: TrunkOverFeet) -> None:
-        """Lay an odometry that has begun anew, now at `pose`, where the legs have the trunk; the map is less sure."""
+        """Place the frame of an odometry that has begun anew in the map, so that base_link is where the legs put it.
+
+        The variances of the map grow by the uncertainty of that.
+
+        Args:
+            pose: of base_link now, in the new frame of the odometry.
+            trunk: pose of base_link by the standing feet since the odometry was lost, frame of the map.
+        """
         turn = matrix_from_rpy(0.0, 0.0, trunk.yaw - float(rpy_from_matrix(pose.rot)[2]))
         self._offset = turn, trunk.position - product(turn, pose.position)
         self._drift = OdometryDrift(*(a + b * b for a, b in zip(self._drift, LAID, strict=True)))

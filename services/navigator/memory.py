@@ -17,7 +17,7 @@ from .goals import End, NavigationGoal
 
 @dataclass(frozen=True)
 class Kept:
-    """State that a navigator needs to go on."""
+    """State that a restarted navigator needs to go on."""
 
     number: int
     """Number of the last order."""

@@ -44,11 +44,11 @@ class Ways(Protocol):
 
 
 def no_record(_goal: NavigationGoal, _end: End) -> None:
-    """Keep no record of the end of a goal."""
+    """Do nothing at the end of a goal: the default for a pilot without a record."""
 
 
 class Pilot:
-    """Conducts one goal at a time.
+    """Leads the robot to one goal at a time: chooses actions by a policy and orders them from the walker.
 
     Args:
         acts: the actions, in the order of the policy's values.
@@ -355,7 +355,7 @@ class Pilot:
         self._since = [0, 0]
 
     def stop(self) -> None:
-        """Order a stop; the goal goes on."""
+        """Order the walker to stop; the goal stays under way."""
         self._give(WalkCommand(action="stop"), None)
 
     def advance(self, name: str) -> float:

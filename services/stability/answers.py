@@ -47,14 +47,14 @@ from .sensing.state import Status, WatchParams
 
 
 def region_reply(request: RegionRequest, own: Robot) -> RegionReply:
-    """Answer `stability/region`; `own` is the robot when the request names none."""
+    """Return the reply to `stability/region`; `own` is the robot when the request names none."""
     asked = region_question(request, own)
     found = in_common(regions_in(asked.mode, asked.contacts, asked.wanted))
     return RegionReply(**_region_fields(found, request.certificates, polygons=True))
 
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
-    """Answer `stability/check`; `own` is the robot when the request names none."""
+    """Return the reply to `stability/check`; `own` is the robot when the request names none."""
     asked = check_question(request, own)
     found = check_movement(asked.movement)
     check, (x, y), after, shift = found.check, asked.movement.com.tolist(), found.check.com_after, asked.movement.shift
@@ -78,7 +78,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
 
 
 def whatif_reply(request: WhatifRequest) -> WhatifReply:
-    """Answer the query `stability/whatif`: margins after each contact is lifted."""
+    """Return the reply to `stability/whatif`: margins after each contact is lifted."""
     contacts, candidates = contacts_of(request.contacts), contacts_of(request.candidates, "candidates")
     found = variants(what_if(contacts, within(request.com, "com"), candidates))
     n = len(contacts)
@@ -86,12 +86,12 @@ def whatif_reply(request: WhatifRequest) -> WhatifReply:
 
 
 def batch_reply(request: BatchRequest) -> BatchReply:
-    """Answer the query `stability/batch`: margins of many sets of contacts."""
+    """Return the reply to `stability/batch`: margins of many sets of contacts."""
     return BatchReply(results=variants(batch(packed_sets(request))))
 
 
 def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
-    """Answer the query `stability/equilibrium`: forces that hold the robot, or a proof that none do."""
+    """Return the reply to `stability/equilibrium`: forces that hold the robot, or a proof that none do."""
     asked = equilibrium_question(request)
     found, back = equilibrium(asked.contacts, asked.com), asked.back
     if not found.held:

@@ -34,7 +34,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class RegionQuestion(NamedTuple):
-    """Region that a request asks for."""
+    """Region that a request asks for: gravity, contacts, directions, posture."""
 
     mode: Mode
     """Mode of the robot: at rest, moving, tilted, or held by its servos."""

@@ -73,7 +73,7 @@ class Supervisor(Service[ServiceConfig]):
         return [text for text in (f"emergency stop: {stopped}" if stopped else "", self.status.failed) if text]
 
     def on_reset(self) -> None:
-        """Forget what was seen of the run before."""
+        """Forget the messages and times of the run before."""
         self.ended.clear()
         self.kept.clear()
         self.notes.clear()

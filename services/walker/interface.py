@@ -175,7 +175,7 @@ class StanceCheck:
 
 @dataclass(frozen=True, slots=True)
 class StanceVerdict:
-    """Verdict on a step before it is taken."""
+    """Answer on a planned step: whether the robot stays stable, and with which margin."""
 
     stable: bool
     margin: float | None = None

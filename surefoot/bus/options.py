@@ -25,7 +25,7 @@ again: longer than a busy machine holds up a thread that sends, shorter than a r
 
 @dataclass(frozen=True)
 class ZenohOptions:
-    """Where and as what a session joins the network."""
+    """Endpoints, namespace and identity with which a session joins the network."""
 
     mode: str = "peer"
     """router (the supervisor), peer (services), client (tools)."""

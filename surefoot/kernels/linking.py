@@ -187,7 +187,7 @@ class Kernel(CPUDispatcher):
         self.linked.enable_caching()
 
     def cache_files(self) -> tuple[Any, ...]:
-        """Return the indices of the files on disk."""
+        """Return the index files of this kernel's compiled code in the cache on disk."""
         return *self._cache.files, *self.linked._cache.files
 
     def set_aside(self) -> None:

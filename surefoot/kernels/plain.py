@@ -16,7 +16,7 @@ class PlainKernel(CPUDispatcher):
         self._cache = KeptCache(self.py_func)
 
     def cache_files(self) -> tuple[Any, ...]:
-        """Return the indices of the files on disk."""
+        """Return the index files of this kernel's compiled code in the cache on disk."""
         return self._cache.files
 
     def set_aside(self) -> None:

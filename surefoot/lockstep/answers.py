@@ -52,7 +52,7 @@ class Answers:
         self._last.clear()
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
-        """Keep a query about a tick that has not come."""
+        """Keep a query about a tick that has not come until it comes."""
         self.waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
@@ -109,7 +109,7 @@ class Answers:
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
 
     def arrived(self, late: LateAnswer) -> None:
-        """Take a late answer whose future is done."""
+        """Send a late answer whose future is done."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)
 

@@ -154,7 +154,7 @@ class ImuProfile:
 
 @dataclass(frozen=True, eq=False)
 class ImuMount:
-    """Inertial unit in the trunk."""
+    """Place of the inertial unit in the trunk, and its sensor profile."""
 
     position: Array  # (3,)
     quat_wxyz: Array  # (4,) rot_base_from_imu

@@ -27,7 +27,7 @@ leg's length, about."""
 
 
 class ContactPoints(NamedTuple):
-    """K contact points, those of one foot side by side."""
+    """K points at which the feet of a robot touch the ground, those of one foot side by side, in foot axes."""
 
     foot: NDArray[np.int64]  # (K,) the foot of each
     place: Array  # (K, 3) m, from the foot's centre, foot axes
@@ -37,7 +37,7 @@ class ContactPoints(NamedTuple):
 
 
 class SeenPoints(NamedTuple):
-    """All contact points at one time."""
+    """Places and contacts of the K contact points of the feet at one time, IMU axes."""
 
     y: Array  # (K, 3) m, IMU axes
     rot: Array  # (K, 3, 3) rot_imu_from_foot of each

@@ -93,7 +93,9 @@ def condition_now(box: KernelBox[FilterParts]) -> Condition:
 
 
 class BestFilter:
-    """Takes samples in any order within the last half second; the result is that of their order by stamps, to the bit.
+    """Filter of velocity, tilt, biases and pose of a legged robot by its inertial unit and its feet, named `best`.
+
+    It takes samples in any order within the last half second; the result is that of their order by stamps, to the bit.
 
     Args:
         limits: of start and rest.

@@ -228,10 +228,10 @@ def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int
 
 @kernel
 def restart(box: KernelBox[FilterParts], stamp_ns: int) -> None:
-    """Begin a new clock with a state that has been brought up, in place.
+    """Go on after the stamps began anew, with a filter whose state is at its newest sample, in place.
 
     After a step back of less than the window the estimate goes on: the newest sample is `MOST_BACK` periods older than
-    `stamp_ns`, that of the sample that comes next.
+    `stamp_ns`, ns, that of the sample that comes next. Else velocity, feet and all samples are forgotten.
     """
     parts = box.parts
     marks, clocks, stamps = parts.check.marks, parts.check.clocks, parts.clock.stamps

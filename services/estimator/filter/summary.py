@@ -24,7 +24,7 @@ from .state import BestState, rotation
 
 
 class RowLayout(NamedTuple):
-    """Rows of the vectors of a report, (8, 3)."""
+    """Rows of the vectors (8, 3) of an estimate: gravity, velocities, position, biases and others."""
 
     g: int = 0
     """Specific force at rest, m/s^2, IMU axes, points up."""

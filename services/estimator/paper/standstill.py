@@ -95,7 +95,7 @@ class Standstill:
         self._rest = 0
 
     def break_off(self) -> None:
-        """Start the count anew, after a gap in the data."""
+        """Start the count of samples at rest anew, after a gap in the data."""
         self._count = 0
         self._rest = 0
         self._still_since = 0

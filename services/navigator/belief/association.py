@@ -28,7 +28,7 @@ Index = NDArray[np.int64]
 
 
 class Fates(NamedTuple):
-    """Results of matching, one element per detection."""
+    """Results of matching the m detections of a frame with landmarks, one element per detection."""
 
     landmark: Index
     """Landmark, -1 = none, (m,)."""

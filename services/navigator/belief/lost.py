@@ -32,7 +32,7 @@ Shares = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FrameEvidence:
-    """Fates of the detections of one frame, counted."""
+    """Detections of one frame counted by what they show of the believed pose."""
 
     here: int = 0
     """Detections that a landmark in the gate looks like."""
@@ -63,10 +63,13 @@ class Footprint:
 
 @dataclass(frozen=True)
 class LostModel:
-    """Shares and rates of the three hypotheses.
+    """Numbers of the check whether the believed pose is wrong: shares and rates of its hypotheses.
+
+    The hypotheses are that the pose is right, that the robot was displaced, that the map does not fit, that the robot
+    is off the map, and that it sees nothing.
 
     Raises:
-        Refusal: shares that do not add up to 1 or are not positive, rates that are negative.
+        Refusal: shares that do not add up to 1 or are not positive, rates that are negative or 0.
     """
 
     right: Shares = (0.72, 0.20, 0.08)
@@ -147,7 +150,7 @@ class LostModel:
 
 @dataclass(frozen=True)
 class LostState:
-    """Probabilities of the hypotheses, and recent counts of detections."""
+    """State of the check whether the believed pose is wrong: probabilities of its hypotheses, counts of detections."""
 
     right: float = 1.0
     """Probability that the robot is at its believed place."""

@@ -71,7 +71,7 @@ class Assignment(NamedTuple):
 
 
 class PlaceList(NamedTuple):
-    """The best places found so far."""
+    """The best places found so far in the search for a lost robot's pose."""
 
     places: Array
     """x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance, (p, PLACE)."""

@@ -30,7 +30,7 @@ WIDE = 13.8
 
 
 class SightingTables(NamedTuple):
-    """Sightings in one frame of reference."""
+    """Landmarks that a lost robot has sighted, averaged over frames, in one frame of reference."""
 
     place: Array
     """Mean places, (n, 2) m."""

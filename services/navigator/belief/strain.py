@@ -92,7 +92,7 @@ class Case(NamedTuple):
 
 
 class FrameLines(NamedTuple):
-    """Linear equations of one frame."""
+    """Linear equations by which the matches of one frame show strain of the map and turn of the camera."""
 
     rows: Array
     """Effect of the states, (n, 12)."""

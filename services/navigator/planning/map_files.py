@@ -46,7 +46,7 @@ class MapFileError(Refusal):
 
 @dataclass(frozen=True)
 class MapInfo:
-    """Contents of the YAML of a map."""
+    """Contents of the YAML file of a map_server map."""
 
     image: Path
     """Path of the image; `load` checks that it exists."""

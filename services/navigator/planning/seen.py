@@ -33,7 +33,7 @@ AHEAD = 2.0
 
 @dataclass(frozen=True)
 class Cone:
-    """One reading of a ranger."""
+    """One reading of an ultrasonic ranger: distance of the echo in a cone."""
 
     distance: float | None
     """Distance of the nearest echo, m; None = none within reach."""

@@ -161,6 +161,6 @@ def _checked(
 
 
 def shipped() -> dict[str, Path]:
-    """Return the policy files that ship, by name."""
+    """Return the paths of the policy files that come with the package, by name."""
     folder = Path(str(resources.files("surefoot.services.navigator"))) / "policies"
     return {path.stem: path for path in sorted(folder.glob("*.npz"))}

@@ -36,7 +36,7 @@ def noise_samples(count: int) -> Array:
 
 
 class PlanRoom(NamedTuple):
-    """Constants of a value iteration."""
+    """Constants of the value iteration that computes a planner's table."""
 
     groups: Ints
     """Index of the values by kind of the last action, (3,)."""
@@ -232,7 +232,10 @@ def _inverse(m: Array) -> Array:
 
 
 def planner(world: Arrays, provenance: dict[str, str] | None = None) -> Policy:
-    """Return the planner of a model: table, sight and numbers."""
+    """Return the policy `planner` of a model, whose table of action values is computed by value iteration.
+
+    `provenance`: texts by key on where it comes from; None = none.
+    """
     table, grid, _ = plan(world)
     numbers, shown = planner_numbers(world), shown_by_standing(world)
     return Policy("planner", PLANNER, world.names, numbers, table, grid, shown, provenance or {})

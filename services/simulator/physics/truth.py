@@ -76,7 +76,7 @@ class Contacts(NamedTuple):
 
 
 class GeomRoles(NamedTuple):
-    """Roles of geoms; P contact spheres of the feet."""
+    """Roles of the geoms of a model: spheres of the feet, P of them, and belly."""
 
     sphere_of_geom: Ints  # (ngeom,) -1 = no sphere of a foot
     foot_of_sphere: Ints  # (P,)
@@ -121,7 +121,7 @@ def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
 
 
 class TruthTracker:
-    """Follows the feet from tick to tick."""
+    """Follows the true forces, places and slip of the feet of the simulated robot from tick to tick."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, addresses: Addresses) -> None:
         n = robot.nlegs
@@ -187,7 +187,7 @@ class TruthTracker:
             self.soles.start += way.turn
 
     def feet_now(self) -> FeetTruth:
-        """Return a copy of the feet's state."""
+        """Return a copy of the true state of all feet."""
         return feet_of(self._table.copy(), self._counts.copy())
 
     def state(self) -> dict[str, Any]:

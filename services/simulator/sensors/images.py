@@ -72,7 +72,7 @@ class View(NamedTuple):
 
 
 class TakenImage(NamedTuple):
-    """One image with what the hardware knows of it."""
+    """One image of a simulated camera, with its time, place and exposure."""
 
     seq: int
     stamp_ns: int

@@ -164,7 +164,7 @@ def _angle(x: float, y: float) -> float:
 
 @row_kernel
 def insert(fan: Fan, begin: int, end: int) -> None:
-    """Put the directions begin .. end - 1 into the order by angle."""
+    """Sort the directions begin .. end - 1 of a fan into its order by angle, in place."""
     for s in range(begin, end):
         angle, j = _angle(fan.direction[s, 0], fan.direction[s, 1]), s
         while j > 0:

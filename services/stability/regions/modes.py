@@ -67,7 +67,7 @@ Mode = AtRest | Moving | Tilted | Actuated
 
 
 class Refinement(NamedTuple):
-    """Directions in which a region is solved for."""
+    """Directions in which a region is solved for, and how finely."""
 
     directions: Array | None = None
     """Directions to solve for, (k, 2), unit length; None = chosen adaptively."""

@@ -107,7 +107,7 @@ class PosedRobot:
     """rot_world_from_base, (3, 3)."""
 
     def com(self) -> Array:
-        """Centre of mass by kinematics, (3,) m."""
+        """Return the centre of mass by kinematics, (3,) m, frame world."""
         return com_in_world(self.robot.model, self.joints, self.rot, self.base)
 
     def moved(self, movement: Array, stance: Flags) -> Shift:

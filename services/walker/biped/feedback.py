@@ -74,7 +74,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 
 
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
-    """Go down on bent knees: the shorter way down, the softer the ground."""
+    """Lower a lost robot by a tick towards bent knees with its feet where they are: a shorter fall is a softer one."""
     s.clock += 1
     part = smooth(s.clock * TICK_S / p.fold_s)
     folded = robot.neutral.copy()

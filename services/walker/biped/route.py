@@ -60,7 +60,7 @@ class BipedRoute:
 
     @property
     def finished(self) -> bool:
-        """True if nothing is left."""
+        """True if nothing of the command is left to walk."""
         return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
 
     @property

@@ -12,7 +12,7 @@ from .route import BipedRoute, Footstep
 
 
 class Mode(Enum):
-    """Stage of the legs' motion."""
+    """Stage of the motion of a biped's legs."""
 
     WAIT = "wait"  # no joint sample yet
     RISE = "rise"  # from the measured joints to the stance
@@ -35,7 +35,7 @@ class AcceptedCommand:
 
 @dataclass(eq=False)
 class BipedState:
-    """State of the walker; frame odom."""
+    """State of the gait of a biped; frame odom."""
 
     joints: int
     mode: Mode = Mode.WAIT

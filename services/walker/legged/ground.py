@@ -20,7 +20,7 @@ NORMAL_ROUNDS = 4
 
 
 class Rectangle(NamedTuple):
-    """Rectangle in the plane, frame map."""
+    """Rectangle on the floor: middle, heading and half edges, frame map."""
 
     x: float  # m, of its middle
     y: float  # m

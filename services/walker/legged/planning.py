@@ -35,7 +35,7 @@ class PlanningContext:
 
 @dataclass(frozen=True, eq=False)
 class StepPlan:
-    """A step ready to be taken."""
+    """A planned step: swinging feet, their paths, and the motion of the trunk."""
 
     swing: Flags
     """Legs that swing in the step, (L,)."""

@@ -13,7 +13,7 @@ from .route import LeggedRoute
 
 
 class Stage(Enum):
-    """Stage of the legs' motion."""
+    """Stage of the motion of the legs of a robot with four or six."""
 
     WAIT = "wait"  # no joint sample yet
     SETTLE = "settle"  # bringing every foot to the ground
@@ -23,7 +23,7 @@ class Stage(Enum):
 
 @dataclass(eq=False)
 class WalkerState:
-    """State of the walker; frame map, SI."""
+    """State of the gait of a robot with four or six legs; frame map, SI."""
 
     legs: int
     joints: int
