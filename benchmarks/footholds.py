@@ -196,7 +196,10 @@ WARPS: tuple[Warp, ...] = ("identity", "log")
 
 
 def function(x: Array) -> Array:
-    """Return the test function, equation (16), (n,), of points x (n, 3), no unit."""
+    """Return (1 + sqrt(x_1) + 1 / x_2 + x_3^-1.5)^2, (n,), of points x (n, 3), no unit.
+
+    It is the test function of Kosinski & Weigl, (16) of Walas & Belter 2011.
+    """
     return (1.0 + np.sqrt(x[:, 0]) + 1.0 / x[:, 1] + x[:, 2] ** -1.5) ** 2
 
 
@@ -206,7 +209,7 @@ def grid(values: Array) -> Array:
 
 
 def ape(columns: Array, c: Array, y: Array) -> float:
-    """Return the mean absolute error of a fit, equation (17), in % of the target.
+    """Return the mean absolute error of a fit in % of the target: 100 mean |y - columns c| / |y|.
 
     `columns`: terms, (n, m); `c`: weights, (m,); `y`: target, (n,); no unit.
     """

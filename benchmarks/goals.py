@@ -125,7 +125,16 @@ def policies(
 
 
 def saved(by: dict[tuple[str, int], Line], arm: str, base: str) -> str:
-    """Return the paired saving of time in per cent with its 95 % interval, and the p-value of the t-test."""
+    """Return the paired saving of time in per cent with its 95 % interval, and the p-value of the t-test, as text.
+
+    Args:
+        by: results of runs by name of the policy and seed; runs of both policies with one seed are a pair.
+        arm: policy that saves time.
+        base: policy that it is compared with.
+
+    Returns:
+        "" if both are the same or fewer than two pairs arrived.
+    """
     pairs = [
         (line["values"]["goal_time_s"], by[base, seed]["values"]["goal_time_s"])
         for (name, seed), line in by.items() if name == arm and (base, seed) in by

@@ -214,7 +214,7 @@ class Fell(Exception):
 
 @dataclass
 class Chain:
-    """A robot that carries out one action after the other."""
+    """A robot that carries out one action after the other, with the present one and the largest tilt in it, rad."""
 
     robot: Loop
     last: str = "stand"

@@ -27,7 +27,11 @@ NOTHING = np.zeros(0, dtype=np.bool_)
 
 @dataclass
 class Inputs:
-    """Inputs of an estimator that arrive with one inertial row; corruptions change them."""
+    """Inputs of an estimator that arrive with one inertial row; corruptions change them.
+
+    They are the gyro w (3,) rad/s and the accelerometer q (3,) m/s^2 up to `stamp_ns`, IMU axes, and for each sample of
+    `feet` its stamp, ns, positions (F, 3) m, rotations (F, 3, 3) IMU from foot, and contacts (F,).
+    """
 
     stamp_ns: int
     w: Array

@@ -42,7 +42,11 @@ class TrueMotion:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Inputs of an estimator: n inertial rows, m foot samples of F feet, K points and S switches per foot."""
+    """Inputs of an estimator: n inertial rows, m foot samples of F feet, K points and S switches per foot.
+
+    Vectors are in IMU axes, `rot_base_from_imu` (3, 3) turns them into those of base_link; `truth` is the true motion
+    at each row, None = unknown.
+    """
 
     name: str
     stamp_ns: Ints  # (n,) end of the interval that the row is the mean of

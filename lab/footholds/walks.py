@@ -84,7 +84,11 @@ class ChosenStance:
 
 @dataclass(frozen=True)
 class WalkVerdict:
-    """Verdict on one walk over the ground of a seed."""
+    """Verdict on one walk over the ground of a seed.
+
+    It holds whether the robot reached the end or fell, state and reason of the gait, x and y of the trunk at the end,
+    m, the simulated time, s, and the number of steps and of finished stances.
+    """
 
     seed: int
     reached: bool

@@ -51,7 +51,11 @@ TILE, OVERLAP = 1000, 60
 
 @dataclass
 class Tracks:
-    """Features of the floor, each tracked over the images that show it."""
+    """Features of the floor, each tracked over the images that show it.
+
+    Of n features `positions` are mean places, (n, 2) m, frame map, and `count` is the number of images that show each,
+    (n,).
+    """
 
     kind: Kind
     positions: Array

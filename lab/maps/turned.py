@@ -31,7 +31,7 @@ PLACE_SD, HUBER, ROUNDS = 0.01, 0.02, 5
 
 
 class FloorLook(NamedTuple):
-    """Features of one image, and the pose it was taken from."""
+    """Features of one image, their places and descriptors (n, bytes or numbers), and the pose it was taken from."""
 
     pose: tuple[float, float, float]
     """x, y in m and heading in rad."""

@@ -27,7 +27,7 @@ SHOWN = ("margin", "tilt", "speed")
 
 
 class Viewpoint(NamedTuple):
-    """Orthographic view: pixels per m, and the point of the world in the middle, m."""
+    """Orthographic view: pixels per m, the point of the world in the middle, (3,) m, and width and height in pixels."""
 
     scale: float
     target: Array

@@ -15,7 +15,7 @@ LARGEST = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Elementary:
-    """Elementary terms (10): phi_q = prod_i f_iq(u_i).
+    """Elementary terms of Walas & Belter (10): phi_q = prod_i f_iq(u_i).
 
     f is one of (u - a)^round(lambda), sin(lambda u - a), exp(-lambda u). a of the sine is a phase, not a centre; in the
     exponential it would only scale c, so it is left out.

@@ -104,7 +104,10 @@ def printed_com(robot: Robot, reading: Reading, factor: float = 1.0) -> Array:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Readings while the trunk moves 10 cm forward, back, and 10 cm backward (Figs 22, 23), and the CoM in each."""
+    """Readings while the trunk moves 10 cm forward, back, and 10 cm backward, and the CoM in each.
+
+    It repeats Figs 22 and 23 of Walas & Belter.
+    """
 
     readings: tuple[Reading, ...]
     kinematic: Array  # (k, 2) m, CoM by kinematics, from the mean foot
@@ -203,7 +206,7 @@ def _error(robot: Robot, reading: Reading, sensor: PressureSensor | None) -> flo
 
 @dataclass(frozen=True)
 class StandingStudy:
-    """Forces, CoM and region of Messor in its neutral stance (Fig. 24)."""
+    """Forces, CoM and region of Messor in its neutral stance (Fig. 24 of Walas & Belter)."""
 
     reading: Reading
     feet: Array  # (L, 3) m
@@ -224,7 +227,7 @@ def standing(robot: Robot, factor: float, seed: int = 0) -> StandingStudy:
 
 @dataclass(frozen=True)
 class GaitStudy:
-    """Force at the tip of one leg during the tripod gait (Fig. 20)."""
+    """Force at the tip of one leg during the tripod gait (Fig. 20 of Walas & Belter)."""
 
     time: Array  # (k,) s
     measured: Array  # (k,) N, from currents, upward

@@ -28,7 +28,7 @@ SLOPE_TABLE = {0.25: (0.473, 0.5), 0.35: (0.658, 6.5), 0.45: (0.826, 11.6), 0.55
 
 @dataclass(frozen=True)
 class Posture:
-    """Ragno with all legs turned by one angle (Fig. 15)."""
+    """Ragno with all legs turned by one angle (Fig. 15 of Walas & Belter)."""
 
     turn_deg: float
     com: Array  # (3,) m, base_link
@@ -39,7 +39,11 @@ class Posture:
 
 @dataclass(frozen=True)
 class Slope:
-    """The robot on the 30 degree slope with one friction coefficient (Fig. 17)."""
+    """The robot on the 30 degree slope with one friction coefficient (Fig. 17 of Walas & Belter).
+
+    `sixteen` is the region by 16 directions, `region` by as many as its shape needs, `hull` that of the feet, (k, 2) m;
+    `plain` and `corrected` are checks without and with the shift of the CoM by the legs, r_KIN.
+    """
 
     mu: float
     contacts: ContactSet

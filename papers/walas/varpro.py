@@ -32,7 +32,7 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 class RefinedTerms:
-    """Gaussians at a minimum of the cost."""
+    """Gaussians with weights at a minimum of the cost, and the number of evaluations that it took."""
 
     basis: Gaussians
     weights: Array

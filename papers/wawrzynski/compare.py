@@ -103,7 +103,7 @@ def ablation(name: str, chosen: LogSet, seeds: Iterable[int]) -> dict[str, float
 
 @dataclass(frozen=True)
 class FaultRatio:
-    """Errors with a fault over errors without it."""
+    """Errors of velocity and odometry with a fault over those without it, no unit, and a note."""
 
     name: str
     v: float

@@ -158,7 +158,7 @@ def run(
 
 @dataclass(frozen=True)
 class Errata:
-    """Largest errors of the printed and the corrected equations (8) and (12) of Wawrzynski et al.
+    """Largest errors of the printed and the corrected equations (8) and (12) of Wawrzynski et al., m/s and rad/s.
 
     They are taken over drawn postures of a leg.
     """

@@ -71,7 +71,10 @@ def _experiment(done: Sequence[Experiment]) -> list[Finding]:
 
 
 def errors_38(done: Sequence[Experiment], name: str) -> list[float]:
-    """Return the error of (38) of each walk, % of the true mean."""
+    """Return the error of the mean velocity, equation (38) of Wawrzynski et al., of each walk, % of the true mean.
+
+    `done`: the walks; `name`: estimator.
+    """
     return [100.0 * (one.average[name][0] / one.average[name][1] - 1.0) for one in done]
 
 

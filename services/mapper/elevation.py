@@ -46,7 +46,10 @@ class OdometryDrift(NamedTuple):
 
 
 class Elevation(NamedTuple):
-    """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen."""
+    """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen.
+
+    The drift in x and y, m^2, and in yaw, rad^2, is that of the odometry when the cell was seen last, like that in z.
+    """
 
     height: Array
     """Height of each cell, frame of the odometry, m; NaN = not seen."""
@@ -186,7 +189,13 @@ def _agrees(layers: Elevation, i: int, j: int, found: GroundMeans, drift: Odomet
 
 @kernel
 def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tuple[int, int]:
-    """Return how many cells both map and image show, and in how many of them they agree."""
+    """Return how many cells both map and image show, and in how many of them the heights agree within their errors.
+
+    Args:
+        layers: the map, (n, n) each, m.
+        found: means of the points of the image in each of these cells, m.
+        drift: of the odometry now; what it has grown since a cell was seen counts as an error of the cell.
+    """
     both, alike = 0, 0
     for i in range(layers.height.shape[0]):
         for j in range(layers.height.shape[1]):

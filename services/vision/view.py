@@ -38,7 +38,10 @@ class FloorPose(NamedTuple):
 
 @dataclass(frozen=True)
 class Patch:
-    """Part of the floor that is looked at, in heading axes of base_link, m."""
+    """Part of the floor that is looked at, in heading axes of base_link, m.
+
+    It begins and ends so far ahead of the robot, and reaches so far to each side.
+    """
 
     nearest: float = 0.3
     farthest: float = 1.1

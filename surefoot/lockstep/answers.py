@@ -18,7 +18,7 @@ SENDERS = 4
 
 
 class LateAnswer(NamedTuple):
-    """An answer that was worked out on another thread."""
+    """An answer that is worked out on another thread: the request, and the future that brings its reply."""
 
     incoming: Incoming
     future: Future[Any]

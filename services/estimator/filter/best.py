@@ -26,7 +26,7 @@ from .summary import QUAT, R, condition, summary
 
 
 class BestOutput(NamedTuple):
-    """The estimate at the newest inertial sample."""
+    """The estimate at the newest inertial sample; `settled`: it can be used."""
 
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes

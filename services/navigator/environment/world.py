@@ -282,7 +282,7 @@ def _frames_of(scene: Array, action: Array, state: EpisodeState, room: EpisodeRo
 
 @row_kernel
 def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeState, room: EpisodeRoom) -> float:
-    """Do one action, in place; return the reward (7): -seconds, or the bonus at the goal.
+    """Do one action, in place; return the reward, no unit: minus its seconds, or the bonus at the goal.
 
     Args:
         model: actions and scene.

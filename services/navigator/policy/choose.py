@@ -95,9 +95,15 @@ def best(values: Array, mask: Flags) -> int:
 
 @row_kernel
 def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, float, float]:
-    """Return distance d (m) and bearing phi (rad, wrapped) of the goal (gx, gy), m, and entropy h (nats): (4) to (6).
+    """Return distance d, m, bearing phi, rad, -pi to pi, left positive, of the goal, and entropy h of the belief, nats.
 
-    mean, cov: believed x, y (m), heading (rad) and more, with covariance.
+    They are (4) to (6) of Osswald et al.
+
+    Args:
+        mean: believed x, y (m), heading (rad) and more, (n,).
+        cov: its covariance, (n, n).
+        gx: x of the goal, m.
+        gy: y of the goal, m.
     """
     dx, dy = gx - mean[0], gy - mean[1]
     return math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - mean[2]), entropy(cov)

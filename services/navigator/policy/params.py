@@ -130,7 +130,7 @@ class Guards(ModelPart):
 
 
 class Reward(ModelPart):
-    """Return of an episode: minus the seconds, plus a bonus at the goal (7)."""
+    """Return of an episode, equation (7) of Osswald et al.: minus the seconds, plus a bonus at the goal."""
 
     goal: NotNegative = Field(default=200.0, description="for the step that reaches the goal")
     gamma: float = Field(default=0.99, gt=0, le=1, description="discount per action")

@@ -63,7 +63,11 @@ class TerrainGrid:
 
 @dataclass(frozen=True)
 class ShapeSpec:
-    """Arguments of a shape: the same ones give the same ground."""
+    """Arguments of a shape: the same ones give the same ground.
+
+    `amp` is the scale of the kind (mostly its highest point, m), `number` the primitive of a kind that has several,
+    1..7, `yaw` its heading, rad.
+    """
 
     grid: TerrainGrid
     seed: int

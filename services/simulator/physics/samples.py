@@ -64,7 +64,10 @@ class Samples(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """One recognised landmark, seen from base_link in heading axes."""
+    """One recognised landmark, seen from base_link in heading axes.
+
+    Range in m, bearing in rad, left positive, descriptor (k,), no unit.
+    """
 
     range: float
     bearing: float

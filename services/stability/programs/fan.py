@@ -45,7 +45,7 @@ ANSWER, ENCLOSE, APPROACH = 0, 1, 2
 
 
 class FanGoal(NamedTuple):
-    """Goal for which directions are added; lengths in the scaled frame."""
+    """Goal for which directions are added: ANSWER, ENCLOSE or APPROACH; lengths in the scaled frame of `reduced`."""
 
     kind: int
     tolerance: float

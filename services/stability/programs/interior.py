@@ -198,7 +198,11 @@ def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 @row_kernel
 def residual(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Write RES = s + b tau; add b'x to GAIN, s'x to MU: contact at `o` of w (432 n,), g (488,), see `lanes`."""
+    """Set the row RES of a contact, the residual s + b tau - A lam, to s + b tau; add b'x to GAIN and s'x to MU.
+
+    The contact is at offset `o` of the cone array w (432 n,), GAIN and MU are rows of the programs' array g (488,):
+    rows of eight programs, no unit, as in `lanes`.
+    """
     o &= MASK
     for k in range(lanes):
         tau = g[TAU + k]

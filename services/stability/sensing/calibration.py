@@ -81,7 +81,10 @@ class PoseCollector:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Factors by which reported torques have to be multiplied."""
+    """Factors by which reported torques have to be multiplied, no unit, with their standard deviations.
+
+    They are found from the equations of rest in a number of poses.
+    """
 
     common: float
     """One factor for all joints."""

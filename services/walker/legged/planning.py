@@ -35,7 +35,7 @@ class PlanningContext:
 
 @dataclass(frozen=True, eq=False)
 class StepPlan:
-    """A planned step: swinging feet, their paths, and the motion of the trunk."""
+    """A planned step: swinging feet, their paths, and the motion of the trunk from one pose to another."""
 
     swing: Flags
     """Legs that swing in the step, (L,)."""

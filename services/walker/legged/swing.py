@@ -22,7 +22,7 @@ SAMPLES = 13  # heights taken along a swept path
 
 
 class SwingShape(NamedTuple):
-    """Phases of a swing, all in parts of the swing's duration."""
+    """Phases of a swing at which the rise ends and the fall begins and ends, parts of its duration; the slow part."""
 
     rise_end: float = 0.28
     fall_start: float = 0.50
