@@ -133,7 +133,10 @@ def gsm(found: Check) -> float:
 
 
 def figure_15(robot: Robot, found: tuple[Posture, ...]) -> list[Finding]:
-    """Return the findings of section 4.2, Fig. 15: the CoM's displacement."""
+    """Return the findings on Fig. 15 of Walas & Belter, section 4.2: how far turned legs displace the CoM.
+
+    `found`: the neutral posture, all legs turned forward, and backward.
+    """
     neutral, forward_, backward = (posture.com[0] for posture in found)
     legs = sum(robot.links[k].mass for leg in robot.legs for k in leg.links) / robot.mass
     box = CM * np.ptp(found[0].feet, axis=0)
@@ -151,7 +154,10 @@ def figure_15(robot: Robot, found: tuple[Posture, ...]) -> list[Finding]:
 
 
 def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
-    """Return the findings of section 4.3, Fig. 17; its friction coefficients are a reference of this project."""
+    """Return the findings on Fig. 17 of Walas & Belter, section 4.3: a robot on a slope with each friction coefficient.
+
+    The paper does not print the coefficients; those used here are this project's.
+    """
     rows: list[Finding] = []
     for s in found:
         share, reach = SLOPE_TABLE[s.mu]
@@ -203,7 +209,7 @@ def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
 
 
 def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
-    """Return the finding of section 4.7: forces of each optimum, put into the CoM from forces, give that optimum.
+    """Return the finding on section 4.7 of Walas & Belter: the CoM by the forces of each optimum is that optimum.
 
     `weight`: of the robot, N.
     """
@@ -219,5 +225,5 @@ def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
 
 
 def extended_check(s: Slope, measured: Array) -> tuple[Margin, Check]:
-    """Return margin and check by the procedure of 4.6, Fig. 21, from a measured CoM (3,) m."""
+    """Return margin and check of a movement by a measured CoM (3,) m: 4.6 (Fig. 21) of Walas & Belter."""
     return margin(s.region, measured), check(s.region, measured, MOVE, s.shift)

@@ -170,7 +170,7 @@ class _Entries:
 
 
 class Kernel(CPUDispatcher):
-    """A function that Python calls, and that other kernels call as `linked`."""
+    """A compiled function that Python calls; other kernels call its attribute `linked`."""
 
     vectors = True
     """Loops of the kernel may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it."""

@@ -125,7 +125,10 @@ def persistence(memory: Array) -> float:
 
 @kernel
 def remember_slides(state: BestState) -> None:
-    """Add m.s and s.s of a sample, see `persistence`, of all hypotheses by their weights to the sums, in place."""
+    """Add m.s and s.s of a sample, the means of all hypotheses by their weights, to the fading sums of them, in place.
+
+    m is the velocity of a slide that the sample shows, s the one that was learned before it, m/s.
+    """
     for i in (M.slide_product, M.slide_square):
         state.memory[i] *= FIXED.slide_memory
         for h in range(state.weight.size):

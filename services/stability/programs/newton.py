@@ -50,8 +50,9 @@ def step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> Non
 
     Args:
         c: cost of the programs, (m,), no unit.
-        w: cone array (432 n,), rows of eight lanes as in `lanes`; its STEP is written.
-        g: array of the programs (488,), see `lanes`; its P1, D_TAU, D_KAPPA, REACH are written.
+        w: cone array (432 n,), rows of eight programs as in `lanes`; the rows STEP of the contacts are written.
+        g: array of the programs (488,), rows as in `lanes`: written are the step P1 of the unknowns, D_TAU and D_KAPPA
+            of tau and kappa, and REACH, 1 / the longest step that stays in all cones.
         n: number of contacts.
         lanes: programs in use.
         correct: True = corrector.

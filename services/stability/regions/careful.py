@@ -61,9 +61,10 @@ class Oracle:
         return self.twist(fan.unknown[0], np.zeros(2)) if fan.status[0] == NO_PRIMAL else None
 
     def drift(self, direction: Array) -> Array:
-        """Return the gain of free tangential forces in each direction, (k, 2 j), no unit; zeros if there is none.
+        """Return the gain along each direction of each tangential force that nothing limits, (k, 2 j), no unit.
 
-        `direction`: unit vectors, (k, 2); j contacts have unlimited friction. (k, 0) where no contact has.
+        Where one is not 0 the region has no bound. `direction`: unit vectors, (k, 2); j contacts have unlimited
+        friction; (k, 0) where no contact has.
         """
         if self.subspace is None:
             return np.zeros((len(direction), 0))

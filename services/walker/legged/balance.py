@@ -182,7 +182,10 @@ def upright(state: WalkerState, place: BodyPose) -> bool:
 
 
 def lean_time(begin: BodyPose, end: BodyPose, params: WalkerParams) -> float:
-    """Return the time of a trunk movement 3 a^2 - 2 a^3 over all feet, s: its acceleration begins with 6 d / T^2."""
+    """Return the time T of a trunk movement over all feet, s: the way d, m, is covered as 3 a^2 - 2 a^3, a = t / T.
+
+    Its largest acceleration, 6 d / T^2 at the beginning, is `params.lean_acceleration`; T is at least `params.lean_s`.
+    """
     way = math.hypot(end.x - begin.x, end.y - begin.y)
     return max(params.lean_s, math.sqrt(6.0 * way / params.lean_acceleration))
 
