@@ -119,7 +119,10 @@ def cvxpy_region() -> tuple[Call | None, str]:
 
 
 def pypoman_region(method: str, edges: int = 8) -> tuple[Call | None, str]:
-    """Return the projection of the linearised constraints on the CoM plane."""
+    """Return a function that projects the constraints of a contact set onto the CoM plane by pypoman, or why not.
+
+    `method`: of pypoman's projection; `edges`: of the pyramid inside each friction cone.
+    """
     try:
         import pypoman  # pyright: ignore[reportMissingImports] - optional
     except ImportError:

@@ -61,7 +61,7 @@ class LiveSight:
             self.shown = (self.shown[0] + 1, "null")
 
     def look(self) -> tuple[int, str]:
-        """Return `shown`, made anew where an image was read since."""
+        """Return the number of the newest sight, which counts up, and its JSON; "null" = there is none in this run."""
         keeper = self._keeper
         sight = keeper.by_action.get("")
         if sight is not None and sight.image.stamp_ns != self._last:

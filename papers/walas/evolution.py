@@ -24,7 +24,9 @@ def evolve(
     cost: Cost, family: str, m: int, d: int, centres: tuple[float, float], rates: tuple[float, float],
     evaluations: int, seed: int,
 ) -> Searched:  # fmt: skip
-    """Return the best basis found within a number of evaluations.
+    """Return the best basis that an evolutionary search finds within a number of evaluations.
+
+    Each term is a product of a function of each input, with a centre a and a rate lambda: e.g. exp(-lambda (u - a)^2).
 
     Args:
         cost: cost of a basis.

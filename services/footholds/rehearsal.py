@@ -38,7 +38,7 @@ def made_up_ground(robot: Robot, smooth: bool) -> FootholdGround:
 
 
 def made_up_requests(robot: Robot) -> tuple[list[SelectRequest], list[AssessRequest]]:
-    """Return requests that together run every branch of the service."""
+    """Return requests for footholds and for assessments that together run every branch of the service."""
     feet = foot_positions(robot.model, robot.neutral)
     places = [(float(foot[0]), float(foot[1]), robot.foot_radius) for foot in feet]
     base = BasePose(position=(0.0, 0.0, HEIGHT), quat_wxyz=(1.0, 0.0, 0.0, 0.0))

@@ -191,7 +191,7 @@ class Kernel(CPUDispatcher):
         return *self._cache.files, *self.linked._cache.files
 
     def set_aside(self) -> None:
-        """Have no signatures for now; those that Python calls again come back."""
+        """Keep the compiled signatures out of sight: only those that Python calls again, without compiling, are listed."""
         self._aside |= self.overloads
         self._reset_overloads()
 

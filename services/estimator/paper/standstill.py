@@ -197,7 +197,7 @@ class GyroBias:
 
 
 def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:
-    """Return g at rest: equation (1), or blended with the normal of the ground under the feet.
+    """Return g at rest: the mean accelerometer, or that blended with the normal of the ground under the feet.
 
     The accelerometer alone does not separate its bias from a tilt. If the slope of the start place is stated as
     0 +- s rad, the plane of the feet is a second measurement. With b the sd of the bias of an axis, s' = 9.81 s and

@@ -107,7 +107,7 @@ class ContactPoint(Protocol):
 
     @property
     def normal(self) -> tuple[float, float, float]:
-        """Normal of the ground, any length but zero."""
+        """Normal of the ground, of any length but zero, frame world, no unit, (3,)."""
         ...
 
     @property
