@@ -228,7 +228,7 @@ print(json.dumps(costs[200:]))
 
 
 def samples() -> dict[str, np.ndarray]:
-    """Return the sensor samples of Ragno in a recorded walk as arrays by name, SI."""
+    """Return the sensor samples of Ragno in a recorded walk as arrays of a `Log` by name, a row per sample, SI."""
     log = walk("ragno-flat", 40).log
     assert log.joints is not None
     return {name: getattr(log, name) for name in ("stamp_ns", "w", "q", "foot_ns", "joints", "contact")}

@@ -199,7 +199,14 @@ def shares(lines: list[Line], name: str) -> tuple[float, float]:
 
 
 def share_interval(lines: list[Line], name: str) -> tuple[float, float]:
-    """Return the 95 % interval of the share by the mean, whole walks resampled."""
+    """Return the 95 % interval of the share of the possible gain that a selector of footholds reaches, 0 to 1.
+
+    The share is (random - selector) / (random - best) of the mean slidings; whole walks are resampled.
+
+    Args:
+        lines: states of walks, each with the sliding under every rule, mm.
+        name: of the selector.
+    """
     rng, walks = np.random.default_rng(0), sorted({line["seed"] for line in lines})
     drawn = np.array([[_drawn(line).mean(), line["arms"][name], np.nanmin(list(line["arms"].values()))]
                       for line in lines])  # fmt: skip

@@ -191,7 +191,7 @@ class Kernel(CPUDispatcher):
         return *self._cache.files, *self.linked._cache.files
 
     def set_aside(self) -> None:
-        """Keep the compiled signatures out of sight: only those that Python calls again, without compiling, are listed."""
+        """Forget which signatures are in use; one that is called again comes back without being compiled."""
         self._aside |= self.overloads
         self._reset_overloads()
 

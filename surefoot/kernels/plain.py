@@ -20,7 +20,7 @@ class PlainKernel(CPUDispatcher):
         return self._cache.files
 
     def set_aside(self) -> None:
-        """Do nothing where a `Kernel` hides its signatures: those that were compiled before are counted with later ones."""
+        """Do nothing: signatures in use are not forgotten, so counts of kernels by service are upper bounds."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return the signature of a call from a kernel: the same for constants and for variables."""
