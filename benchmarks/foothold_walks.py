@@ -210,7 +210,7 @@ def verdicts(lines: Lines) -> Iterator[Verdict]:
 
 
 def over_flat(lines: Lines) -> list[tuple[object, ...]]:
-    """Return the sliding of learned footholds on each ground over that on flat ground."""
+    """Return a row per ground: name, and the sliding of learned footholds on it over that on flat ground, no unit."""
     flat, mine = sliding(lines, "flat", LEARNED), {ground: sliding(lines, ground, LEARNED) for ground in TAUGHT}
     return [(ground, float(np.mean(found) / np.mean(flat))) for ground, found in mine.items() if flat and found]
 

@@ -147,7 +147,7 @@ def _window(model: LearnedModel) -> tuple[Array, Array, Array]:
 
 
 def findings(s: FootholdStudy) -> tuple[Finding, ...]:
-    """Return each claim of the section in its order, with what came out here."""
+    """Return each claim of Walas & Belter (2011), section 3, in its order, with what came out here."""
     rows = (*_figure_7(s), *_figures_8_9(s), *_figure_10(s), *_figure_11(s), *_figure_12(s))
     return with_known(rows, KNOWN)
 

@@ -43,7 +43,7 @@ class Reading:
         return level_from_up(self.g_up / np.linalg.norm(self.g_up))
 
     def pose(self, nm_per_a: float = DATA_SHEET) -> SweptPose:
-        """Return the present pose and torques as a sample for the calibration."""
+        """Return the present pose and torques as a sample for the calibration; `nm_per_a`: torque by current, Nm/A."""
         return SweptPose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
 
 
