@@ -68,18 +68,18 @@ class Accident:
 
 
 def fault(kind: str, target: str = "", value: float | None = None, duration: float = 12.0) -> str:
-    """Return the fields of a fault."""
+    """Return the fields of a scenario step with a fault, as TOML; `duration` in s."""
     sized = "" if value is None else f"value = {value}\n"
     return f'do = "fault"\nkind = "{kind}"\ntarget = "{target}"\n{sized}duration = {duration}'
 
 
 def push(x: float, y: float, duration: float) -> str:
-    """Return the fields of a push, N and s."""
+    """Return the fields of a scenario step with a push of x, y N for `duration` s, as TOML."""
     return f'do = "push"\nforce = [{x}, {y}, 0.0]\nduration = {duration}'
 
 
 def friction(value: float) -> str:
-    """Return the fields of a change of friction."""
+    """Return the fields of a scenario step that changes the friction of the ground, as TOML."""
     return f'do = "set"\nquantity = "friction"\nvalue = {value}'
 
 

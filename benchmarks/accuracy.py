@@ -112,7 +112,7 @@ def show(found: Comparison, subjects: Sequence[str]) -> None:
 
 
 def checked(chosen: str, known: Sequence[str]) -> tuple[str, ...]:
-    """Return names by commas; exit if one is not known."""
+    """Return the names in a list with commas; exit if one is not known."""
     found = words_of(chosen)
     if unknown := [name for name in found if name not in known]:
         raise SystemExit(f"got {', '.join(unknown)}; known are {', '.join(known)}")
@@ -213,7 +213,7 @@ def corrupted(name: str, kind: str, seed: int, trials: int) -> dict[str, Any]:
 
 
 def merged(parts: list[FuzzCounts]) -> FuzzCounts:
-    """Return all trials together."""
+    """Return the counts of several campaigns as those of one."""
     out = FuzzCounts()
     for part in parts:
         out.trials, out.samples = out.trials + part.trials, out.samples + part.samples

@@ -29,7 +29,7 @@ Call = Callable[[], object]
 
 @dataclass(frozen=True)
 class Part:
-    """One part of a benchmark."""
+    """One part of a benchmark: the function that runs it, and its cheap options."""
 
     run: Callable[..., Any]
     quick: str | None

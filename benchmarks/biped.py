@@ -141,7 +141,7 @@ class Feet:
 
 
 class Run:
-    """One command to its end, a fall or the time limit."""
+    """One simulated command of a biped to its end, a fall or the time limit."""
 
     def __init__(self, seed: int, setting: Setting) -> None:
         robot = robot_with(setting)
@@ -211,7 +211,7 @@ class Run:
         self.pushed, self.push_end = True, self.world.tick + PUSH_TICKS
 
     def line(self) -> Line:
-        """Return the figures of the run."""
+        """Return the figures of the run as a line of a results file."""
         out, truth, feet = self.out, self.world.truth(), self.feet
         yaw0, yaw1 = _yaw(self.begin.quat_wxyz), _yaw(truth.quat_wxyz)
         move, c, s = truth.position[:2] - self.begin.position[:2], math.cos(yaw0), math.sin(yaw0)

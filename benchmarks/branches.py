@@ -26,7 +26,7 @@ PATIENCE_TICKS = 400
 
 @dataclass(frozen=True)
 class Arm:
-    """Outcome of one candidate."""
+    """Outcome of one candidate rule of footholds that took the same step as the others."""
 
     name: str
     stances: tuple[ChosenStance, ...]
@@ -36,7 +36,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class PairedState:
-    """Outcomes of all candidates from one state."""
+    """Outcomes of all candidate rules of footholds from one state of a walk."""
 
     step: int
     """Number of the request in the walk."""
@@ -109,7 +109,7 @@ class Branching:
 
     @property
     def child(self) -> bool:
-        """True in a process that walks a candidate."""
+        """True in a forked process that walks the step of a candidate."""
         return self._write >= 0
 
     def end(self, stances: Sequence[ChosenStance], fallen: bool) -> NoReturn:
@@ -169,12 +169,14 @@ def paired_steps(
 
 
 def gap_share(random: Sequence[Array], chosen: Array, best: Array, mean: Callable[[Array], float] = np.mean) -> float:
-    """Return (random - chosen) / (random - best) of the means over states.
+    """Return the share of the possible gain in sliding that a selector reaches, 1 = as the best candidate.
+
+    It is (random - chosen) / (random - best) of the means over states.
 
     Args:
-        random: sliding of the random candidates of each state, (n,) arrays.
-        chosen: sliding of the selector's candidate, (n,).
-        best: least sliding of all candidates of the state, (n,).
+        random: sliding of the random candidates of each state, (n,) m each.
+        chosen: sliding of the selector's candidate, (n,) m.
+        best: least sliding of all candidates of the state, (n,) m.
         mean: over states.
     """
     drawn = mean(np.array([each.mean() for each in random]))
@@ -182,6 +184,6 @@ def gap_share(random: Sequence[Array], chosen: Array, best: Array, mean: Callabl
 
 
 def trimmed(values: Array, share: float = 0.05) -> float:
-    """Return the mean without a share of the values at each end."""
+    """Return the mean of values (n,), in their unit, without a share of them at each end."""
     cut = int(share * len(values))
     return float(np.sort(values)[cut : len(values) - cut].mean())

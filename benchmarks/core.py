@@ -17,7 +17,7 @@ WAYS = ("memory", "frames")
 
 
 class Other:
-    """A process that runs blocks of one checkout."""
+    """Process that runs blocks of ticks with the code of one checkout."""
 
     def __init__(self, checkout: Path, way: str, stack: ExitStack) -> None:
         command = [sys.executable, "-P", str(HERE / "benchmarks/core_system.py"), way]

@@ -82,7 +82,7 @@ class BareDriver(Driver[ServiceConfig]):
 
 
 class Bare(Service[ServiceConfig]):
-    """Publishes what is due."""
+    """Service that publishes messages made beforehand on each topic that is due."""
 
     def on_tick(self, inputs: TickInputs) -> None:
         for topic in self.outputs:
@@ -91,7 +91,7 @@ class Bare(Service[ServiceConfig]):
 
 
 class BareEstimator(Bare):
-    """The topics of the estimator."""
+    """Bare service with the topics of the estimator."""
 
     name = "estimator"
     inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
@@ -99,7 +99,7 @@ class BareEstimator(Bare):
 
 
 class BareWalker(Bare):
-    """The topics of the walker."""
+    """Bare service with the topics of the walker."""
 
     name = "walker"
     inputs = (STATE_VELOCITY, STATE_ODOMETRY, HW_JOINTS, HW_CONTACTS, Delayed(STATE_STABILITY))
@@ -107,7 +107,7 @@ class BareWalker(Bare):
 
 
 class BareStability(Bare):
-    """The topics of the stability service."""
+    """Bare service with the topics of the stability service."""
 
     name = "stability"
     inputs = (HW_JOINTS, HW_CONTACTS, STATE_VELOCITY, Delayed(STATE_GAIT))
@@ -194,7 +194,7 @@ class FrameBus(MemoryBus):
 
 
 def system_of(way: str) -> local.LocalSystem:
-    """Return the services on one bus."""
+    """Return the bare services on one bus; `way`: `memory` or `frames`."""
     driver = BareDriver(ServiceConfig())
     services = [driver, *(kind(ServiceConfig()) for kind in (BareEstimator, BareWalker, BareStability, BareRecorder))]
     for topic in MADE:

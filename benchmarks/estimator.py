@@ -49,7 +49,7 @@ class Filterpy(ExtendedKalmanFilter):
         self.x, self.P, self.R = np.array([0.0, 0.0, 9.81, 0.0, 0.0, 0.0]), np.eye(6) * 1e-4, np.eye(3) * 0.015**2
 
     def step(self, w: np.ndarray, q: np.ndarray, d: float) -> None:
-        """Predict with a sample."""
+        """Predict over d s with a sample: gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes."""
         g, v, one, none = self.x[:3], self.x[3:], np.eye(3), np.zeros((3, 3))
         f = np.block([[one, none], [-d * one, one]])
         jg, jv = -_cross(g), -_cross(v)
@@ -60,7 +60,7 @@ class Filterpy(ExtendedKalmanFilter):
         self.x = np.concatenate([half @ middle, turn @ v + (q - middle) * d])
 
     def take(self, v: np.ndarray) -> None:
-        """Correct by the velocity of the legs."""
+        """Correct by the velocity of the legs, v (3,) m/s, IMU axes."""
         self.update(v, HJacobian=lambda x: np.eye(6)[3:], Hx=lambda x: x[3:])
 
 
@@ -228,7 +228,7 @@ print(json.dumps(costs[200:]))
 
 
 def samples() -> dict[str, np.ndarray]:
-    """Return what Ragno sensed in a recorded walk."""
+    """Return the sensor samples of Ragno in a recorded walk as arrays of a `Log` by name, a row per sample, SI."""
     log = walk("ragno-flat", 40).log
     assert log.joints is not None
     return {name: getattr(log, name) for name in ("stamp_ns", "w", "q", "foot_ns", "joints", "contact")}
@@ -279,11 +279,11 @@ class Recorded(Driver[ServiceConfig]):
         return out
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        """Nothing moves."""
+        """Ignore the command: a recorded walk cannot obey."""
 
 
 class Echo(Service[ServiceConfig]):
-    """Answers every tick with the same message."""
+    """Service that answers the samples of every tick with the same message."""
 
     name = "walker"
     inputs, outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS), (STATE_GAIT,)

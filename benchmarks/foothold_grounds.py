@@ -44,7 +44,7 @@ GAPS = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Conditions of one walk over a family."""
+    """Conditions, terrain and map of one walk over a family of grounds."""
 
     setting: Setting
     terrain: Terrain
@@ -222,7 +222,7 @@ def _seen(terrain: Terrain, profile: str, seed: int) -> HeightMap:
 
 
 def walked(ground: str, rule: str, seed: int, model: str, robot: str) -> Line:
-    """Walk over a family under a rule; return its figures."""
+    """Walk over a ground of a family, drawn by the seed, under a rule of footholds; return its figures."""
     c = course(ground, seed, robot)
     done = walk(seed, c.setting, rule_of(rule, seed, model, robot), (c.terrain, c.heights))
     return {"sliding_mm": done.sliding_mm, "reached": done.reached, "fallen": done.fallen, "reason": done.reason}

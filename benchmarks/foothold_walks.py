@@ -127,7 +127,7 @@ def paired(lines: Lines, ground: str, one: str, other: str) -> Pair:
 
 
 def sliding(lines: Lines, ground: str, rule: str) -> list[float]:
-    """Return the sliding of a rule on a ground by seed, mm."""
+    """Return the mean contact sliding per stance under a rule on a ground, mm, for each seed."""
     return [line["sliding_mm"] for (where, name, _), line in lines.items()
             if (where, name) == (ground, rule) and "sliding_mm" in line]  # fmt: skip
 
@@ -159,7 +159,7 @@ def comparison(lines: Lines, grounds: Sequence[str], rules: Sequence[str]) -> It
 
 @dataclass(frozen=True)
 class Verdict:
-    """One target."""
+    """One target of the comparison of foothold rules, and whether it was met."""
 
     what: str
     value: float
@@ -210,7 +210,7 @@ def verdicts(lines: Lines) -> Iterator[Verdict]:
 
 
 def over_flat(lines: Lines) -> list[tuple[object, ...]]:
-    """Return the sliding of learned footholds on each ground over that on flat ground."""
+    """Return a row per ground: name, and the sliding of learned footholds on it over that on flat ground, no unit."""
     flat, mine = sliding(lines, "flat", LEARNED), {ground: sliding(lines, ground, LEARNED) for ground in TAUGHT}
     return [(ground, float(np.mean(found) / np.mean(flat))) for ground, found in mine.items() if flat and found]
 
@@ -319,7 +319,7 @@ def measured(seed: int, rule: str) -> Line:
 
 
 def of_slip(walks: list[Array], column: int) -> tuple[Ranged, Ranged, Ranged]:
-    """Return AUC of slips over 2 mm, RMSE and bias in mm of own slip against a truth; whole walks are resampled."""
+    """Return AUC of slips over 2 mm, RMSE and bias (mm) of own slip, column 0 of walks (n, 3) mm, against a column."""
 
     def over(statistic: Any) -> Ranged:
         def of(chosen: Sequence[Array]) -> float:
@@ -355,7 +355,8 @@ def slip(*, seeds: str = "0:12", processes: int = 2, results: Path | None = None
     were set on seeds 700 to 705.
 
     Args:
-        relearn: file of samples (`surefoot footholds collect`); report re-learning in place of the measure, see below.
+        relearn: file of samples (`surefoot footholds collect`); report instead what two rounds of re-learning close of
+            the gap to a model of all data.
     """
     if relearn is not None:
         show_relearning(relearn, seeds_of(seeds))

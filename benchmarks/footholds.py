@@ -64,11 +64,11 @@ class Ground:
         self.out = [np.empty_like(self.heights.z) for _ in range(3)]
 
     def coefficients(self) -> None:
-        """Compute K1, K2 and cos K3 of all cells."""
+        """Compute the ground coefficients K1, K2 and cos K3 of all cells by the product's kernel."""
         coefficients(self.heights.z, self.push, np.float32(CELL), *self.out)
 
     def slices(self) -> None:
-        """Compute the same coefficients by slices of numpy."""
+        """Compute the ground coefficients K1, K2 and cos K3 of all cells by slices of numpy."""
         map_features_numpy(self.heights.z, STROKE, CELL)
 
     def copies(self) -> None:
@@ -81,7 +81,7 @@ class Ground:
         build_ground(self.heights, self.robot.foot_radius)
 
     def score(self) -> None:
-        """Compute P and masks of all cells without a leg."""
+        """Compute predicted slip and masks of all cells, without a leg's reach."""
         assess(self.ground, HandScore(), whole_map(self.ground), None, STROKE.tolist(), ("p", "mask"), SelectParams())
 
 
@@ -196,27 +196,33 @@ WARPS: tuple[Warp, ...] = ("identity", "log")
 
 
 def function(x: Array) -> Array:
-    """Return the test function, equation (16), (n,)."""
+    """Return (1 + sqrt(x_1) + 1 / x_2 + x_3^-1.5)^2, (n,), of points x (n, 3), no unit.
+
+    It is the test function of Kosinski & Weigl, (16) of Walas & Belter 2011.
+    """
     return (1.0 + np.sqrt(x[:, 0]) + 1.0 / x[:, 1] + x[:, 2] ** -1.5) ** 2
 
 
 def grid(values: Array) -> Array:
-    """Return all triples of some values, (n^3, 3)."""
+    """Return all triples of some values (n,), (n^3, 3), in their unit."""
     return np.stack(np.meshgrid(values, values, values, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def ape(columns: Array, c: Array, y: Array) -> float:
-    """Return the mean absolute error of a fit, equation (17), %."""
+    """Return the mean absolute error of a fit in % of the target: 100 mean |y - columns c| / |y|.
+
+    `columns`: terms, (n, m); `c`: weights, (m,); `y`: target, (n,); no unit.
+    """
     return float(100.0 * np.mean(np.abs(y - columns @ c) / np.abs(y)))
 
 
 def scaled(x: Array, warp: Warp) -> Array:
-    """Return inputs (n, 3) of a slip model after the same warp on all three."""
+    """Return inputs (n, 3) of a slip model, no unit, after the same warp on all three."""
     return warped(x, (warp,) * 3, np.ones(3))
 
 
 def best_start(x: Array, warp: Warp, m: int, starts: int, seed: int, evaluations: int = 300) -> RefinedTerms:
-    """Return the m Gaussians of the smallest cost on these points, of several random starts."""
+    """Return the m Gaussians of the smallest cost on points x (n, 3), no unit, of several random starts."""
     rng, u, y = np.random.default_rng(seed), scaled(x, warp), function(x)
     found = [
         refine(random_start(rng, m, 3, *STARTS[warp]), u, y, 1.0 / y, BOUNDS[warp], RIDGE, evaluations)
@@ -226,12 +232,15 @@ def best_start(x: Array, warp: Warp, m: int, starts: int, seed: int, evaluations
 
 
 def error_of(found: RefinedTerms, x: Array, warp: Warp) -> float:
-    """Return the APE of a fit on some points, %."""
+    """Return the mean absolute error of a fit on points x (n, 3), no unit, in %."""
     return ape(found.basis.columns(scaled(x, warp)), found.weights, function(x))
 
 
 def folds_error(x: Array, warp: Warp, m: int, folds: int = 6) -> float:
-    """Return the APE of points that were not fitted, %, over folds of the training set, one start each."""
+    """Return the mean absolute error of points that were not fitted, in %, over folds of the training set x (n, 3).
+
+    `warp`: of the inputs; `m`: number of Gaussians; one start each.
+    """
     fold, total = np.random.default_rng(0).permutation(len(x)) % folds, 0.0
     for f in range(folds):
         held = fold == f
@@ -240,7 +249,11 @@ def folds_error(x: Array, warp: Warp, m: int, folds: int = 6) -> float:
 
 
 def protocol(name: str, train: Array, test: Array, sizes: tuple[int, ...], starts: int) -> None:
-    """Print train and test APE of both warps; the one that six folds choose is marked."""
+    """Print the mean absolute error, in %, on training and test points with both warps of the inputs.
+
+    The warp that six folds of the training set choose is marked. train, test: points, (n, 3) and (k, 3), no unit;
+    `sizes`: numbers of Gaussians.
+    """
     rows: list[tuple[object, ...]] = []
     for m in sizes:
         folded = {warp: folds_error(train, warp, m) for warp in WARPS}

@@ -46,7 +46,7 @@ AFTER_S = 0.5
 
 @dataclass(frozen=True)
 class Change:
-    """A changed log, and options of the estimator."""
+    """A log with one wrong statement or build, and the options of the estimator for it."""
 
     name: str
     log: Log
@@ -90,7 +90,7 @@ def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
 
 @dataclass(frozen=True)
 class Starts:
-    """Starts of one log in motion, the inertial unit mounted in any orientation."""
+    """Result of starting an estimator in motion on one log with the inertial unit in many orientations."""
 
     median: float  # cm/s, error over 0.5 s
     spread: float  # % of the median, standard deviation
@@ -129,7 +129,7 @@ def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
 
 @dataclass(frozen=True)
 class Tilted:
-    """A start with a wrong tilt beside the right one, in the `WATCHED_S` after the rest."""
+    """Result of a start at rest with a wrong tilt beside the right one, over the time watched after the rest."""
 
     wrong_s: float  # velocity more than `WRONG` off
     silent_s: float  # of that, `initialised` and `filter_ok` true
@@ -164,7 +164,7 @@ def _most(values: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class Planted:
-    """One fault on one log."""
+    """Result of planting one sensor fault into one log: error, time until it is flagged and named."""
 
     ratio: float  # error over 0.5 s from the fault on, over that without it
     flagged: float  # s from the first altered sample until a flag is false that is true without the fault
@@ -174,7 +174,7 @@ class Planted:
 
     @property
     def right(self) -> bool:
-        """True if it was named in time, and nothing else."""
+        """True if the faulty sensor was named in time, and no other."""
         return self.named <= AFTER_S and not self.wrong
 
 

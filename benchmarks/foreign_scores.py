@@ -41,7 +41,7 @@ class ForeignScore:
     cost: float = NAN  # us a row
 
     def cells(self) -> tuple[str, ...]:
-        """Return the cells of a table."""
+        """Return the errors as the cells of a table row."""
         numbers = zip(vars(self).values(), (2, 2, 1, 2, 2, 1, 1, 2, 2, 1, 2, 2, 1), strict=True)
         return tuple("-" if not np.isfinite(x) else f"{x:.{digits}f}" for x, digits in numbers)
 
@@ -79,7 +79,10 @@ def scored(log: Log, found: Track, way: float, cost: float = NAN) -> ForeignScor
 
 
 def turned(log: Log, yaw: Array) -> Array:
-    """Return the scored part of a heading from its beginning, rad."""
+    """Return the heading of a track in the scored part of a log, less its first value, (k,) rad.
+
+    `yaw`: at each inertial row, (n,) rad.
+    """
     part = yaw[log.scored]
     return part - part[0]
 

@@ -163,7 +163,9 @@ def _report_kinds(name: str, tallies: dict[str, Tally], took: float, memory_kb: 
 
 @BENCH.part("--count 40")
 def decisions(*, count: int = 2000, seed: int = 0) -> None:
-    """Slip models and policies with something wrong in them: refused, or no worse than nominal landings and the rule.
+    """Slip models and policies with something wrong in them: refused, or no worse than the simplest rule.
+
+    The simplest rules are nominal landings and the hand-made controller.
 
     Args:
         count: files of both kinds together.

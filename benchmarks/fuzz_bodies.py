@@ -33,7 +33,7 @@ SIZES = (1e-300, 1e-9, 1e-4, 0.02, 0.05, 1.0, 1e6, 1e300)
 
 
 def numbers(random: Random, count: int) -> NDArray[np.float64]:
-    """Return numbers of which none, some or all are odd; at times any bits at all."""
+    """Return `count` numbers, (count,), no unit, of which none, some or all are odd; at times any bits at all."""
     draw = np.random.default_rng(random.getrandbits(32))
     if random.random() < 0.1:
         return draw.integers(0, 2**64, count, dtype=np.uint64).view(np.float64)
@@ -54,13 +54,13 @@ def _grid(random: Random) -> dict[str, Any]:
 
 
 def height_map(random: Random) -> HeightMapMessage:
-    """Return a map of the ground."""
+    """Return a height map message whose array may hold odd numbers."""
     grid = _grid(random)
     return HeightMapMessage(**grid, data=_floats(random, grid["rows"] * grid["cols"]))
 
 
 def own_map(random: Random) -> ElevationMap:
-    """Return a map that the robot measured."""
+    """Return a message of a map that the robot measured, whose arrays may hold odd numbers."""
     grid = _grid(random)
     count = grid["rows"] * grid["cols"]
     layers = [b64encode(_floats(random, count)).decode() for _ in range(2)]
@@ -71,13 +71,13 @@ def own_map(random: Random) -> ElevationMap:
 
 
 def landmarks(random: Random) -> LandmarkMap:
-    """Return a map of landmarks."""
+    """Return a message of a landmark map whose array may hold odd numbers."""
     count, length = random.choice((0, 1, 2, 50)), random.choice((0, 1, 8, 256))
     return LandmarkMap(count=count, descriptor_length=length, data=_floats(random, count * (2 + length)))
 
 
 def sets(random: Random) -> BatchRequest:
-    """Return a batch of contact sets as raw numbers."""
+    """Return a batch request of contact sets as raw numbers, which may be odd."""
     counts = tuple(random.randint(0, 6) for _ in range(random.randint(1, 4)))
     found = numbers(random, 2 * len(counts) + 7 * sum(counts))
     if random.random() < 0.5:  # as a robot stands, then a few numbers of it odd
@@ -122,7 +122,7 @@ class Readers:
             raise Refusal("refused", problems[0])
 
     def stability(self, request: BatchRequest) -> None:
-        """Answer a batch."""
+        """Answer a batch request as the stability service does."""
         self._finite(batch_reply(request))
 
     @staticmethod

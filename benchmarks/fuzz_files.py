@@ -17,7 +17,7 @@ from surefoot.schemas.topics import TOPICS
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file."""
+    """A kind of file to damage: suffix, good contents, and the function that reads it."""
 
     name: str
     suffix: str

@@ -63,7 +63,7 @@ class Fuzzer:
         self.look()
 
     def look(self) -> None:
-        """Read which process is which service from the tokens."""
+        """Find out which process is which service from the tokens on the network."""
         self.processes: dict[str, str] = {}
         for reply in self.session.liveliness().get(f"{self.namespace}/alive/*/*", timeout=2.0):
             if reply.ok is not None:
@@ -72,7 +72,7 @@ class Fuzzer:
                     self.processes[service] = instance
 
     def send(self) -> None:
-        """Send one input."""
+        """Draw one input and send it to a service."""
         kind = self.random.choices(KINDS, SHARES)[0]
         self._ways[kind]()
         self.sent[kind] += 1
@@ -182,7 +182,10 @@ def _is_taken(model: type[Wire], payload: bytes, attachment: bytes | None) -> bo
 
 
 def main(address: str, namespace: str, seed: str, count: str, rate: str) -> None:
-    """Send so many inputs at a rate, 1/s, and print the counts as a line of JSON."""
+    """Send random inputs to a running system and print their counts as a line of JSON.
+
+    `address`: endpoint of its router; `namespace`: prefix of its keys; `count`: inputs; `rate`: inputs per s.
+    """
     settings = {"mode": "client", "connect": {"endpoints": [address]}}
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
         fuzzer, began, sent = Fuzzer(session, namespace, int(seed)), time.monotonic(), 0

@@ -125,7 +125,16 @@ def policies(
 
 
 def saved(by: dict[tuple[str, int], Line], arm: str, base: str) -> str:
-    """Return the paired saving of time in per cent with its 95 % interval, and the p-value of the t-test."""
+    """Return the paired saving of time in per cent with its 95 % interval, and the p-value of the t-test, as text.
+
+    Args:
+        by: results of runs by name of the policy and seed; runs of both policies with one seed are a pair.
+        arm: policy that saves time.
+        base: policy that it is compared with.
+
+    Returns:
+        "" if both are the same or fewer than two pairs arrived.
+    """
     pairs = [
         (line["values"]["goal_time_s"], by[base, seed]["values"]["goal_time_s"])
         for (name, seed), line in by.items() if name == arm and (base, seed) in by
@@ -138,7 +147,7 @@ def saved(by: dict[tuple[str, int], Line], arm: str, base: str) -> str:
 
 
 def to(x: float, y: float) -> Step:
-    """Return a goal at the begin, m in the map."""
+    """Return a scenario step that sends the robot to x, y m, map, at the beginning."""
     return Step("goto", when="ready", request=GotoRequest(position=(x, y)))
 
 
@@ -164,7 +173,7 @@ JOURNEYS: dict[str, Callable[[], Scenario]] = {
 
 
 def travelled(journey: str, seed: int) -> Line:
-    """Run one journey on one seed; return its line."""
+    """Run one of the journeys on one seed; return its line of results."""
     return run_scenario(replace(JOURNEYS[journey](), max_duration_s=LONGEST_S), seed, GOAL)
 
 
@@ -205,7 +214,7 @@ def journeys(
 
 @dataclass(frozen=True)
 class Compared:
-    """One policy in live runs and in the fitted environment."""
+    """Time to the goal of one policy in live runs and in the fitted environment."""
 
     arm: str
     times: dict[int, float]
@@ -219,12 +228,12 @@ class Compared:
 
     @property
     def live(self) -> float:
-        """Mean time of the live runs, s."""
+        """Mean time to the goal of the live runs, s."""
         return float(np.mean(list(self.times.values())))
 
     @property
     def error(self) -> float:
-        """Predicted against live, per cent."""
+        """Excess of the predicted mean time to the goal over that of the live runs, %."""
         return 100.0 * (self.predicted / self.live - 1.0)
 
 

@@ -98,7 +98,7 @@ def rounds(rounds: int = 5, /) -> None:
 
 @contextmanager
 def timed(owner: Any, method: str, book: Callable[[Any, float], None]) -> Iterator[None]:
-    """Book the CPU time of every call of a method."""
+    """Call `book` with the processor time, s, of every call of a method of `owner` inside the context."""
     original = getattr(owner, method)
 
     def wrapper(self: Any, *args: Any) -> Any:

@@ -124,12 +124,12 @@ def oracles(lines: list[Line]) -> tuple[float, float]:
 
 
 def percent(these: NDArray[np.bool_]) -> float:
-    """Return the share of true ones, %."""
+    """Return the share of true ones among flags (n,), %."""
     return 100.0 * float(these.mean())
 
 
 def times_of(lines: list[Line]) -> Array:
-    """Return the times until robots noticed, s, inf = never."""
+    """Return the times until robots noticed that they were put down elsewhere, (n,) s, inf = never."""
     return np.array([math.inf if line["noticed"] is None else line["noticed"] for line in lines])
 
 

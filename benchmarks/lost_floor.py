@@ -38,7 +38,10 @@ class World:
 
 
 def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tuple[Array, Array]:
-    """Return places (n, 2), m, and looks (n, 8) of random landmarks; a share of them in groups that look the same."""
+    """Return places (n, 2) m and looks (n, 8) of random landmarks; `copied` of them in groups that look the same.
+
+    `density`: landmarks per m^2; `copied`: share, 0 to 1; `copies`: landmarks of a group.
+    """
     rng = np.random.default_rng(seed)
     n = rng.poisson(density * (HIGH[0] - LOW[0]) * (HIGH[1] - LOW[1]))
     looks = rng.standard_normal((n, 8))
@@ -49,7 +52,10 @@ def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tupl
 
 
 def special(places: Array, looks: Array, world: World) -> tuple[Array, Array]:
-    """Return places, m, and looks of the floor with a hole and with landmarks that stand twice."""
+    """Return places (m, 2) m and looks (m, 8) of a floor with a hole and with landmarks that stand twice.
+
+    places, looks: landmarks of the plain floor, (n, 2) m and (n, 8), no unit.
+    """
     twice = round(0.5 * world.twice * len(places))
     last = len(places) - twice
     places = np.vstack((places[:last], 2.0 * MIDDLE - places[:twice]))
@@ -63,7 +69,10 @@ def special(places: Array, looks: Array, world: World) -> tuple[Array, Array]:
 
 
 def wrong_map(kind: str, places: Array, looks: Array, seed: int) -> tuple[Array, Array]:
-    """Return a map that does not fit the floor: mirrored, shuffled (looks), stretched (by 15 %), or right."""
+    """Return places (n, 2) m and looks (n, 8) of a map that does not fit the floor with these places and looks.
+
+    `kind`: mirrored, shuffled (looks), stretched (by 15 %); any other is right.
+    """
     if kind == "mirrored":
         return places * (1.0, -1.0), looks
     if kind == "shuffled":

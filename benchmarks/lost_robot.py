@@ -50,21 +50,21 @@ def wrapped(angle: float) -> float:
 
 
 class Stage:
-    """A runtime that keeps the last message of each topic."""
+    """Stand-in for the runtime of a service that keeps the last message of each topic."""
 
     def __init__(self) -> None:
         self.last: dict[str, Any] = {}
 
     def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
-        """Keep a message."""
+        """Keep a message as the last one of its topic."""
         self.last[topic.key] = message
 
     def log(self, level: str, text: str) -> None:
-        """Drop a line."""
+        """Ignore a line of the log."""
 
 
 class Walker:
-    """Walks, turns and stops as ordered, with drift and noise.
+    """Simulated walker that walks, turns and stops as ordered, with drift and noise.
 
     Args:
         rng: of its noise.
@@ -101,7 +101,7 @@ class Walker:
         return self._wait + self._left if self._left > 0.0 and not self._stops else None
 
     def tick(self) -> None:
-        """Move for 10 ms."""
+        """Move the simulated robot for a tick of 10 ms."""
         if self._wait > 0.0:
             self._wait -= TICK
         elif self._left > 0.0:
@@ -176,15 +176,15 @@ class Robot:
 
     @property
     def lost(self) -> bool:
-        """Whether the navigator counts itself as lost."""
+        """True if the navigator counts itself as lost."""
         return self.navigator.localiser.lost.lost
 
     def goto(self, x: float, y: float) -> None:
-        """Send it to a place, m."""
+        """Request a goal at x, y m, map, from the navigator."""
         self.navigator.requests.goto(GotoRequest(position=(x, y)))
 
     def step(self, seconds: float) -> None:
-        """Let time pass."""
+        """Simulate `seconds` s."""
         for _ in range(round(seconds / TICK)):
             order = self.stage.last.get(topics.NAVIGATOR_ORDER.key)
             if order is not None:

@@ -31,7 +31,7 @@ class Machine:
         self.environment = {**os.environ, "XDG_STATE_HOME": str(folder), "SUREFOOT_LISTEN": self.address}
 
     def surefoot(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """Run a command."""
+        """Run a `surefoot` command with the state folder and port of this machine; return its result."""
         return subprocess.run([*ENTRY, *words], env=self.environment, capture_output=True, text=True, check=False)
 
     def status(self) -> dict[str, Any]:
@@ -70,7 +70,7 @@ class Machine:
 
     @contextmanager
     def session(self) -> Iterator[zenoh.Session]:
-        """Join the network as a client."""
+        """Yield a session that has joined the system's network as a client."""
         settings = {"mode": "client", "connect": {"endpoints": [self.address]}}
         with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
             yield session
@@ -78,7 +78,10 @@ class Machine:
 
 @contextmanager
 def up(folder: Path, *words: str, system: str = "ragno") -> Iterator[Machine]:
-    """Start a system and take it down."""
+    """Start a system, yield a handle of it, and take it down at the end of the context.
+
+    `folder`: for its state; `words`: further options of `surefoot up`.
+    """
     machine = Machine(folder, system)
     try:
         done = machine.surefoot("up", system, "-d", *words)

@@ -168,7 +168,7 @@ CELLS, CELL = 2000, 0.05
 
 
 def boxes(seed: int) -> NDArray[np.int8]:
-    """Return 3000 boxes at random."""
+    """Return the occupancy of 3000 boxes at random, (2000, 2000): 0 free, 100 occupied."""
     rng = np.random.default_rng(seed)
     cells = np.zeros((CELLS, CELLS), dtype=np.int8)
     for _ in range(3000):
@@ -179,7 +179,10 @@ def boxes(seed: int) -> NDArray[np.int8]:
 
 
 def meander(pitch: int) -> NDArray[np.int8]:
-    """Return one way up and down through the whole map."""
+    """Return the occupancy of one way up and down through the whole map, (2000, 2000): 0 free, 100 occupied.
+
+    `pitch`: distance of its walls, cells.
+    """
     cells = np.zeros((CELLS, CELLS), dtype=np.int8)
     for i, r in enumerate(range(pitch, CELLS - pitch, pitch)):
         cells[r : r + 2] = 100
@@ -188,7 +191,10 @@ def meander(pitch: int) -> NDArray[np.int8]:
 
 
 def maze(pitch: int, seed: int) -> NDArray[np.int8]:
-    """Return a maze without loops, by a random walk that turns back where it cannot continue."""
+    """Return the occupancy of a maze without loops, (2000, 2000): 0 free, 100 occupied.
+
+    It is drawn by a random walk that turns back where it cannot continue. `pitch`: distance of its walls, cells.
+    """
     rng, n = np.random.default_rng(seed), CELLS // pitch
     cells, seen, way = np.zeros((CELLS, CELLS), dtype=np.int8), np.zeros((n, n), dtype=bool), [(0, 0)]
     cells[pitch - 1 :: pitch] = 100
@@ -213,7 +219,7 @@ def maze(pitch: int, seed: int) -> NDArray[np.int8]:
 
 
 def trap() -> NDArray[np.int8]:
-    """Return a room with its door on the far side, the goal behind its wall."""
+    """Return the occupancy of a room that is open on one side, (2000, 2000): 0 free, 100 occupied."""
     cells = np.zeros((CELLS, CELLS), dtype=np.int8)
     cells[100:1900, 1900:1904] = cells[100:104, 100:1904] = cells[1896:1900, 100:1904] = 100
     return cells

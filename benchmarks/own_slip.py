@@ -153,18 +153,18 @@ def faulty_walk(seed: int, fault: str, setting: Setting, rule: Rule | None) -> L
 
 
 def rms(values: Sequence[float] | Array) -> float:
-    """Return the root of the mean square."""
+    """Return the root of the mean square of values (n,), in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def rough(sample: StanceSample) -> bool:
-    """Return whether a stance was on ground that is withheld."""
+    """Return True if a stance was on ground as rough as that which is withheld from the first model."""
     return sample.k2 / (8.0 * sample.cell) >= WITHHELD
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutModels:
-    """Both ends of the gap, and the stances that errors are taken on."""
+    """A slip model made without rough ground, one made of all samples, and the stances on which errors are taken."""
 
     first: LearnedModel
     """Model of the training data without withheld ground."""
@@ -175,7 +175,10 @@ class HeldOutModels:
 
 
 def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> HeldOutModels:
-    """Return both models of a sample set; a share of its trials is held back for the errors."""
+    """Return a model made without the rough stances of a sample set, and one made of all.
+
+    `share` of the trials is held back for the errors, drawn by `seed`; `candidate`: settings of the fits.
+    """
     names = sorted({each.trial for each in samples})
     np.random.default_rng(seed).shuffle(names)
     held = set(names[: round(share * len(names))])
@@ -188,7 +191,7 @@ def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 
 
 
 def squared_errors(model: LearnedModel, held: SampleSet) -> tuple[float, float]:
-    """Return the mean square errors on withheld ground and on the other; slips over 1 count as 1."""
+    """Return the mean square errors of predicted slip on withheld ground and on the other; slips over 1 count as 1."""
     u = inputs(held.x)
     low, high = np.array(model.ranges).T
     away = np.clip(model.terms.values(np.clip(u, low, high)), 0.0, 1.0) - np.minimum(held.r, 1.0)
@@ -197,7 +200,11 @@ def squared_errors(model: LearnedModel, held: SampleSet) -> tuple[float, float]:
 
 
 def closed(model: LearnedModel, begin: HeldOutModels) -> tuple[float, float]:
-    """Return the share of the gap that a model closes, and its error on old ground over that of the first model."""
+    """Return how much of the error on withheld ground re-learning has removed, and the error on other ground.
+
+    The first is (first - new) / (first - full) of the mean square errors, the second the rms error over that of the
+    first model; `begin` holds the first model and the full one.
+    """
     (new, old), (first, first_old) = squared_errors(model, begin.held), squared_errors(begin.first, begin.held)
     full, _ = squared_errors(begin.full, begin.held)
     return (first - new) / (first - full), float(np.sqrt(old / first_old))
@@ -206,7 +213,10 @@ def closed(model: LearnedModel, begin: HeldOutModels) -> tuple[float, float]:
 def explored(
     seed: int, setting: Setting, model: LearnedModel, share: float
 ) -> tuple[list[StanceSample], list[StanceSample]]:
-    """Walk with a model that explores a share of its choices; returns its outcomes by own slip and by truth."""
+    """Walk with a model and random footholds in a share of its choices; return the stances as samples.
+
+    They come twice: with the slip that the robot measured, and with the true one.
+    """
     own, true = Outcomes(), Outcomes()
     rule = exploring_rule(seed, share, model_rule(model, SelectParams()))
     joined = JoinedWalk(seed, setting, _reported(rule, (own, true)))

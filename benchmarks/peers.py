@@ -91,7 +91,10 @@ class Hpp:
 
 
 def cvxpy_region() -> tuple[Call | None, str]:
-    """Return (23) with one cone a contact, compiled once per set, the direction a parameter, by clarabel."""
+    """Return a solver of the support function of a contact set by clarabel through cvxpy, or why there is none.
+
+    It solves (23) of Walas & Belter with one cone a contact, compiled once per set; the direction is a parameter.
+    """
     try:
         import cvxpy as cp  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
@@ -116,7 +119,10 @@ def cvxpy_region() -> tuple[Call | None, str]:
 
 
 def pypoman_region(method: str, edges: int = 8) -> tuple[Call | None, str]:
-    """Return the projection of the linearised constraints on the CoM plane."""
+    """Return a function that projects the constraints of a contact set onto the CoM plane by pypoman, or why not.
+
+    `method`: of pypoman's projection; `edges`: of the pyramid inside each friction cone.
+    """
     try:
         import pypoman  # pyright: ignore[reportMissingImports] - optional
     except ImportError:

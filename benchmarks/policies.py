@@ -38,7 +38,7 @@ DRIFTS = (0, 1, 2, 3, 4, 5, 6, 7, 8)
 
 @dataclass
 class Study:
-    """Policies on the same episodes, with their tables."""
+    """Policies run on the same episodes, and the tables of their times."""
 
     seeds: Seeds
     lines: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
@@ -78,7 +78,7 @@ class Study:
         self.lines.append({"compared": what, "most_percent": most, **p})
 
     def show(self, title: str) -> None:
-        """Print what came since the last call."""
+        """Print the tables of what was run since the last call."""
         header = ("policy", "s", "from", "to", "sd", "median", "p95", "success", "at least", "stands", "NEES", "from",
                   "to", "in 95 %")  # fmt: skip
         table(f"\n{title}", header, self._rows)
@@ -112,7 +112,7 @@ class Study:
         self.show(f"{params}, arcs")
 
     def costly(self) -> None:
-        """Compare with switching costs and arcs that see little."""
+        """Compare the policies with switching costs, and with arcs that see little."""
         steer, _ = self.times("paper-arcs", "steer-costly"), self.times("paper-arcs", "limit")
         self.compare("planner against steering hand", self.times("paper-arcs", "planner"), steer, -2.0)
         self.show("paper-arcs: blurred, switching costs, arcs that see little")
@@ -131,7 +131,7 @@ class Study:
                 self.show(f"{params}, drift {drift} deg per 10 cm")
 
     def sparse(self) -> None:
-        """Report success where landmarks are few."""
+        """Report the success rate of the policies where landmarks are few."""
         for density, least in ((10, 0.99), (5, 0.98)):
             for params in ("paper", "paper-blur"):
                 for name in ("planner", "tuned"):
@@ -139,7 +139,7 @@ class Study:
                 self.show(f"{params}, {density} landmarks per m^2, success >= {least}")
 
     def success(self, count: int) -> None:
-        """Report success on many episodes."""
+        """Report the success rate of the policies on `count` episodes."""
         for params in ("paper", "paper-blur"):
             self.times(params, "planner", seeds=Seeds(self.seeds.first, self.seeds.first + count))
             self.show(f"{params}, {count} episodes, success >= 0.999")

@@ -74,7 +74,7 @@ def answers(asked: Asked) -> list[bytes]:
 
 
 class Asker:
-    """Raw queries with the settings of our own client."""
+    """Client that sends raw queries over Zenoh with the settings of our own client."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self.querier = session.declare_querier(
@@ -83,7 +83,7 @@ class Asker:
         )  # fmt: skip
 
     def ask(self, payload: bytes) -> bytes | None:
-        """Return the first reply, None if there is none."""
+        """Send a payload as a query and return the first reply, None if there is none."""
         replies: SimpleQueue[bytes | None] = SimpleQueue()
 
         def take(reply: zenoh.Reply) -> None:

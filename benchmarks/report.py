@@ -49,7 +49,7 @@ UNIT = re.compile(r" ?(%|mm/s|cm/s|mm|cm|ms|us|ns|mrad)(?![\w])")
 
 
 class Figure(NamedTuple):
-    """A row of a page."""
+    """Row of a table on a page of the documentation: what, its text, and the command that prints it."""
 
     page: str
     what: str
@@ -59,7 +59,7 @@ class Figure(NamedTuple):
 
 
 class Stated(NamedTuple):
-    """A number as it stands on a page."""
+    """A number as a page of the documentation states it, with half of its last digit."""
 
     value: float
     half: float

@@ -28,7 +28,7 @@ class MinK2(_NoWeight):
 
     @property
     def name(self) -> str:
-        """Name of the rule."""
+        """Name of the rule of the flattest cell."""
         return "min-k2"
 
     def predict(self, features: Features, cell: float) -> Layer:
@@ -46,7 +46,7 @@ class GridMapRule(_NoWeight):
 
     @property
     def name(self) -> str:
-        """Name of the rule."""
+        """Name of the rule of grid_map's example filters."""
         return "grid-map"
 
     def predict(self, features: Features, cell: float) -> Layer:

@@ -82,14 +82,14 @@ class Pair:
             self.trip()
 
     def trip(self, timeout: float = 5.0) -> None:
-        """Send a state and wait for it."""
+        """Send a joint state to the other process and wait until it comes back, at most `timeout` s."""
         self._count += 1
         publish(self._bus, self._ping, state(self._count))
         for delivery in self._got.get(timeout=timeout).deliveries():
             delivery.message()
 
     def block(self) -> float:
-        """Return the time of one of many trips, s."""
+        """Return the mean time of a trip to the other process and back over a block of trips, s."""
         began = time.perf_counter()
         for _ in range(PER_BLOCK):
             self.trip()

@@ -92,7 +92,10 @@ def pair(kind: str, seconds: float, rounds: int) -> tuple[float, float, float]:
 
 
 def bare_replay(commands: Array, seed: int) -> float:
-    """Return the median us per tick of bare steps over a run's commands on the demo's terrain."""
+    """Return the median us per tick of bare steps over a run's commands on the demo's terrain.
+
+    `commands`: joint angles of each tick, (ticks, nj) rad; `seed`: of the terrain.
+    """
     robot, terrain = load_robot("ragno"), make_terrain("demo", seed)
     world = w.PhysicsWorld(robot, terrain, seed)
     model, _ = build_model(robot, terrain)

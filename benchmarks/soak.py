@@ -49,7 +49,7 @@ with zenoh.open(config) as session:
 
 @contextmanager
 def busy(count: int, nice: int = 0) -> Iterator[None]:
-    """Run processes that compute, with a nice value."""
+    """Keep `count` processes computing inside the context, with a nice value."""
     with ExitStack() as stack:
         for _ in range(count):
             _set_nice(stack.enter_context(running([sys.executable, "-c", SPIN])).pid, nice)

@@ -32,7 +32,7 @@ LEFT_OUT = 0.005
 
 
 def normals(slope: Array, heading: Array) -> Array:
-    """Return the normals of slopes, rad, towards headings, rad, (n, 3)."""
+    """Return the unit normals of n slopes, rad, that fall towards headings, rad, (n,) each, z up: (n, 3)."""
     return np.column_stack((np.sin(slope) * np.cos(heading), np.sin(slope) * np.sin(heading), np.cos(slope)))
 
 
@@ -129,7 +129,7 @@ def adaptive(*, count: int = 600) -> None:
 
 @kernel
 def least_cut(border: Array, corners: int) -> float:
-    """Return the least area between a convex polygon (m, 2) and one whose corners are `corners` of its points."""
+    """Return the least area, m^2, between a convex polygon (m, 2) m and one with `corners` of its corners."""
     m = border.shape[0]
     cut = np.zeros((m, m))  # between the border from i to j and the chord
     for i in range(m):

@@ -30,7 +30,7 @@ FIRST_CALLS = {
 
 
 def shuffled(number: int) -> list[str]:
-    """Return the start order of a start."""
+    """Return the services in the order in which the start with this number starts them."""
     return random.Random(number).sample(SERVICES, len(SERVICES))
 
 

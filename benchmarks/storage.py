@@ -88,7 +88,7 @@ def drawn(seed: int) -> Case:
 
 
 def at_tick(system: LocalSystem, tick: int, act: Callable[[], None]) -> None:
-    """Do something once, when a control tick is published."""
+    """Call `act` once, when the driver of a system publishes a control tick."""
     left = [act]
 
     def look(delivery: Delivery) -> None:
@@ -213,7 +213,7 @@ def read_recording(path: Path, *, whole: bool, sentences: list[str]) -> str:
 def judge_case(
     case: Case, folder: Path, ended: tuple[int, str, str], expected: str, models: tuple[LearnedModel, ...]
 ) -> None:
-    """Note what is wrong after a case."""
+    """Add to a case what is wrong with the files and the output that it has left."""
     code, out, err = ended
     problems, lines = case.problems, [line for line in err.splitlines() if line]
     case.sentences += [line for line in lines if " recorder " in line or " walker " in line]

@@ -75,7 +75,7 @@ def campaign(
 
 
 def bins(path: Path) -> Bins:
-    """Return the bins of a file of samples."""
+    """Return the outcomes in a file of samples, counted by bins of the lattice."""
     found = gather(read(path)[0])
     return filled(Lattice(), found.x, found.r)
 
@@ -176,7 +176,7 @@ def _line(ground: str, seed: int, legs: str, state: PairedState) -> Line:
 
 
 def complete(lines: list[Line], names: tuple[str, ...]) -> list[Line]:
-    """Return the states in which every selector and at least two random footholds have an outcome."""
+    """Return the lines of states in which every selector and at least two random footholds have an outcome."""
     return [
         line for line in lines
         if "arms" in line and all(np.isfinite(line["arms"].get(name, np.nan)) for name in names)
@@ -191,7 +191,7 @@ def _drawn(line: Line) -> Array:
 
 
 def shares(lines: list[Line], name: str) -> tuple[float, float]:
-    """Return the share of the gap of a selector by the mean and by the trimmed mean."""
+    """Return the share of the possible gain in sliding that a selector reaches, by mean and by trimmed mean."""
     drawn = [_drawn(line) for line in lines]
     best = np.array([np.nanmin(list(line["arms"].values())) for line in lines])
     chosen = np.array([line["arms"][name] for line in lines])
@@ -199,7 +199,14 @@ def shares(lines: list[Line], name: str) -> tuple[float, float]:
 
 
 def share_interval(lines: list[Line], name: str) -> tuple[float, float]:
-    """Return the 95 % interval of the share by the mean, whole walks resampled."""
+    """Return the 95 % interval of the share of the possible gain that a selector of footholds reaches, 0 to 1.
+
+    The share is (random - selector) / (random - best) of the mean slidings; whole walks are resampled.
+
+    Args:
+        lines: states of walks, each with the sliding under every rule, mm.
+        name: of the selector.
+    """
     rng, walks = np.random.default_rng(0), sorted({line["seed"] for line in lines})
     drawn = np.array([[_drawn(line).mean(), line["arms"][name], np.nanmin(list(line["arms"].values()))]
                       for line in lines])  # fmt: skip
@@ -210,7 +217,7 @@ def share_interval(lines: list[Line], name: str) -> tuple[float, float]:
 
 
 def report(lines: list[Line], names: tuple[str, ...]) -> None:
-    """Print the shares for each ground and kind of state."""
+    """Print the share of the possible gain of each selector for each ground and kind of state."""
     for ground, legs in sorted({(line["ground"], line["legs"]) for line in lines if "arms" in line}):
         found = complete([line for line in lines if (line["ground"], line["legs"]) == (ground, legs)], names)
         if len(found) < 2:

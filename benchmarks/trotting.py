@@ -29,7 +29,7 @@ SETTLED_S = 2.0
 
 
 class Watched(NamedTuple):
-    """Figures of one trot."""
+    """Figures of one trot: errors of the estimates and what the stability service published."""
 
     speed: float  # m/s, true, forward, mean
     velocity: float  # m/s, error of the published velocity, rms

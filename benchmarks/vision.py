@@ -95,7 +95,7 @@ def blur(
 
 
 def shares(found: list[MatchCount]) -> tuple[float, float, float, float]:
-    """Return the share of matched landmarks with its interval, and the mean number in view."""
+    """Return the share of the landmarks in view that were matched, its 95 % interval, and the mean number in view."""
     k, n = sum(each.matched for each in found), sum(each.in_view for each in found)
     return (share(found), *wilson(min(k, n), max(1, n)), n / max(1, len(found)))
 
@@ -221,7 +221,10 @@ FAULTS: dict[str, tuple[Fault, ...]] = {
 
 
 def dirty(pixels: Greys) -> Greys:
-    """Return an image through a lens whose right half is smeared (an eighth of the width) and takes half the light."""
+    """Return greys (h, w) as through a lens whose right half is smeared and takes half the light.
+
+    It is smeared over an eighth of the width.
+    """
     half, width = pixels.shape[1] // 2, pixels.shape[1] // 16
     sums = np.cumsum(np.pad(pixels[:, half:].astype(np.float64), ((0, 0), (width, width)), mode="edge"), axis=1)
     smeared = (sums[:, 2 * width :] - sums[:, : -2 * width]) / (2.0 * width)
@@ -229,7 +232,7 @@ def dirty(pixels: Greys) -> Greys:
 
 
 def torn(pixels: Greys) -> Greys:
-    """Return an image whose bands of rows, a sixth of it each, came in another order."""
+    """Return greys (h, w) whose bands of rows, a sixth of the image each, came in another order."""
     return np.vstack([np.array_split(pixels, 6)[i] for i in (3, 0, 5, 2, 1, 4)])
 
 
@@ -251,7 +254,7 @@ def spoilt(images: Iterable[TakenAt | None], case: str, begin: int) -> Iterable[
 
 
 class BlindRun(NamedTuple):
-    """One run of a blind case."""
+    """Result of one recorded walk with a camera that sees nothing useful."""
 
     wrong: int
     """Published poses that are certain and wrong."""

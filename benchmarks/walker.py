@@ -95,13 +95,13 @@ class Loop:
         return (self.world.checkpoint(), *parts, self.pending)
 
     def back(self, saved: tuple[Any, ...]) -> None:
-        """Return to a saved state."""
+        """Restore the whole state that `saved` returned earlier."""
         self.world.restore(saved[0])
         self.estimator, self.walker.state, self.walker.params = copy.deepcopy(saved[1:4])
         self.pending = saved[4].copy()
 
     def stand(self) -> None:
-        """Wait for the calibrated stance."""
+        """Run control ticks until the robot stands and its estimator is calibrated."""
         while self.tick().state != "standing" or self.walker.state.clock < 50:
             if self.world.tick > 800:
                 raise RuntimeError("the robot does not stand")
@@ -209,12 +209,12 @@ class Done(NamedTuple):
 
 
 class Fell(Exception):
-    """The robot has fallen."""
+    """Raised when the simulated robot has fallen."""
 
 
 @dataclass
 class Chain:
-    """A robot that carries out one action after the other."""
+    """A robot that carries out one action after the other, with the present one and the largest tilt in it, rad."""
 
     robot: Loop
     last: str = "stand"
@@ -258,7 +258,7 @@ class Chain:
             self.command(following)
 
     def command(self, action: str) -> None:
-        """Command the next action."""
+        """Command the next action from the walker."""
         self.robot.walker.command(MotionCommand("stop") if action == "stand" else ACTIONS[action])
 
 

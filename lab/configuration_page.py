@@ -45,7 +45,7 @@ _SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
 def page() -> str:
-    """Return the page as Markdown."""
+    """Return the page docs/configuration.md as Markdown: every parameter of every service."""
     used, parts = _used(), [_HEAD]
     for service in own_service_names():
         kind = service_class(service).Config

@@ -132,25 +132,25 @@ def _p(result: Any) -> float:
 
 
 def ratio(a: Array, b: Array, rng: np.random.Generator | None = None) -> Ranged:
-    """Return the ratio of the means of paired values, mean(a) / mean(b), with its bootstrap interval.
+    """Return the ratio of the means of paired values, mean(a) / mean(b), no unit, with its 95 % bootstrap interval.
 
     Pairs are resampled together (Efron 1979, percentile method).
 
     Args:
-        a: numerator by seed, (n,).
-        b: denominator of the same seeds, (n,).
+        a: numerator by seed, (n,), any unit.
+        b: denominator of the same seeds, (n,), same unit.
         rng: source of the resampling; None = a generator with seed 0.
     """
     return mean_ratio([(a, b)], rng)
 
 
 def mean_ratio(pairs: Sequence[tuple[Array, Array]], rng: np.random.Generator | None = None) -> Ranged:
-    """Return the mean over groups of the ratios of means, with its bootstrap interval.
+    """Return the mean over groups of the ratios of means, no unit, with its 95 % bootstrap interval.
 
     Seeds are resampled inside each group.
 
     Args:
-        pairs: numerators and denominators of each group, (n,) each.
+        pairs: numerators and denominators of each group, (n,) each, same unit.
         rng: source of the resampling; None = a generator with seed 0.
     """
     rng = np.random.default_rng(0) if rng is None else rng

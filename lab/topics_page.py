@@ -28,7 +28,7 @@ default.
 
 
 def page() -> str:
-    """Return the page as Markdown."""
+    """Return the page docs/topics.md as Markdown: every topic and query."""
     topics = table(
         ("key", "message", "kind", "rate, Hz", "owner", "in run hash", "what it is"),
         ((f"`{t.key}`", t.model.__name__, t.kind.value, rate(t), t.owner, _yes(t.deterministic), summary(t.model))
@@ -43,7 +43,7 @@ def page() -> str:
 
 
 def rate(topic: Topic[Any]) -> str:
-    """Return the rate of a topic in Hz, `event` where it has no period."""
+    """Return the rate of a topic in Hz as text, `event` where it has no period."""
     if topic.rate_hz == 0.0:
         return "event"
     if topic.wall_period_s:

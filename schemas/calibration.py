@@ -30,7 +30,7 @@ class CalibrationPose(Request):
 
 
 class CalibrateRequest(Request):
-    """Finds the factors by which published torques have to be multiplied (4.7): a job, or from poses at once."""
+    """Finds the factors that correct published torques (Walas & Belter 4.7): a job, or from poses at once."""
 
     action: Literal["fit", "start", "status", "finish", "cancel"] = Field(
         description="fit: from the poses given; start: collect poses from now on, whenever the robot rests in a new "

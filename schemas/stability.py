@@ -175,7 +175,7 @@ class Doubt(Request):
 
 
 class CheckRequest(RegionFields):
-    """Asks whether the robot stands, and still stands after its trunk has moved over its feet (4.3, 4.6)."""
+    """Asks whether the robot stands, and still does after its trunk moved over its feet (Walas & Belter 4.3, 4.6)."""
 
     schema_version: ClassVar[str] = "1.4"
     com: Vec2 | None = Field(

@@ -20,13 +20,13 @@ def array(
     value: Any, field: str, shape: Sequence[int | str], unit: str = "", *,
     low: float = -math.inf, high: float = math.inf, nan: bool = False, inf: bool = False,
 ) -> Array:  # fmt: skip
-    """Return a checked copy of an array argument, float64 in C order.
+    """Return a checked copy of an array argument, of the expected shape, in `unit`, float64 in C order.
 
     Args:
         value: anything that numpy makes an array of numbers of; nothing is reshaped.
         field: name of the argument.
         shape: expected length of each dimension; a letter stands for any length, the same letter for the same one.
-        unit: of the values.
+        unit: of the values, as a refusal quotes it; empty = none.
         low, high: allowed values, both included.
         nan: NaN is allowed, and stands for unknown.
         inf: +inf is allowed, and stands for unlimited.

@@ -47,5 +47,5 @@ class Background:
         return found
 
     def stop(self) -> None:
-        """End the thread; requests that wait are cancelled."""
+        """End the thread; requests that still wait are cancelled."""
         self._pool.shutdown(wait=False, cancel_futures=True)

@@ -49,5 +49,15 @@ class AsyncClient:
 
 
 async def connect_async(robot: str = "ragno", endpoint: str | None = None, fleet: str = "surefoot") -> AsyncClient:
-    """Join the network from a program on `asyncio`; see `connect`."""
+    """Join the network as a client from a program on `asyncio`.
+
+    Args:
+        robot: second part of the keys' prefix.
+        endpoint: of the router; None = SUREFOOT_CONNECT, else SUREFOOT_LISTEN, else ``tcp/127.0.0.1:7447``.
+        fleet: first part of the keys' prefix.
+
+    Raises:
+        BusError: no router answers.
+        ConfigError: the value given is no endpoint.
+    """
     return AsyncClient(await asyncio.to_thread(connect, robot, endpoint, fleet))

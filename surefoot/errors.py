@@ -16,7 +16,7 @@ class SurefootError(Exception):
         self.field = field
 
     def reply(self) -> "ErrorReply":
-        """Return the error as a reply on the wire."""
+        """Return the error as the message with which a query is refused on the wire."""
         from surefoot.schemas.base import ErrorReply  # here: whoever only raises needs no models
 
         return ErrorReply(code=self.code, message=self.message[:2000], field=self.field)

@@ -70,7 +70,13 @@ class StrictEstimator(Estimator):
             raise
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take the feet: position (L, 3) m and rot (L, 3, 3), IMU axes, contact (L,); see `Estimator.feet`.
+        """Take the feet as logs have them, and raise an error if the sample is refused.
+
+        Args:
+            stamp_ns: their time, ns.
+            position: foot centres, (L, 3) m, IMU axes.
+            rot: rot_imu_from_foot, (L, 3, 3).
+            contact: flag or probability of each foot, (L,), or of each switch, (L, S); None = no sensor.
 
         Raises:
             FieldError: they are refused.
@@ -78,7 +84,13 @@ class StrictEstimator(Estimator):
         return _accepted("feet", super().feet(whole(stamp_ns, "stamp_ns", "ns"), position, rot, contact), position)
 
     def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
-        """Take a sample from elsewhere as `Estimator.external` (raises FieldError: it is refused)."""
+        """Take a pose, heading or velocity of another source, such as a camera, and raise an error if it is refused.
+
+        `stamp_ns`: time at which it holds, ns.
+
+        Raises:
+            FieldError: it is refused.
+        """
         instance(sample, "external", ExternalSample, "an ExternalSample")
         return _accepted("external", super().external(whole(stamp_ns, "stamp_ns", "ns"), sample), sample)
 

@@ -74,7 +74,7 @@ def names(kind: str, suffix: str) -> tuple[str, ...]:
 
 
 def find(kind: str, name: str, suffix: str, error: type[FileError]) -> Path:
-    """Return the file for a path or for a bare name such as `ragno`."""
+    """Return the file for a path or for a bare name such as `ragno`, of a kind such as `compose`; raises `error`."""
     path = Path(name)
     if path.suffix == suffix or len(path.parts) > 1:
         return path

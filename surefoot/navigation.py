@@ -41,7 +41,7 @@ class PoseFilter:
     """Unscented filter of a pose by motions and by landmarks seen in range and bearing.
 
     Args:
-        pose: believed pose, (3,).
+        pose: believed pose, x and y in m and heading in rad, frame map, (3,).
         covariance: its covariance, (3, 3) in m and rad; None = 5 cm and 5 degrees.
 
     Raises:

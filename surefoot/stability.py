@@ -98,6 +98,8 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
 def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
     """Return the margin after each contact alone is lifted, (n,) m; NaN: there is no region or no edge then.
 
+    `com`: place of the centre of mass, (2,) m; (3,) is taken without its height.
+
     Raises:
         FieldError: an argument that cannot be used.
     """

@@ -23,7 +23,7 @@ class ComparedRow(NamedTuple):
 
 
 def compare(a: Path | ReadableRecording, b: Path, at_s: float) -> list[ComparedRow]:
-    """Return what the two runs come to after `at_s` s of simulated time.
+    """Return the results of two runs after `at_s` s of simulated time, one row per quantity.
 
     Of a recording that is cut off or damaged, both up to its first loss.
     """

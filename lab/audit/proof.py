@@ -18,13 +18,24 @@ EXACT = 1e-6
 
 
 def tangential(vectors: Array, normals: Array) -> tuple[Array, Array]:
-    """Return the parts of vectors (n, 3) along unit normals (n, 3), (n,), and across them, their lengths (n,)."""
+    """Return the parts of vectors along unit normals, (n,), and the lengths of those across them, (n,), in their unit.
+
+    vectors, normals: (n, 3) each, same axes.
+    """
     along = (vectors * normals).sum(axis=1)
     return along, np.sqrt(((vectors - along[:, None] * normals) ** 2).sum(axis=1))
 
 
 def holds(points: Array, normals: Array, mu: float, forces: Array, com: Array) -> bool:
-    """Return whether contact forces (n, 3) prove that a robot on points (n, 3) m is held at ``com`` (2,) m."""
+    """Return True if contact forces prove that a robot on its contacts is held with its centre of mass at `com`.
+
+    Args:
+        points: contacts, (n, 3) m, z up.
+        normals: unit normals of the ground, (n, 3).
+        mu: friction coefficient.
+        forces: of the ground on the robot, (n, 3), in units of the weight.
+        com: x, y of the centre of mass, (2,) m.
+    """
     along, across = tangential(forces, normals)
     if (across > mu * along + EXACT).any():
         return False
@@ -34,7 +45,15 @@ def holds(points: Array, normals: Array, mu: float, forces: Array, com: Array) -
 
 
 def bounds(points: Array, normals: Array, mu: float, twist: Array, direction: Array) -> float:
-    """Return the h, m, for which a twist (v_x, v_y, v_z, w_z) proves a'c <= h along a unit a (2,); inf: no proof."""
+    """Return the h, m, for which a twist proves that the CoM c of a robot that stands has a'c <= h; inf: no proof.
+
+    Args:
+        points: contacts, (n, 3) m, z up.
+        normals: unit normals of the ground, (n, 3).
+        mu: friction coefficient.
+        twist: (v_x, v_y, v_z, w_z), (4,), v in m.
+        direction: unit vector a, (2,).
+    """
     spin = np.array([-direction[1], direction[0], twist[3]])
     along, across = tangential(twist[:3] + np.cross(spin, points), normals)
     return float(twist[2]) if (along >= mu * across - EXACT).all() else math.inf

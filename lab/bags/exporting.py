@@ -72,9 +72,10 @@ def export(
 
 
 def table_of(columns: Columns, robot: Robot) -> dict[str, NDArray[Any]]:
-    """Return named columns with a row per stamp: sensors under the names of `surefoot estimate`, and the estimate.
+    """Return named columns, (rows,) each, SI, with a row per stamp: sensors under the names of `surefoot estimate`.
 
-    NaN = the row has no such sample. Truth, where the recording has it, is that of base_link: `base_x` ...
+    Columns of the estimate follow. NaN = the row has no such sample. Truth, where the recording has it, is that of
+    base_link: `base_x` ...
     """
     joints, stance = columns["joints_stamp_ns"], columns["contacts_stamp_ns"]
     stamps = np.unique(np.concatenate([columns["stamp_ns"], joints]))

@@ -41,7 +41,7 @@ class Player(Driver[ServiceConfig]):
         self.fitted = log
 
     def release(self, tick: int) -> list[DueSample]:
-        """Return the samples of a tick."""
+        """Return the samples of the log that are due in a tick."""
         rows, log, intake = self.log_rows, self.fitted, self.intake
         while self.at < len(rows) and rows[self.at][0] - self.first_ns <= tick * TICK_NS:
             stamp, kind, row = rows[self.at]

@@ -49,7 +49,16 @@ class RawLog:
 
 
 def in_order(name: str, stream: Stream, sort: bool) -> Stream:
-    """Return a stream with rising stamps (raises SurefootError: stamps go back or jump)."""
+    """Return a stream with rising stamps.
+
+    Args:
+        name: of the stream, for errors.
+        stream: rows with their stamps.
+        sort: put rows whose stamps go back into order.
+
+    Raises:
+        SurefootError: there are no rows, all stamps are 0, they go back, or they jump ahead.
+    """
     stamps = stream.stamp_ns
     if not len(stamps):
         raise SurefootError("invalid", f"{name} has no messages", name)

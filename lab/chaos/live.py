@@ -176,7 +176,7 @@ class Chaos:
     # -- what is noticed -----------------------------------------------------------------------------------------------
 
     def sign(self, who: str, text: str) -> None:
-        """Record a sign of a participant; callable from any thread."""
+        """Record a sign of a participant, such as a lost token or a restart, with the present time; from any thread."""
         self._signs.append((time.monotonic(), who, text))
 
     def _on_log(self, message: Message) -> None:

@@ -78,7 +78,15 @@ def run_chaos(
 def drawn(
     scenario: Scenario, seed: int, events: int, kinds: tuple[Kind, ...] = (), ticks: int | None = None
 ) -> tuple[ChaosEvent, ...]:
-    """Return the events of a seed; arguments as of `run_chaos`."""
+    """Return the events that a seed draws for a scenario.
+
+    Args:
+        scenario: its services may be hit.
+        seed: of the events.
+        events: how many.
+        kinds: to draw from; empty = those that the seed leaves on.
+        ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
+    """
     hit = ("driver", *(name for name in _members(scenario) if name not in SAFE))
     return draw_events(MEMORY, seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
 
@@ -97,7 +105,8 @@ def suffer(
         scenario: what to do.
         events: what happens.
         seed: of the random parts of the events.
-        paced, progress: as of `run_chaos`.
+        paced: time goes on in real time when a service is missing; else it waits (lockstep).
+        progress: gets the share of the longest time of the run that has passed.
     """
     run = _conduct(scenario, events, seed, paced=paced, progress=progress)
     spoilt_only = not paced and bool(events) and {event.kind for event in events} <= set(MESSAGES)

@@ -115,7 +115,14 @@ def _smaller(event: ChaosEvent) -> list[ChaosEvent]:
 
 
 def shrink_run(scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool) -> Shrunk:
-    """Shrink a failing run of a scenario in one process; arguments as of `suffer`."""
+    """Return a failing run of a scenario in one process with as few and small events as still make it fail.
+
+    Args:
+        scenario: what was done.
+        events: of the failing run.
+        seed: of the random parts of the events.
+        paced: time goes on in real time when a service is missing; else it waits (lockstep).
+    """
     return shrink(events, lambda some: next(iter(suffer(scenario, some, seed, paced=paced).violations), ""))
 
 
@@ -125,10 +132,10 @@ def as_test(text: str, name: str, drawn: int, found: Shrunk, seed: int, *, paced
     Args:
         text: of the scenario file.
         name: of the scenario.
-        drawn: events of the run before it was shrunk.
+        drawn: number of events of the run before it was shrunk.
         found: what is left.
-        seed: as of `shrink_run`.
-        paced: as of `run_chaos`.
+        seed: of the random parts of the events.
+        paced: time went on in real time when a service was missing; else it waited (lockstep).
     """
     events = "\n".join(f"    {event!r}," for event in found.events)
     named = re.sub(r"\W", "_", f"{name}_survives_seed_{seed}")

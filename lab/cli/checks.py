@@ -22,7 +22,7 @@ SOON_DAYS = 30  # a certificate that ends within so many days is named
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One line of the table."""
+    """Result of one check of this machine: grade, what was checked, what was found, and the remedy."""
 
     grade: Grade
     what: str
@@ -31,7 +31,7 @@ class Diagnosis:
 
 
 def examine() -> list[Diagnosis]:
-    """Run all checks, quick ones first."""
+    """Return the results of all checks of this machine, quick ones first."""
     findings: list[Diagnosis] = []
     for check in CHECKS:
         try:

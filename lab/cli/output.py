@@ -61,13 +61,13 @@ def use_json(wanted: bool) -> bool:
 
 
 def write(text: str) -> None:
-    """Write one line to the output."""
+    """Write one line to the standard output."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
 
 def notify(text: str, level: str = "info") -> None:
-    """Write one line for people beside the output."""
+    """Write one line for people, not for programs, to the error output."""
     if state.log:
         from surefoot.logline import log_line
 

@@ -39,7 +39,10 @@ class Stopped(NamedTuple):
 
 
 def stop_all(systems: Sequence[RunningSystem], reason: str, timeout_s: float) -> list[Stopped]:
-    """Stop systems side by side."""
+    """Stop systems side by side; return the result for each.
+
+    `reason`: shown in logs and reports; `timeout_s`: longest wait for a driver's confirmation, s.
+    """
     found: dict[int, Stopped] = {}
     began = time.monotonic()
 

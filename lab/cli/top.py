@@ -81,7 +81,7 @@ def _share(ordered: Sequence[float], share: float) -> float:
 
 
 def watch(robot: "Client", traffic: Traffic) -> None:
-    """Read every topic that is not a family of services."""
+    """Subscribe to every topic of a robot but the families of services, and count its messages in `traffic`."""
     for topic in TOPICS:
         if not topic.key.endswith("*"):
             robot.bus.subscribe(topic, traffic.note, bounded=True)

@@ -36,7 +36,7 @@ def view(
 
 
 def view_system(shown: ShownSystem, port: int | None = None, duration_s: float = 0.0) -> None:
-    """Serve the page of a system until Ctrl-C, or for so long."""
+    """Serve the page of a system in the browser until Ctrl-C, or for `duration_s` s; 0 = no end."""
     from ..view.live import LiveFrames
     from ..view.page import live_page
     from ..view.server import ViewServer

@@ -41,7 +41,13 @@ class ShownSystem(NamedTuple):
 
 @contextmanager
 def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: float = 0.0) -> Iterator[ShownSystem]:
-    """Join the system that is meant, at the latest after so much wall time.
+    """Join the system that is meant, at the latest after `wait_s` s of wall time, and yield it for a view.
+
+    Args:
+        connect: endpoint of its router; None = the system that runs here.
+        namespace: prefix of its keys; None = that of the system.
+        robot: name or folder of the robot; None = that of the system.
+        wait_s: longest wait for an answer, s.
 
     Raises:
         BusError: no system answers.
@@ -82,14 +88,14 @@ def tunnel(port: int, environ: Mapping[str, str]) -> str:
 
 
 def until(duration_s: float) -> None:
-    """Wait for Ctrl-C, or for so much wall time."""
+    """Wait for Ctrl-C, or for `duration_s` s of wall time; 0 = no end."""
     end = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
     while (left := end - time.monotonic()) > 0.0:
         time.sleep(min(0.5, left))
 
 
 def remark(text: str) -> None:
-    """Write one line for people beside the output."""
+    """Write one line for people, not for programs, to the error output."""
     notify(f"surefoot: {text}")
 
 

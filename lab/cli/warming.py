@@ -37,7 +37,7 @@ ORDER = ("estimator", "stability", "walker", "footholds", "simulator")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One service with one robot; of a whole system all its services, by spaces."""
+    """Compilation of the kernels of one service with one robot, or of all services of a system, separated by spaces."""
 
     service: str
     robot: str
@@ -71,7 +71,7 @@ class Warmed:
     """Files that keep the kernels, each with the hash of the sources that it holds."""
 
     def row(self) -> dict[str, Any]:
-        """Return what a table shows."""
+        """Return the result as a row of the table that `surefoot warm` prints."""
         return {name: value for name, value in asdict(self).items() if name != "files"}
 
 

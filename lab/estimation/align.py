@@ -191,8 +191,8 @@ def correlations(a: Array, b: Array, most: int) -> Array:
     """Return the sums of a_i(t) b_j(t + lag) over the common rows for lags of -most to most, (2 most + 1, 3, 3).
 
     Args:
-        a: (n, 3).
-        b: (n, 3).
+        a: (n, 3), any unit.
+        b: (n, 3), any unit; the sums are in the product of both.
         most: largest lag, rows, less than n.
     """
     size = 2 ** int(np.ceil(np.log2(len(a) + most + 1)))  # so that no lag wraps around

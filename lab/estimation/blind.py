@@ -12,7 +12,7 @@ STARTS = 200
 
 
 def blind_error(log: Log, seconds: float) -> float:
-    """Return the rms error of the velocity after dead reckoning for so long, m/s.
+    """Return the rms error of the velocity after dead reckoning by the inertial unit for `seconds` s, m/s.
 
     It begins with the true attitude and velocity, by samples whose mean error is taken out: only their noise is left.
     No estimate without the feet of that time can do better than this beside its error before.

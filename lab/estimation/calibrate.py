@@ -112,7 +112,13 @@ class LegCalibration:
 
 
 class StanceProblem:
-    """Residuals of a log as functions of its unknowns."""
+    """Places of standing feet by the inertial unit as functions of the unknowns theta of a log.
+
+    Args:
+        log: with feet.
+        unknowns: parameters, in the order of theta.
+        windows: most windows of the log that are used.
+    """
 
     def __init__(self, log: Log, unknowns: Sequence[Unknown], windows: int = WINDOWS) -> None:
         self.log, self.unknowns, self.windows = log, unknowns, stance_windows(log, windows)
@@ -134,7 +140,11 @@ class StanceProblem:
         return stances(self.log)[self._rows]
 
     def residuals(self, theta: Array) -> list[Array]:
-        """Return R f + p of each window without the roll of round feet, (N, 3) m, frame, falling motion taken out."""
+        """Return the places R f + p of the standing feet in each window, averaged over blocks, (N, 3) m each.
+
+        R and p are attitude and place of the IMU by its own samples in a frame that falls and does not turn, f is the
+        foot in IMU axes; the roll of round feet is taken off. `theta`: value of each unknown, (P,), in its unit.
+        """
         model, log = self._model, self.log
         path = self._integrated(model.values(theta, "gyro bias", 3), model.values(theta, "acc bias", 3))
         t = 1e-9 * (log.foot_ns[self._rows] - log.stamp_ns[0]) + model.values(theta, "offset", 1)[0]
@@ -158,7 +168,10 @@ class StanceProblem:
         return self._path[1]
 
     def noise_sizes(self, theta: Array) -> list[Array]:
-        """Return `LegModel.noise_size` at the samples of each window, (N,)."""
+        """Return the logarithm, up to a constant, of the size of the noise of the feet in each window, (N,) each.
+
+        `theta`: value of each unknown, (P,), in its unit.
+        """
         size = self._model.noise_size(theta, self._rows)
         return [w.averaged(size[part, w.foot]) for w, part in zip(self.windows, self._parts, strict=True)]
 

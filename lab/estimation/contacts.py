@@ -23,7 +23,10 @@ UP_S = 0.5
 
 
 def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
-    """Return contacts (m, F) of forces (m, F): from `on` on, until the force is below `off`; thresholds also (F,)."""
+    """Return contacts (m, F) of forces (m, F), N: from `on` N on, until the force is below `off` N.
+
+    The thresholds may differ from foot to foot, (F,) N.
+    """
     out = np.zeros(force.shape, dtype=np.bool_)
     now = np.zeros(force.shape[1], dtype=np.bool_)
     for k, row in enumerate(force):

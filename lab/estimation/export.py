@@ -24,7 +24,7 @@ def save_npz(log: Log, path: Path) -> Path:
 
 
 def save_csv(log: Log, path: Path, separator: str = ",") -> Path:
-    """Write a log as CSV, a row per stamp of either kind; cells of the other kind stay empty."""
+    """Write a log as CSV, a row per stamp of inertial rows and foot samples; absent values are empty cells."""
     feet = range(log.feet_count)
     names = ["t", *(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
     kinematic = [f"foot{f}_{part}" for f in feet for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]

@@ -24,7 +24,7 @@ LONGEST_DELAY_S = 0.4
 
 
 class Externals(NamedTuple):
-    """Samples from elsewhere, e of them, in the order of their stamps."""
+    """Samples of other sources, such as a camera, e of them, in the order of their stamps."""
 
     stamp_ns: Ints  # (e,) time at which they hold
     arrival_ns: Ints  # (e,) time at which they are known
@@ -32,10 +32,10 @@ class Externals(NamedTuple):
 
 
 def externals_of(columns: Columns, rot_base_from_imu: Array, notes: list[str]) -> Externals | None:
-    """Return the samples from elsewhere of a log, None if there are none.
+    """Return the samples of other sources, such as a camera, in a log; None if there are none.
 
     Args:
-        columns: of the log, with those that begin with `external_`.
+        columns: of the log, with those that begin with `external_`: positions (e, 3) m, headings (e,) rad and others.
         rot_base_from_imu: (3, 3); the heading of an orientation is that of base_link.
         notes: gets the number of samples, and of those that cannot be used.
 
@@ -82,7 +82,7 @@ def externals_of(columns: Columns, rot_base_from_imu: Array, notes: list[str]) -
 
 
 def released_externals(columns: Columns) -> tuple[Externals | None, Ints]:
-    """Return the samples from elsewhere of a recording that the service accepts, and the ticks of their release."""
+    """Return the samples of other sources in a recording that the service accepts, and the tick of each, (e,)."""
     if "external_row" not in columns:
         return None, np.empty(0, dtype=np.int64)
     parts: list[dict[str, Any]] = [

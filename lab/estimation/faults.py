@@ -11,14 +11,14 @@ from .log import Log
 
 
 def delayed(log: Log, seconds: float) -> Log:
-    """Return the log with every foot sample arriving so much after its stamp; the stamps are right."""
+    """Return the log with every foot sample arriving `seconds` s after its stamp; the stamps are right."""
     n, m = len(log.stamp_ns), len(log.foot_ns)
     at = np.concatenate([log.stamp_ns, log.foot_ns + round(seconds * 1e9)])
     return replace(log, order=np.lexsort((np.repeat([0, 1], [n, m]), at)))
 
 
 def shuffled(log: Log, seconds: float, seed: int) -> Log:
-    """Return the log with every input arriving up to so much after its stamp; the last second is in order."""
+    """Return the log with every input arriving up to `seconds` s after its stamp; the last second is in order."""
     n, m = len(log.stamp_ns), len(log.foot_ns)
     stamps = np.concatenate([log.stamp_ns, log.foot_ns])
     late = np.random.default_rng(seed).uniform(0.0, seconds * 1e9, size=n + m).astype(np.int64)
@@ -38,7 +38,7 @@ def with_losses(log: Log, share: float, seed: int, hole_s: float = 1.0) -> Log:
 
 
 def with_outliers(log: Log, share: float, size: float, seed: int) -> Log:
-    """Return the log with a share of the feet seen `size` m off, in any direction."""
+    """Return the log with a share (0 to 1) of the feet seen `size` m off, in any direction."""
     rng = np.random.default_rng(seed)
     m, feet = log.contact.shape
     off = rng.normal(size=(m, feet, 3))
@@ -49,7 +49,7 @@ def with_outliers(log: Log, share: float, size: float, seed: int) -> Log:
 
 
 def with_false_contacts(log: Log, share: float, seconds: float, seed: int) -> Log:
-    """Return the log with all switches of the foot closed for so long in a share of the swings."""
+    """Return the log with all switches of the foot closed for `seconds` s in a share (0 to 1) of the swings."""
     rng = np.random.default_rng(seed)
     contact = log.contact.copy()
     touch = None if log.touch is None else log.touch.copy()
@@ -68,7 +68,7 @@ def with_false_contacts(log: Log, share: float, seconds: float, seed: int) -> Lo
 
 
 def from_the_middle(log: Log, seconds: float) -> Log:
-    """Return the log from so long after its start on, without a standstill."""
+    """Return the log from `seconds` s after its start on, without a standstill."""
     first = int(np.searchsorted(log.seconds, seconds))
     begin = max(0.0, log.begin_s - seconds)
     cut = log.with_feet(log.foot_ns >= log.stamp_ns[first]).with_imu(np.arange(first, len(log.stamp_ns)))

@@ -84,7 +84,10 @@ def _numbers(key: str, value: Any) -> Array:
 
 
 def up_at(columns: Columns) -> Array:
-    """Return the direction of the mean specific force around each foot sample, (m, 3), axes of the IMU."""
+    """Return the direction of the mean specific force around each foot sample, (m, 3) unit vectors, axes of the IMU.
+
+    `columns`: of a log, with stamps, ns, and accelerometer, m/s^2.
+    """
     return mean_up(columns["stamp_ns"], np.asarray(columns["acc"], dtype=np.float64), columns["foot_stamp_ns"])
 
 
@@ -92,6 +95,7 @@ def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[
     """Return contacts (m, F) and switches (m, F, S), from the columns that show them.
 
     Args:
+        columns: of a log, with flags or forces of the feet.
         position: of the feet, (m, F, 3) m, IMU axes.
         given: statements on the feet; with `contact_on`, forces count more than flags.
         notes: gets what was assumed.
@@ -136,6 +140,7 @@ def shape(
 
     Args:
         given: statements on the feet.
+        columns: of the log.
         position: of the feet, (m, F, 3) m, IMU axes.
         rot: rot_imu_from_foot, (m, F, 3, 3).
         contact: (m, F).

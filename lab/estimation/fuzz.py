@@ -27,7 +27,11 @@ NOTHING = np.zeros(0, dtype=np.bool_)
 
 @dataclass
 class Inputs:
-    """Inputs of an estimator that arrive with one inertial row; corruptions change them."""
+    """Inputs of an estimator that arrive with one inertial row; corruptions change them.
+
+    They are the gyro w (3,) rad/s and the accelerometer q (3,) m/s^2 up to `stamp_ns`, IMU axes, and for each sample of
+    `feet` its stamp, ns, positions (F, 3) m, rotations (F, 3, 3) IMU from foot, and contacts (F,).
+    """
 
     stamp_ns: int
     w: Array
@@ -210,7 +214,7 @@ def inputs_of(log: Log, rows: range) -> Iterator[Inputs]:
 
 
 def feed(running: LogRunner, x: Inputs) -> None:
-    """Feed the inputs of one row."""
+    """Feed the inputs that arrive with one inertial row to an estimator."""
     if x.imu:
         running.imu(x.stamp_ns, x.w, x.q)
     for sample in x.feet:

@@ -50,14 +50,17 @@ class Unknown:
 
 
 class LegModel:
-    """Feet of a log as functions of its unknowns."""
+    """Feet of a log as functions of the values theta of its unknown parameters, such as lengths and joint zeros."""
 
     def __init__(self, log: Log, unknowns: Sequence[Unknown]) -> None:
         self.log, self._unknowns = log, unknowns
         self._mount = None if log.joints is None or log.robot is None else foot_mount(log.robot)
 
     def values(self, theta: Array, kind: str, count: int) -> Array:
-        """Return the values of one kind by their index, (count,); zero where there are none."""
+        """Return the values of one kind of parameter by their index, (count,), in its unit; zero where there are none.
+
+        `theta`: value of each unknown, (P,), in its unit; `kind`: as in `Unknown.kind`.
+        """
         out = np.zeros(count)
         for u, value in zip(self._unknowns, theta, strict=True):
             if u.kind == kind:
@@ -65,7 +68,10 @@ class LegModel:
         return out
 
     def feet(self, theta: Array, rows: Ints) -> tuple[Array, Array]:
-        """Return foot centres (k, F, 3) m and rot_imu_from_foot (k, F, 3, 3), IMU axes, at some samples (k,)."""
+        """Return foot centres (k, F, 3) m and rot_imu_from_foot (k, F, 3, 3), IMU axes, at the samples `rows` (k,).
+
+        `theta`: value of each unknown, (P,), in its unit.
+        """
         log = self.log
         if self._mount is None:
             share = 1.0 + self.values(theta, "length", log.feet_count)
@@ -76,7 +82,10 @@ class LegModel:
         return position @ turn.T + self.values(theta, "lever", 3), turn @ rot
 
     def noise_size(self, theta: Array, rows: Ints) -> Array:
-        """Return the logarithm of the size of the noise of the feet, up to a constant, (k, F)."""
+        """Return the logarithm of the size of the noise of the feet, up to a constant, (k, F), no unit.
+
+        `theta`: value of each unknown, (P,), in its unit; `rows`: foot samples, (k,).
+        """
         if self._mount is None:
             share = 1.0 + self.values(theta, "length", self.log.feet_count)
             return np.broadcast_to(np.log(share), (len(rows), self.log.feet_count))

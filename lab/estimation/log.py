@@ -42,7 +42,11 @@ class TrueMotion:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Inputs of an estimator: n inertial rows, m foot samples of F feet, K points and S switches per foot."""
+    """Inputs of an estimator: n inertial rows, m foot samples of F feet, K points and S switches per foot.
+
+    Vectors are in IMU axes, `rot_base_from_imu` (3, 3) turns them into those of base_link; `truth` is the true motion
+    at each row, None = unknown.
+    """
 
     name: str
     stamp_ns: Ints  # (n,) end of the interval that the row is the mean of
@@ -115,7 +119,7 @@ class Log:
 
     @property
     def rot(self) -> Array:
-        """True rot_world_from_imu, (n, 3, 3)."""
+        """True rot_world_from_imu at each inertial row, (n, 3, 3)."""
         return self.known().rot
 
     @property
@@ -147,9 +151,10 @@ class Log:
         return rows
 
     def arrival(self) -> Ints:
-        """Return the order of arrival, (n + m + e,): numbers of inertial rows, n + those of foot samples, then others.
+        """Return the order of arrival of all inputs, (n + m + e,) indices.
 
-        A sample of the feet or from elsewhere follows the first inertial row at or after its stamp or arrival.
+        Numbers are those of inertial rows, n + those of foot samples, n + m + those of samples of other sources. One of
+        the feet or of another source follows the first inertial row at or after its stamp or arrival.
         """
         if self.order is not None:
             return self.order
@@ -197,7 +202,7 @@ class Log:
 
 
 class Segments(NamedTuple):
-    """Time cut at every inertial row and every foot sample; filters that need no order of arrival walk along it."""
+    """Time of a log cut at every inertial row and foot sample; filters that need no order of arrival walk along it."""
 
     d: Array  # (s,) length, s
     row: Ints  # (s,) inertial row that is the mean over it

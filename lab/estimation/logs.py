@@ -37,7 +37,7 @@ EXACT_ROWS = 7
 
 @dataclass(frozen=True)
 class ForeignLog:
-    """One row of the table of logs."""
+    """One log recorded by others, as a row of a table: file, reader, and how its feet are to be taken."""
 
     name: str
     file: str

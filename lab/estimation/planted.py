@@ -61,7 +61,7 @@ def frozen(log: Log, at_s: float, feet: list[int]) -> Log:
 
 
 def misplaced(log: Log, at_s: float, foot: int, change: Callable[[Array, np.random.Generator], Array]) -> Log:
-    """Return the log with another position of a foot, (k, 3) m to (k, 3) m."""
+    """Return the log with another position of a foot from `at_s` s on; `change` maps (k, 3) m to (k, 3) m, IMU axes."""
     position, rows = log.foot_position.copy(), _since(log, at_s)
     position[rows, foot] = change(position[rows, foot], np.random.default_rng(foot))
     return replace(log, foot_position=position)
@@ -136,13 +136,13 @@ def first_altered(log: Log, bad: Log, at_s: float) -> float:
 
 
 def named(fault: str, foot: int, feet: int, found: Mapping[str, Ints]) -> tuple[Flags, Flags]:
-    """Return the rows in which a fault is named, and those in which a sensor is named that is not wrong, (n,) each.
+    """Return the rows, (n,) bool each, in which a fault is named, and in which a sensor is named that is sound.
 
     Args:
         fault: name in `PLANTED`.
-        foot: at fault.
+        foot: index of the foot at fault.
         feet: their number.
-        found: `Track.named`.
+        found: sensors that the estimator names at each row, (n,) each, bit f for foot f, by kind.
     """
     own, pair, every = 1 << foot, (1 << foot) | (1 << (foot ^ 1)), (1 << feet) - 1
     legs = {

@@ -26,9 +26,9 @@ def available(chosen: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def run(name: str, log: Log, options: Mapping[str, Any] | None = None) -> Track:
-    """Run one estimator over a log.
+    """Return the track of one estimator over a log.
 
-    Referees get round feet as points that rest.
+    Referees, estimators of others that ours is compared with, get round feet as points that rest.
 
     Args:
         name: one of `KNOWN`.

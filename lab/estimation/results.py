@@ -226,7 +226,7 @@ def _write_rows(file: TextIO, stamp_ns: Array, position: Array, quats: Array) ->
 
 
 class Scratch:
-    """A folder for the single files of a result, removed at the end."""
+    """Temporary folder for the single files of a result, removed at the end."""
 
     def __init__(self, beside: Path | None) -> None:
         self.path = Path(tempfile.mkdtemp(prefix=".estimates-", dir=beside))

@@ -49,7 +49,7 @@ class Score:
 
     @property
     def percent(self) -> float:
-        """Absolute error of the average, %."""
+        """Absolute error of the average velocity, % of the true one."""
         return 100.0 * abs(self.average)
 
 
@@ -85,7 +85,7 @@ def score(log: Log, found: Track, lengths: Sequence[float] = trajectory.LENGTHS_
 
 
 def velocity_error(log: Log, found: Track) -> Array:
-    """Return the error of the velocity, (n, 3) m/s, world axes, both over the window of the truth."""
+    """Return the error of the velocity of a track, (n, 3) m/s, world axes, as mean over the window of the truth."""
     truth = log.known()
     return over_window(np.einsum("nij,nj->ni", truth.rot, found.v), log.seconds, truth.window_s) - truth.v_world
 
@@ -139,7 +139,7 @@ def _pose_nees(log: Log, found: Track, rows: Flags, off: Array) -> dict[str, flo
 
 
 def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:
-    """Return the running mean of rows (n, 3) over so many seconds, where the window is whole."""
+    """Return the running mean of rows (n, 3), any unit, over `seconds` s, where the window is whole, (n - w + 1, 3)."""
     rows = max(1, round(seconds / float(np.median(np.diff(log.seconds)))))
     if len(error) < rows:
         return error.mean(axis=0, keepdims=True)
@@ -148,7 +148,7 @@ def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:
 
 
 def nees(error: Array, p: Array) -> Array:
-    """Return e^T P^-1 e of each row, (n,), of errors (n, 3) and covariances (n, 3, 3)."""
+    """Return e^T P^-1 e of each row, (n,), no unit, of errors e (n, 3) with covariances P (n, 3, 3), any unit."""
     return np.einsum("ni,ni->n", error, np.linalg.solve(p, error[..., None])[..., 0])
 
 
@@ -160,7 +160,7 @@ def tilt(log: Log, found: Track) -> Array:
 
 
 def base_pose(log: Log) -> tuple[Array, Array]:
-    """Return true position (n, 3) m, world, and heading (n,) rad of base_link."""
+    """Return true position (n, 3) m, world, and true heading (n,) rad of base_link at each inertial row of a log."""
     truth = log.known()
     base = np.einsum("nij,kj->nik", truth.rot, log.rot_base_from_imu)
     position = truth.position - np.einsum("nij,j->ni", base, log.imu_position)
@@ -168,7 +168,10 @@ def base_pose(log: Log) -> tuple[Array, Array]:
 
 
 def base_rot(log: Log, found: Track, rows: Flags | slice) -> Array:
-    """Return rot_odom_from_base (k, 3, 3) of some rows of a track: from its heading and its direction of gravity."""
+    """Return rot_odom_from_base at some rows of a track, (k, 3, 3), from its heading and its direction of gravity.
+
+    `rows`: k rows, by flag (n,) or slice.
+    """
     x, y, z = (found.g[rows] @ log.rot_base_from_imu.T).T
     angles = np.stack([np.asarray(found.yaw[rows]), np.arctan2(-x, np.hypot(y, z)), np.arctan2(y, z)], axis=1)
     return Rotation.from_euler("ZYX", angles).as_matrix()

@@ -75,7 +75,10 @@ def smooth(name: str, log: Log, **options: Any) -> Track:
 
 
 def mirrored(found: Track, known: Flags) -> Track:
-    """Return a track over a reversed log in the rows of the log; rows that are not `known` (n,) have not started."""
+    """Return a track over a reversed log in the rows of the log itself.
+
+    `known`: True for rows that the reversed log has, (n,); others count as not started.
+    """
     order = np.append(np.arange(len(known) - 2, -1, -1), 0)
     sign = np.repeat([1.0, -1.0, -1.0, 1.0], 3)
     flags = {flag: found.flags[flag][order] & known for flag in FLAGS}
@@ -102,7 +105,7 @@ def _state(found: Track) -> Array:
 
 
 def fused(log: Log, ahead: Track, back: Track) -> Track:
-    """Return the track of a log, forward and backward estimates fused by their covariances."""
+    """Return the track of a log whose forward and backward estimates are fused by their covariances."""
     good = [one.flags["initialised"] & one.flags["filter_ok"] for one in (ahead, back)]
     none = ~(good[0] | good[1])
     used = [ok | (none & one.flags["initialised"]) for ok, one in zip(good, (ahead, back), strict=True)]

@@ -68,7 +68,7 @@ class StanceWindow:
     inflation: Array  # (N,) variance of its stance over the usual one
 
     def averaged(self, x: Array) -> Array:
-        """Return the means over blocks, (N, ...), of values of samples, (M, ...)."""
+        """Return the means over blocks, (N, ...), of values of the samples, (M, ...), in their unit."""
         sizes = np.diff(self.block, append=len(self.sample))
         return np.add.reduceat(x, self.block, axis=0) / sizes.reshape(-1, *(1,) * (x.ndim - 1))
 
@@ -87,7 +87,10 @@ class StanceWindow:
         return noise.creep**2 * self.inflation * self._pairs[0] + np.diag(noise.foot**2 * self.inflation)
 
     def whitener(self, noise: StanceNoise) -> Array:
-        """Return the matrix that leaves independent residuals, (N - free, N)."""
+        """Return the matrix that leaves independent residuals of unit variance, (N - free, N) 1/m.
+
+        The `free` unknowns of the window, velocity, gravity and place of each stance, are taken out.
+        """
         _, acc, gyro, free = self._pairs
         factor = np.linalg.cholesky(self.foot_covariance(noise) + noise.acc**2 * acc + noise.turn**2 * gyro)
         q, _ = np.linalg.qr(solve_triangular(factor, free, lower=True), mode="complete")
@@ -196,7 +199,10 @@ def _ahead(s: Array, w: Array, q: Array, rot: Array, v: Array, p: Array) -> tupl
 
 
 def stances(log: Log) -> Ints:
-    """Number the stances of each foot, (m, F); -1 where it does not stand, or has just landed or is about to lift."""
+    """Return the number of the stance of each foot at each sample, (m, F); -1 where there is none.
+
+    A foot has none in swing, just after it has landed, and just before it lifts.
+    """
     good = log.contact & np.isfinite(log.foot_position).all(axis=2) & np.isfinite(log.foot_rot).all(axis=(2, 3))
     out = np.full(log.contact.shape, -1, dtype=np.int64)
     count, trim = 0, int(1e9 * TRIM_S)
@@ -262,7 +268,7 @@ def find_noise(windows: list[StanceWindow], residuals: list[Array], start: Stanc
 
     Args:
         windows: of the log.
-        residuals: R f + p of each window, (N, 3) m.
+        residuals: places of the standing feet in each window, (N, 3) m, in a frame that falls and does not turn.
         start: first guess; its `turn` stays.
         sensor: noise of the accelerometer as it is known, m/s^1.5.
     """
@@ -291,7 +297,7 @@ def with_inflation(windows: list[StanceWindow], residuals: list[Array], noise: S
 
     Args:
         windows: of the log.
-        residuals: R f + p of each window, (N, 3) m.
+        residuals: places of the standing feet in each window, (N, 3) m, in a frame that falls and does not turn.
         noise: of stances that fit.
     """
     out: list[StanceWindow] = []

@@ -60,7 +60,7 @@ class Track:
 
 
 def track(name: str, log: Log, **options: Any) -> Track:
-    """Run one estimator over a log in the order of arrival.
+    """Return the track of one estimator over a log, whose inputs are taken in the order of arrival.
 
     Args:
         name: an estimator of the service or a referee (`PEERS`).
@@ -75,26 +75,26 @@ def track(name: str, log: Log, **options: Any) -> Track:
 
 
 def names() -> tuple[str, ...]:
-    """Names of the estimators of the service, then those of the referees."""
+    """Return the names of the estimators of the service, then those of the referees they are compared with."""
     return (*NAMES, *PEERS)
 
 
 def check_name(name: str) -> None:
-    """Check that there is an estimator of this name.
+    """Refuse a name that is no estimator's.
 
     Raises:
-        SurefootError: there is none; with those that are.
+        SurefootError: there is none of this name; its text lists the names.
     """
     choice(name, "estimator", names())
 
 
 def default() -> str:
-    """Name of the estimator that is used if none is named."""
+    """Return the name of the estimator that is used if none is named."""
     return BEST
 
 
 class LogRunner:
-    """Estimator of the service that is fed with a log."""
+    """Estimator of the service that is fed with the inputs of a log."""
 
     def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
         self.name, self.feet_count = name, log.feet_count
@@ -125,11 +125,18 @@ class LogRunner:
         )  # fmt: skip
 
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool = False) -> None:
-        """Feed an inertial sample: w (3,) rad/s, q (3,) m/s^2."""
+        """Feed an inertial sample: gyro w (3,) rad/s, accelerometer q (3,) m/s^2, IMU axes; `clipped`: at its limit."""
         self._estimator.imu(stamp_ns, w, q, clipped)
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Flags | Array) -> None:
-        """Feed a foot sample: positions (F, 3) m, rotations (F, 3, 3), contacts (F,)."""
+        """Feed a foot sample.
+
+        Args:
+            stamp_ns: time of the sample, ns.
+            position: foot centres, (F, 3) m, IMU axes.
+            rot: rot_imu_from_foot, (F, 3, 3).
+            contact: flag or probability of each foot, (F,), or at each of its S switches, (F, S).
+        """
         self._estimator.feet(stamp_ns, position, rot, contact)
 
     def estimate(self) -> VelocityAndTilt:
@@ -143,7 +150,8 @@ class LogRunner:
     def whole(self, log: Log, part: Ints, first: int, n: int) -> LogRows:
         """Feed inputs of a log to the filter `best` in one compiled loop; return n estimates from inertial row `first`.
 
-        `part`: inputs in the order of arrival, numbers of inertial rows, then all rows + those of foot samples.
+        `part`: inputs in the order of arrival, (k,) indices: numbers of inertial rows, then all rows + those of foot
+        samples.
         """
         clipped = np.zeros(len(log.stamp_ns), dtype=np.bool_) if log.saturated is None else log.saturated
         inputs = LogInputs(
@@ -281,7 +289,10 @@ def _reckoned(log: Log, first: int, at: Array, found: Track) -> tuple[Array, Tra
 
 
 def of_world(name: str, log: Log, found: PeerTrack) -> Track:
-    """Return the track of a referee, an estimator that ours is compared with, that gives poses of the IMU."""
+    """Return the track of a referee that gives poses of the IMU in the world.
+
+    A referee is an estimator of others that ours is compared with. `name`: of the referee; `log`: it ran over.
+    """
     v, g, p, x, rot = found
     n = len(v)
     base = np.einsum("nij,kj->nik", rot, log.rot_base_from_imu)

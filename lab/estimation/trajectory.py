@@ -46,7 +46,10 @@ def path_length(position: Array, seconds: Array) -> Array:
 
 
 def pairs_by_path(way: Array, lengths: Sequence[float] = LENGTHS_M) -> tuple[float, Pairs]:
-    """Return the first of some lengths, m, that fits into a way (n,) m, NaN = none, and pairs of rows so far apart."""
+    """Return the first of some lengths, m, that fits into a way (n,) m, NaN = none, and pairs of rows so far apart.
+
+    `way`: way so far at each row, (n,) m.
+    """
     total = float(way[-1])
     length = next((length for length in lengths if length <= total), float("nan"))
     begins = np.arange(0.0, total - length + 1e-9, length / STARTS) if length <= total else np.empty(0)
@@ -55,7 +58,7 @@ def pairs_by_path(way: Array, lengths: Sequence[float] = LENGTHS_M) -> tuple[flo
 
 
 def pairs_by_time(seconds: Array, apart: float = 1.0) -> Pairs:
-    """Return pairs of rows so many seconds apart; none if the times (n,) s do not reach so far."""
+    """Return pairs of rows `apart` s apart; none if the times (n,) s do not reach so far."""
     first = np.arange(0, len(seconds), max(1, len(seconds) // MOST_PAIRS))
     half = 0.5 * float(np.median(np.diff(seconds)))
     last = np.searchsorted(seconds, seconds[first] + apart - half)
@@ -80,7 +83,7 @@ def height_error(true: Poses, seen: Poses, pairs: Pairs) -> Array:
 
 
 def laid_over(position: Array, true: Array) -> Array:
-    """Return positions (n, 3) m turned about the vertical and moved to fit true ones (n, 3) m by least squares."""
+    """Return positions (n, 3) m turned about the vertical and moved to fit `true` (n, 3) m by least squares."""
     a, b = position - position.mean(axis=0), true - true.mean(axis=0)
     angle = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a[:, :2] * b[:, :2]))
     c, s = np.cos(angle), np.sin(angle)

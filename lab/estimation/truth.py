@@ -22,7 +22,7 @@ HELD_M, HELD_RAD = 0.005, 0.02
 
 
 def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
-    """Return the motion of the IMU if position and orientation are known, else None.
+    """Return the true motion of the IMU if position and orientation are known, else None.
 
     Args:
         columns: of the log; without `true_velocity` it is that of the positions, see `velocity_of`.
@@ -85,14 +85,14 @@ def held_rows(position: Array, rot: Array, seconds: Array, window_s: float) -> F
 
 
 def over_window(v: Array, seconds: Array, window_s: float) -> Array:
-    """Return velocities as the truth has them: the slope of a cubic fitted to the way over the window.
+    """Return velocities as the truth has them, (n, 3) m/s: the slope of a cubic fitted to the way over the window.
 
     A velocity by captured positions lacks what is faster than its window; an estimate that has it is no worse for that.
 
     Args:
         v: (n, 3) m/s, world.
-        seconds: times of the rows, (n,).
-        window_s: of the truth; one that is shorter than five rows leaves the velocities as they are.
+        seconds: times of the rows, (n,) s.
+        window_s: of the truth, s; one that is shorter than five rows leaves the velocities as they are.
     """
     period = float(np.median(np.diff(seconds))) if window_s > 0.0 and len(v) > 1 else 0.0
     if period == 0.0 or not 5 <= rows_of(window_s, period) <= len(v):
@@ -103,18 +103,19 @@ def over_window(v: Array, seconds: Array, window_s: float) -> Array:
 
 
 def rows_of(window_s: float, period: float) -> int:
-    """Return the rows of a window, odd: half of it before and after the middle."""
+    """Return the number of rows, odd, of a window of `window_s` s; `period`: time between two rows, s."""
     return 2 * round(0.5 * window_s / period) + 1
 
 
 def slopes(values: Array, rows: int, period: float) -> Array:
-    """Return the derivative of equidistant values by a cubic that is fitted to the rows around each (Savitzky, Golay).
+    """Return the derivative of equidistant values, (n, k), by a cubic that is fitted to the rows around each.
 
-    At both ends it is that of the first and of the last whole window. Own lines, because the import of scipy.signal
-    takes longer than everything else that `surefoot estimate` does with a short log.
+    The method is that of Savitzky and Golay; at both ends it is that of the first and of the last whole window. Own
+    lines, because the import of scipy.signal takes longer than everything else that `surefoot estimate` does with a
+    short log.
 
     Args:
-        values: (n, k).
+        values: (n, k), any unit; the derivative is in that unit per s.
         rows: of a window, odd, 5 to n.
         period: between two rows, s.
     """

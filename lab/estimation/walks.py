@@ -75,7 +75,7 @@ def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:
 
 
 def run_walk(scenario: Scenario, seed: int) -> tuple[Columns, str, bool]:
-    """Run a scenario in this process and read its recording."""
+    """Run a scenario in this process; return the columns of its recording, its robot, and whether its verdict is ok."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "walk.mcap"
         run = run_local(scenario, seed, recording=file)

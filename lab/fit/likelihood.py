@@ -129,7 +129,17 @@ def minus_log_likelihood(
 def minus_log_likelihoods(
     events: Array, actions: Array, start: Array, sd_start: Array, thetas: Array, height: float, fades: Array
 ) -> Array:
-    """Return -ln L of one run under each row of thetas, (m, PARAMETERS); shape (m,)."""
+    """Return -ln L of one run, nats, under each of m sets of parameters, (m,).
+
+    Args:
+        events: motions, frames and sightings of a recording, rows as in `Run.events`, (n, 6).
+        actions: forward (m), turn (rad) and group (`ON_THE_SPOT`, `STRAIGHT` or `ARC`) of each action, (A, 3).
+        start: x, y (m) and yaw (rad) at the start, (3,).
+        sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
+        thetas: parameters, SI, (m, PARAMETERS).
+        height: of the camera, m.
+        fades: time constants of tilt and sway, s, (2,); 0 = independent from frame to frame.
+    """
     out = np.empty(thetas.shape[0])
     for i in range(thetas.shape[0]):
         out[i] = minus_log_likelihood(events, actions, start, sd_start, thetas[i], height, fades)

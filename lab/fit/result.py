@@ -19,7 +19,7 @@ class Interval:
 
 @dataclass
 class Fitted:
-    """Numbers of a robot from recordings."""
+    """Numbers of a navigation model that were fitted to recordings of a robot."""
 
     values: dict[str, Interval] = field(default_factory=dict[str, Interval])
     """Numbers by dotted key of the model."""

@@ -51,7 +51,7 @@ class Parameter:
 
     @property
     def positive(self) -> bool:
-        """True if its logarithm is searched."""
+        """True if the parameter is positive and the search runs over its logarithm."""
         return self.bounds is None
 
 

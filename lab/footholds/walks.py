@@ -84,7 +84,11 @@ class ChosenStance:
 
 @dataclass(frozen=True)
 class WalkVerdict:
-    """Verdict on one walk over the ground of a seed."""
+    """Verdict on one walk over the ground of a seed.
+
+    It holds whether the robot reached the end or fell, state and reason of the gait, x and y of the trunk at the end,
+    m, the simulated time, s, and the number of steps and of finished stances.
+    """
 
     seed: int
     reached: bool
@@ -123,7 +127,7 @@ class _PendingChoice(NamedTuple):
 
 
 class StanceObserver:
-    """Follows the feet of a walk by truth."""
+    """Follows the feet of a simulated walk by the truth, and records each finished stance with its choice."""
 
     def __init__(self, world: PhysicsWorld) -> None:
         self.tilt = 0.0

@@ -136,7 +136,7 @@ def _pose_of(key: str, message: Any) -> tuple[float, float, float]:
 
 
 def camera_words(messages: Iterable[tuple[str, Any]]) -> str:
-    """Return the camera of the first image, in words."""
+    """Return what the first image states of its camera, in words."""
     image = next(message for key, message in messages if key == HW_IMAGE.key)
     return f"{image.width} x {image.height} px, focal length {image.focal:.1f} px"
 

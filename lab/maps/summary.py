@@ -31,7 +31,7 @@ class Summary:
 
 
 def summary_of(path: Path, radius: float = 0.15) -> Summary:
-    """Return the summary of a landmark map (`.npz`) or in a map_server map (its YAML).
+    """Return the summary of a landmark map (`.npz`) or of a map of a map_server (its YAML).
 
     Args:
         path: the file.

@@ -31,7 +31,7 @@ PLACE_SD, HUBER, ROUNDS = 0.01, 0.02, 5
 
 
 class FloorLook(NamedTuple):
-    """Features of one image, and the pose it was taken from."""
+    """Features of one image, their places and descriptors (n, bytes or numbers), and the pose it was taken from."""
 
     pose: tuple[float, float, float]
     """x, y in m and heading in rad."""
@@ -43,7 +43,9 @@ class FloorLook(NamedTuple):
 
 
 def tilts(places: Array, camera: tuple[float, float, float]) -> Array:
-    """Return how far points of the floor seem to move by a pitch and a roll of one radian, (n, 2, 2) m, columns P, Q.
+    """Return the movement of points of the floor in an image by a pitch and a roll of one radian, (n, 2, 2) m/rad.
+
+    The last axis is pitch, roll.
 
     Args:
         places: points, (n, 2) m.
@@ -55,7 +57,11 @@ def tilts(places: Array, camera: tuple[float, float, float]) -> Array:
 
 
 def effects(look: FloorLook, free: int = ALL) -> Array:
-    """Return the effect of p, q, f, g, s, u, v on the places of a look, (n, 2, 7); that of those beyond `free` is 0."""
+    """Return the derivative of the seen places of a look by seven errors of camera and floor, (n, 2, 7), m/rad or 1.
+
+    The errors are pitch p and roll q of the camera, lean f, g of the floor, turn aside s, shift u, v; columns beyond
+    `free` are 0.
+    """
     found, places = np.zeros((len(look.places), 2, ALL)), look.places
     found[:, :, :2] = tilts(places, look.camera)
     found[:, :, 2:4] = found[:, :, :2] @ turn_of(look.pose[2]).T
@@ -66,7 +72,7 @@ def effects(look: FloorLook, free: int = ALL) -> Array:
 
 
 def turn_of(heading: float) -> Array:
-    """Return the rotation from heading axes of base_link to the map, (2, 2), for a heading in rad."""
+    """Return rot_map_from_heading, (2, 2), the rotation from heading axes of base_link to the map; heading in rad."""
     c, s = math.cos(heading), math.sin(heading)
     return np.array([[c, -s], [s, c]])
 
@@ -79,7 +85,10 @@ def check_cameras(looks: list[FloorLook]) -> None:
 
 
 def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = ALL) -> Array:
-    """Return p, q, f, g, s, rad, and u, v, m, of a camera, (7,).
+    """Return the errors of a camera and of the floor that all images of a walk share, (7,).
+
+    They are pitch p and roll q of the camera, lean f, g of the floor about the axes of the map, turn aside s, rad, and
+    shift u, v, m.
 
     Args:
         looks: of a walk.
@@ -118,5 +127,8 @@ def _centred(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) 
 
 
 def set_right(looks: list[FloorLook], error: Array) -> list[FloorLook]:
-    """Return looks as a camera without errors (7,) has them."""
+    """Return the looks of a walk as a camera without errors sees them.
+
+    `error`: pitch, roll, lean of the floor (2), turn aside, rad, and shift (2), m, (7,).
+    """
     return [look._replace(places=look.places - effects(look) @ error) for look in looks]

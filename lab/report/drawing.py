@@ -60,7 +60,7 @@ def page_figure(height: float) -> Figure:
 
 
 def thinned(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return every k-th row of (n, c), so that fewer than twice `MAX_POINTS` are left."""
+    """Return every k-th row of rows (n, c), in their units, so that fewer than twice `MAX_POINTS` are left."""
     return rows[:: max(1, len(rows) // MAX_POINTS)]
 
 

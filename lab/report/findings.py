@@ -47,7 +47,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All of a paper.
+    """Result of reproducing a paper: a finding for each of its numbers, figures and notes.
 
     Attributes:
         title: what was reproduced.
@@ -85,7 +85,7 @@ def with_known(findings: Iterable[Finding], known: Mapping[str, str]) -> tuple[F
 
 
 def near(where: str, what: str, paper: float, ours: float, within: float, digits: int = 2) -> Finding:
-    """Return the finding of a number that must lie within so much of the paper's."""
+    """Return the finding of a number that must lie within `within` of the paper's, in the unit of the number."""
     ok = abs(ours - paper) <= within
     return Finding(where, what, f"{paper:.{digits}f}", f"{ours:.{digits}f}", ok, f"within {within:g}")
 

@@ -127,7 +127,7 @@ class RunVerdict:
         return "LIMITS MET" if any(row.ok for row in self.rows) else "NO VERDICT"
 
     def value(self, name: str) -> float | None:
-        """Return the value of a metric."""
+        """Return the value of a metric of `METRICS`, in its unit; None: the run has no data on it."""
         return next(row.value for row in self.rows if row.name == name)
 
 
@@ -227,9 +227,10 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
 
 
 def navigation(traces: Traces, truth: Array) -> dict[str, float]:
-    """Return how goals ended and how good the pose in the map was; nothing without a navigator.
+    """Return how goals ended and how good the pose in the map was, by name; nothing without a navigator.
 
-    `truth`: rows of `Traces.series`; errors in m, times in s.
+    Errors are in m, times in s. `truth`: a row per message, (n, 12): time s, position m and velocity m/s (3 each), yaw
+    and tilt rad, CoM m (3).
     """
     values: dict[str, float] = {}
     if traces.goals and len(truth):
@@ -249,7 +250,12 @@ def navigation(traces: Traces, truth: Array) -> dict[str, float]:
 
 
 def pose_error(truth: Array, belief: Array) -> tuple[Array, Array]:
-    """Return rows (time, error x, y in m, yaw in rad) of the pose in the map, (n, 4), and its covariances (n, 3, 3)."""
+    """Return rows (time s, error x, y in m, yaw in rad) of the pose in the map, (n, 4), and its covariances (n, 3, 3).
+
+    Args:
+        truth: a row per message: time s, position m and velocity m/s (3 each), yaw rad, and others.
+        belief: a row per message: time s, x, y m, yaw rad, their covariance (9), and others.
+    """
     if not len(truth) or not len(belief):
         return np.empty((0, 4)), np.empty((0, 3, 3))
     _, here, there = np.intersect1d(stamps(truth), stamps(belief), return_indices=True)
@@ -259,14 +265,18 @@ def pose_error(truth: Array, belief: Array) -> tuple[Array, Array]:
 
 
 def nees(error: Array, cov: Array) -> Array:
-    """Return the normalised estimation error squared e^T S^-1 e of errors (n, 3) with covariances (n, 3, 3)."""
+    """Return the normalised error squared e^T S^-1 e, (n,), no unit, of errors (n, 3) with covariances (n, 3, 3)."""
     return np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0])
 
 
 def since_ready(rows: Array, gait: Array) -> Array:
-    """Return the rows from the moment the walker is ready, all when there is none; both as in `Traces.series`.
+    """Return the rows from the moment the walker is ready on, (k, c), or all when there is none.
 
     A robot that was set down on rough ground rests on few feet until it has put down the others.
+
+    Args:
+        rows: time s first, then anything, (n, c).
+        gait: a row per message, (g, 6): time s, remaining, margin, steps, feet in stance, 1 = waiting.
     """
     if not len(rows) or not len(gait):
         return rows
@@ -275,20 +285,31 @@ def since_ready(rows: Array, gait: Array) -> Array:
 
 
 def distance(truth: Array) -> float:
-    """Return the way from start to end along the first heading, m; `truth` as in `Traces.series`."""
+    """Return the way from start to end along the first heading, m.
+
+    `truth`: a row per message, (n, 12): time s, position m and velocity m/s (3 each), yaw rad, and others.
+    """
     step = truth[-1, 1:3] - truth[0, 1:3]
     yaw = truth[0, 7]
     return float(step[0] * np.cos(yaw) + step[1] * np.sin(yaw))
 
 
 def path_length(truth: Array) -> float:
-    """Return the length of the horizontal path, m, in chords of 0.5 s without sway; `truth` as in `Traces.series`."""
+    """Return the length of the horizontal path, m, in chords of 0.5 s, which leave out the sway.
+
+    `truth`: a row per message, each 10 ms: time s, position (3) m, and others, (n, c).
+    """
     corners = truth[::50, 1:3]
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 
 def velocity_error(truth: Array, estimate: Array) -> Array:
-    """Return rows (time, error 3) of initialised velocity estimates against the truth of the same stamp, m/s."""
+    """Return rows (time s, error of the velocity x, y, z in m/s), (k, 4), base_link axes, of initialised estimates.
+
+    Args:
+        truth: a row per message: time s, position m and velocity m/s (3 each), and others.
+        estimate: a row per message: time s, velocity m/s (3), 1 = initialised, and others.
+    """
     if not len(truth) or not len(estimate):
         return np.empty((0, 4))
     valid = estimate[estimate[:, 4] > 0.5]
@@ -297,10 +318,14 @@ def velocity_error(truth: Array, estimate: Array) -> Array:
 
 
 def odometry_error(truth: Array, odometry: Array) -> Array:
-    """Return rows (time, horizontal distance m, heading error rad) between odometry and truth.
+    """Return rows (time s, horizontal distance m, heading error rad) between odometry and truth, (k, 3).
 
     Both are compared relative to the first initialised sample: where `odom` lies in the world is a matter of the
     start pose, not of the odometry.
+
+    Args:
+        truth: a row per message: time s, position m and velocity m/s (3 each), yaw rad, and others.
+        odometry: a row per message: time s, position m (3), yaw rad, deviations (2), 1 = initialised.
     """
     if not len(truth) or not len(odometry):
         return np.empty((0, 3))
@@ -329,7 +354,7 @@ def variants(traces: Traces) -> dict[str, float]:
 
 
 def rms(error: Array) -> float:
-    """Return the root of the mean squared length of vectors (n, d)."""
+    """Return the root of the mean squared length of vectors (n, d), in their unit."""
     return float(np.sqrt(np.square(error).sum(axis=1).mean()))
 
 

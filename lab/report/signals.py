@@ -56,7 +56,7 @@ class Signals:
         return TICK_S * np.array([row.get("tick", -1) for row in self.rows[key]], dtype=np.float64)
 
     def column(self, key: str, name: str) -> Array:
-        """Return a field of each message as numbers, (n, ...); what is null or absent is NaN, ragged rows are cut.
+        """Return a field of each message as numbers, (n, ...), in its unit; null or absent is NaN, ragged rows are cut.
 
         Raises:
             SurefootError: it holds other things than numbers.
@@ -131,7 +131,7 @@ def _jumps(s: Signals) -> str:
 
 
 def spans(times: Array, flags: NDArray[np.bool_], least_s: float) -> list[tuple[float, float]]:
-    """Return begin and end, s, of each stretch of true flags (n,) at times (n,) s that lasts at least so long."""
+    """Return begin and end, s, of each stretch of true flags (n,) at times (n,) s that lasts at least `least_s` s."""
     if not len(flags):
         return []
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))

@@ -55,7 +55,10 @@ class Mark:
 
 @dataclass(frozen=True)
 class DecisionTrace:
-    """A decision of the navigator: when (s), the action, why, and the value of each action that was allowed."""
+    """A decision of the navigator: when (s), the action, why, and the value of each action that was allowed.
+
+    Features of the decision: distance (m) and bearing (rad) of the goal, and entropy of the believed pose (nats).
+    """
 
     time: float
     action: str
@@ -68,7 +71,7 @@ class DecisionTrace:
 
 @dataclass(frozen=True)
 class GoalEnd:
-    """End of a goal: time (s), state, place (m), and the counts of the navigator."""
+    """End of a goal: time (s), state, place (x, y in the map, m), error, duration (s), recoveries."""
 
     time: float
     state: str

@@ -149,7 +149,16 @@ def _merge(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> None
 
 
 def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array) -> FootPoint | None:
-    """Return the foot at a limb's last segment: spheres, a named body or site, else the lowest end of a capsule."""
+    """Return the foot at the last segment of a limb, None if nothing can be one, in the axes of that segment.
+
+    It is made of spheres, a named body or site, else of the lowest end of a capsule.
+
+    Args:
+        model: compiled file.
+        segs: all segments.
+        tip: index of the limb's last segment.
+        angles: of all hinges, (njnt,) rad, by which the lowest end is found.
+    """
     data = mujoco.MjData(model)
     pose(model, data, angles)
     segment = segs[tip]

@@ -57,7 +57,17 @@ def differences(folder: Path) -> dict[str, float]:
 
 
 def witness(folder: Path) -> dict[str, float] | None:
-    """Return the largest differences from pinocchio's results, None where it is not installed."""
+    """Return the largest differences of an imported robot from pinocchio's model of its source, over random postures.
+
+    Args:
+        folder: of the robot, with its source.
+
+    Returns:
+        Difference by name of the quantity, which ends in its unit; None where pinocchio is not installed.
+
+    Raises:
+        RobotError: the folder cannot be read.
+    """
     if importlib.util.find_spec(WITNESS) is None:
         return None
     robot, notes, text = _read(folder)

@@ -9,10 +9,10 @@ from surefoot.robot.kinematics import forward
 
 
 def mass_matrix(robot: Robot, q: Array) -> Array:
-    """Return M(q) = sum m_i V_i' V_i + W_i' R_i I_i R_i' W_i, (6 + nj, 6 + nj), without the rotors of the servos.
+    """Return the mass matrix at joint angles q (nj,) rad, (6 + nj, 6 + nj), SI, without the rotors of the servos.
 
-    V_i and W_i are the Jacobians of the centre and of the turning of link i. Columns: velocity of the trunk's origin
-    and its angular rate in base_link, then the joints.
+    M(q) = sum m_i V_i' V_i + W_i' R_i I_i R_i' W_i; V_i and W_i are the Jacobians of the centre and of the turning of
+    link i. Columns: velocity of the trunk's origin and its angular rate in base_link, then the joints.
     """
     rot, pos = forward(robot.model, q)
     whole = np.zeros((6 + robot.nj, 6 + robot.nj))

@@ -49,7 +49,11 @@ def read_text(folder: Path, name: str) -> str:
 
 
 def read_notes(folder: Path) -> ImportNotes:
-    """Return the notes of an imported robot (raises RobotError: they cannot be used)."""
+    """Return the notes of an imported robot: its parts in the imported file, and what was found, assumed and missing.
+
+    Raises:
+        RobotError: they are not in the folder, or cannot be used.
+    """
     text = read_text(folder, FILE)
     try:
         content: Any = json.loads(text)

@@ -66,7 +66,7 @@ class Options:
 
 @dataclass(frozen=True)
 class RunProgress:
-    """RunProgress of a run: control ticks, simulated time (s), real-time factor so far, longest simulated time (s)."""
+    """Progress of a run: control ticks, simulated time (s), real-time factor so far, longest simulated time (s)."""
 
     ticks: int
     time: float
@@ -113,8 +113,18 @@ def run_scenario(
     show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> RunOutcome:
-    """Start the system of a scenario, conduct it, write the report and stop everything; arguments and errors as
-    `conduct`."""
+    """Start the system of a scenario, conduct it, check its limits, write the report and stop everything.
+
+    Args:
+        scenario: what to do.
+        options: of the run.
+        notify: gets messages of the system.
+        show: gets the progress.
+        meddle: makes the activity beside the run.
+
+    Raises:
+        BusError: the system could not be brought up. A run that stalls or is interrupted is reported, too.
+    """
     return conduct(scenario, system_of(scenario), options, notify, show, meddle)
 
 

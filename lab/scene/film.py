@@ -29,7 +29,7 @@ STYLE_NUMBERS = {name: number for number, name in enumerate(STYLES)}
 
 
 class Undecoded(Protocol):
-    """A message as it was recorded or kept."""
+    """A recorded message that is decoded only when it is needed."""
 
     @property
     def key(self) -> str:

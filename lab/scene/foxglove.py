@@ -39,7 +39,7 @@ class FoxgloveScene:
         self.again()
 
     def again(self) -> None:
-        """Publish with the next snapshot what lasts, too: somebody came who lacks it."""
+        """Publish lasting items with the next snapshot again, for a client that has just joined."""
         self._begun, self._marks = False, 0
         self._ground: DrawnGround | None = None
 

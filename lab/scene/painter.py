@@ -27,7 +27,7 @@ SHOWN = ("margin", "tilt", "speed")
 
 
 class Viewpoint(NamedTuple):
-    """Orthographic view: pixels per m, and the point of the world in the middle, m."""
+    """Orthographic view: pixels per m, the point of the world in the middle, (3,) m, and width and height in pixels."""
 
     scale: float
     target: Array
@@ -35,12 +35,12 @@ class Viewpoint(NamedTuple):
 
     @property
     def axes(self) -> Array:
-        """Directions to the right, up, and towards the viewer, world, (3, 3)."""
+        """Unit vectors to the right, up, and towards the viewer, by rows, world, (3, 3)."""
         (sa, ca), (se, ce) = ((math.sin(x), math.cos(x)) for x in (AZIMUTH, ELEVATION))
         return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
     def see(self, points: Array) -> Array:
-        """Return points (n, 3) m as pixels to the right and down, and their nearness, (n, 3)."""
+        """Return points (n, 3) m, world, as pixels to the right and down, and their nearness, px, (n, 3)."""
         seen = (points - self.target) @ self.axes.T
         middle = np.array([0.5 * self.size[0], 0.54 * self.size[1], 0.0])
         return middle + seen * [self.scale, -self.scale, self.scale]

@@ -41,7 +41,7 @@ class Primitives:
         return self.messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
 
     def pose(self, position: Array, rot: Array) -> Any:
-        """Return a pose of a place (3,) m and a rotation (3, 3)."""
+        """Return the Pose message of a place (3,) m and a rotation matrix (3, 3)."""
         return self.messages.Pose(position=self.vector(position), orientation=self.turn(rot))
 
     def turn(self, rot: Array) -> Any:
@@ -65,12 +65,12 @@ class Primitives:
         return self.messages.Color(r=red, g=green, b=blue, a=alpha)
 
     def sphere(self, place: Array, radius: float, colour: str) -> Any:
-        """Return a sphere of the library at a place (3,) m."""
+        """Return the sphere of a scene at a place (3,) m, with a radius, m, and a colour `#rrggbb`."""
         size = self.vector(np.full(3, 2.0 * radius))
         return self.messages.SpherePrimitive(pose=self.pose(place, np.eye(3)), size=size, color=self.colour(colour))
 
     def cylinder(self, begin: Array, end: Array, radius: float, colour: str) -> Any:
-        """Return a cylinder between two points (3,) m, of `radius` m."""
+        """Return the cylinder of a scene between two points (3,) m, of `radius` m and a colour `#rrggbb`."""
         length = float(np.linalg.norm(end - begin))
         size = self.vector(np.array([2.0 * radius, 2.0 * radius, length]))
         return self.messages.CylinderPrimitive(
@@ -163,7 +163,7 @@ class Primitives:
         )
 
     def cloud(self, places: Array, colours: list[str], frame: str, stamp_ns: int) -> Any:
-        """Return points (n, 3) m, each with its colour."""
+        """Return a point cloud of points (n, 3) m in `frame`, each with its colour `#rrggbb`."""
         m = self.messages
         kinds = m.PackedElementFieldNumericType
         packed = np.zeros(len(places), dtype=[("place", "<f4", 3), ("colour", "u1", 4)])

@@ -62,7 +62,7 @@ class Item(NamedTuple):
 
 
 class Lasting(NamedTuple):
-    """An item that stays from a time on, s."""
+    """An item of a scene that stays visible from a time on, s."""
 
     time: float
     item: Item

@@ -20,7 +20,7 @@ MOST_CELLS = 14_000
 
 
 class Limb(NamedTuple):
-    """A segment between two points, with a radius, m."""
+    """A segment between two points, by their indices, with a radius, m, and a colour."""
 
     begin: int
     end: int
@@ -29,7 +29,7 @@ class Limb(NamedTuple):
 
 
 class Ball(NamedTuple):
-    """A sphere about a point, with a radius, m."""
+    """A sphere about a point, by its index, with a radius, m, and a colour."""
 
     at: int
     radius: float
@@ -37,7 +37,7 @@ class Ball(NamedTuple):
 
 
 class Face(NamedTuple):
-    """A flat polygon through points, counter-clockwise seen from outside."""
+    """A flat polygon through points, by their indices, counter-clockwise seen from outside, with a colour."""
 
     corners: tuple[int, ...]
     colour: str

@@ -62,11 +62,11 @@ class SightKeeper:
     _belief: Any = None
 
     def image(self, message: Any) -> None:
-        """Take a message `hw/image`."""
+        """Keep the camera image of a message `hw/image`."""
         self._images.append(message)
 
     def believed(self, message: Any) -> None:
-        """Take a message `state/pose`."""
+        """Keep the believed pose of a message `state/pose`."""
         self._belief = message
 
     def moved(self, message: Any) -> None:
@@ -100,7 +100,7 @@ class SightKeeper:
 
 
 def in_image(places: Array, sight: SeenImage) -> Array:
-    """Return where an image shows points of the floor, heading axes of base_link, (n, 2) px."""
+    """Return where an image shows points of the floor, (n, 2) px; `places`: heading axes of base_link, (n, 2) m."""
     return view.in_image(sight.image, sight.base, Patch(), places)
 
 

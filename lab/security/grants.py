@@ -105,7 +105,7 @@ def areas(granted: Iterable[Grant]) -> tuple[str, ...]:
 
 
 def limits() -> dict[int, tuple[str, ...]]:
-    """Return the keys of each size limit, bytes of a payload."""
+    """Return the keys that share each limit on the size of a payload, by the limit in bytes."""
     found: dict[int, list[str]] = {MAX_FRAME_BYTES: [FRAME.format("*"), BATCH.format("*")]}
     rows: list[Topic[Any] | Query[Any, Any]] = [*topics.TOPICS, *topics.QUERIES]
     bulky = {row.key for row in rows if any(issubclass(model, (Bulk, BulkRequest)) for model in _models(row))}

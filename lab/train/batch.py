@@ -101,14 +101,17 @@ def _step(
 
 
 class EpisodeBatch:
-    """Episodes side by side.
+    """Simulated episodes of a navigating robot, side by side.
+
+    An observation is distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 = blocked.
 
     Args:
+        model: the robot.
         count: number of episodes at a time, 1 to 100000.
 
     Attributes:
-        observation: (count, OBSERVATION).
-        reward: reward of the last action, (count,).
+        observation: (count, 6).
+        reward: reward of the last action, (count,) s.
         terminated: true where the goal was reached, (count,).
         truncated: true where the time is out, (count,).
         mask: actions that are allowed, (count, A).
@@ -154,11 +157,23 @@ class EpisodeBatch:
         self._call(only_renew=True)
 
     def act(self, chosen: Ints) -> None:
-        """Do one action, by number, in each of the n episodes, (n,)."""
+        """Do one action in each of the n episodes; `chosen`: index of the action, (n,).
+
+        Raises:
+            SurefootError: another number of actions, or one that the model does not have.
+        """
         self.step(chosen, np.zeros(self.count, dtype=np.bool_))
 
     def step(self, chosen: Ints, renew: Flags) -> None:
-        """Do one action (n,) in each episode, or begin a new one where `renew` (n,) is true."""
+        """Do one action in each of the n episodes, or begin a new one instead.
+
+        Args:
+            chosen: index of the action, (n,).
+            renew: True where a new episode begins, (n,).
+
+        Raises:
+            SurefootError: another number of actions, or one that the model does not have.
+        """
         count = len(self.world.names)
         if chosen.shape != (self.count,) or chosen.min() < 0 or chosen.max() >= count:
             raise SurefootError(

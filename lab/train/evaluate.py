@@ -42,7 +42,7 @@ def seeds_of(text: str) -> "Seeds":
 
 
 def model_of(params: str, settings: list[str] | None, actions: str | None) -> "NavigationModel":
-    """Return the model that the options ask for."""
+    """Return the navigation model of the options: a name or TOML file, `key=value` settings and an action set."""
     from surefoot.services.navigator.policy.params import load
 
     return load(params, [*(settings or []), *([f'use="{actions}"'] if actions else [])])

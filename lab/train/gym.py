@@ -24,7 +24,10 @@ HIGH = np.array([100.0, 1.0, 1.0, 50.0, 50.0, 1.0])
 
 
 class NavigatorEnv(gym.Env[Array, np.int64]):
-    """One navigating robot.
+    """Environment of gymnasium with one navigating robot; actions are those of the model, by index.
+
+    An observation (6,) is distance of the goal m, sine and cosine of its bearing, entropy of the pose nats, drift
+    rad/m, 1 = blocked. The reward is minus the seconds of the action, plus a bonus at the goal.
 
     Args:
         model: the robot, or the name or file of one.
@@ -41,7 +44,13 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
         self.observation_space = gym.spaces.Box(LOW, HIGH, (OBSERVATION,), np.float64)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode; a seed begins its episodes anew, without one the next episode follows."""
+        """Begin an episode; a seed begins its episodes anew, without one the next episode follows.
+
+        Returns:
+            Observation (6,): distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 =
+            blocked;
+            info: `seconds` so far and `action_mask`.
+        """
         super().reset(seed=seed)
         if seed is not None:
             self._batch.reseed(seed)
@@ -49,7 +58,13 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
         return self._batch.observation[0].copy(), self._info()
 
     def step(self, action: np.int64) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Do one action and return observation, reward, terminated, truncated and info, as gymnasium asks for."""
+        """Do one action, by its index.
+
+        Returns:
+            Observation (6,): distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 =
+            blocked; reward, s; True if the goal was reached; True if the time is out; info: `seconds` so far and
+            `action_mask`.
+        """
         self._batch.act(np.array([action], dtype=np.int64))
         b = self._batch
         return b.observation[0].copy(), float(b.reward[0]), bool(b.terminated[0]), bool(b.truncated[0]), self._info()
@@ -79,7 +94,12 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
         self._ended = np.zeros(num_envs, dtype=np.bool_)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin all episodes anew and return their observations and infos, as gymnasium asks for."""
+        """Begin the n episodes anew.
+
+        Returns:
+            Observations (n, 6): distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 =
+            blocked; infos: `seconds` so far, (n,), and `action_mask`, (n, A).
+        """
         if seed is not None:
             self._batch.reseed(seed)
         self._ended[:] = False
@@ -89,7 +109,11 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Do one action in each episode, or begin those anew that have ended."""
+        """Do one action in each of the n episodes, or begin those anew that have ended; `actions`: by index, (n,).
+
+        Returns:
+            Observations (n, 6), as `reset` returns them; rewards (n,) s; goals reached (n,); times out (n,); infos.
+        """
         b = self._batch
         b.step(np.asarray(actions, dtype=np.int64), self._ended)
         np.logical_or(b.terminated, b.truncated, out=self._ended)

@@ -42,8 +42,8 @@ def corners(table: Array, grid: Array, d: float, phi: float, h: float, cells: In
     """Write the 8 points around a state, as indices of action 0 in the flat table, and their weights.
 
     Args:
-        table: values, (layers, distances, bearings, actions).
-        grid: ends of its axes, in the slots LAYER_MIN to D_MAX and MIRRORED.
+        table: values, (layers, distances, bearings, actions) s.
+        grid: ends of its axes, (GRID,), in the slots LAYER_MIN to D_MAX and MIRRORED.
         d: distance of the goal, m.
         phi: its bearing, rad.
         h: entropy of the belief, nats.

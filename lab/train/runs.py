@@ -32,7 +32,7 @@ class Trained:
 
 
 def make_planner(model: NavigationModel) -> Policy:
-    """Return the planner of a model."""
+    """Return the planner of a model: a policy whose table of action values is computed, not learned."""
     return planner(arrays(model), provenance_of(model, "planner"))
 
 
@@ -46,9 +46,10 @@ def make_sarsa(
     resume: bool = False,
     progress: Callable[[float, str], None] = lambda share, step: None,
 ) -> tuple[Policy, list[Trained]]:
-    """Train with seeds seed .. seed + runs - 1 on all cores; return the best policy and all trainings.
+    """Train a policy by Sarsa with seeds seed .. seed + runs - 1 on all cores; return the best one and all trainings.
 
     Args:
+        model: the robot.
         schedule: settings.
         seed: of the first training.
         runs: number of trainings.

@@ -126,7 +126,7 @@ class LiveFrames:
         return content
 
     def reader(self) -> "Reader":
-        """Return the reading state of one more page that watches."""
+        """Return a reader of frames for one more page that watches."""
         return Reader(self)
 
     def unseen(self) -> Shown:

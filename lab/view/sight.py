@@ -43,7 +43,7 @@ class LiveSight:
                 self._keeper.image(delivery.message())
 
     def take(self, delivery: Delivery) -> None:
-        """Take the newest message of any key."""
+        """Keep the newest message of any key that a sight needs."""
         if delivery.key == STATE_LANDMARKS.key and not self._images:
             self._images = self._client.bus.newest(HW_IMAGE)
         take = {
@@ -61,7 +61,7 @@ class LiveSight:
             self.shown = (self.shown[0] + 1, "null")
 
     def look(self) -> tuple[int, str]:
-        """Return `shown`, made anew where an image was read since."""
+        """Return the number of the newest sight, which counts up, and its JSON; "null" = there is none in this run."""
         keeper = self._keeper
         sight = keeper.by_action.get("")
         if sight is not None and sight.image.stamp_ns != self._last:

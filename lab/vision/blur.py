@@ -124,7 +124,14 @@ def map_by_grid(camera: StillCamera, kind: Kind, xs: Sequence[float], ys: Sequen
 
 
 def in_view(world: FeatureMap, patch: Patch, image: CameraImage, pose: CameraPose) -> NDArray[np.bool_]:
-    """Return which features of a map are in an image from a pose of the camera, (n,)."""
+    """Return True, (n,), for each of the n features of a map that an image shows within the patch that is looked at.
+
+    Args:
+        world: map of n features, frame map.
+        patch: part of the floor, in heading axes of base_link.
+        image: gives size, focal length and centre, px.
+        pose: of the camera and of base_link.
+    """
     points = np.hstack((world.positions, np.zeros((len(world), 1)))) - pose.position
     local = points @ pose.rot
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -137,7 +144,10 @@ def in_view(world: FeatureMap, patch: Patch, image: CameraImage, pose: CameraPos
 
 
 def flow(before: CameraPose, now: CameraPose, dt: float, focal: float) -> float:
-    """Return the image flow of the floor at the optical axis, px/s."""
+    """Return the image flow of the floor at the optical axis, px/s, between two poses `dt` s apart.
+
+    `focal`: focal length, px.
+    """
     v, w = motion(before, now, dt)
     far = -float(now.position[2]) / min(-1e-3, float(now.rot[2, 2]))
     return focal * math.hypot(-v[0] / far - w[1], -v[1] / far + w[0])

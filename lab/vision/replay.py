@@ -70,12 +70,12 @@ def read_motion(path: Path, seconds: float = math.inf, robot: str = "nao") -> Re
 
 
 def floor(texture: str, seed: int, terrain: str = "corridor", width: float = 2.0) -> Texture:
-    """Return a texture of `paint` on a terrain."""
+    """Return a named texture as the floor of a terrain; `width` m of a picture, `seed` of a procedural one."""
     return paint(make_terrain(terrain), texture, width, 1.0, seed)
 
 
 class TakenAt(NamedTuple):
-    """An image of the replay."""
+    """An image that the replay of a walk has rendered, with its tick and camera pose."""
 
     tick: int
     image: CameraImage
@@ -115,7 +115,7 @@ def images_of(
 
 
 class Published(NamedTuple):
-    """Belief and truth after one image."""
+    """Belief of the navigator and truth after one image of a replay."""
 
     tick: int
     gait: str

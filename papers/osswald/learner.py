@@ -20,13 +20,13 @@ from .episode import Episode, follow
 
 
 class Learner:
-    """Learns during one episode.
+    """Sarsa(lambda) during one episode of a training, as the paper states it.
 
     Args:
         training: whose next episode it is; it is not changed.
 
     Attributes:
-        table: action values, the training's to begin with, (layers, nd, nphi, A).
+        table: action values, the training's to begin with, (layers, nd, nphi, A) s.
     """
 
     def __init__(self, training: Training) -> None:
@@ -45,7 +45,7 @@ class Learner:
         seed(self._explore, training.seed + 1, training.done, learning.EXPLORE)
 
     def walk(self) -> Episode:
-        """Return the next episode of the training."""
+        """Return the next episode of the training, during which the learner learns."""
         return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
 
     def decide(self, mean: Array, cov: Array, status: Record, reward: float) -> int:

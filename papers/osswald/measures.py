@@ -19,7 +19,7 @@ NEAR, FAR = 1.0, 2.5  # m, from where on the goal counts as near, or far
 
 
 def moving_mean(values: Array, window: int = WINDOW) -> Array:
-    """Return the means of `window` values (n,) in a row, (n - window + 1,)."""
+    """Return the means of `window` values in a row, (n - window + 1,), of values (n,), in their unit."""
     return np.convolve(values, np.full(window, 1.0 / window), "valid")
 
 
@@ -27,7 +27,7 @@ def converged(seconds: Array) -> int:
     """Return the first episode from which on the mean of WINDOW episodes stays within SETTLED of the mean at the end.
 
     Args:
-        seconds: time of each training episode, (n,); the end is the last third of it.
+        seconds: time of each training episode, (n,) s; the end is the last third of it.
     """
     end = float(seconds[-seconds.size // 3 :].mean())
     outside = np.flatnonzero(np.abs(moving_mean(seconds) - end) > SETTLED * end)
@@ -37,14 +37,14 @@ def converged(seconds: Array) -> int:
 def first_near_the_end(seconds: Array) -> int:
     """Return the first episode from which on the mean of WINDOW episodes is within SETTLED of the mean at the end.
 
-    It may leave that again; see `converged`. `seconds`: time of each episode, (n,) s.
+    It may leave that again later. `seconds`: time of each episode, (n,) s.
     """
     end = float(seconds[-seconds.size // 3 :].mean())
     return int(np.argmax(np.abs(moving_mean(seconds) - end) <= SETTLED * end))
 
 
 def stops(e: Episode) -> NDArray[np.int64]:
-    """Return the actions, by number, at which the robot comes to stand: stands in a row are one stop."""
+    """Return the indices of the actions at which the robot comes to stand, (s,): stands in a row are one stop."""
     return np.flatnonzero(e.stands & ~np.concatenate(([False], e.stands[:-1])))
 
 
@@ -107,7 +107,10 @@ def typical(episodes: Sequence[Episode]) -> Episode:
 
 
 def difference(a: Array, b: Array) -> tuple[float, float, float]:
-    """Return the difference of the means of a and b, a - b, in per cent of b's, and its 95 % interval by Welch."""
+    """Return the difference of the means of a and b, a - b, and its 95 % interval by Welch, in per cent of b's mean.
+
+    a, b: samples, (n,) and (m,), same unit.
+    """
     test: Any = stats.ttest_ind(a, b, equal_var=False)
     low, high = test.confidence_interval(0.95)
     base = 100.0 / float(b.mean())

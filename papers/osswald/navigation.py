@@ -248,7 +248,7 @@ def reproduce(
     progress: Callable[[float, str], None] = lambda share, step: None,
     live: Path | None = None,
 ) -> Reproduction:
-    """Compute everything; write the figures into a folder when there is one.
+    """Reproduce section VI of Osswald et al.; write the figures into a folder when there is one.
 
     Args:
         out: folder of the figures, or None.

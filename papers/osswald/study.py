@@ -184,7 +184,7 @@ def with_printed_gamma() -> tuple[str, Record]:
 
 
 def study(progress: Callable[[float, str], None] = lambda share, step: None) -> NavigationStudy:
-    """Compute everything: about half a minute."""
+    """Return everything that section VI needs: trainings, episodes and comparisons; takes about half a minute."""
     normal, blur = (load(name, (THREE_STATES,)) for name in ("paper", "paper-blur"))
     step = "trainings and 100 + 100 episodes"
     seen = compare(normal, lambda share: progress(0.4 * share, f"{step}, moderate blur"))

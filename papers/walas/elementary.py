@@ -15,7 +15,7 @@ LARGEST = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Elementary:
-    """Elementary terms (10): phi_q = prod_i f_iq(u_i).
+    """Elementary terms of Walas & Belter (10): phi_q = prod_i f_iq(u_i).
 
     f is one of (u - a)^round(lambda), sin(lambda u - a), exp(-lambda u). a of the sine is a phase, not a centre; in the
     exponential it would only scale c, so it is left out.
@@ -29,7 +29,7 @@ class Elementary:
     """Rates lambda, (m, d)."""
 
     def columns(self, u: Array) -> Array:
-        """Return the terms phi_q at inputs u, (n, d), each cut at +-LARGEST, (n, m)."""
+        """Return the m terms phi_q at inputs u (n, d), each cut at +-LARGEST, (n, m), no unit."""
         x, a, rate = u[:, None, :], self.centres[None], self.rates[None]
         n = np.clip(np.rint(rate), 0.0, MAX_POWER)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -24,7 +24,9 @@ def evolve(
     cost: Cost, family: str, m: int, d: int, centres: tuple[float, float], rates: tuple[float, float],
     evaluations: int, seed: int,
 ) -> Searched:  # fmt: skip
-    """Return the best basis found within a number of evaluations.
+    """Return the best basis that an evolutionary search finds within a number of evaluations.
+
+    Each term is a product of a function of each input, with a centre a and a rate lambda: e.g. exp(-lambda (u - a)^2).
 
     Args:
         cost: cost of a basis.
@@ -60,7 +62,10 @@ def evolve(
 
 
 def basis_of(genes: Array, family: str) -> Basis:
-    """Return the basis of a genome (m, 3, d): kinds, centres, rates."""
+    """Return the basis of a genome (m, 3, d), no unit: kind, centre and rate of each of m terms by each of d inputs.
+
+    `family`: `gaussian` or `elementary`.
+    """
     if family == "gaussian":
         return Gaussians(genes[:, 1], np.maximum(genes[:, 2], 0.0))
     return Elementary(genes[:, 0].astype(np.int64), genes[:, 1], genes[:, 2])

@@ -62,5 +62,5 @@ def keep(model: LearnedModel, path: Path) -> str:
 
 
 def kept(path: str) -> LearnedModel:
-    """Return a model that this study has written."""
+    """Return the slip model in a file that this study has written."""
     return pickle.loads(Path(path).read_bytes())

@@ -63,7 +63,10 @@ class WalkResult:
     samples: tuple[StanceSample, ...]
 
     def accumulated(self, steps: int, column: int = 1) -> np.ndarray:
-        """Return S(n) = sum of r over all stances of the steps up to n, (steps,)."""
+        """Return S(n), the sum of a column over all stances of the steps up to n, (steps,), no unit.
+
+        `column`: 1 = sliding, 2 = displacement, each over the length of the stroke.
+        """
         total = np.zeros(steps)
         for row in self.rows:
             if 1 <= row[0] <= steps:
@@ -72,7 +75,7 @@ class WalkResult:
 
     @property
     def steps(self) -> int:
-        """Steps with a finished stance."""
+        """Number of steps of the walk with a finished stance."""
         return max((row[0] for row in self.rows), default=0)
 
 

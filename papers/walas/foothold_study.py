@@ -13,7 +13,7 @@ from .foothold_runs import WalkResult
 
 @dataclass(frozen=True, eq=False)
 class FootholdStudy:
-    """Trials, models and walks of the section."""
+    """Trials, models and walks of the section of Walas & Belter on footholds."""
 
     exact: list[StanceSample]
     """Stances on exact primitives."""

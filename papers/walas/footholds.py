@@ -147,7 +147,7 @@ def _window(model: LearnedModel) -> tuple[Array, Array, Array]:
 
 
 def findings(s: FootholdStudy) -> tuple[Finding, ...]:
-    """Return each claim of the section in its order, with what came out here."""
+    """Return each claim of Walas & Belter (2011), section 3, in its order, with what came out here."""
     rows = (*_figure_7(s), *_figures_8_9(s), *_figure_10(s), *_figure_11(s), *_figure_12(s))
     return with_known(rows, KNOWN)
 
@@ -274,7 +274,14 @@ def reproduce(
     seeds: int = SEEDS,
     jobs: int | None = None,
 ) -> Reproduction:
-    """Do all trials and walks and check each claim; a folder keeps them and gets the figures."""
+    """Reproduce the section of Walas & Belter on footholds: do all trials and walks, and check each claim.
+
+    Args:
+        out: folder that keeps the trials and walks, and gets the figures; None = nothing is kept.
+        progress: gets the share that is done, and its step in words.
+        seeds: number of walks of each case.
+        jobs: processes; None = one for each core.
+    """
     with tempfile.TemporaryDirectory() as temporary:
         done = study(out or Path(temporary), seeds, progress, jobs)
     return Reproduction(TITLE, findings(done), draw(done, out), NOTES)

@@ -40,8 +40,11 @@ TILT_SD = 0.02  # rad, of the estimated tilt: bias of this robot's accelerometer
 
 
 def feet_of(robot: Robot, reading: Reading) -> Array:
-    """Contact points (L, 3) m, level axes, from the mean foot: where the CoM is in the support polygon is what counts,
-    and a tilt error moves the trunk's origin by its height times the error."""
+    """Return the contact points of the feet, (L, 3) m, level axes, from the mean foot.
+
+    The place of the CoM in the support polygon is what counts, and a tilt error moves the trunk's origin by its height
+    times the error.
+    """
     feet = foot_positions(robot.model, reading.joints) @ reading.rot.T
     feet -= feet.mean(axis=0)
     feet[:, 2] -= [leg.foot.radius for leg in robot.legs]
@@ -49,13 +52,13 @@ def feet_of(robot: Robot, reading: Reading) -> Array:
 
 
 def kinematic_com(robot: Robot, reading: Reading) -> Array:
-    """CoM (2,) m by kinematics and the measured tilt, from the mean foot."""
+    """Return the CoM by kinematics and the measured tilt, (2,) m, level axes, from the mean foot."""
     middle = foot_positions(robot.model, reading.joints).mean(axis=0)
     return (reading.rot @ (com(robot.model, reading.joints) - middle))[:2]
 
 
 def forces_of(robot: Robot, reading: Reading, factor: float, sensor: PressureSensor | None = None) -> FootForces:
-    """Foot forces, level frame, from reported torques times `factor`, fused with the pressure sensors."""
+    """Return the foot forces, N, level axes, from reported torques times `factor`, fused with the pressure sensors."""
     torque = factor * DATA_SHEET * reading.current
     found = forces_from_torques(robot, reading.joints, torque, reading.g_up, TORQUE_VARIANCE)
     rot = reading.rot
@@ -101,7 +104,10 @@ def printed_com(robot: Robot, reading: Reading, factor: float = 1.0) -> Array:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The trunk moves 10 cm forward, back, and 10 cm backward (Figs 22, 23)."""
+    """Readings while the trunk moves 10 cm forward, back, and 10 cm backward, and the CoM in each.
+
+    It repeats Figs 22 and 23 of Walas & Belter.
+    """
 
     readings: tuple[Reading, ...]
     kinematic: Array  # (k, 2) m, CoM by kinematics, from the mean foot
@@ -111,7 +117,7 @@ class Sweep:
     calibration: Calibration
 
     def ways(self, path: Array) -> tuple[float, float]:
-        """Way forward and way backward along x between neutral and the ends, m."""
+        """Return the way forward and the way backward along x between neutral and the ends, m, of a path (k, 2) m."""
         return float(path[:, 0].max() - path[0, 0]), float(path[0, 0] - path[:, 0].min())
 
     @property
@@ -128,7 +134,10 @@ class Sweep:
 
 
 def sweep(robot: Robot, seed: int = 0, reach: float = 0.10, stops: int = 4) -> Sweep:
-    """Calibration of 4.7: trunk over its feet to +reach and -reach, each stop approached from both sides."""
+    """Return the calibration of section 4.7: trunk over its feet to +reach and -reach m, each stop from both sides.
+
+    `stops`: number of stops on the way to each end; `seed`: of the sensors.
+    """
     stand = Stand(robot, seed)
     way = [reach * k / stops for k in range(stops + 1)]
     targets = [*way, *way[-2::-1], *(-x for x in way[1:]), *(-x for x in way[-2::-1])]
@@ -164,7 +173,10 @@ class ComErrors:
 
 
 def com_errors(robot: Robot, seed: int = 0, gains: tuple[float, ...] = (0.7, 1.0, 1.3)) -> ComErrors:
-    """Stand level and tilted; measure the CoM with unknown gain and known weight."""
+    """Return the errors of the CoM of the standing robot, level and tilted, with unknown gain and with known weight.
+
+    `gains`: factors of the torques; `seed`: of the sensors.
+    """
     sensor = PressureSensor()
     exact: list[list[float]] = []
     for gain in gains:
@@ -194,7 +206,7 @@ def _error(robot: Robot, reading: Reading, sensor: PressureSensor | None) -> flo
 
 @dataclass(frozen=True)
 class StandingStudy:
-    """Messor in its neutral stance (Fig. 24)."""
+    """Forces, CoM and region of Messor in its neutral stance (Fig. 24 of Walas & Belter)."""
 
     reading: Reading
     feet: Array  # (L, 3) m
@@ -204,7 +216,7 @@ class StandingStudy:
 
 
 def standing(robot: Robot, factor: float, seed: int = 0) -> StandingStudy:
-    """Measure forces and CoM with a calibrated factor."""
+    """Return forces and CoM of the robot in its neutral stance, measured with a calibrated factor of the torques."""
     reading = Stand(robot, seed).read()
     sensor = PressureSensor()
     forces = forces_of(robot, reading, factor, sensor)
@@ -215,7 +227,7 @@ def standing(robot: Robot, factor: float, seed: int = 0) -> StandingStudy:
 
 @dataclass(frozen=True)
 class GaitStudy:
-    """Force at the tip of one leg during the tripod gait (Fig. 20)."""
+    """Force at the tip of one leg during the tripod gait (Fig. 20 of Walas & Belter)."""
 
     time: Array  # (k,) s
     measured: Array  # (k,) N, from currents, upward
@@ -225,7 +237,10 @@ class GaitStudy:
 
 
 def gait(robot: Robot, factor: float, seed: int = 0, distance: float = 0.25, leg: int = 1) -> GaitStudy:
-    """Walk with the tripod gait and read one leg's force; the pose is the true one (nothing here is about it)."""
+    """Return the force at the tip of one leg during a walk with the tripod gait, with the true pose.
+
+    `factor`: of the torques; `distance`: m; `leg`: its index; `seed`: of the sensors.
+    """
     world = PhysicsWorld(robot, make_terrain("flat"), seed)
     walker = LeggedWalker(robot, WalkerParams.for_robot(robot))
     rows: list[tuple[float, ...]] = []

@@ -28,7 +28,7 @@ SLOPE_TABLE = {0.25: (0.473, 0.5), 0.35: (0.658, 6.5), 0.45: (0.826, 11.6), 0.55
 
 @dataclass(frozen=True)
 class Posture:
-    """Ragno with all legs turned by one angle (Fig. 15)."""
+    """Ragno with all legs turned by one angle (Fig. 15 of Walas & Belter)."""
 
     turn_deg: float
     com: Array  # (3,) m, base_link
@@ -39,7 +39,11 @@ class Posture:
 
 @dataclass(frozen=True)
 class Slope:
-    """The robot on the 30 degree slope with one friction coefficient (Fig. 17)."""
+    """The robot on the 30 degree slope with one friction coefficient (Fig. 17 of Walas & Belter).
+
+    `sixteen` is the region by 16 directions, `region` by as many as its shape needs, `hull` that of the feet, (k, 2) m;
+    `plain` and `corrected` are checks without and with the shift of the CoM by the legs, r_KIN.
+    """
 
     mu: float
     contacts: ContactSet
@@ -57,12 +61,12 @@ class Slope:
 
     @property
     def share(self) -> float:
-        """Area of the region over the area of the hull."""
+        """Area of the stability region over the area of the hull of the contacts, no unit."""
         return float(area(self.region.inner) / area(self.hull))
 
 
 def postures(robot: Robot) -> tuple[Posture, ...]:
-    """ServoLegs in the neutral position, 30 degrees forward, 30 degrees backward."""
+    """Return Ragno with its legs in the neutral position, 30 degrees forward, and 30 degrees backward."""
     found: list[Posture] = []
     for turn in (0.0, TURN_DEG, -TURN_DEG):
         q = robot.neutral.copy()
@@ -86,7 +90,10 @@ def postures(robot: Robot) -> tuple[Posture, ...]:
 
 
 def slope_contacts(robot: Robot, mu: float) -> ContactSet:
-    """Fore and middle feet on the slope that begins at x = -5 cm, hind feet on the ground before it."""
+    """Return the contacts of fore and middle feet on a slope that begins at x = -5 cm, hind feet on level ground.
+
+    `mu`: friction coefficient.
+    """
     tilt = np.radians(SLOPE_DEG)
     feet = foot_positions(robot.model, robot.neutral)
     feet[:, 2] = np.maximum(0.0, (feet[:, 0] - SLOPE_X) * np.tan(tilt))
@@ -95,7 +102,10 @@ def slope_contacts(robot: Robot, mu: float) -> ContactSet:
 
 
 def slope(robot: Robot, mu: float) -> Slope:
-    """Return the three phases of 4.3 for the movement of 4.3 cm: stability, m, by the norm and by the margin."""
+    """Return the stability of Ragno on the 30 degree slope, m, for its trunk movement of 4.3 cm, by norm and by margin.
+
+    `mu`: friction coefficient.
+    """
     contacts = slope_contacts(robot, mu)
     q = legs_ik(robot.model, contacts.position - [0.0, 0.0, TRUNK_Z])[0]
     now = com(robot.model, q)[:2]
@@ -118,12 +128,15 @@ def slope(robot: Robot, mu: float) -> Slope:
 
 
 def gsm(found: Check) -> float:
-    """Signed geometric stability margin, cm; NaN if there is none."""
+    """Return the signed geometric stability margin of a check, cm; NaN if there is none."""
     return float("nan") if found.gsm is None or found.gsm.value is None else CM * found.gsm.value
 
 
 def figure_15(robot: Robot, found: tuple[Posture, ...]) -> list[Finding]:
-    """Return the findings of section 4.2, Fig. 15: the CoM's displacement."""
+    """Return the findings on Fig. 15 of Walas & Belter, section 4.2: how far turned legs displace the CoM.
+
+    `found`: the neutral posture, all legs turned forward, and backward.
+    """
     neutral, forward_, backward = (posture.com[0] for posture in found)
     legs = sum(robot.links[k].mass for leg in robot.legs for k in leg.links) / robot.mass
     box = CM * np.ptp(found[0].feet, axis=0)
@@ -141,7 +154,10 @@ def figure_15(robot: Robot, found: tuple[Posture, ...]) -> list[Finding]:
 
 
 def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
-    """Section 4.3; the table of friction coefficients is a reference of this project."""
+    """Return the findings on Fig. 17 of Walas & Belter, section 4.3: a robot on a slope with each friction coefficient.
+
+    The paper does not print the coefficients; those used here are this project's.
+    """
     rows: list[Finding] = []
     for s in found:
         share, reach = SLOPE_TABLE[s.mu]
@@ -193,7 +209,10 @@ def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
 
 
 def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
-    """4.7: forces of each optimum put into CoM from forces must give that optimum."""
+    """Return the finding on section 4.7 of Walas & Belter: the CoM by the forces of each optimum is that optimum.
+
+    `weight`: of the robot, N.
+    """
     worst = 0.0
     for s in found:
         support = s.sixteen.support
@@ -206,5 +225,5 @@ def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
 
 
 def extended_check(s: Slope, measured: Array) -> tuple[Margin, Check]:
-    """Return margin and check by the procedure of 4.6, Fig. 21, from a measured CoM (3,) m."""
+    """Return margin and check of a movement by a measured CoM (3,) m: 4.6 (Fig. 21) of Walas & Belter."""
     return margin(s.region, measured), check(s.region, measured, MOVE, s.shift)

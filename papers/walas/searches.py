@@ -25,7 +25,10 @@ class Searched:
 
 
 def cost(columns: Array, y: Array, w: Array, ridge: float) -> float:
-    """Return the smallest |W (V c - y)|^2 + ridge |c|^2 over all c, V = columns (n, m), y (n,), W = diag w (n,)."""
+    """Return the smallest |W (V c - y)|^2 + ridge |c|^2 over all c, in the unit of y squared.
+
+    `columns`: V, (n, m), no unit; `y`: target, (n,); `w`: diagonal of W, (n,), no unit.
+    """
     stacked, target = stack(columns, y, w, ridge)
     found = np.linalg.lstsq(stacked, target, rcond=1e-13)[0]
     rest = target - stacked @ found

@@ -31,7 +31,7 @@ NOTES = (
 
 
 def study(progress: Callable[[float, str], None] = lambda share, step: None) -> StabilityStudy:
-    """Recompute the stability results of Walas & Belter; takes about half a minute."""
+    """Return the stability results of Walas & Belter, computed again; takes about half a minute."""
     ragno, messor = load_robot("ragno"), load_robot("messor")
     progress(0.0, "Ragno: displacement of the CoM, slope")
     postures = walas_ragno.postures(ragno)

@@ -27,7 +27,7 @@ REST_S, MEAN_S = 1.0, 0.6  # waiting after a movement, and time over which a rea
 
 @dataclass(frozen=True)
 class Reading:
-    """Sensors of the robot at rest, mean over a moment, and what is really so."""
+    """Sensors of the robot at rest, mean over a moment, and the true centre of mass, trunk and forces."""
 
     joints: Array  # (nj,) rad
     current: Array  # (nj,) A
@@ -39,11 +39,11 @@ class Reading:
 
     @property
     def rot(self) -> Array:
-        """Return rot_level_from_base (3, 3) by the measured tilt."""
+        """Rotation rot_level_from_base (3, 3) by the measured tilt; x along the trunk's heading."""
         return level_from_up(self.g_up / np.linalg.norm(self.g_up))
 
     def pose(self, nm_per_a: float = DATA_SHEET) -> SweptPose:
-        """Return the present pose and torques as a sample for the calibration."""
+        """Return the present pose and torques as a sample for the calibration; `nm_per_a`: torque by current, Nm/A."""
         return SweptPose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
 
 

@@ -26,5 +26,5 @@ class StabilityStudy:
 
     @property
     def demo(self) -> walas_ragno.Slope:
-        """The slope as drawn in Fig. 17."""
+        """The slope with the friction coefficient that Fig. 17 of Walas & Belter is drawn with."""
         return next(s for s in self.slopes if s.mu == walas_ragno.DEMO_MU)

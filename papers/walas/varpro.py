@@ -32,7 +32,7 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 class RefinedTerms:
-    """Gaussians at a minimum of the cost."""
+    """Gaussians with weights at a minimum of the cost, and the number of evaluations that it took."""
 
     basis: Gaussians
     weights: Array
@@ -49,8 +49,8 @@ def refine(
 
     Args:
         start: first Gaussians; centres and widths are cut to the bounds.
-        u: inputs, (n, d).
-        y: target, (n,).
+        u: inputs, (n, d), no unit.
+        y: target, (n,), no unit.
         w: diagonal of W, (n,).
         bounds: bounds of centres and widths.
         ridge: rho.

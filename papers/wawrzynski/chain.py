@@ -174,7 +174,7 @@ def descend(chain: Chain, theta: Array, theta_rate: Array, w: Array) -> ChainSta
 
 @kernel
 def velocity_kinematics(state: ChainState) -> Array:
-    """Return v^K, equation (10): W_1^T v_1, (3,) m/s in IMU axes; true if the foot does not move at all."""
+    """Return v^K, (10) of Wawrzynski et al.: W_1^T v_1, (3,) m/s in IMU axes; true if the foot does not move at all."""
     return state.imu_axes.T @ state.v_1
 
 

@@ -21,7 +21,7 @@ RECOVERY_S = 3.0  # after another start, before scores are compared
 
 @dataclass(frozen=True)
 class Comparison:
-    """Scores by estimator on one set."""
+    """Errors of several estimators over one set of logs."""
 
     name: str
     measure: str  # for which the referees are tuned
@@ -29,7 +29,7 @@ class Comparison:
     noise: Mapping[str, Mapping[str, Any]]  # of the referees
 
     def best_reference(self, measure: str) -> str | None:
-        """Name of the referee with the least mean error; None without referees."""
+        """Return the name of the referee with the least mean error by `measure`; None without referees."""
         means = {name: np.mean([getattr(s, measure) for s in self.scores[name]]) for name in self.noise}
         return min(means, key=lambda name: means[name]) if means else None
 
@@ -103,7 +103,7 @@ def ablation(name: str, chosen: LogSet, seeds: Iterable[int]) -> dict[str, float
 
 @dataclass(frozen=True)
 class FaultRatio:
-    """Errors with a fault over errors without it."""
+    """Errors of velocity and odometry with a fault over those without it, no unit, and a note."""
 
     name: str
     v: float

@@ -28,7 +28,10 @@ PAPER_SOURCES = ("params.py", "feet/mount.py", "paper/*.py")
 
 @dataclass(frozen=True)
 class LogSet:
-    """Logs of one kind; a recording of others is one log, on which referees are also tuned: that favours them."""
+    """Logs of one kind by seed; a set recorded by others is one log.
+
+    Estimators that ours is compared with are tuned on such a log as well, which favours them.
+    """
 
     name: str
     make: Callable[[int], Log]
@@ -74,13 +77,13 @@ def humanoid_sets() -> list[LogSet]:
 
 
 def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False) -> dict[str, Any]:
-    """Return the noise of a reference tuned for a set, from the cache if nothing of it has changed.
+    """Return the noise with which another estimator fits a set of logs best; it is searched for once and kept.
 
     Args:
         chosen: the set.
-        name: of the reference.
+        name: of the estimator, one that ours is compared with; others give an empty table.
         measure: error of the score that is to be least, `rmse` or `smooth`.
-        fresh: search again.
+        fresh: search again, though nothing of logs and code has changed.
     """
     if name not in SEARCHED:
         return {}

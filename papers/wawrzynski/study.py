@@ -79,7 +79,7 @@ def estimators() -> tuple[str, ...]:
 
 
 def experiment(seed: int, rest_s: float = REST_S) -> Experiment:
-    """Stand for so long, walk once, and estimate."""
+    """Return the estimates of one walk of a seed, after a stand of `rest_s` s."""
     scenario = load_scenario(find_scenario(SCENARIOS["bioloid"]))
     first, *others = scenario.steps
     scenario = replace(scenario, steps=(replace(first, after_s=first.after_s + rest_s), *others))
@@ -158,7 +158,10 @@ def run(
 
 @dataclass(frozen=True)
 class Errata:
-    """Largest errors of the printed and the corrected forms of (8) and (12), over drawn postures."""
+    """Largest errors of the printed and the corrected equations (8) and (12) of Wawrzynski et al., m/s and rad/s.
+
+    They are taken over drawn postures of a leg.
+    """
 
     velocity_printed: float  # m/s
     velocity: float
@@ -167,7 +170,10 @@ class Errata:
 
 
 def errata(draws: int = 200, step: float = 1e-6) -> Errata:
-    """Compare (8) and (12) with differences of the positions and orientations of a leg of Bioloid."""
+    """Return how far equations (8) and (12) of Wawrzynski et al., printed and corrected, are from differences.
+
+    The differences are those of positions and orientations of a leg of Bioloid over a small step, s; `draws`: postures.
+    """
     rng, chain = np.random.default_rng(0), chain_from_robot(load_robot("bioloid"), 0)
     robot = load_robot("bioloid")
     worst = np.zeros(4)

@@ -30,7 +30,7 @@ ENCODER = math.radians(0.293)  # rad, one step
 
 @dataclass(frozen=True)
 class WalkParams:
-    """One walk; sizes of disturbances are drawn from the seed."""
+    """Settings of a made-up walk; the sizes of its disturbances are drawn from a seed."""
 
     duration_s: float = 20.0
     rest_s: float = 2.0
@@ -302,7 +302,7 @@ def _unit(angle: float) -> Array:
 
 
 def synthesize(walk: WalkParams, seed: int) -> Log:
-    """Make a walk.
+    """Return the log of a made-up walk of a biped, with truth.
 
     Args:
         walk: settings of the walk; `KINDS` holds those that have a name.

@@ -35,7 +35,7 @@ NOTES = (
 
 
 def reproduce(out: Path | None, progress: Callable[[float, str], None] = lambda share, step: None) -> Reproduction:
-    """Compute everything; write the figures into a folder when there is one.
+    """Reproduce the velocity estimates of Wawrzynski et al.; write the figures into a folder when there is one.
 
     Args:
         out: folder of the figures, or None.
@@ -46,7 +46,7 @@ def reproduce(out: Path | None, progress: Callable[[float, str], None] = lambda 
 
 
 def findings(done: Sequence[Experiment]) -> list[Finding]:
-    """Return all rows of the table."""
+    """Return all rows of the table of findings: the paper's numbers beside ours."""
     return [*_experiment(done), *_average(done), *_conclusions(done), *_beside(done), *_errata()]
 
 
@@ -71,7 +71,10 @@ def _experiment(done: Sequence[Experiment]) -> list[Finding]:
 
 
 def errors_38(done: Sequence[Experiment], name: str) -> list[float]:
-    """Return the error of (38) of each walk, % of the true mean."""
+    """Return the error of the mean velocity, equation (38) of Wawrzynski et al., of each walk, % of the true mean.
+
+    `done`: the walks; `name`: estimator.
+    """
     return [100.0 * (one.average[name][0] / one.average[name][1] - 1.0) for one in done]
 
 

@@ -43,7 +43,10 @@ NO_LEGS = LegSensors(0, 0, 0, 0, 0, 0)
 
 
 class Condition(NamedTuple):
-    """Numbers from which flags and reasons follow; no texts, so that kernels make it as well."""
+    """Numbers from which flags and reasons follow; no texts, so that kernels make it as well.
+
+    Times since feet came, since one touched and since feet corrected the velocity are in s.
+    """
 
     initialised: bool
     standing: bool

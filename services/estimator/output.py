@@ -53,7 +53,12 @@ class OdometryPose(NamedTuple):
 
 @kernel
 def level(rot_base_from_imu: Array, g: Array) -> Array:
-    """Return rot_heading_from_base (3, 3) = Ry(pitch) Rx(roll) from g (3,), specific force at rest in IMU axes."""
+    """Return rot_heading_from_base (3, 3) = Ry(pitch) Rx(roll).
+
+    Args:
+        rot_base_from_imu: (3, 3).
+        g: specific force at rest, (3,) m/s^2, IMU axes, points up.
+    """
     up = times_vector(rot_base_from_imu, g)
     roll, pitch = math.atan2(up[1], up[2]), math.atan2(-up[0], math.hypot(up[1], up[2]))
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)

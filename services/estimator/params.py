@@ -34,7 +34,10 @@ class StartPose(NamedTuple):
 
 @dataclass(frozen=True)
 class EstimatorParams:
-    """Noises are standard deviations per IMU sample at `imu_period_ns`, SI."""
+    """Noises, limits and switches of the four estimators of Wawrzynski et al. and of `best`, SI.
+
+    Noises are standard deviations of one IMU sample, one each `imu_period_ns`.
+    """
 
     # sensors
     sigma_w: float = 0.0054  # rad/s, gyro, (22); ADIS16365, 0.044 deg/s/rtHz at 100 Hz
@@ -75,7 +78,7 @@ class EstimatorParams:
 
     @classmethod
     def from_robot(cls, robot: Robot, **changes: object) -> Self:
-        """Noises and limits of the robot's own sensors."""
+        """Return noises and limits of the robot's own sensors; `changes`: fields that get another value, by name."""
         profile = robot.imu.profile
         base = cls()
         rate = 1e9 / base.imu_period_ns
@@ -103,7 +106,10 @@ def _reach(robot: Robot) -> float:
 
 
 def paper_params(params: EstimatorParams) -> EstimatorParams:
-    """All switches as in the paper: one foot, its ankle fixed, the latest gyro, no bias removed."""
+    """Return the parameters with all switches as in the paper of Wawrzynski et al.
+
+    That is one foot at a time, its ankle fixed, the latest gyro sample instead of a mean, and no bias removed.
+    """
     return replace(params, feet="one", rolling=False, gyro_mean=False, remove_gyro_bias=False, refine_gyro_bias=False)
 
 

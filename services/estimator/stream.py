@@ -215,8 +215,9 @@ class Estimator:
         """Take inputs of a log by `best` alone, as `imu` and `feet` would one by one, to the bit.
 
         Args:
-            log: all inertial rows and samples of the feet.
-            order: of arrival of those to be taken: the number of an inertial row, or all rows + that of a foot sample.
+            log: all inertial rows and samples of the feet, SI, IMU axes.
+            order: of arrival of those to be taken, (k,): the number of an inertial row, or all rows + that of a foot
+                sample.
             first: inertial row of the first estimate.
             n: number of estimates.
             joint: with the covariance of all but the pose.
@@ -239,7 +240,7 @@ class Estimator:
 
     @property
     def best(self) -> BestOutput:
-        """The present output of the `best` filter."""
+        """Estimate of the `best` filter at the newest inertial sample."""
         return self._best.output
 
     @property

@@ -18,7 +18,7 @@ LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread",
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Rectangle of cells; may reach beyond the map."""
+    """Rectangle of cells of a height map, by its first row and column and its size; it may reach beyond the map."""
 
     row: int
     """First row; may lie outside the map."""
@@ -59,14 +59,16 @@ def assess(
     params: SelectParams,
     placement: Placement | None = None,
 ) -> Assessment:
-    """Return the score of every cell of a window.
+    """Return layers of every cell of a window: predicted slip, cost of stepping there, and reasons against it.
 
     Args:
+        ground: layers of the map.
+        model: predicts the slip P of a cell.
         window: cells to score.
-        nominal: zero of K4, map frame, m; None: K4 = 0 everywhere, so q = p.
+        nominal: place from which the distance K4 counts, map frame, m; None: K4 = 0 everywhere, so the cost is P.
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
         names: layers wanted, of `LAYERS`.
-        params: limits of a foothold, and k of Q = P + k K4.
+        params: limits of a foothold, and weight k of the cost Q = P + k K4.
         placement: the leg for the reach and collision tests; None tests the ground alone.
     """
     surface, cell = ground.surface, ground.surface.cell

@@ -84,7 +84,7 @@ class FootholdsConfig(ServiceConfig):
         return Relearner(RelearnParams(self.relearn, self.relearn_weight, self.relearn_every, self.relearn_file), log)
 
     def params(self) -> SelectParams:
-        """Return the parameters of the choice."""
+        """Return the parameters of the choice of footholds that this configuration states."""
         return SelectParams(
             size=self.window_cells | 1,
             distance_weight=self.distance_weight,

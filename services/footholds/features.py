@@ -18,7 +18,7 @@ Vector = NDArray[np.float64]
 
 
 class Features(NamedTuple):
-    """Coefficients of the cells of a window or map."""
+    """Ground coefficients K1, K2 and cos K3 (Walas & Belter) of the cells of a window or map."""
 
     k1: Layer
     """K1, (ny, nx) m: > 0 on a top edge, < 0 in a hole, 0 on any plane."""
@@ -38,7 +38,7 @@ def push_direction(stroke: Vector) -> tuple[float, float, float]:
 
 
 def map_features(z: Layer, stroke: Vector, cell: float) -> Features:
-    """Return the coefficients of every cell of a map.
+    """Return the ground coefficients K1 (m), K2 (m) and cos K3 of every cell of a map, (ny, nx) each.
 
     Args:
         z: heights, (ny, nx) m, NaN = unknown.
@@ -51,9 +51,18 @@ def map_features(z: Layer, stroke: Vector, cell: float) -> Features:
 
 
 def window_features(z: Layer, row: int, col: int, rows: int, cols: int, stroke: Vector, cell: float) -> Features:
-    """Return the coefficients of the window of rows x cols cells that starts at cell (row, col).
+    """Return the ground coefficients of the window of rows x cols cells that starts at cell (row, col).
 
-    The window may reach beyond the map; its coefficients are NaN there. `z`, `stroke` and `cell`: see `map_features`.
+    The window may reach beyond the map; its coefficients are NaN there.
+
+    Args:
+        z: heights of the map, (ny, nx) m, NaN = unknown.
+        row: first row of the window.
+        col: first column.
+        rows: number of rows.
+        cols: number of columns.
+        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m; zero: cos K3 is 0.
+        cell: edge of a cell, m.
     """
     local = np.empty((rows + 2, cols + 2), dtype=np.float32)
     patch(z, row - 1, col - 1, local)
@@ -127,7 +136,16 @@ def _row(rows: _Rows, push: _PushTerms, k1: Layer, k2: Layer, cos_k3: Layer) -> 
 
 @row_kernel
 def coefficients(z: Layer, push: Layer, cell: np.float32, k1: Layer, k2: Layer, cos_k3: Layer) -> None:
-    """Write K1, K2, cos K3 of all cells in one pass over the rows; `push` is a unit vector or zero, (3,)."""
+    """Write the ground coefficients of all cells in one pass over the rows.
+
+    Args:
+        z: heights, (ny, nx) m, NaN = unknown.
+        push: direction of the stroke, unit vector or zero, map axes, (3,).
+        cell: edge of a cell, m.
+        k1: result K1, (ny, nx) m.
+        k2: result K2, (ny, nx) m.
+        cos_k3: result cos K3, (ny, nx), no unit.
+    """
     ny, nx = z.shape
     fx, fy, fz = push[0], push[1], push[2]
     one = np.float32(1.0)

@@ -18,7 +18,7 @@ MOST_CHANGED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class FootholdGround:
-    """Layers over one grid, map frame."""
+    """Layers over one grid on which footholds are chosen, map frame."""
 
     surface: HeightMap
     """Heights of the ground, filtered, m."""
@@ -75,7 +75,10 @@ def updated_ground(ground: FootholdGround, raw: HeightMap, heights: HeightMap) -
 
 
 def changed_cells(old: Layer, new: Layer) -> tuple[slice, slice]:
-    """Return the smallest rectangle of rows and columns that holds all cells that differ; NaN equals NaN."""
+    """Return the smallest rectangle of rows and columns that holds all cells that differ; NaN equals NaN.
+
+    old, new: layers of the same shape (ny, nx) and unit.
+    """
     first, last, left, right = _changed(old, new)
     return slice(first, last), slice(left, right)
 
@@ -109,7 +112,7 @@ def _grown(rows: slice, cols: slice, by: int, shape: tuple[int, int]) -> tuple[i
 def build_ground(
     heights: HeightMap, foot_radius: float, smooth: bool = True, variance: Layer | None = None
 ) -> FootholdGround:
-    """Filter a map and dilate it by the foot sphere.
+    """Return a map as ground for the choice of footholds: filtered, and dilated by the foot sphere.
 
     Args:
         heights: the map as received.
@@ -129,10 +132,11 @@ def build_ground(
 def ground_features(
     ground: FootholdGround, relief: bool, window: tuple[int, int, int, int], stroke: NDArray[np.float64]
 ) -> Features:
-    """Return the coefficients of a window: of planes, or those of Walas & Belter.
+    """Return the ground coefficients K1 (m), K2 (m) and cos K3 of a window, (rows, cols) each.
 
     Args:
-        relief: of planes at the scale of the map.
+        ground: layers of the map.
+        relief: by planes at the scale of the map; False: by 3 x 3 cells, as Walas & Belter do.
         window: first row, first column, rows and columns; may leave the map, its coefficients are NaN there.
         stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
     """

@@ -99,9 +99,10 @@ def mask_window(
     """Return the reasons against each cell of the window that starts at (row, col).
 
     Args:
+        ground: layers of the map.
         row: first row of the window; may lie outside the map, such cells are unknown.
         col: first column.
-        slip: predicted slip P of the window's cells, (rows, cols), NaN = unknown, `UNLEARNED` = outside the model.
+        slip: predicted slip per stroke, no unit, (rows, cols), NaN = unknown, `UNLEARNED` = outside the model.
         limits: what a foothold must keep.
         placement: the leg and the pose it lands from; None tests the ground alone.
 
@@ -120,7 +121,10 @@ def mask_window(
 
 @kernel
 def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
-    """Count the cells of each bit of `mask` (r, c) into counts[0..5] and the free cells into counts[6]."""
+    """Count the cells of each bit of a mask, in place.
+
+    `mask`: sums of `Reason` bits, (rows, cols), 0 = free; `counts` (7,): cells with bit 0 .. 5, then free cells.
+    """
     counts[:] = 0
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
@@ -134,7 +138,10 @@ def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
 
 @row_kernel
 def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
-    """Return the slope along x and y of the plane through a 3 x 3 window, rise per way; NaN where a cell is unknown."""
+    """Return the slope along x and y of the plane through the 3 x 3 cells about a cell, rise per way; NaN = unknown.
+
+    z: heights, (ny, nx) m, NaN = unknown; cell: edge of a cell, m; row, col: of the middle, inside the border.
+    """
     ny, nx = z.shape
     if row < 1 or col < 1 or row >= ny - 1 or col >= nx - 1:
         return math.nan, math.nan

@@ -35,7 +35,7 @@ from .select import Foothold, Landing, SelectParams, TrunkPose
 
 
 def base_pose(message: BaseMessage) -> TrunkPose:
-    """Return the pose of a request."""
+    """Return the pose of base_link, frame map, that a request states."""
     return TrunkPose(message.position, message.quat_wxyz)
 
 

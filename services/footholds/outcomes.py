@@ -26,7 +26,7 @@ def sample_at(
     Args:
         ground: map that the choice was made on.
         planned: x, y of the foothold that was chosen, map frame, m.
-        nominal: x, y of the nominal foothold, m.
+        nominal: x, y of the nominal foothold, map frame, m.
         stroke: f, movement of the foot relative to the body, map axes, m.
         sliding: way of the contact point in the stance, m.
         name: trial, leg and step, which name the stance.

@@ -59,7 +59,8 @@ def choose_on_patch(
         limits: slope, slip and how deep a foot may wedge; None = the usual ones.
         allowed: cells that the leg can reach, (ny, nx); None = all.
         smooth: 3 x 3 median over the heights first.
-        distance_weight: k of Q = P + k K4, 1/m; None = that of the model.
+        distance_weight: k, 1/m, of the cost Q = P + k K4 by slip P and distance K4 (m) from the nominal foothold; None
+            = that of the model.
 
     Raises:
         SurefootError: heights, sizes or numbers that cannot be, or a model of another cell, filter or foot.

@@ -62,10 +62,10 @@ def _arc(r: float, z: float, cos: float, sin: float, femur: float, tibia: float)
 
 @row_kernel
 def solve(leg: LegTable, px: float, py: float, pz: float) -> tuple[float, float, float, float, float, float, float]:
-    """Return the reach margin of a foot centre in base_link, and the two inner joints.
+    """Return how far a foot centre is inside the reach of a leg, and the places of its femur joint and knee.
 
     Args:
-        leg: table of the leg.
+        leg: the leg as numbers, (LEG_NUMBERS,), by `leg_table`.
         px: x of the foot centre, base_link, m.
         py: y of the foot centre, m.
         pz: z of the foot centre, m.

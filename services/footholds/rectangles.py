@@ -10,7 +10,7 @@ def largest_rectangle(free: NDArray[np.bool_], row: int, col: int) -> tuple[int,
     """Return first and last row, first and last column of the largest rectangle of free cells that holds a free cell.
 
     Args:
-        free: cells that may be stepped on, (ny, nx).
+        free: True for cells that may be stepped on, (ny, nx) bool.
         row: row of the cell that the rectangle holds.
         col: column of that cell.
     """
@@ -34,6 +34,6 @@ def largest_rectangle(free: NDArray[np.bool_], row: int, col: int) -> tuple[int,
 
 
 def in_metres(surface: HeightMap, cells: tuple[int, int, int, int]) -> tuple[float, float, float, float]:
-    """Return the edges of a rectangle of cells, between the centres of the outermost cells, m."""
+    """Return x_min, y_min, x_max, y_max of a rectangle of cells, between the centres of the outermost cells, m, map."""
     top, bottom, left, right = cells
     return (*surface.centre(top, left), *surface.centre(bottom, right))

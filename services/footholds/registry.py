@@ -102,7 +102,7 @@ class SlipModels:
             self._use(made)
 
     def close(self) -> None:
-        """End the job and a round of re-learning."""
+        """End the learning job and a round of re-learning that is under way."""
         self.job.close()
         if self.learner is not None:
             self.learner.close()

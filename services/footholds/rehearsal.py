@@ -26,7 +26,10 @@ def made_up_map(robot: Robot) -> HeightMap:
 
 
 def made_up_ground(robot: Robot, smooth: bool) -> FootholdGround:
-    """Return the ground of that map, changed in a corner after it was built."""
+    """Return ground under the neutral stance of a robot, changed in a corner after it was built.
+
+    `smooth`: with the median filter.
+    """
     heights = made_up_map(robot)
     changed = heights.z.copy()
     changed[:2, :2] = 0.01
@@ -35,7 +38,7 @@ def made_up_ground(robot: Robot, smooth: bool) -> FootholdGround:
 
 
 def made_up_requests(robot: Robot) -> tuple[list[SelectRequest], list[AssessRequest]]:
-    """Return requests that together run every branch of the service."""
+    """Return requests for footholds and for assessments that together run every branch of the service."""
     feet = foot_positions(robot.model, robot.neutral)
     places = [(float(foot[0]), float(foot[1]), robot.foot_radius) for foot in feet]
     base = BasePose(position=(0.0, 0.0, HEIGHT), quat_wxyz=(1.0, 0.0, 0.0, 0.0))

@@ -39,7 +39,10 @@ LEAST_KNOWN = 0.4
 
 
 class Relief(NamedTuple):
-    """Layers of planes, (ny, nx) float32; NaN where the cell or too much about it is unknown, and at the border."""
+    """Planes through the cells about each cell: slopes, roughness and deviation, (ny, nx) float32.
+
+    NaN where the cell or too much about it is unknown, and at the border.
+    """
 
     slope_x: Layer
     """Rise per way along x."""
@@ -52,7 +55,10 @@ class Relief(NamedTuple):
 
 
 def scale_of(raw: HeightMap, surface: HeightMap) -> int:
-    """Return the scale s for a map: the larger, the noisier the map, by how much the median filter has moved cells."""
+    """Return the scale of a map, the number of cells on each side of a plane: the noisier the map, the larger.
+
+    The noise is what the median filter, which made `surface` of `raw`, has moved the heights by.
+    """
     moved = np.abs(raw.z[::3, ::3] - surface.z[::3, ::3])
     moved = moved[np.isfinite(moved)]
     noise = float(np.sort(moved)[moved.size // 2]) if moved.size else 0.0
@@ -64,14 +70,28 @@ def scale_of(raw: HeightMap, surface: HeightMap) -> int:
 
 
 def relief_of(z: Layer, cell: float, scale: int) -> Relief:
-    """Return the planes of all cells of a map, (ny, nx) m, NaN = unknown."""
+    """Return the planes through the cells about every cell of a map.
+
+    Args:
+        z: heights, (ny, nx) m, NaN = unknown.
+        cell: edge of a cell, m.
+        scale: cells on each side of a plane.
+    """
     out = Relief(*(np.empty(z.shape, dtype=np.float32) for _ in Relief._fields))
     update_relief(z, cell, scale, out, (0, z.shape[0], 0, z.shape[1]))
     return out
 
 
 def update_relief(z: Layer, cell: float, scale: int, out: Relief, part: tuple[int, int, int, int]) -> None:
-    """Fit the planes of the cells from first to last row and column (end not included) again."""
+    """Fit the planes of the cells of a part of a map again, in place.
+
+    Args:
+        z: heights, (ny, nx) m, NaN = unknown.
+        cell: edge of a cell, m.
+        scale: cells on each side of a plane.
+        out: planes of all cells, of which the part is written.
+        part: first row, row behind the last, first column, column behind the last.
+    """
     _planes(z, cell, scale, part, (out.slope_x, out.slope_y, out.rough, out.unsure))
 
 
@@ -110,7 +130,7 @@ def _extreme(best: np.ufunc, layer: Layer, by: int) -> Layer:
 def relief_features(
     relief: Relief, window: tuple[int, int, int, int], stroke: NDArray[np.float64], cell: float, scale: int
 ) -> Features:
-    """Return the coefficients of a window of cells.
+    """Return the ground coefficients of a window of cells by planes, (rows, cols) each.
 
     Args:
         relief: planes of the map.
@@ -130,14 +150,14 @@ def relief_features(
 
 
 def patch_features(z: Layer, scale: int, stroke: Sequence[float], cell: float, border: int) -> Features:
-    """Return the coefficients of the middle of a patch of heights and `border` cells about it, (2 b + 1, 2 b + 1).
+    """Return the ground coefficients of the middle of a patch and `border` cells about it, (2 b + 1, 2 b + 1) each.
 
     Args:
         z: heights, (n, n) m, NaN = unknown.
         scale: cells on each side of a plane.
         stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
         cell: edge of a cell, m.
-        border: cells on each side of the middle.
+        border: b, cells on each side of the middle.
     """
     first, edge = z.shape[0] // 2 - border, 2 * border + 1
     relief = Relief(*(np.full(z.shape, np.nan, dtype=np.float32) for _ in Relief._fields))

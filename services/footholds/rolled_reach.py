@@ -128,10 +128,10 @@ def _to_edges(
 def solve_rolled(
     leg: LegTable, px: float, py: float, pz: float
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Return the reach margin of a foot centre in base_link, and the two inner joints.
+    """Return how far a foot centre is inside the reach of a roll-pitch-pitch leg, and its femur joint and knee.
 
     Args:
-        leg: table of the leg.
+        leg: the leg as numbers, (LEG_NUMBERS,), by `rolled_table`.
         px: x of the foot centre, base_link, m.
         py: y of the foot centre, m.
         pz: z of the foot centre, m.

@@ -197,7 +197,10 @@ class WindowCosts(NamedTuple):
     """Q is the mean of P + k K4 over the free cells of 3 x 3."""
 
     def q(self, mask: Mask) -> Layer:
-        """Return Q of every cell, (rows, cols): the choice is the free cell of the least one."""
+        """Return the cost Q of every cell, no unit, (rows, cols): the choice is the free cell of the least one.
+
+        `mask`: reasons against each cell, (rows, cols), 0 = free.
+        """
         out = np.empty(self.slip.shape, dtype=np.float32)
         _q(mask, self.mean, self.away, self.weight, self.block, out)
         return out
@@ -207,12 +210,15 @@ def window_costs(
     ground: FootholdGround, model: SlipModel, window: tuple[int, int, int, int], stroke: Array,
     nominal: tuple[float, float] | None, params: SelectParams,
 ) -> WindowCosts:  # fmt: skip
-    """Return the costs of a window of the ground.
+    """Return predicted slip and distance from the nominal foothold of each cell of a window.
 
     Args:
+        ground: layers of the map.
+        model: predicts the slip.
         window: first row, first column, rows and columns; may leave the map.
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
-        nominal: x, y of the nominal foothold, map frame, m; None: K4 is 0.
+        nominal: x, y of the nominal foothold, map frame, m; None: the distance is 0.
+        params: weight of the distance.
     """
     surface, (row, col, rows, cols) = ground.surface, window
     blur = landing_weights(model.landing_error, surface.cell) if params.robust else ALONE
@@ -231,7 +237,10 @@ def window_costs(
 
 
 def best_cell(mask: Mask, costs: WindowCosts) -> int:
-    """Return the flat index of the free cell, mask (r, c) = 0, of the least Q, then of the least K4; -1: none."""
+    """Return the flat index of the free cell of least cost, among equals nearest to the nominal foothold; -1: none.
+
+    `mask`: reasons against each cell, (rows, cols), 0 = free.
+    """
     return _least(mask, costs.q(mask), costs.away)
 
 
@@ -303,7 +312,9 @@ ALONE = np.ones((1, 1))
 
 @lru_cache(maxsize=64)
 def landing_weights(error: float, cell: float) -> Array:
-    """Return the weights of the cells a foot may land on, (2 b + 1, 2 b + 1); beyond two deviations they are 0.
+    """Return the weights, no unit, of the cells a foot may land on, (2 b + 1, 2 b + 1) about the chosen one.
+
+    Cells beyond two standard deviations are left out; the weights do not sum to 1.
 
     Args:
         error: standard deviation of the landing along each axis, m.
@@ -317,7 +328,10 @@ def landing_weights(error: float, cell: float) -> Array:
 
 
 def draw(mask: Mask, seed: Sequence[int]) -> int:
-    """Return the flat index of a random cell that nothing but the slip model excludes, -1 if none; mask (r, c)."""
+    """Return the flat index of a random cell that nothing but the slip model excludes, -1 if there is none.
+
+    `mask`: reasons against each cell, (rows, cols), 0 = free; `seed`: of the draw.
+    """
     free = np.flatnonzero((mask & ~BY_MODEL).ravel() == 0)
     return int(free[np.random.default_rng(seed).integers(free.size)]) if free.size else -1
 

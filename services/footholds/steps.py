@@ -25,7 +25,7 @@ class PlannedSteps:
         self._background = Background("steps")
 
     def stop(self) -> None:
-        """End the thread."""
+        """End the thread that answers batches of steps."""
         self._background.stop()
 
     def answer(

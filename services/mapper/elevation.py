@@ -46,7 +46,10 @@ class OdometryDrift(NamedTuple):
 
 
 class Elevation(NamedTuple):
-    """Layers of the grid, (n, n), row along y."""
+    """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen.
+
+    The drift in x and y, m^2, and in yaw, rad^2, is that of the odometry when the cell was seen last, like that in z.
+    """
 
     height: Array
     """Height of each cell, frame of the odometry, m; NaN = not seen."""
@@ -60,7 +63,7 @@ class Elevation(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Place of the layers in the frame of the odometry."""
+    """Place of the cells of an elevation map in the frame of the odometry."""
 
     cell: float
     """Edge of a cell, m."""
@@ -98,12 +101,12 @@ def empty(n: int) -> Elevation:
 
 
 def around(grid: Grid, n: int, x: float, y: float) -> Grid:
-    """Return the grid of n x n cells whose middle is the cell of the point x, y, m."""
+    """Return the grid of n x n cells whose middle is the cell of the point x, y, m, frame of the odometry."""
     return Grid(grid.cell, math.floor(y / grid.cell + 0.5) - n // 2, math.floor(x / grid.cell + 0.5) - n // 2)
 
 
 def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
-    """Return the layers (n, n) on another place of the grid; what leaves it is forgotten."""
+    """Return the layers, (n, n) each, of a map whose grid has moved by whole cells; what leaves it is forgotten."""
     n, rows, cols = layers.height.shape[0], new.row - old.row, new.col - old.col
     if rows == 0 and cols == 0:
         return layers
@@ -119,10 +122,11 @@ def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
 def lay(
     layers: Elevation, grid: Grid, plane: tuple[float, float, float], half: Array, variance: float, drift: OdometryDrift
 ) -> None:
-    """Take the unseen cells near the middle for a plane.
+    """Take the unseen cells near the middle of a map for a plane, in place.
 
     Args:
-        grid: their place.
+        layers: of the map, (n, n) each.
+        grid: place of the cells.
         plane: height over (0, 0), m, and slope along x and y.
         half: half edges of the rectangle along x and y, (2,) m.
         variance: of its heights, m^2.
@@ -139,7 +143,13 @@ def lay(
 
 @kernel
 def means(n: int, grid: Grid, points: GroundPoints) -> GroundMeans:
-    """Return the means of the points of one image in the n x n cells of a grid."""
+    """Return the means of the points of one image in the n x n cells of a grid, frame of the odometry.
+
+    Args:
+        n: cells along an edge.
+        grid: place of the cells.
+        points: measured points and their variances.
+    """
     cell, row0, col0 = grid
     place, spread, shared = points
     weight, mean, square, bias = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
@@ -179,7 +189,13 @@ def _agrees(layers: Elevation, i: int, j: int, found: GroundMeans, drift: Odomet
 
 @kernel
 def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tuple[int, int]:
-    """Return how many cells both map and image show, and in how many of them they agree."""
+    """Return how many cells both map and image show, and in how many of them the heights agree within their errors.
+
+    Args:
+        layers: the map, (n, n) each, m.
+        found: means of the points of the image in each of these cells, m.
+        drift: of the odometry now; what it has grown since a cell was seen counts as an error of the cell.
+    """
     both, alike = 0, 0
     for i in range(layers.height.shape[0]):
         for j in range(layers.height.shape[1]):
@@ -212,10 +228,11 @@ def fuse(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> int:
 
 @kernel
 def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, robot: tuple[float, float, float]) -> Array:
-    """Return the variance of each height relative to the robot now, m^2, NaN = not seen.
+    """Return the variance of each height relative to the robot now, (n, n) m^2, NaN = not seen.
 
     Args:
-        grid: their place.
+        layers: of the map, (n, n) each.
+        grid: place of the cells.
         drift: of the odometry now.
         robot: x, y, m, and variance of its tilt about a level axis, rad^2.
     """

@@ -21,10 +21,10 @@ LEAST_FEET = 2
 
 
 class TrunkOverFeet:
-    """Pose of base_link that follows standing feet.
+    """Pose of base_link that is followed by the standing feet alone, while there is no odometry.
 
     Attributes:
-        position: (3,) m, frame of the odometry that was.
+        position: (3,) m, in the frame of the last odometry.
         yaw: rad.
     """
 

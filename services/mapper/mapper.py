@@ -170,14 +170,24 @@ class Mapper:
         return self._poses[-1] if self._poses else None
 
     def placed(self, pose: MapPose) -> MapPose:
-        """Return a pose of the odometry in the map: they differ once the odometry has begun anew."""
+        """Return a pose of the odometry as a pose in the frame of the map.
+
+        The two frames differ once the odometry has begun anew.
+        """
         if self._offset is None:
             return pose
         turn, shift = self._offset
         return pose._replace(position=product(turn, pose.position) + shift, rot=product(turn, pose.rot))
 
     def lay(self, pose: MapPose, trunk: TrunkOverFeet) -> None:
-        """Lay an odometry that has begun anew, now at `pose`, where the legs have the trunk; the map is less sure."""
+        """Place the frame of an odometry that has begun anew in the map, so that base_link is where the legs put it.
+
+        The variances of the map grow by the uncertainty of that.
+
+        Args:
+            pose: of base_link now, in the new frame of the odometry.
+            trunk: pose of base_link by the standing feet since the odometry was lost, frame of the map.
+        """
         turn = matrix_from_rpy(0.0, 0.0, trunk.yaw - float(rpy_from_matrix(pose.rot)[2]))
         self._offset = turn, trunk.position - product(turn, pose.position)
         self._drift = OdometryDrift(*(a + b * b for a, b in zip(self._drift, LAID, strict=True)))
@@ -203,7 +213,7 @@ class Mapper:
         return not jumped
 
     def begin(self, feet: Array) -> None:
-        """Take the ground about the robot for the plane under its feet, (n, 3) m, n >= 3, where nothing was seen."""
+        """Take unseen ground about the robot for the plane through its feet, (n, 3) m, n >= 3, odometry frame."""
         pose, p = self._poses[-1], self.params
         layers = self._here(pose)
         x, y, z = feet.T
@@ -222,11 +232,12 @@ class Mapper:
         Where the feet contradict the map, too, or all images have done so for long, the map begins anew.
 
         Args:
+            view: the image.
             now_ns: time of the tick, ns.
             feet: points of the ground under standing feet, frame of the odometry, (n, 3) m.
 
         Raises:
-            Refusal: why the whole image was left out.
+            Refusal: the whole image was left out; its text is the reason.
         """
         pose = self._pose_of(view, now_ns)
         data = view.depths.tobytes()
@@ -291,7 +302,7 @@ class Mapper:
         return _angle(self.error.turn)
 
     def heights(self) -> tuple[Array, Array] | None:
-        """Return the heights, m, and their variances relative to the robot now, m^2; None = nothing was seen."""
+        """Return the heights (n, n) m, map, and their variances relative to the robot (n, n) m^2; None = none seen."""
         if self.layers is None or not self._poses:
             return None
         pose = self._poses[-1]

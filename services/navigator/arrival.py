@@ -70,8 +70,9 @@ def arrival(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> End:
     """Return the end of a goal for a robot that stands at its last waypoint by the estimate.
 
     Args:
+        goal: the goal with its tolerances.
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance.
+        cov: its covariance, (3, 3) or larger.
         sure: standard deviations that fit between estimate and tolerance.
     """
     distance, turned = beside(goal, mean)

@@ -28,7 +28,10 @@ FROM = 0.2
 
 
 def leading(localiser: Localiser, maps: Maps) -> Aside:
-    """Return a function that returns the way of a robot by its sights and the maps as they are then."""
+    """Return a function without arguments that returns the way of a lost robot to where its candidate poses differ.
+
+    It uses sights and maps as they are at the call. The way is x, y in the robot's axes, m; None = there is none.
+    """
 
     def lead() -> Point | None:
         world = localiser.tracker.world

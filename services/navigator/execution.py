@@ -86,7 +86,7 @@ class Execution:
             piece.start = min(piece.start, now)
 
     def advance(self, now: float) -> list[Motion]:
-        """Return the motions since the last call."""
+        """Return the motions of the body since the last call, up to the time `now`, s."""
         moved: list[Motion] = []
         for piece in self.pieces:
             share = min(1.0, max(0.0, (now - piece.start) / max(piece.end - piece.start, 1e-3)))

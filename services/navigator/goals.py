@@ -36,7 +36,7 @@ class GaitView:
 
     @classmethod
     def of(cls, gait: GaitState) -> "GaitView":
-        """Return the view of a message."""
+        """Return the parts of a `state/gait` message that goals need."""
         return cls(gait.state, gait.walk_id, gait.order, gait.order_refused, gait.ends_in_s, gait.reason)
 
 
@@ -64,7 +64,7 @@ NEARER = 3.0
 
 @dataclass
 class NavigationGoal:
-    """One goal and its progress."""
+    """One goal of the navigator, with its route and its progress."""
 
     id: str
     route: tuple[Point, ...]
@@ -170,7 +170,11 @@ class NavigationGoal:
         return math.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
 
     def check(self) -> None:
-        """Refuse a goal that no navigator can have kept (raises ValueError)."""
+        """Refuse a goal read from a file whose waypoints, places or index cannot be those of a navigator.
+
+        Raises:
+            ValueError: a number that is not finite, or indices that do not fit the route.
+        """
         json.dumps(self.kept(), allow_nan=False)
         last, ends = len(self.route) - 1, self.ends
         if last < 0 or len(ends) != len(self.places) or [*ends] != sorted({*ends, last}) or ends[0] < 0:

@@ -302,7 +302,14 @@ class Localiser:
             self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), until)
 
     def echo(self, distance: float, expected: tuple[float, float], slack: float, now: float) -> None:
-        """Check the belief by an echo; arguments as of `lost.echoed`, `now` in s."""
+        """Check the belief by an echo of the ranger.
+
+        Args:
+            distance: of the echo, or the end of the reach, m.
+            expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
+            slack: difference that is none, m.
+            now: simulated time, s.
+        """
         if self.tracker.world is None or self.lost.lost:
             return
         state = passed(self._lost_state, max(0.0, now - self._lost_at), self.lost_model)

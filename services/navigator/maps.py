@@ -96,11 +96,19 @@ class Maps:
         self._seen.take(seen, at, unsure, now)
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return whether nothing seen that the map does not know stands on the next part of a route."""
+        """Return True if no obstacle was seen, beside those of the map, on the next part of a route that begins `here`.
+
+        here, route: x, y in m, frame map.
+        """
         return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius)
 
     def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
         """Return the waypoints to each place, around what was seen; straight ways where there is no map.
+
+        Args:
+            here: where the robot is, x, y in m, frame map.
+            places: to be reached one after the other, m, frame map.
+            field: name of the request's field, for the refusal.
 
         Raises:
             Refusal: a place that cannot be reached: `unreachable`, `blocked`, `outside`, `invalid`; names the field.

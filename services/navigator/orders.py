@@ -10,7 +10,7 @@ REMIND_S = 1.0
 
 
 class Orders:
-    """Orders of one epoch.
+    """Orders of the navigator to the walker in one epoch, repeated until the walker takes them up.
 
     Args:
         lag: delay between a foot's landing and the trunk reaching its place, s.

@@ -28,7 +28,7 @@ BLOCKED_SHARE = 0.25
 
 
 class Pilot:
-    """Conducts one goal at a time.
+    """Leads the robot to one goal at a time: chooses actions by a policy and orders them from the walker.
 
     Args:
         acts: the actions of the policy.
@@ -261,7 +261,7 @@ class Pilot:
         return ""
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) as they will be when the actions under way have ended."""
+        """Return mean (4,), m, rad, rad per m, and covariance (4, 4) of the belief after the actions under way."""
         rest = self.orders.execution.rest()
         if not rest:
             return tracker.after(Motion())
@@ -334,7 +334,7 @@ class Pilot:
         self._since = [0, 0]
 
     def stop(self) -> None:
-        """Order a stop; the goal goes on."""
+        """Order the walker to stop; the goal stays under way."""
         self._give(WalkCommand(action="stop"), None)
 
     def advance(self, name: str) -> float:

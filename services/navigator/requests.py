@@ -22,7 +22,7 @@ Log = Callable[[str, str], None]
 
 
 class Requests:
-    """Requests of one epoch.
+    """Handlers of the requests to the navigator in one epoch.
 
     Args:
         catalogue: policies by name.
@@ -56,7 +56,7 @@ class Requests:
         return self._accept(request, (place[:2],), "position", None if request.yaw is None else place[2])
 
     def waypoints(self, request: nav.WaypointsRequest) -> nav.GoalReply:
-        """Accept or refuse a list of places."""
+        """Accept or refuse a goal with a list of places, to be reached one after the other."""
         return self._accept(request, request.positions, "positions", None)
 
     def _accept(
@@ -82,7 +82,7 @@ class Requests:
         return nav.GoalReply(accepted=True, goal_id=goal.id, route=goal.route, length=goal.left(*here))
 
     def plan(self, tick: int, goal: NavigationGoal) -> None:
-        """Begin a goal in a tick."""
+        """Let a goal begin in the control tick `tick`."""
         self.planned.append((tick, goal))
         self._schedule(tick, lambda: self._begin(goal))
 
@@ -105,7 +105,7 @@ class Requests:
             return self.catalogue.decider(None)
 
     def cancel(self, request: nav.CancelRequest) -> nav.NavigatorReply:
-        """End the present goal on both feet."""
+        """End the present goal; the robot comes to stand on both feet."""
         self._refuse_late(request.at_tick)
         goal = self.pilot.goal
         if request.at_tick is None and (goal is None or self.pilot.state != "navigating"):
@@ -116,7 +116,7 @@ class Requests:
         return nav.NavigatorReply(accepted=True)
 
     def set_pose(self, request: nav.SetPoseRequest) -> nav.NavigatorReply:
-        """Begin anew at a stated pose."""
+        """Set the believed pose of the robot to the one that a request states; its goals go on."""
         self._refuse_late(request.at_tick)
         cov = None
         if request.covariance is not None:
@@ -144,7 +144,7 @@ class Requests:
         )  # fmt: skip
 
     def resume(self, kept: Kept, odometry: Odometry | None) -> None:
-        """Continue from the state of a navigator before."""
+        """Continue from the state that an earlier navigator kept; `odometry`: the newest, None = none came yet."""
         pilot, pose = self.pilot, None
         if odometry is not None:
             pose = (odometry.position[0], odometry.position[1], odometry.yaw)

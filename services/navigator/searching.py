@@ -20,14 +20,14 @@ def no_way() -> Point | None:
 
 
 class Moves(Protocol):
-    """Motions and ends of a robot that searches."""
+    """Motions that a search for the robot's pose may order, and ends of its goal."""
 
     def halt(self, state: GoalState, error: str, message: str) -> None:
         """Order a stop; the goal has the given end as soon as the robot stands."""
         ...
 
     def stop(self) -> None:
-        """Order a stop; the goal goes on."""
+        """Order the walker to stop; the goal stays under way."""
         ...
 
     def turn(self, name: str, angle: float) -> None:
@@ -72,7 +72,7 @@ class Search:
         self.begin()
 
     def begin(self) -> None:
-        """Begin a goal: nothing is searched for."""
+        """Forget the search of an earlier goal: nothing is searched for."""
         self.look: Look | None = None
         self._suspects_from = -math.inf
         """Simulated time from which a suspicion makes the robot look, s."""

@@ -22,7 +22,7 @@ LOOK_TICKS = 10
 
 
 class Output(Protocol):
-    """Place that messages are written to."""
+    """Destination of the recorder: a file per run, or a ring of the last seconds."""
 
     path: str
     """File that was written last; empty = none."""
@@ -32,11 +32,14 @@ class Output(Protocol):
         ...
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
-        """Take a message of a tick (raises OSError)."""
+        """Record a message of a tick (raises OSError)."""
         ...
 
     def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
-        """End the epoch (raises OSError)."""
+        """End the recording of the epoch (raises OSError).
+
+        `summary`: facts on the run; `hashes`: digest of each key.
+        """
         ...
 
     def save(self, reason: str) -> tuple[str, int]:
@@ -72,7 +75,10 @@ class WholeRun:
         self._files = 0
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Begin a file, unless it is begun."""
+        """Begin the file of an epoch, unless it is begun.
+
+        `begun`: the run was recorded by an earlier process until now; its file is not overwritten.
+        """
         if self._writer is not None:
             return
         self._files += 1
@@ -96,7 +102,7 @@ class WholeRun:
             writer.close(summary, hashes)
 
     def save(self, reason: str) -> tuple[str, int]:
-        """Refuse: all is written anyway."""
+        """Refuse the request (raises Refusal): all of the run is written anyway."""
         raise Refusal("refused", "ring_s is 0: the whole run is written, to recorder/status.path", "ring_s")
 
 
@@ -123,7 +129,7 @@ class LastSeconds:
         self._fallen, self._stopped = False, ""
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Drop the messages that are kept if they are of another epoch."""
+        """Drop the messages that are kept if they are of another epoch; `seed` and `begun` do not matter here."""
         if epoch != self._epoch:
             self._begin(epoch, seed)
 
@@ -165,7 +171,7 @@ class LastSeconds:
         return found
 
     def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
-        """Do nothing: an end is no event."""
+        """Do nothing: the end of a run writes no file."""
 
     def save(self, reason: str) -> tuple[str, int]:
         """Write the messages of the ring to a file; return its path and their number."""
@@ -180,7 +186,7 @@ class LastSeconds:
 
 
 def output_of(config: RecorderConfig) -> Output | None:
-    """Return where a recorder writes; None: nowhere."""
+    """Return the destination of a recorder of this configuration; None: it writes nowhere."""
     if not config.path:
         return None
     return (LastSeconds if config.ring_s else WholeRun)(config, Path(config.path))

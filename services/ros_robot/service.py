@@ -36,7 +36,7 @@ class RosRobotConfig(SensedConfig):
 
 
 class RosRobot(SensedDriver[RosRobotConfig]):
-    """Reads `sensor_msgs/Imu`, `sensor_msgs/JointState` and foot contacts; sends nothing."""
+    """Driver that watches a robot on ROS 2: it reads inertial unit, joints and foot contacts, and sends nothing."""
 
     name = "ros_robot"
     Config = RosRobotConfig
@@ -63,7 +63,7 @@ class RosRobot(SensedDriver[RosRobotConfig]):
         self._queue.append((kind, message))
 
     def poll(self) -> None:
-        """Move what has come into the intake."""
+        """Move the messages that have come into the intake, which releases them tick by tick."""
         while self._queue:
             kind, m = self._queue.popleft()
             try:

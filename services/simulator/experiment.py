@@ -31,7 +31,7 @@ LIFT_M, LIFT_TICKS, STROKE_TICKS, REST_TICKS = 0.03, 40, 100, 20
 
 
 def outcome_of(robot: Robot, trial: PrimitiveTrial) -> TrialOutcome:
-    """Return what comes of a trial; equal arguments give equal numbers."""
+    """Return the outcome of a trial on a ground primitive; equal arguments give equal numbers."""
     neutral = kinematics.foot_positions(robot.model, robot.neutral)
     try:
         ground = primitive_ground(neutral[:, :2], trial)

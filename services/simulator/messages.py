@@ -140,7 +140,7 @@ def truth_message(truth: ExactState) -> TruthMessage:
 
 
 def map_message(heights: HeightMap, terrain: Terrain, profile: str) -> HeightMapMessage:
-    """Return the message of the robot's map."""
+    """Return the message of the height map that the robot gets; `profile`: how it differs from the true one."""
     return HeightMapMessage(**heights.header(), kind=terrain.kind, profile=profile, data=heights.to_bytes())
 
 

@@ -48,7 +48,7 @@ class SimulatorQueries:
     # -- worlds ------------------------------------------------------------------------------------------------
 
     def reset(self, request: sim.ResetRequest) -> sim.ResetReply:
-        """Build the world and raise the epoch."""
+        """Build the world of a request; a new epoch begins."""
         request = request.over(self.run.request)
         self.run.build(request)
         epoch = self.run.begin()
@@ -56,14 +56,14 @@ class SimulatorQueries:
         return sim.ResetReply(epoch=epoch, run_id=f"{name}-seed{request.seed}-epoch{epoch}")
 
     def checkpoint(self, request: sim.CheckpointRequest) -> sim.CheckpointReply:
-        """Store the world under a name."""
+        """Store the state of the simulated world under a name."""
         saved = self.run.world.checkpoint()
         self._saved[request.name] = (saved, self.run.request)
         leader = self.run.driver.node.leader
         return sim.CheckpointReply(name=request.name, tick=leader.tick, epoch=leader.epoch, sha256=saved.sha256)
 
     def restore(self, request: sim.RestoreRequest) -> sim.CheckpointReply:
-        """Take the world back; a new epoch begins there."""
+        """Go back to the state of the world that was stored under a name; a new epoch begins there."""
         if request.name not in self._saved:
             known = ", ".join(sorted(self._saved)) or "none"
             raise Refusal("unknown_checkpoint", f"no checkpoint {request.name!r}; there are: {known}", "name")
@@ -171,7 +171,7 @@ class SimulatorQueries:
         return self.run.built.landmarks
 
     def status(self, request: StatusRequest) -> SimStatus:
-        """Return the present state of time and of the run."""
+        """Return how simulated time and the run go, as `sim/status` reports them."""
         return self.run.status()
 
     def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:

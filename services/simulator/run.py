@@ -57,7 +57,7 @@ class SimulatedRun:
         return self.world.stamp_ns * 1e-9
 
     def build(self, request: sim.ResetRequest) -> None:
-        """Replace the world (raises Refusal)."""
+        """Replace the world by that of a request (raises Refusal: it cannot be built)."""
         self.built = build_world(self.robot, request)
         self.request = request
         self.driver.lacking = self.built.lacking

@@ -339,7 +339,7 @@ class PhysicsWorld:
         """Go back to a checkpoint of this world; the future is the same to the bit.
 
         Args:
-            saved: what `checkpoint` gave.
+            saved: result of `checkpoint` of this world.
             restart: count stamps and sequence numbers from here, as a new epoch does; `tick` goes on, so that pushes
                 and faults keep their time. A sample that was released at the checkpoint keeps its age.
 

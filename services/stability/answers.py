@@ -47,14 +47,14 @@ from .sensing.state import Status, WatchParams
 
 
 def region_reply(request: RegionRequest, own: Robot) -> RegionReply:
-    """Answer `stability/region`; `own` is the robot when the request names none."""
+    """Return the reply to `stability/region`; `own` is the robot when the request names none."""
     asked = region_question(request, own)
     found = in_common(regions_in(asked.mode, asked.contacts, asked.wanted))
     return RegionReply(**_region_fields(found, request.certificates, polygons=True))
 
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
-    """Answer `stability/check`; `own` is the robot when the request names none."""
+    """Return the reply to `stability/check`; `own` is the robot when the request names none."""
     asked = check_question(request, own)
     found = check_movement(asked.movement)
     check, (x, y), after, shift = found.check, asked.movement.com.tolist(), found.check.com_after, asked.movement.shift
@@ -78,7 +78,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
 
 
 def whatif_reply(request: WhatifRequest) -> WhatifReply:
-    """Answer the query `stability/whatif`: margins after each contact is lifted."""
+    """Return the reply to `stability/whatif`: margins after each contact is lifted."""
     contacts, candidates = contacts_of(request.contacts), contacts_of(request.candidates, "candidates")
     found = variants(what_if(contacts, within(request.com, "com"), candidates))
     n = len(contacts)
@@ -86,12 +86,12 @@ def whatif_reply(request: WhatifRequest) -> WhatifReply:
 
 
 def batch_reply(request: BatchRequest) -> BatchReply:
-    """Answer the query `stability/batch`: margins of many sets of contacts."""
+    """Return the reply to `stability/batch`: margins of many sets of contacts."""
     return BatchReply(results=variants(batch(packed_sets(request))))
 
 
 def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
-    """Answer the query `stability/equilibrium`: forces that hold the robot, or a proof that none do."""
+    """Return the reply to `stability/equilibrium`: forces that hold the robot, or a proof that none do."""
     asked = equilibrium_question(request)
     found, back = equilibrium(asked.contacts, asked.com), asked.back
     if not found.held:
@@ -110,7 +110,7 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
 
 
 def com_reply(request: ComRequest, own: Robot) -> ComReply:
-    """Answer to `stability/com`; `own` is the robot when the request names none."""
+    """Return the answer to `stability/com`; `own` is the robot when the request names none."""
     robot = named_robot(request.robot) if request.robot is not None else own
     stands = posed(robot, request.joints, request.base)
     joints, base, rot = stands.joints, stands.base, stands.rot
@@ -167,7 +167,7 @@ def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot
 
 
 def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
-    """Message of a status; `mu` is the friction coefficient taken for every foot."""
+    """Return the message of a status; `mu` is the friction coefficient taken for every foot."""
     measured = now.com_measured
     return StabilityStatus(
         status=now.region.status,
@@ -184,7 +184,7 @@ def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
 
 
 def no_status(legs: int, mu: float) -> StabilityStatus:
-    """Message as long as a sample is missing, for a robot with so many legs."""
+    """Return the status message of a robot with so many legs while a sample is missing; `mu`: friction coefficient."""
     return StabilityStatus(
         status="infeasible",
         stance=(False,) * legs,
@@ -263,7 +263,7 @@ def _length(extent: Extent | None) -> float | None:
 
 
 def variants(found: Variants) -> tuple[Variant, ...]:
-    """Messages of the answers about many sets."""
+    """Return the answers about many contact sets as messages."""
     status, margin, stable = found.status.tolist(), found.margin.tolist(), found.stable.tolist()
     return tuple(
         Variant(status=STATUSES[s], margin=None if m != m else m, stable=ok)

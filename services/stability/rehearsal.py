@@ -27,7 +27,7 @@ MOVEMENT = (0.01, 0.0, 0.0)
 
 
 def rehearse(robot: Robot, params: state.WatchParams) -> None:
-    """Go through what a walking robot asks for, and through the contact sets that its feet can make."""
+    """Run what a walking robot requests, and the contact sets that its feet can make, so that kernels are loaded."""
     _regions()
     contacts, joints = _contacts(robot), tuple(robot.neutral.tolist())
     com = contacts[0].position[:2]
@@ -42,7 +42,7 @@ def rehearse(robot: Robot, params: state.WatchParams) -> None:
 
 
 def rehearse_rare(robot: Robot) -> None:
-    """Go through queries with kernels of their own that no walk asks: many sets at once, limits of servos."""
+    """Run the queries with kernels of their own that no walk requests: many sets at once, limits of servos."""
     contacts, joints = _contacts(robot), tuple(robot.neutral.tolist())
     com = contacts[0].position[:2]
     whatif_reply(WhatifRequest(contacts=contacts, com=com))

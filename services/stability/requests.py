@@ -34,7 +34,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class RegionQuestion(NamedTuple):
-    """Region that a request asks for."""
+    """Region that a request asks for: gravity, contacts, directions, posture."""
 
     mode: Mode
     """Mode of the robot: at rest, moving, tilted, or held by its servos."""
@@ -133,7 +133,7 @@ def _uncertainty(doubt: Doubt, n: int) -> Uncertainty:
 
 @lru_cache(maxsize=16)
 def named_robot(name: str, field: str = "robot") -> Robot:
-    """Robot description by name (not by path: a request must not read files of its own choice).
+    """Return a robot description by name (not by path: a request must not read files of its own choice).
 
     Raises:
         StabilityError: there is none, by `field`.

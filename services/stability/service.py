@@ -75,7 +75,7 @@ class Stability(Service[StabilityConfig]):
         self.calibration = CalibrationJob(self.robot, self.params.torque_variance)
 
     def on_config(self) -> None:
-        """Take the new parameters from the next status on."""
+        """Take the new parameters for the next status."""
         self.params = self.config.watch()
 
     def on_tick(self, inputs: TickInputs) -> None:

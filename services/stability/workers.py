@@ -26,7 +26,7 @@ AT_ONCE = 32
 
 
 def answered(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
-    """Return a handler whose domain errors are refusals."""
+    """Return a handler that raises StabilityError of the given one as a Refusal, which a query can answer with."""
 
     def answer(request: Req) -> Rep:
         try:
@@ -38,7 +38,7 @@ def answered(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
 
 
 class Workers:
-    """Threads beside the ticks: late imports, and large batches."""
+    """Answers queries of the stability service on a thread beside the ticks, where that takes long."""
 
     def __init__(self) -> None:
         self._timer = threading.Timer(LATER_S, clarabel_and_sparse)
@@ -47,11 +47,11 @@ class Workers:
         self._background = Background("batch")
 
     def stop(self) -> None:
-        """End the thread of batches."""
+        """End the thread that answers large batches."""
         self._background.stop()
 
     def batch(self, request: BatchRequest) -> BatchReply | Future[BatchReply]:
-        """Answer `stability/batch`, with many sets later."""
+        """Return the reply to `stability/batch`; with many sets a future, which a thread beside the ticks fulfils."""
         large = max(len(request.sets), len(request.counts)) > AT_ONCE
         return (
             self._background.answer(answered(batch_reply), request)
@@ -60,7 +60,7 @@ class Workers:
         )
 
     def whatif(self, request: WhatifRequest) -> WhatifReply | Future[WhatifReply]:
-        """Answer the query `stability/whatif` in a thread of the pool."""
+        """Return the reply to `stability/whatif`; a future as long as its kernel is not compiled."""
         return self._soon(answered(whatif_reply), request)
 
     def _soon(self, answer: Callable[[Req], Rep], request: Req) -> Rep | Future[Rep]:

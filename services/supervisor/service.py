@@ -66,14 +66,14 @@ class Supervisor(Service[ServiceConfig]):
         return self.last - self.began
 
     def stops(self) -> list[str]:
-        """Return why the driver's run is not valid: an emergency stop, physics that diverged."""
+        """Return the reasons why the driver's run is not valid: an emergency stop, physics that diverged."""
         if self.status is None:
             return []
         stopped = self.status.stopped
         return [text for text in (f"emergency stop: {stopped}" if stopped else "", self.status.failed) if text]
 
     def on_reset(self) -> None:
-        """Forget what was seen of the run before."""
+        """Forget the messages and times of the run before."""
         self.ended.clear()
         self.kept.clear()
         self.notes.clear()

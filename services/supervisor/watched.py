@@ -11,13 +11,13 @@ class Watched(Protocol):
     name: str
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:
-        """Note a heartbeat of a service's process."""
+        """Record a heartbeat of a service's process; `well`: it is ready for work."""
 
     def ticked(self, owner: str) -> None:
-        """Note that what a service publishes came in a tick."""
+        """Record that a message that a service publishes came in a tick."""
 
     def signal_kill(self, service: str) -> None:
-        """End a service without warning."""
+        """Kill the process of a service at once (SIGKILL)."""
 
     def rows(self) -> tuple[ServiceStatus, ...]:
         """Return the state of every service."""

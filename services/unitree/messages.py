@@ -108,7 +108,7 @@ class LowState(idl.IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
 @final
 @autoid("sequential")
 class TimeSpec(idl.IdlStruct, typename="unitree_go.msg.dds_.TimeSpec_"):
-    """Time of the maker's estimate."""
+    """Time stamp of the maker's estimate: seconds and nanoseconds."""
 
     sec: int32
     nanosec: uint32
@@ -118,7 +118,7 @@ class TimeSpec(idl.IdlStruct, typename="unitree_go.msg.dds_.TimeSpec_"):
 @final
 @autoid("sequential")
 class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
-    """Point of a planned path."""
+    """Point of a path that the maker's software has planned: s, m, rad, m/s, rad/s."""
 
     t_from_start: float32
     x: float32
@@ -189,7 +189,7 @@ IMU_AT, MOTORS_AT, FEET_AT, TICK_AT = 9, 23, 288, 296
 
 
 def sensors_of(n: Numbers) -> Sensors:
-    """Return what a driver reads of a LowState."""
+    """Return the sensors of a robot from the numbers of its LowState message."""
     end = MOTORS_AT + MOTORS * MOTOR_WORDS
     q, dq, tau, lost = (n[MOTORS_AT + k : end : MOTOR_WORDS] for k in (1, 2, 4, 9))
     gyro, acc, feet = n[IMU_AT + 4 : IMU_AT + 7], n[IMU_AT + 7 : IMU_AT + 10], n[FEET_AT : FEET_AT + 4]
@@ -197,7 +197,7 @@ def sensors_of(n: Numbers) -> Sensors:
 
 
 def numbers_of(state: LowState) -> Numbers:
-    """Return the numbers of a LowState."""
+    """Return all numbers of a LowState message, in the order of its fields."""
     m, imu, power = state, state.imu_state, state.bms_state
     numbers = [*m.head, m.level_flag, m.frame_reserve, *m.sn, *m.version, m.bandwidth]
     numbers += [*imu.quaternion, *imu.gyroscope, *imu.accelerometer, *imu.rpy, imu.temperature]

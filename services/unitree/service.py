@@ -39,7 +39,10 @@ class UnitreeConfig(SensedConfig):
 
 
 class Unitree(SensedDriver[UnitreeConfig]):
-    """Time is the robot's `tick`; the maker's own estimate is recorded as `hw/maker`."""
+    """Driver that watches a Unitree robot over DDS; its ticks follow the robot's own counter.
+
+    The maker's own estimate is recorded as `hw/maker`.
+    """
 
     name = "unitree"
     Config = UnitreeConfig
@@ -85,7 +88,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         return made[0], made[1]
 
     def poll(self) -> None:
-        """Move what has come into the intake."""
+        """Move the messages that have come into the intake, which releases them tick by tick."""
         for state in self._readers[0].take(N=MOST):
             if isinstance(state, tuple):  # else: the writer has gone
                 self.take(state)

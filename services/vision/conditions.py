@@ -14,11 +14,11 @@ MOST_COVERED, MOST_WHITE = 0.25, 0.5
 
 
 def conditions(pixels: Greys, before: Greys | None) -> tuple[str, ...]:
-    """Return what is wrong with an image: `dark`, `bright`, `covered`, `frozen`; empty = nothing.
+    """Return the faults of an image by name: `dark`, `bright`, `covered`, `frozen`; empty = none.
 
     Args:
-        pixels: greys, (height, width).
-        before: the image before; a camera has noise, so no two images are equal.
+        pixels: greys 0..255, (height, width).
+        before: the image before, (height, width); None = there is none. A camera has noise, so no two images are equal.
     """
     found: list[str] = []
     if before is not None and np.array_equal(before, pixels):

@@ -21,7 +21,7 @@ from .view import FloorPose, Patch, from_above, greys, in_image
 Counts = NDArray[np.int64]
 
 FEW_FEATURES = 12
-"""FoundFeatures of an image that shows a floor without any detail, or less."""
+"""Features of an image that shows a floor without any detail, or less."""
 SCALES, SCALED = 8, 0.04
 """Images over which the scale is watched, and its largest deviation from 1."""
 SCALE_FROM = 6

@@ -34,7 +34,7 @@ PLACE_GRID = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
-    """FoundFeatures on the floor, frame map; immutable."""
+    """Map of the features on the floor by their places, frame map, and descriptors; immutable."""
 
     kind: Kind
     positions: Array

@@ -1,4 +1,4 @@
-"""FoundFeatures of a picture: places and descriptors by ORB or SIFT, behind one interface."""
+"""Features of a picture: places and descriptors by ORB or SIFT, behind one interface."""
 
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -60,7 +60,7 @@ class Extractor:
             self._make = cv2.SIFT_create(nfeatures=count, contrastThreshold=0.04 * contrast)
 
     def find(self, picture: NDArray[np.uint8], mask: NDArray[np.uint8]) -> FoundFeatures:
-        """Return the features of a grey picture (h, w) where the mask (h, w) is not 0."""
+        """Return the features of a picture (h, w), greys 0..255, where the mask (h, w) is not 0."""
         points, descriptors = self._make.detectAndCompute(picture, mask)
         if not points:
             return nothing(self.kind)
@@ -73,7 +73,7 @@ def nothing(kind: Kind) -> FoundFeatures:
 
 
 def distances(kind: Kind, a: NDArray[Any], b: NDArray[Any]) -> Array:
-    """Return the distance of every pair of descriptors, (len(a), len(b)): bits that differ (orb), else Euclidean.
+    """Return the distance of every pair of descriptors, (n, m), no unit: bits that differ (orb), else Euclidean.
 
     `a` (n, d), `b` (m, d): bytes (orb), else float32.
 

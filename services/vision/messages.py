@@ -40,12 +40,12 @@ def places_of(message: LandmarkDetections) -> Array:
 
 
 def landmarks_message(places: Array, seen: Seen, codes: Array, stamp_ns: int, flags: tuple[str, ...]) -> SeenLandmarks:
-    """Return the message of an image.
+    """Return the message of the landmarks that were recognised in an image.
 
     Args:
         places: of its landmarks in heading axes of base_link now, (k, 2) m.
         seen: result of the image.
-        codes: of the map's features.
+        codes: descriptors of the map's features, (n, CODE) unit vectors.
         stamp_ns: middle of the exposure.
         flags: of the camera, beside those of the image.
     """

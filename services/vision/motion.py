@@ -52,7 +52,7 @@ class MotionHistory:
     )
 
     def moved(self, odometry: Odometry) -> None:
-        """Take the odometry of a tick."""
+        """Record the odometry of a tick."""
         if not odometry.initialised:
             return
         c, s = math.cos(odometry.yaw), math.sin(odometry.yaw)
@@ -75,7 +75,7 @@ class MotionHistory:
             self._moments[i] = moment._replace(pose=moved)
 
     def bent(self, joints: JointState) -> None:
-        """Take a sample of the joint encoders."""
+        """Record a sample of the joint encoders."""
         self._joints.append((joints.stamp_ns, joints.position))
 
     @property
@@ -101,7 +101,7 @@ def _nearest(items: list[T], stamps: list[int], stamp_ns: int) -> T | None:
 
 
 def since(places: Array, then: OdometryAt, now: OdometryAt) -> Array:
-    """Return points (n, 2) m in the heading axes `now` of points in those of `then`, by odometry."""
+    """Return points (n, 2) m, given in the heading axes of base_link at `then`, in those at `now`, by odometry."""
     dx, dy = then.pose[0] - now.pose[0], then.pose[1] - now.pose[1]
     turn = then.pose[2] - now.pose[2]
     c, s = math.cos(turn), math.sin(turn)

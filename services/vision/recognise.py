@@ -76,7 +76,7 @@ class Recognised(NamedTuple):
     """Map features found in one picture."""
 
     features: Index
-    """FoundFeatures of the picture, likest first, (k,)."""
+    """Features of the picture, likest first, (k,)."""
     landmarks: Index
     """Feature of the map for each, (k,)."""
     anywhere: bool
@@ -84,7 +84,7 @@ class Recognised(NamedTuple):
     agreed: int
     """Map features found, of which `features` are the likest."""
     compared: int
-    """FoundFeatures that had a candidate."""
+    """Features that had a candidate."""
     scale: float
     """Scale of the motion that explains the matches best, 1 = the picture's is right; 1 for fewer than three."""
 
@@ -96,7 +96,7 @@ def recognise(
 
     Args:
         places: of the picture's features, heading axes of base_link, (n, 2) m.
-        descriptors: of these.
+        descriptors: of these, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT.
         world: map.
         belief: None = lost: all of the map is compared, and only a motion that many agree on counts.
         params: limits.
@@ -126,13 +126,16 @@ def recognise(
 
 
 def seen_from(positions: Array, pose: Array) -> Array:
-    """Return places of the map (n, 2) m in heading axes of a pose x, y, yaw, (n, 2) m."""
+    """Return places of the map, (n, 2) m, in the heading axes of a pose x, y (m), yaw (rad), (3,), as (n, 2) m."""
     away, c, s = positions - pose[:2], math.cos(pose[2]), math.sin(pose[2])
     return np.stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]), axis=1)
 
 
 def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
-    """Return how far from places (n, 2) m, heading axes, features of the map are candidates, (n,) m; p (3, 3)."""
+    """Return the distance from each place within which features of the map are candidates for it, (n,) m.
+
+    `places`: (n, 2) m, heading axes of base_link; `p`: covariance of the believed pose x, y, yaw, (3, 3) m and rad.
+    """
     half, bend = 0.5 * (p[0, 0] + p[1, 1]), math.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
     away = np.hypot(places[:, 0], places[:, 1])
     return params.slack + math.sqrt(params.chi2) * np.sqrt(half + bend + away**2 * p[2, 2])

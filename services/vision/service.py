@@ -132,7 +132,7 @@ class VisionService(Service[VisionConfig]):
         return flags
 
     def on_stop(self) -> None:
-        """Leave the image under way."""
+        """End without waiting for the image that is being read."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
 

@@ -38,7 +38,10 @@ class FloorPose(NamedTuple):
 
 @dataclass(frozen=True)
 class Patch:
-    """Part of the floor that is looked at, in heading axes of base_link, m."""
+    """Part of the floor that is looked at, in heading axes of base_link, m.
+
+    It begins and ends so far ahead of the robot, and reaches so far to each side.
+    """
 
     nearest: float = 0.3
     farthest: float = 1.1
@@ -120,7 +123,13 @@ def in_image(image: CameraImage, base: FloorPose, patch: Patch, places: Array) -
 
 
 def from_above(image: CameraImage, pixels: Greys, base: FloorPose, patch: Patch) -> tuple[Greys, Greys]:
-    """Return the picture of the floor from above, and where it shows the floor (255, else 0).
+    """Return the picture of the floor from above, (rows, cols) greys, and a mask of it: 255 where it shows the floor.
+
+    Args:
+        image: message of the image, with the camera's place.
+        pixels: its greys, (height, width).
+        base: pose of base_link over the floor.
+        patch: part of the floor that is looked at.
 
     Raises:
         Refusal: the camera does not look down on the floor.

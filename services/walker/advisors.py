@@ -31,9 +31,10 @@ class Call(Protocol):
 
 
 class Advisors:
-    """Footholds and stability of the steps of one run.
+    """Requests the footholds and the stability of each step of one run from other services.
 
     Args:
+        robot: the robot.
         call: sends a request.
         footholds: False = every foot lands on its nominal foothold.
         stability: False = the hull of the standing feet decides.

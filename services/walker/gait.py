@@ -29,7 +29,7 @@ class Gait(Protocol):
         ...
 
     def kept(self) -> WalkMemory:
-        """Return the state that a restart must not lose."""
+        """Return the state that a restart of the walker must not lose."""
         ...
 
     def resume(self, kept: WalkMemory) -> None:

@@ -175,7 +175,7 @@ class StanceCheck:
 
 @dataclass(frozen=True, slots=True)
 class StanceVerdict:
-    """Verdict on a step before it is taken."""
+    """Answer on a planned step: whether the robot stays stable, and with which margin."""
 
     stable: bool
     margin: float | None = None
@@ -205,7 +205,7 @@ class BodyPose:
 
 @dataclass(frozen=True, slots=True)
 class Advance:
-    """Movement of the trunk in one step, heading axes."""
+    """Movement of the trunk in one step, heading axes: forward and left, m, turn to the left, rad."""
 
     forward: float = 0.0
     left: float = 0.0

@@ -72,7 +72,7 @@ class MemoryFile(RunMemory):
         self._last: WalkMemory | None = None
 
     def keep(self, epoch: int, tick: int, kept: WalkMemory) -> None:
-        """Write the state if it has changed."""
+        """Write the state of the walker in a tick to the file if it has changed."""
         if kept != self._last:
             self._last = kept
             self.write(epoch, tick, asdict(kept))

@@ -8,7 +8,7 @@ Choice = tuple[LegRequest, tuple[float, float]]
 
 
 class Outcomes:
-    """Choices of footholds by leg, and the stances that came of them.
+    """Choices of footholds by leg, and slip and soundness of the stances that followed them.
 
     A choice is made before its leg lifts off, so the stance that ends next is that of the choice before.
     """
@@ -19,14 +19,14 @@ class Outcomes:
         self._ended: list[StanceOutcome] = []
 
     def chose(self, asked: LegRequest, reply: LegFoothold) -> None:
-        """Take a choice; one that was never stepped on is replaced by the next."""
+        """Record the choice of a foothold; one that was never stepped on is replaced by the next."""
         if reply.status == "ok" and reply.foothold is not None:
             self._chosen[asked.leg] = (asked, (reply.foothold[0], reply.foothold[1]))
         else:
             self._chosen.pop(asked.leg, None)
 
     def ended(self, leg: str, slip: float, healthy: bool = True) -> None:
-        """Take the end of a stance of a leg, in which the foot slid by `slip`, m, and if its sensors were sound."""
+        """Record the end of a stance of a leg: way that the foot slid, m, and True if its sensors were sound."""
         standing = self._standing.pop(leg, None)
         if leg in self._chosen:
             self._standing[leg] = self._chosen.pop(leg)
@@ -40,6 +40,6 @@ class Outcomes:
         self._ended = [*self._ended, outcome][-MOST:]
 
     def take(self) -> tuple[StanceOutcome, ...]:
-        """Return the outcomes since the last call."""
+        """Return the outcomes of stances since the last call."""
         found, self._ended = tuple(self._ended), []
         return found

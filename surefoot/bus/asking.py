@@ -56,7 +56,7 @@ class Asking:
             query: row of the table.
             timeout: limit on the wait, s; it holds too where the network forgets the query.
             payload: encoded request.
-            attachment: the same.
+            attachment: raw bytes that go with the payload; None = none.
             instance: process that shall answer; empty = the one that shows the owner's token.
             meanwhile: called every ``MEANWHILE_S`` of the wait.
 

@@ -77,7 +77,7 @@ def issue(folder: Path, identity: str, days: int, hosts: tuple[str, ...] = ()) -
 
 
 def hosts_of(folder: Path, identity: str) -> tuple[str, ...]:
-    """Return the names and addresses in a certificate."""
+    """Return the host names and addresses for which an identity's certificate holds."""
     x509 = _library("x509")
     found = _certificate(folder, identity).extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return tuple(str(name.value) for name in found)

@@ -23,7 +23,7 @@ _OCTETS = "application/octet-stream"
 
 @cache
 def encoding_of(model: type[Wire]) -> str:
-    """Zenoh encoding of a model, e.g. ``application/json;surefoot/Imu/1.0``; whoever declares a key asks for it.
+    """Return the Zenoh encoding of a model, e.g. ``application/json;surefoot/Imu/1.0``.
 
     The first call builds the model's validator, which would else be built with its first message.
     """
@@ -48,7 +48,7 @@ def encode(message: Wire) -> tuple[bytes, bytes | None]:
 
 
 def decode(model: type[W], payload: bytes, attachment: bytes | None = None, encoding: str = "") -> W:
-    """Message of a payload.
+    """Return the message of a payload.
 
     Raises:
         Refusal: too_large, schema (another named schema or major version), malformed, or invalid (names the field).
@@ -69,7 +69,11 @@ def decode(model: type[W], payload: bytes, attachment: bytes | None = None, enco
 
 
 def validate_json(model: type[W], payload: bytes) -> W:
-    """Message of a JSON text; see ``decode`` for what it raises."""
+    """Return the message of a JSON text.
+
+    Raises:
+        Refusal: too_large, malformed, or invalid (names the field).
+    """
     if len(payload) > MAX_JSON_BYTES:
         raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_JSON_BYTES} are accepted")
     try:
@@ -132,12 +136,12 @@ def check_encoding(model: type[Wire], encoding: str) -> None:
 
 
 def read_header(payload: bytes, attachment: bytes | None) -> Header:
-    """Header alone, for those who pass messages on without reading them."""
+    """Return the header of a message alone, for a process that passes messages on without reading them."""
     return validate_json(Header, attachment or payload)
 
 
 def json_schema(model: type[Wire]) -> dict[str, Any]:
-    """JSON Schema of a model as published by ``surefoot schema export``."""
+    """Return the JSON Schema of a model as published by ``surefoot schema export``."""
     schema = model.model_json_schema(mode="serialization" if issubclass(model, Message) else "validation")
     schema["$id"] = model.schema_name()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"

@@ -34,7 +34,7 @@ class Confirmed(NamedTuple):
 
 
 class Stopper:
-    """A connection to one robot.
+    """Connection to one robot that sends an emergency stop and waits for the driver's confirmation.
 
     Args:
         ways: endpoint of its router, or those of all its services, one of which drives.

@@ -42,14 +42,21 @@ def checked_namespace(namespace: str) -> str:
 
 
 def to_listen(option: str | None = None) -> str:
-    """Where a router listens: ``--listen``, else SUREFOOT_LISTEN, else the default (raises ConfigError)."""
+    """Return the endpoint where a router listens: the option, else SUREFOOT_LISTEN, else the default.
+
+    Raises:
+        ConfigError: the text is no endpoint.
+    """
     return checked("--listen", option) if option else from_environment("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
 
 
 def to_connect() -> str:
-    """Where clients and services find the router: SUREFOOT_CONNECT, SUREFOOT_LISTEN, the default (raises ConfigError).
+    """Return the endpoint where the router is found: SUREFOOT_CONNECT, else SUREFOOT_LISTEN, else the default.
 
-    Who has set SUREFOOT_LISTEN for ``surefoot up`` means the same router in the same shell.
+    A shell that has set SUREFOOT_LISTEN for ``surefoot up`` means the same router.
+
+    Raises:
+        ConfigError: the text is no endpoint.
     """
     return from_environment("SUREFOOT_CONNECT") or from_environment("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
 

@@ -31,7 +31,7 @@ class FramePart(NamedTuple):
 
 
 def pack(parts: Sequence[FramePart], instance: str = "") -> tuple[bytes, bytes]:
-    """Payload and attachment of a frame that the process ``instance`` publishes."""
+    """Return payload and attachment of a frame that the process ``instance`` publishes."""
     index = [instance]
     index += [
         f"{key},{len(payload)},{tick},{epoch},{stamp_ns},{seq}" for key, payload, (tick, epoch, stamp_ns, seq) in parts

@@ -67,7 +67,7 @@ class Lane:
         return True
 
     def get(self) -> Any:
-        """Return the oldest item (raises IndexError)."""
+        """Take out and return the oldest item (raises IndexError: there is none)."""
         item = self.items.popleft()
         if type(item) is _Counted:
             item, size = item

@@ -94,11 +94,15 @@ class Delivery:
         return self._message
 
     def under(self, topic: Topic[Any]) -> "Delivery":
-        """Return the same message as of another topic of its family: the one that was subscribed to."""
+        """Return the same message under another topic row of its family, such as the one that was subscribed to."""
         return self if topic is self.topic else Delivery(topic, self._message, self._raw, self._stamp, self.sender)
 
     def header(self) -> Any:
-        """Return the header alone, without reading the rest (raises as ``message``)."""
+        """Return the header of the message alone, without decoding the rest.
+
+        Raises:
+            Refusal: the payload is not what the topic carries.
+        """
         if self._message is not None:
             return self._message
         if self._stamp is not None:
@@ -118,7 +122,7 @@ class Delivery:
 
 
 class Incoming(Protocol):
-    """A query that waits for its answer. Exactly one of the methods ends it."""
+    """A query that waits for its answer; exactly one of `reply`, `fail` and `accept_probe` ends it."""
 
     query: Query[Any, Any]
     participant: bool
@@ -138,7 +142,7 @@ class Incoming(Protocol):
         ...
 
     def fail(self, error: SurefootError) -> None:
-        """Answer with a typed error."""
+        """Answer the query with an error."""
         ...
 
     def accept_probe(self) -> None:

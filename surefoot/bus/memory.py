@@ -12,7 +12,7 @@ from surefoot.schemas.topics import HEALTH_GET, Query, Topic
 
 
 class MemoryPublisher(Generic[M]):
-    """Hands each message to the sinks of its key."""
+    """Publisher of one key on the in-memory bus: hands each message to the sinks of its key."""
 
     watched = False
 

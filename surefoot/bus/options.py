@@ -25,7 +25,7 @@ again: longer than a busy machine holds up a thread that sends, shorter than a r
 
 @dataclass(frozen=True)
 class ZenohOptions:
-    """Where and as what a session joins the network."""
+    """Endpoints, namespace and identity with which a session joins the network."""
 
     mode: str = "peer"
     """router (the supervisor), peer (services), client (tools)."""
@@ -37,7 +37,10 @@ class ZenohOptions:
 
 
 def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
-    """Zenoh settings of a session: no multicast, gossip between peers, no start-up delay, quick loss detection."""
+    """Return the Zenoh settings of a session.
+
+    It has no multicast and no start-up delay, gossips between peers, and detects a lost link quickly.
+    """
     listen = endpoint.listen
     secure = is_secure((*endpoint.connect, *listen))
     if endpoint.mode == "peer" and not listen:

@@ -24,7 +24,7 @@ _kept: set[int] = set()
 
 
 def keep_thread_state() -> None:
-    """To be called first on a thread of Zenoh's.
+    """Keep the interpreter's state of the present thread; call it first on a thread of Zenoh's.
 
     Python gives a foreign thread a new state at every call and takes it away after: memory mapped and unmapped per
     message, and every other thread of the process interrupted for it. One more hold on the state lets it stay.

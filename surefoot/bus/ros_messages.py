@@ -92,10 +92,10 @@ def _pose_covariance(m: Odometry) -> Array:
 
 
 def odometry_message(pose: Odometry, v: VelocityEstimate, rot_base_from_imu: Array, frames: tuple[str, str]) -> Any:
-    """Return pose in the first frame and twist in the second, base_link, each with its covariance.
+    """Return a ROS odometry: pose, m, in the first frame, twist, m/s and rad/s, in the second, each with covariance.
 
     Args:
-        pose: of base_link.
+        pose: of base_link in odom.
         v: of the same time; its covariance is of gravity and velocity in IMU axes.
         rot_base_from_imu: (3, 3).
         frames: names of odom and base_link.

@@ -118,7 +118,10 @@ class ZenohBus:
     def publisher(
         self, topic: Topic[M], instance: str = "", *, framed: bool = True
     ) -> ZenohPublisher[M] | FramedPublisher[M]:
-        """See ``Bus``; without ``framed`` only for observers, as a recording is played."""
+        """Declare the one writer of a key; ``instance`` names the process in its frames.
+
+        ``framed`` = False: its messages reach observers only, as when a recording is played.
+        """
         if not (framed and topic.framed):
             return ZenohPublisher(self.session, topic, instance if framed else "")
         framer = self._framers.get(topic.owner)
@@ -140,7 +143,10 @@ class ZenohBus:
     def listen(
         self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False
     ) -> Callable[[], None]:
-        """Deliver as ``subscribe``, until the function that is returned is called."""
+        """Deliver the messages of a key to an observer until the function that is returned is called.
+
+        ``bounded``: for services; few messages are kept and more than some thousands per s are dropped.
+        """
         keep, most_hz = (BOUNDED_KEEP, MOST_HZ) if bounded else (KEEP, 0.0)
         key = participants_key(topic, "*") if bounded and apart(topic) else topic.key
         subscriber = self.session.declare_subscriber(key, RingChannel(keep))

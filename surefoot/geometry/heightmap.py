@@ -184,11 +184,17 @@ class HeightMap:
         return self.derived(out)
 
     def smooth_part(self, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
-        """Write `smoothed` of rows row0 .. row1 - 1 and columns col0 .. col1 - 1 into `out` (ny, nx)."""
+        """Write the map filtered by the median of 3 x 3 known cells into a part of `out`, (ny, nx) m.
+
+        The part is rows row0 .. row1 - 1 and columns col0 .. col1 - 1.
+        """
         cells.median3(self.z, 6, (row0, row1, col0, col1), out)
 
     def dilate_part(self, radius: float, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
-        """Write `dilated` by `radius` m of rows row0 .. row1 - 1, columns col0 .. col1 - 1 into `out` (ny, nx)."""
+        """Write the height of the centre of a sphere of `radius` m on the ground into a part of `out`, (ny, nx) m.
+
+        The part is rows row0 .. row1 - 1 and columns col0 .. col1 - 1.
+        """
         cells.dilate(self.z, cells.ball(radius, self.cell), (row0, row1, col0, col1), out)
 
     @property

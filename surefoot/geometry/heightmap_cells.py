@@ -24,6 +24,14 @@ def bilinear(z: Heights, cell: float, x0: float, y0: float, x: float, y: float) 
     """Return the bilinear height at (x, y), m; NaN outside the map, or where a cell that counts is NaN.
 
     The outermost half cell continues the border value.
+
+    Args:
+        z: heights, (ny, nx) m, NaN = unknown.
+        cell: edge of a cell, m.
+        x0: x of the centre of cell [0, 0], m.
+        y0: y of the centre of cell [0, 0], m.
+        x: x of the point, m.
+        y: y of the point, m.
     """
     ny, nx = z.shape
     u = (x - x0) / cell
@@ -51,7 +59,10 @@ def heights(
     z: Heights, cell: float, x0: float, y0: float, xs: NDArray[np.float64], ys: NDArray[np.float64], smooth: bool,
     out: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Write the height at every point (xs[k], ys[k]), (n,) m, into out[k]; `smooth` interpolates between the cells."""
+    """Write the height at every point (xs[k], ys[k]), (n,) m, into out[k], m; `smooth` interpolates between cells.
+
+    z: heights, (ny, nx) m; cell: edge of a cell, m; x0, y0: centre of cell [0, 0], m. NaN outside the map.
+    """
     ny, nx = z.shape
     for k in range(xs.shape[0]):
         if smooth:
@@ -66,7 +77,7 @@ def heights(
 
 @kernel
 def patch(z: Heights, row: int, col: int, out: Heights) -> None:
-    """Copy the window that starts at cell (row, col) into `out`, with NaN outside the map."""
+    """Copy the window of z (ny, nx) m that starts at cell (row, col) into `out` (rows, cols), NaN outside the map."""
     ny, nx = z.shape
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -103,9 +114,10 @@ def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
 
 @row_kernel
 def dilate(z: Heights, ball: Ball, part: Part, out: Heights) -> None:
-    """Write max over k of z[i + rows[k], j + cols[k]] + lift[k] into out[i, j] for the cells of a part.
+    """Write max over k of z[i + rows[k], j + cols[k]] + lift[k] into out[i, j] for the cells of a part, m.
 
-    NaN neighbours are left out, and a cell that is NaN stays NaN.
+    NaN neighbours are left out, and a cell that is NaN stays NaN. z, out: (ny, nx) m; `ball`: offsets rows, cols (k,)
+    and lift (k,) m; `part`: first row, end of the rows, first column, end of the columns.
     """
     row0, row1, col0, col1 = part
     rows, cols, lift = ball
@@ -150,10 +162,11 @@ def _medians(low: Heights, middle: Heights, high: Heights, out: Heights) -> None
 
 @row_kernel
 def median3(z: Heights, min_known: int, part: Part, out: Heights) -> None:
-    """Write the median of the known heights in each 3 x 3 window into `out` for the cells of a part.
+    """Write the median of the known heights in each 3 x 3 window into `out` (ny, nx) m for the cells of a part.
 
     An unknown cell needs `min_known` known neighbours, otherwise it stays NaN. Windows that are known and inside the
-    map are done row by row, three sorted columns shared by three windows; the others cell by cell.
+    map are done row by row, three sorted columns shared by three windows; the others cell by cell. z: (ny, nx) m;
+    `part`: first row, end of the rows, first column, end of the columns.
     """
     row0, row1, col0, col1 = part
     ny, nx = z.shape

@@ -17,7 +17,7 @@ SWEEPS = 12
 
 
 def product(a: Array, b: Array) -> Array:
-    """Return a @ b for a (k,) or (..., n, k) and b (k,) or (..., k, m)."""
+    """Return a @ b for a (k,) or (..., n, k) and b (k,) or (..., k, m), in the product of their units, without BLAS."""
     if b.ndim == 1:
         return np.add.reduce(a * b, axis=-1)
     if a.ndim == 1:
@@ -26,27 +26,30 @@ def product(a: Array, b: Array) -> Array:
 
 
 def combined(columns: Array, amount: Array) -> Array:
-    """Return the linear combinations sum_q amount[i, q] columns[i, q], (n, d), of columns (n, k, d), amounts (n, k)."""
+    """Return the linear combinations sum_q amount[i, q] columns[i, q], (n, d), in the product of the units.
+
+    columns: (n, k, d); amount: (n, k).
+    """
     return np.add.reduce(columns * amount[:, :, None], axis=1)
 
 
 def dot(a: Array, b: Array) -> float:
-    """Return the scalar product of two vectors, (k,)."""
+    """Return the scalar product of two vectors, (k,) each, in the product of their units."""
     return float(np.add.reduce(a * b))
 
 
 def norm(a: Array) -> float:
-    """Return the length of a vector, (k,)."""
+    """Return the length of a vector, (k,), in its unit."""
     return math.sqrt(dot(a, a))
 
 
 def exp(x: Array) -> Array:
-    """Return e**x of every element of x, of any shape, by the C library."""
+    """Return e**x of every element of x, of any shape, no unit, by the C library."""
     return _each(math.exp, x)
 
 
 def angle_of(y: Array, x: Array) -> Array:
-    """Return atan2(y, x) of every pair of elements in rad, by the C library; both (n,)."""
+    """Return atan2(y, x) of every pair of elements, (n,) rad, by the C library; y and x (n,), same unit."""
     return np.array([math.atan2(b, a) for b, a in zip(y.tolist(), x.tolist(), strict=True)], dtype=np.float64)
 
 
@@ -55,7 +58,7 @@ def _each(function: Callable[[float], float], x: Array) -> Array:
 
 
 def solve(a: Array, b: Array) -> Array:
-    """Return the solution x (n, m) of a x = b for a (n, n), by elimination with row pivots.
+    """Return the solution x (n, m) of a x = b for a (n, n) and b (n, m), any units, by elimination with row pivots.
 
     Raises:
         ZeroDivisionError: a is singular.
@@ -75,9 +78,10 @@ def solve(a: Array, b: Array) -> Array:
 
 
 def eigen3(m: Array) -> tuple[Array, Array]:
-    """Return eigenvalues (3,), largest first, and unit eigenvectors as rows (3, 3) of a symmetric 3x3 matrix.
+    """Return eigenvalues (3,), largest first, and unit eigenvectors as rows (3, 3) of a symmetric matrix m (3, 3).
 
-    Jacobi's method: rotations in the planes of two axes that make the off-diagonal elements zero in turn.
+    Eigenvalues are in the unit of m. Jacobi's method: rotations in the planes of two axes that make the off-diagonal
+    elements zero in turn.
     """
     a, v = m.copy(), np.eye(3)
     for _ in range(SWEEPS):

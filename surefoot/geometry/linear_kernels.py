@@ -14,7 +14,7 @@ from surefoot.kernels.jit import row_kernel
 
 @row_kernel
 def times(a: Array, b: Array) -> Array:
-    """Return a b, (n, m), of (n, k) and (k, m)."""
+    """Return the matrix product a b, (n, m), of a (n, k) and b (k, m), in the product of their units."""
     out = np.zeros((a.shape[0], b.shape[1]))
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
@@ -25,7 +25,7 @@ def times(a: Array, b: Array) -> Array:
 
 @row_kernel
 def times_transposed(a: Array, b: Array) -> Array:
-    """Return a b^T, (n, m), of (n, k) and (m, k)."""
+    """Return the matrix product a b^T, (n, m), of a (n, k) and b (m, k), in the product of their units."""
     out = np.zeros((a.shape[0], b.shape[0]))
     for i in range(a.shape[0]):
         for j in range(b.shape[0]):
@@ -36,13 +36,13 @@ def times_transposed(a: Array, b: Array) -> Array:
 
 @row_kernel
 def congruence(a: Array, p: Array) -> Array:
-    """Return a p a^T, (n, n), of (n, m) and (m, m): the covariance p after the linear map a."""
+    """Return a p a^T, (n, n), of a (n, m) and p (m, m), any units: the covariance p after the linear map a."""
     return times_transposed(times(a, p), a)
 
 
 @row_kernel
 def turned(m: Array, v: Array) -> Array:
-    """Return m v, (3,), of (3, 3) and (3,)."""
+    """Return m v, (3,), of a matrix m (3, 3) and a vector v (3,), in the product of their units."""
     out = np.empty(3)
     for i in range(3):
         out[i] = m[i, 0] * v[0] + m[i, 1] * v[1] + m[i, 2] * v[2]
@@ -51,7 +51,7 @@ def turned(m: Array, v: Array) -> Array:
 
 @row_kernel
 def times_vector(a: Array, v: Array) -> Array:
-    """Return a v, (n,), of (n, k) and (k,)."""
+    """Return a v, (n,), of a matrix a (n, k) and a vector v (k,), in the product of their units."""
     out = np.zeros(a.shape[0])
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
@@ -61,7 +61,7 @@ def times_vector(a: Array, v: Array) -> Array:
 
 @row_kernel
 def quadratic(z: Array, m: Array) -> float:
-    """Return z^T m z of (n,) and (n, n)."""
+    """Return the quadratic form z^T m z of a vector z (n,) and a matrix m (n, n), in the product of their units."""
     total = 0.0
     for i in range(z.size):
         for k in range(z.size):
@@ -71,7 +71,10 @@ def quadratic(z: Array, m: Array) -> float:
 
 @row_kernel
 def add_outer(p: Array, row: int, column: int, a: Array, b: Array) -> None:
-    """Add a b^T, of (n,) and (m,), to the block of the matrix p that begins at `row` and `column`, in place."""
+    """Add a b^T, of a (n,) and b (m,), to the block of the matrix p that begins at `row` and `column`, in place.
+
+    p: any shape that holds the block, in the product of the units of a and b.
+    """
     for i in range(a.size):
         for j in range(b.size):
             p[row + i, column + j] += a[i] * b[j]
@@ -82,10 +85,10 @@ def joseph(p: Array, gain: Array, h: Array, variance: float) -> Array:
     """Return (I - K H) P (I - K H)^T + variance K K^T, symmetric, (n, n): Joseph's form of a correction.
 
     Args:
-        p: covariance P, (n, n).
-        gain: K, (n, m).
-        h: H, (m, n).
-        variance: of each of the m measured numbers.
+        p: covariance P, (n, n), any units.
+        gain: K, (n, m), state per measured unit.
+        h: H, (m, n), measured per state unit.
+        variance: of each of the m measured numbers, measured unit squared.
     """
     rest = np.eye(p.shape[0])
     rest -= times(gain, h)
@@ -98,7 +101,10 @@ def joseph(p: Array, gain: Array, h: Array, variance: float) -> Array:
 
 @row_kernel
 def inverse3(m: Array) -> tuple[Array, float]:
-    """Return the inverse of m (3, 3) by the adjugate and its condition number (Frobenius); 0, inf: singular."""
+    """Return the inverse of m (3, 3) by the adjugate, in 1/unit of m, and its condition number (Frobenius).
+
+    A singular matrix gives zeros and inf.
+    """
     inv = np.empty((3, 3))
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3
@@ -119,5 +125,5 @@ def inverse3(m: Array) -> tuple[Array, float]:
 
 @row_kernel
 def solve3(m: Array, v: Array) -> Array:
-    """Return the solution x of m x = v, (3,); zero where m (3, 3) has no inverse."""
+    """Return the solution x (3,) of m x = v for m (3, 3) and v (3,), any units; zero where m has no inverse."""
     return times_vector(inverse3(m)[0], v)

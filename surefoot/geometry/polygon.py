@@ -16,8 +16,10 @@ MISSED = math.nan
 
 @row_kernel
 def hull(points: Array) -> Array:
-    """Convex hull of points (n, 2) by Andrew's monotone chain: vertices (m, 2), counter-clockwise, begins at the
-    leftmost (lowest of them); points on an edge and duplicates are left out."""
+    """Return the convex hull of points (n, 2), any unit: vertices (m, 2), counter-clockwise (Andrew's monotone chain).
+
+    It begins at the leftmost vertex (the lowest of them); points on an edge and duplicates are left out.
+    """
     n = points.shape[0]
     if n == 0:
         return np.empty((0, 2))
@@ -64,7 +66,7 @@ def hull(points: Array) -> Array:
 
 @row_kernel
 def area(polygon: Array) -> float:
-    """Return the signed area of a polygon (n, 2) m, m^2; positive counter-clockwise."""
+    """Return the signed area of a polygon (n, 2), in its unit squared; positive counter-clockwise."""
     total, n = 0.0, polygon.shape[0]
     for i in range(n):
         j = (i + 1) % n
@@ -87,9 +89,10 @@ def distance_to_segment(px: float, py: float, ax: float, ay: float, bx: float, b
 
 @row_kernel
 def signed_distance(polygon: Array, x: float, y: float) -> float:
-    """Distance of (x, y) to the border, positive inside, negative outside; -inf for an empty polygon.
+    """Return the distance of (x, y) to the border of a polygon (n, 2), in their unit, positive inside.
 
-    A point or segment has no inside: the result is minus the distance.
+    It is negative outside, and -inf for an empty polygon. A point or segment has no inside: the result is minus the
+    distance.
     """
     n = polygon.shape[0]
     if n == 0:
@@ -109,7 +112,10 @@ def signed_distance(polygon: Array, x: float, y: float) -> float:
 
 @row_kernel
 def clip(polygon: Array, ax: float, ay: float, limit: float) -> Array:
-    """Return the part of a polygon (n, 2) of points p with ax p_x + ay p_y <= limit (Sutherland and Hodgman)."""
+    """Return the part (m, 2) of a polygon (n, 2) of points p, any unit, with ax p_x + ay p_y <= limit.
+
+    Sutherland and Hodgman's algorithm.
+    """
     n = polygon.shape[0]
     out = np.empty((n + 1, 2))
     m = 0
@@ -134,8 +140,8 @@ def half_planes(normals: Array, limits: Array, bound: float) -> Array:
 
     Args:
         normals: directions a_k, (n, 2), unit.
-        limits: b_k, (n,).
-        bound: half edge of the square to begin with, m.
+        limits: b_k, (n,), in the unit of p.
+        bound: half edge of the square to begin with, in the unit of p.
     """
     polygon = np.array([[-bound, -bound], [bound, -bound], [bound, bound], [-bound, bound]])
     for k in range(limits.size):
@@ -147,9 +153,10 @@ def half_planes(normals: Array, limits: Array, bound: float) -> Array:
 
 @row_kernel
 def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float, float]:
-    """Where the line (x, y) + t a enters and leaves a polygon: (t_in, t_out), NaN if it misses.
+    """Return t where the line (x, y) + t a enters and leaves a polygon (n, 2), (t_in, t_out), NaN if it misses.
 
-    A segment or point is met if the line passes within 1e-12 of its size.
+    A segment or point is met if the line passes within 1e-12 of its size. All lengths have one unit; t is in it if a is
+    a unit vector.
     """
     n = polygon.shape[0]
     if n == 0:

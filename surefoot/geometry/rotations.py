@@ -16,7 +16,7 @@ SMALL_ANGLE = 1e-8  # rad; below it series are exact to machine precision
 
 @kernel
 def multiply(qa: Array, qb: Array) -> Array:
-    """Return the Hamilton product of quaternions qa * qb, (4,): first rotate by qb, then by qa."""
+    """Return the Hamilton product qa * qb of quaternions w, x, y, z, (4,): first rotate by qb, then by qa."""
     q = np.empty(4)
     q[0] = qa[0] * qb[0] - qa[1] * qb[1] - qa[2] * qb[2] - qa[3] * qb[3]
     q[1] = qa[0] * qb[1] + qa[1] * qb[0] + qa[2] * qb[3] - qa[3] * qb[2]
@@ -27,7 +27,7 @@ def multiply(qa: Array, qb: Array) -> Array:
 
 @kernel
 def normalized(q: Array) -> Array:
-    """Unit quaternion with the sign that makes the scalar part positive, (4,)."""
+    """Return a quaternion w, x, y, z, (4,), scaled to length 1, with the sign that makes w positive."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if q[0] < 0.0:
         n = -n
@@ -53,7 +53,7 @@ def matrix_from_quat(q: Array) -> Array:
 
 @kernel
 def quat_from_matrix(m: Array) -> Array:
-    """Return the unit quaternion of a rotation matrix (3, 3), w >= 0, (4,); the largest component is computed first."""
+    """Return the unit quaternion w, x, y, z, (4,), w >= 0, of a rotation matrix (3, 3), exact at any angle."""
     q = np.empty(4)
     t = m[0, 0] + m[1, 1] + m[2, 2]
     if t > m[0, 0] and t > m[1, 1] and t > m[2, 2]:
@@ -81,7 +81,7 @@ def quat_from_matrix(m: Array) -> Array:
 
 @kernel
 def quat_from_rotvec(v: Array) -> Array:
-    """Return the quaternion (4,) of a rotation by |v| rad about v (3,): the exponential map."""
+    """Return the unit quaternion w, x, y, z, (4,), of a rotation by |v| rad about v (3,): the exponential map."""
     angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     half = 0.5 * angle
     k = math.sin(half) / angle if angle > SMALL_ANGLE else 0.5
@@ -90,7 +90,7 @@ def quat_from_rotvec(v: Array) -> Array:
 
 @kernel
 def rotvec_from_quat(q: Array) -> Array:
-    """Return the rotation vector of at most pi rad, (3,), of a unit quaternion (4,): the logarithm."""
+    """Return the rotation vector, (3,) rad, at most pi long, of a unit quaternion w, x, y, z, (4,): the logarithm."""
     sign = -1.0 if q[0] < 0.0 else 1.0
     n = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     k = 2.0 * sign
@@ -138,7 +138,7 @@ def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
 
 @kernel
 def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Return the quaternion (4,) of Rz(yaw) Ry(pitch) Rx(roll), world from base, angles in rad."""
+    """Return the quaternion w, x, y, z, (4,), of Rz(yaw) Ry(pitch) Rx(roll), world from base, angles in rad."""
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)

@@ -170,7 +170,7 @@ class _Entries:
 
 
 class Kernel(CPUDispatcher):
-    """A function that Python calls, and that other kernels call as `linked`."""
+    """A compiled function that Python calls; other kernels call its attribute `linked`."""
 
     vectors = True
     """Loops of the kernel may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it."""
@@ -187,11 +187,11 @@ class Kernel(CPUDispatcher):
         self.linked.enable_caching()
 
     def cache_files(self) -> tuple[Any, ...]:
-        """Return the indices of the files on disk."""
+        """Return the index files of this kernel's compiled code in the cache on disk."""
         return *self._cache.files, *self.linked._cache.files
 
     def set_aside(self) -> None:
-        """Have no signatures for now; those that Python calls again come back."""
+        """Forget which signatures are in use; one that is called again comes back without being compiled."""
         self._aside |= self.overloads
         self._reset_overloads()
 

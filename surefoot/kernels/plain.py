@@ -16,11 +16,11 @@ class PlainKernel(CPUDispatcher):
         self._cache = KeptCache(self.py_func)
 
     def cache_files(self) -> tuple[Any, ...]:
-        """Return the indices of the files on disk."""
+        """Return the index files of this kernel's compiled code in the cache on disk."""
         return self._cache.files
 
     def set_aside(self) -> None:
-        """Do nothing: counts of kernels by service are upper bounds here."""
+        """Do nothing: signatures in use are not forgotten, so counts of kernels by service are upper bounds."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return the signature of a call from a kernel: the same for constants and for variables."""

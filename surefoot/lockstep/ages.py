@@ -56,7 +56,13 @@ class Ages:
         self.longest = {}
 
     def judge(self, inputs: TickInputs, absent: Iterable[str], log: Callable[[str, str], None]) -> None:
-        """Take the inputs of a tick, as ``note``; log an input that becomes late, and its return, a few times."""
+        """Take the inputs of a tick; log an input that becomes late, and its return, a few times.
+
+        Args:
+            inputs: of the tick; its ``late`` is filled in: age of each late input, s, by key.
+            absent: keys that the driver does not have.
+            log: gets level and text.
+        """
         late, again = self.note(inputs, absent)
         for key in late:
             self._times[key] += 1

@@ -18,7 +18,7 @@ SENDERS = 4
 
 
 class LateAnswer(NamedTuple):
-    """An answer that was worked out on another thread."""
+    """An answer that is worked out on another thread: the request, and the future that brings its reply."""
 
     incoming: Incoming
     future: Future[Any]
@@ -52,7 +52,7 @@ class Answers:
         self._last.clear()
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
-        """Keep a query about a tick that has not come."""
+        """Keep a query about a tick that has not come until it comes."""
         self.waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
@@ -84,7 +84,7 @@ class Answers:
             return None
 
     def settle(self, incoming: Incoming, make: Callable[[], Any], request: Request | None = None) -> None:
-        """Answer with what ``make`` returns or raises; where that is a future, once it is done.
+        """Answer with the result or the error of ``make``; where the result is a future, once it is done.
 
         A participant that repeats its last request of a tick, or order for a tick, gets the same answer: the first was
         lost on the way. What a service learns from a request is learned once, and a walk begins once.
@@ -109,7 +109,7 @@ class Answers:
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
 
     def arrived(self, late: LateAnswer) -> None:
-        """Take a late answer whose future is done."""
+        """Send a late answer whose future is done."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)
 

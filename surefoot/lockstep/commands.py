@@ -13,7 +13,7 @@ KEEP_TICKS = 80
 
 
 class Commands:
-    """Commands of one epoch by their tick."""
+    """Joint commands of one epoch by their tick, as a driver accepts them."""
 
     def __init__(self) -> None:
         self._by_tick: dict[int, JointCommand | None] = {}

@@ -57,7 +57,7 @@ class Driver(Service[C]):
         raise NotImplementedError
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
-        """Latched messages of this epoch."""
+        """Return the latched messages of this epoch, each with its topic."""
         return []
 
     def on_begin(self) -> None:

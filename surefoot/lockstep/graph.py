@@ -23,7 +23,10 @@ class Edge:
 
 
 def edges(services: Iterable[type[Service[Any]]]) -> list[Edge]:
-    """All declared edges. The driver's command input closes the loop through the actuation delay, so it is delayed."""
+    """Return all declared edges.
+
+    The driver's command input closes the loop through the actuation delay, so it is delayed.
+    """
     services, found = list(services), list[Edge]()
     driver = next((service.name for service in services if issubclass(service, Driver)), DRIVER)
 
@@ -43,7 +46,7 @@ def edges(services: Iterable[type[Service[Any]]]) -> list[Edge]:
 
 
 def order(services: Iterable[type[Service[Any]]]) -> list[str]:
-    """Names of the services, upstream first.
+    """Return the names of the services, upstream first.
 
     Raises:
         ValueError: the edges within a tick form a cycle; names the services in it.

@@ -17,7 +17,7 @@ from surefoot.version import VERSION
 
 
 class Patient(Protocol):
-    """Node attributes that a health message reports."""
+    """Attributes of a node that its health message reports."""
 
     service: Service[Any]
     name: str

@@ -87,7 +87,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
 
 
 def spare_collector() -> None:
-    """Freeze objects created at start-up, so that the collector hardly runs in ticks; counts free messages."""
+    """Freeze the objects of the start-up and raise the collector's limits, so that it hardly runs in ticks."""
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
 

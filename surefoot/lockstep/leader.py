@@ -35,7 +35,7 @@ COMMANDER = CMD_JOINTS.owner
 
 @dataclass
 class Member:
-    """A service on the roster."""
+    """A service on the roster: its process, the last tick that it has finished, and the tick it was admitted in."""
 
     instance: str
     done: int
@@ -44,7 +44,7 @@ class Member:
 
 @dataclass
 class Leader:
-    """Roster and progress of one run."""
+    """Roster of services and progress of one run, by which the driver decides when the next tick comes."""
 
     expect: tuple[str, ...] = ()
     delay: int = 1
@@ -98,7 +98,7 @@ class Leader:
             member.done = tick
 
     def on_gone(self, service: str, instance: str) -> None:
-        """Note that the process of a service has vanished."""
+        """Record that the process of a service has vanished."""
         if self.ready.get(service) == instance:
             del self.ready[service]
         member = self.members.get(service)
@@ -134,7 +134,7 @@ class Leader:
         return [(name, self.members[name].instance) for name in sorted(self.lost)]
 
     def give_up_waiting(self) -> tuple[str, ...]:
-        """End a hold: the lost leave the roster, the run goes on without them."""
+        """End a hold: the lost services leave the roster and are returned, the run goes on without them."""
         gone = tuple(sorted(self.lost))
         for service in gone:
             self._remove(service)

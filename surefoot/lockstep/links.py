@@ -41,7 +41,7 @@ class Links:
         self._rows = tuple(rows)
 
     def note(self, key: str) -> None:
-        """Note that a key was primed."""
+        """Record that a key was primed: its publisher has proved the link."""
         self._proved.add(key)
 
     def lacking(self, prime: Tick) -> set[str]:

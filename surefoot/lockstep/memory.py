@@ -18,7 +18,7 @@ MOST_ID = 2**53
 
 
 class Stored(BaseModel):
-    """Content of the file: when it was kept; each service adds what it keeps."""
+    """Base of what a service keeps in a file over its restart: the epoch and tick when it was kept."""
 
     model_config = ConfigDict(strict=True, extra="forbid")
     epoch: int
@@ -29,7 +29,7 @@ S = TypeVar("S", bound=Stored)
 
 
 class RunMemory:
-    """The file; a disk that fails costs the memory and nothing else.
+    """File in which a service keeps its state over a restart; a disk that fails costs that state and nothing else.
 
     Args:
         path: None = nothing is kept.
@@ -46,7 +46,7 @@ class RunMemory:
         self._what = what
 
     def write(self, epoch: int, tick: int, fields: Mapping[str, Any]) -> None:
-        """Replace the content by fields that JSON knows."""
+        """Replace the content of the file by the state in a tick of an epoch; `fields`: values that JSON knows."""
         if self.path is None:
             return
         try:
@@ -56,7 +56,7 @@ class RunMemory:
             self._lose(error)
 
     def forget(self) -> None:
-        """Begin a run: remove the file of an earlier one."""
+        """Remove the file that an earlier run has left."""
         try:
             if self.path is not None:
                 self.path.unlink(missing_ok=True)

@@ -396,5 +396,5 @@ class Node:
             publisher.put(LogRecord(source=self.name, level=level, text=sendable(text[:2000])))  # pyright: ignore[reportArgumentType]
 
     def health(self) -> Health:
-        """Return the health of the service."""
+        """Return the health message of the service."""
         return health_of(self, (*self.links.unproved, *self.join.missing()))

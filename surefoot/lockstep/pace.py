@@ -28,7 +28,7 @@ class Pace:
         self._reported_s = 0.0
 
     def begin(self, factor: float, tick: int = 0) -> None:
-        """Start a stretch: ``tick`` is due now."""
+        """Begin a stretch of ticks at a real-time factor: ``tick`` is due now."""
         self.factor = factor
         self.given_up_s = self._reported_s = 0.0
         self._origin = (self._clock(), tick)

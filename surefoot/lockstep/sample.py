@@ -10,7 +10,7 @@ from surefoot.schemas.topics import Topic
 
 @dataclass(frozen=True)
 class DueSample:
-    """A sample due in the coming tick."""
+    """A sample of a sensor that is due in the coming tick, with its topic."""
 
     topic: Topic[Any]
     message: Message | Callable[[], Message]

@@ -62,7 +62,7 @@ class Service(Generic[C]):
     # -- overridden --------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Once, before anything arrives: register handlers, load the robot."""
+        """Prepare the service once, before anything arrives: register handlers, load the robot."""
 
     def rehearse(self) -> None:
         """Load every kernel by made-up work on objects of its own; called once, after ``on_start``.

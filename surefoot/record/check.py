@@ -98,7 +98,7 @@ class Findings:
 
 
 def check(path: Path) -> Findings:
-    """Read every record of a file (raises OSError)."""
+    """Return the readable and damaged parts of a recording; every record is read (raises OSError)."""
     with path.open("rb") as file:
         return _FileCheck(file, path.stat().st_size).findings()
 

@@ -53,7 +53,7 @@ class ChunkWriter:
         return number
 
     def add_message(self, channel: int, stamp_ns: int, seq: int, data: bytes) -> None:
-        """Add a message; a full chunk goes to the file."""
+        """Append a message to the present chunk; a full chunk goes to the file."""
         places = self._places.get(channel)
         if places is None:
             places = self._places[channel] = []

@@ -16,7 +16,7 @@ USUAL = ("data", "contacts", "foot_force", "effort")
 
 @dataclass(frozen=True)
 class FieldPath:
-    """A topic, a field of its messages, and a part of that array."""
+    """Place of numbers in a log: a topic, a field of its messages, and a part of that array."""
 
     topic: str
     fields: tuple[str, ...] = ()  # empty = the first of `USUAL`
@@ -40,7 +40,11 @@ class FieldPath:
         return self.part is None
 
     def values(self, message: Any) -> NDArray[Any]:
-        """Return the numbers (k,) of this place in a message (raises SurefootError: the message has no such field)."""
+        """Return the numbers of this place in a message, (k,), in the unit of the log.
+
+        Raises:
+            SurefootError: the message has no such field, or it holds no numbers.
+        """
         fields = self.fields or tuple(name for name in USUAL if np.size(getattr(message, name, ())))[:1]
         at = message
         for name in fields:

@@ -102,7 +102,7 @@ class Recorded:
     data: bytes
 
     def raw(self) -> Raw:
-        """Return the bytes on the wire."""
+        """Return the message as the bytes that went over the wire."""
         if self.model is not None and issubclass(self.model, Bulk):
             (length,) = struct.unpack_from("<I", self.data)
             return Raw(self.data[4 + length :], self.data[4 : 4 + length], encoding_of(self.model))
@@ -121,7 +121,7 @@ def media_type(name: str) -> str:
 
 
 def topic_of(key: str) -> Topic[Any] | None:
-    """Return the row of the table a key belongs to."""
+    """Return the row of the table of topics that a key belongs to; None: there is none."""
     for topic in TOPICS:
         if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1])):
             return topic
@@ -229,7 +229,7 @@ def recording_info(path: Path) -> dict[str, Any]:
 
 
 def verify_recording(path: Path) -> Findings:
-    """All of a recording, with its checksums, whatever has happened to it.
+    """Return the readable and damaged parts of a recording, with its checksums, whatever has happened to it.
 
     Raises:
         SurefootError: the file cannot be read, is empty, or no MCAP file.

@@ -26,7 +26,7 @@ class RunHash:
         self.counts[key] += 1
 
     def keys(self) -> dict[str, str]:
-        """Digest of each key so far."""
+        """Return the digest of each key so far, hexadecimal."""
         return {key: digest.hexdigest() for key, digest in sorted(self._digests.items())}
 
     def hexdigest(self) -> str:

@@ -48,7 +48,16 @@ def read_table(path: Path, sort: bool = False) -> Columns:
 
 
 def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
-    """Check shapes and stamps of columns; see `read_table`."""
+    """Check shapes and stamps of the columns of a log; return them with stamps in ns in place of seconds.
+
+    Args:
+        columns: by name; gyro and acc, with t (s) or stamp_ns, are needed.
+        name: of the log, for the text of a refusal.
+        sort: put rows into the order of their stamps instead of refusing others.
+
+    Raises:
+        SurefootError: columns are missing, or do not fit each other.
+    """
     if "t" in columns and "stamp_ns" in columns:
         raise SurefootError("invalid", f"{name} has both 't' (s) and 'stamp_ns'; give one", "t")
     for need in ("gyro", "acc"):

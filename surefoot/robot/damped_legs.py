@@ -18,7 +18,7 @@ EASIEST, HARDEST = 1e-6, 1e6  # bounds of the damping, m2
 
 @kernel
 def damped_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
-    """Joint angles of a leg of any kind that bring the foot centre to `p_base`, by Levenberg and Marquardt's method.
+    """Return joint angles of a leg of any kind that bring the foot centre to `p_base` (Levenberg and Marquardt).
 
     dq = J' (J J' + d I)^-1 (p_base - p(q)), q + dq clipped to the joint limits; d shrinks after a step that came
     nearer and grows after one that did not, which is taken back.
@@ -29,8 +29,8 @@ def damped_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bo
         p_base: foot centre in base_link, (3,) m.
 
     Returns:
-        The angles (n,) within the joint limits, the nearest ones found if the point is out of reach, and whether the
-        point is reached.
+        The angles (n,) rad within the joint limits, the nearest ones found if the point is out of reach, and whether
+        the point is reached.
     """
     width = model.leg_joints.shape[1]
     count = 0

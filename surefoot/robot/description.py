@@ -68,7 +68,7 @@ class Servo:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Hinge between two links: axis, limits, servo."""
+    """Hinge between two links: axis, limits and neutral angle (rad, from `lower` to `upper`), servo."""
 
     name: str
     link: int  # that it moves; the first one where one motor moves several
@@ -133,7 +133,7 @@ class Trunk:
 
 @dataclass(frozen=True, eq=False)
 class AxisNoise:
-    """Noise of one kind of inertial axis, SI (rad/s or m/s2)."""
+    """Noise of one kind of inertial axis, SI (rad/s or m/s2): resolution `lsb`, range, white noise, bias."""
 
     lsb: float
     limit: float  # clips at +- limit
@@ -154,7 +154,7 @@ class ImuProfile:
 
 @dataclass(frozen=True, eq=False)
 class ImuMount:
-    """Inertial unit in the trunk."""
+    """Place of the inertial unit in the trunk, and its sensor profile."""
 
     position: Array  # (3,)
     quat_wxyz: Array  # (4,) rot_base_from_imu

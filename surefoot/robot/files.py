@@ -53,14 +53,14 @@ class Sourced(FileModel):
 
 
 class SphereTable(FileModel):
-    """A sphere under the trunk."""
+    """A sphere under the trunk that touches the ground when the robot lies."""
 
     position: Vector = Field(description="m, base_link")
     radius: Positive = Field(description="m")
 
 
 class TrunkTable(Sourced):
-    """The floating body, whose frame is base_link."""
+    """Mass, box and belly of the floating body, whose frame is base_link."""
 
     mass: Positive = Field(description="kg")
     com: Vector = Field(description="m, centre of mass")
@@ -139,7 +139,7 @@ class ChainTable(Sourced):
 
 
 class LimbTable(Sourced):
-    """A chain at its place on the trunk."""
+    """A limb of a robot: a chain at its place on the trunk."""
 
     name: Name
     chain: Text = Field(description="key of [chains]")
@@ -150,7 +150,7 @@ class LimbTable(Sourced):
 
 
 class ImuTable(Sourced):
-    """The inertial unit in the trunk."""
+    """Profile and place of the inertial unit in the trunk."""
 
     profile: Text = Field(description="file in robots/sensors")
     position: Vector = Field(description="m, base_link")
@@ -183,7 +183,7 @@ class ContactTable(Sourced):
 
 
 class EncoderTable(Sourced):
-    """The joint position sensors."""
+    """Resolution and zero error of the joint encoders."""
 
     resolution_deg: NotNegative = Field(description="deg, 0 = exact")
     zero_sigma_deg: NotNegative = Field(description="deg, standard deviation of the zero error")

@@ -19,7 +19,10 @@ LIMIT_SLACK = 1e-7  # rad; a joint on its limit counts as inside
 
 @kernel
 def forward(model: KinematicModel, q: Array) -> tuple[Array, Array]:
-    """Pose of every link: rot_base_from_link (nl, 3, 3) and origins pos_base (nl, 3)."""
+    """Return the pose of each of nl links: rot_base_from_link (nl, 3, 3) and origins in base_link (nl, 3) m.
+
+    `q`: joint angles, (nj,) rad.
+    """
     n = model.parent.size
     rot, pos = np.empty((n, 3, 3)), np.empty((n, 3))
     joint, turn = np.empty((3, 3)), np.empty((3, 3))
@@ -231,7 +234,9 @@ def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Arra
 
 @kernel
 def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
-    """Joint angles that bring the foot centre to `p_base`; closed form of yaw-pitch-pitch and roll-pitch-pitch legs.
+    """Return joint angles of a leg that bring its foot centre to `p_base`; closed form for the usual kinds of leg.
+
+    Those are yaw-pitch-pitch and roll-pitch-pitch legs; others are solved step by step.
 
     Args:
         model: the robot.
@@ -239,8 +244,8 @@ def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]
         p_base: foot centre in base_link, (3,) m.
 
     Returns:
-        The angles (n,), the nearest ones if the point is out of reach (in closed form D clipped, then joint limits),
-        and whether the point is reached with every joint inside its limits.
+        The angles (n,) rad, the nearest ones if the point is out of reach (in closed form D clipped, then joint
+        limits), and whether the point is reached with every joint inside its limits.
     """
     joints = model.leg_joints[leg]
     if math.isnan(model.segment[leg, 0]):
@@ -289,14 +294,15 @@ def _yawed_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bo
 
 @kernel
 def legs_ik(model: KinematicModel, feet: Array) -> tuple[Array, Flags]:
-    """Solution of all legs, see `leg_ik`.
+    """Return joint angles that bring all foot centres to places, and whether each is reached inside the joint limits.
 
     Args:
         model: the robot.
         feet: foot centres in base_link, (L, 3) m.
 
     Returns:
-        q (nj,) (joints outside the legs are 0) and reachable (L,).
+        q (nj,) rad (joints outside the legs are 0, the nearest angles where a place is out of reach) and reachable
+        (L,).
     """
     n = model.foot_link.size
     q, reachable = np.zeros(model.lower.size), np.zeros(n, dtype=np.bool_)

@@ -17,7 +17,7 @@ LegArrays = tuple[Ints, Ints, Array, Array, Array, Ints, Array, Ints, int]
 
 
 class LegTree(NamedTuple):
-    """Those arrays of a `KinematicModel`, by the same names, that place feet."""
+    """Arrays of a `KinematicModel` that place feet, by the same names and with the same shapes and units."""
 
     parent: Ints
     joint: Ints

@@ -46,7 +46,7 @@ def closed_forms(links: Sequence[Link], joints: Sequence[Joint], legs: Sequence[
 
 
 def matrix(q: Array) -> Array:
-    """Return the rotation matrix of a unit quaternion w x y z, (3, 3), without compiled kernels."""
+    """Return the rotation matrix (3, 3) of a unit quaternion w, x, y, z, (4,), without compiled kernels."""
     w, x, y, z = q
     return np.array(
         [

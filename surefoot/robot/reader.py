@@ -70,7 +70,7 @@ def robot_place(name: str) -> str:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
+    """Return the names of the robots that come with the package."""
     return tuple(sorted(path.parent.name for path in ROBOTS.glob("*/robot.toml")))
 
 

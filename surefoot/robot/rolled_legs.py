@@ -17,7 +17,7 @@ reaching."""
 
 @kernel
 def rolled_ik(legs: RolledLegs, leg: int, p_base: Array, middle: Array) -> tuple[Array, bool]:
-    """Joint angles of a roll-pitch-pitch leg that bring the foot centre to `p_base`.
+    """Return the joint angles of a roll-pitch-pitch leg that bring the foot centre to `p_base`.
 
     (x, y, z) = R' (p_base - hip), w = s_z sqrt(y^2 + z^2 - b^2), q1 = atan2(z, y) - atan2(w, b),
     u = x, v = w - h, cos k = (u^2 + v^2 - f^2 - t^2) / (2 f t), k = s_k acos(cos k),
@@ -31,8 +31,8 @@ def rolled_ik(legs: RolledLegs, leg: int, p_base: Array, middle: Array) -> tuple
         middle: middles of the joints' ranges, (3,) rad: of the equal angles the one nearest to it is returned.
 
     Returns:
-        The angles (3,), of the nearest point if the leg is too short or too long, without regard to joint limits, and
-        whether the point is reached. NaN lengths (no closed form) give False.
+        The angles (3,) rad, of the nearest point if the leg is too short or too long, without regard to joint limits,
+        and whether the point is reached. NaN lengths (no closed form) give False.
     """
     beside, above = legs.offset[leg, 0], legs.offset[leg, 1]
     f, t = legs.segment[leg, 0], legs.segment[leg, 1]

@@ -81,13 +81,13 @@ class InekfState(NamedTuple):
 
 
 def new_track(n: int) -> PeerTrack:
-    """Return room for n rows."""
+    """Return a track with room for the estimates at n inertial rows, all zero."""
     return PeerTrack(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
 
 
 @kernel
 def skew(x: Array) -> Array:
-    """Return the matrix (3, 3) of the cross product with x (3,)."""
+    """Return the matrix (3, 3) of the cross product with x (3,), in the unit of x."""
     return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
 
 
@@ -226,12 +226,14 @@ def _add_points(s: InekfState, seen: Array, touch: Flags, sigma: float) -> None:
 
 @kernel
 def run(cut: Segments, log: Readings, start: PeerStart, state: InekfState, noise: InekfNoise, track: PeerTrack) -> None:
-    """Walk along a log, and write the track.
+    """Run the invariant extended Kalman filter along a log, and write its track, in place.
 
     Args:
         cut: time of the log.
+        log: samples of the log.
         start: only its first segment is read.
         state: at that segment, changed in place.
+        noise: standard deviations.
         track: rows to write, in place.
     """
     g = np.array([0.0, 0.0, -GRAVITY])
@@ -258,7 +260,7 @@ def run(cut: Segments, log: Readings, start: PeerStart, state: InekfState, noise
 
 
 def upright(q: Array) -> Array:
-    """Return a rotation (3, 3) world from IMU that turns the specific force q (3,) up."""
+    """Return rot_world_from_imu (3, 3) of any heading that turns specific force q (3,) m/s^2, IMU axes, up."""
     z = q / np.linalg.norm(q)
     helper = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = helper - z * (helper @ z)

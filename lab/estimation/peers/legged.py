@@ -47,7 +47,7 @@ class LeggedNoise(NamedTuple):
 
 
 def installed() -> bool:
-    """Return True if the wheel is there."""
+    """Return True if the wheel of GTSAM is installed."""
     return importlib.util.find_spec("gtsam") is not None
 
 
@@ -88,7 +88,7 @@ def _contacts(seen: Array, touch: NDArray[np.bool_], before: NDArray[np.bool_]) 
 
 
 def legged(kind: str, log: Log, noise: LeggedNoise) -> PeerTrack:
-    """Run one over a log; the covariance of smoothers is NaN.
+    """Return the track of a log by one of the legged estimators of GTSAM; the covariance of smoothers is NaN.
 
     The covariance of a filter is that of (turn, place, velocity) in IMU axes, X = X_hat exp(xi): errors of g and v in
     IMU axes are [g] turn and velocity + [v] turn.

@@ -22,13 +22,16 @@ TILT = 0.02  # rad, stated error of the attitude
 
 
 def path(log: Log, v: Array, rot: Array) -> Array:
-    """Return the integral (n, 3) m, world, of velocities (n, 3) m/s in IMU axes along attitudes (n, 3, 3)."""
+    """Return the way of the IMU at each row, (n, 3) m, world: velocities along attitudes, summed up.
+
+    v: (n, 3) m/s, IMU axes; rot: rot_world_from_imu, (n, 3, 3).
+    """
     steps = np.diff(log.seconds, prepend=log.seconds[0])
     return np.cumsum(np.einsum("nij,nj->ni", rot, v) * steps[:, None], axis=0)
 
 
 def attitude(log: Log) -> Array:
-    """Return rot_world_from_imu (n, 3, 3) by gyro and accelerometer."""
+    """Return rot_world_from_imu at each inertial row, (n, 3, 3), by gyro and accelerometer of the log."""
     return linear(log, LinearNoise()).rot
 
 
@@ -51,7 +54,7 @@ def foot_velocities(log: Log) -> Array:
 
 
 def legs(log: Log) -> PeerTrack:
-    """Run over a log; the velocity is held from one sample of standing feet to the next."""
+    """Return the track of a log by its standing feet alone; velocity is held from one sample of them to the next."""
     n, known = len(log.stamp_ns), foot_velocities(log)
     good = np.flatnonzero(np.isfinite(known).all(axis=1))
     rot = attitude(log)
@@ -63,7 +66,7 @@ def legs(log: Log) -> PeerTrack:
 
 
 def gyro_attitude(log: Log, first: int = 0) -> Array:
-    """Return rot_world_from_imu (n - first, 3, 3) by the gyro alone.
+    """Return rot_world_from_imu at inertial rows from `first` on, (n - first, 3, 3), by the gyro alone.
 
     It begins with the true attitude of row `first`, or without truth with that of gravity. The gyro's bias is the mean
     of the standstill where there is one; the tilt is not corrected.
@@ -80,9 +83,9 @@ def gyro_attitude(log: Log, first: int = 0) -> Array:
 
 
 def inertial_velocity(log: Log, first: int) -> Array:
-    """Return the velocity (n - first, 3) m/s, world, by the inertial unit alone from the truth of row `first` on.
+    """Return the velocity of the IMU at rows from `first` on, (n - first, 3) m/s, world, by its own samples alone.
 
-    Biases are the means of the standstill at the beginning.
+    It begins with the true one of row `first`. Biases are the means of the standstill at the beginning.
     """
     truth, up = log.known(), np.array([0.0, 0.0, GRAVITY])
     rest, force, _ = at_rest(log)

@@ -130,12 +130,14 @@ def _take(s: LinearState, h: Array, y: float, variance: float) -> None:
 def run(
     cut: Segments, log: Readings, start: PeerStart, state: LinearState, noise: LinearNoise, track: PeerTrack
 ) -> None:
-    """Walk along a log, and write the track, whose covariance is that of an exact attitude.
+    """Run the linear filter along a log, and write its track, whose covariance is that of an exact attitude, in place.
 
     Args:
         cut: time of the log.
+        log: samples of the log.
         start: its first segment and gyro bias are read.
         state: at that segment, changed in place.
+        noise: standard deviations and gains.
         track: rows to write, in place.
     """
     up, before = np.array([0.0, 0.0, 1.0]), -1

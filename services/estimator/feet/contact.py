@@ -27,7 +27,7 @@ leg's length, about."""
 
 
 class ContactPoints(NamedTuple):
-    """K contact points, those of one foot side by side."""
+    """K points at which the feet of a robot touch the ground, those of one foot side by side, in foot axes."""
 
     foot: NDArray[np.int64]  # (K,) the foot of each
     place: Array  # (K, 3) m, from the foot's centre, foot axes
@@ -37,7 +37,7 @@ class ContactPoints(NamedTuple):
 
 
 class SeenPoints(NamedTuple):
-    """All contact points at one time."""
+    """Places and contacts of the K contact points of the feet at one time, IMU axes."""
 
     y: Array  # (K, 3) m, IMU axes
     rot: Array  # (K, 3, 3) rot_imu_from_foot of each
@@ -137,7 +137,10 @@ def _normal(points: Array) -> Array:
 
 
 def touch_rows(touch: Sequence[Sequence[bool]]) -> NDArray[np.bool_]:
-    """Return the switches of each foot as rows (L, S); those of feet with fewer are filled up with open ones."""
+    """Return the switches of each foot as rows (L, S) of bool, True = closed.
+
+    A foot with fewer than S switches gets open ones (False) at the end of its row.
+    """
     rows = np.zeros((len(touch), max([1, *(len(foot) for foot in touch)])), dtype=np.bool_)
     for row, foot in zip(rows, touch, strict=True):
         row[: len(foot)] = foot
@@ -145,7 +148,10 @@ def touch_rows(touch: Sequence[Sequence[bool]]) -> NDArray[np.bool_]:
 
 
 def at_switches(contact: Array, count: int) -> Array:
-    """Return contacts (..., L, n) at `count` switches of each foot: as they are, or the largest of the foot at each."""
+    """Return probabilities of contact (..., L, n) at `count` switches of each foot, (..., L, count).
+
+    With n = `count` they stay as they are, else each switch gets the largest value of its foot.
+    """
     if contact.shape[-1] == count:
         return np.ascontiguousarray(contact)
     return np.repeat(np.fmax.reduce(contact, axis=-1)[..., None], count, axis=-1)

@@ -25,10 +25,10 @@ RISEN = 0.015
 
 @dataclass(eq=False)
 class LegFaults:
-    """Follows the sensors of all legs from sample to sample.
+    """Finds legs whose encoders or foot switches fail, so that nothing is learned from the slip of their stances.
 
     Args:
-        joints: numbers of the joints of each leg.
+        joints: indices of the joints of each leg.
         count: number of all joints.
     """
 
@@ -67,5 +67,5 @@ class LegFaults:
 
 
 def leg_faults(robot: Robot) -> LegFaults:
-    """Return the observer of a robot's legs."""
+    """Return what finds failing encoders and foot switches of a robot's legs, before its first sample."""
     return LegFaults(tuple(tuple(leg.joints) for leg in robot.legs), robot.nj)

@@ -75,8 +75,9 @@ def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Arr
         switches: probability of contact at each switch, (L, S), NaN = unknown.
 
     Returns:
-        Positions and rotations with zeros and unit matrices for unknown feet; probability of contact of each foot (L,),
-        0 for those, NaN = unknown; the switches that are closed (L,), bit s for switch s; True if a foot may stand.
+        Positions (L, 3) m and rotations (L, 3, 3), zeros and unit matrices for unknown feet; probability of contact of
+        each foot (L,), 0 for those, NaN = unknown; the switches that are closed (L,), bit s for switch s; True if a
+        foot may stand.
     """
     position, rot, stands = position.copy(), rot.copy(), False
     contact, closed = np.full(switches.shape[0], np.nan), np.zeros(switches.shape[0], dtype=np.int64)
@@ -103,7 +104,10 @@ def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Arr
 
 @kernel
 def foot_turn(rot_0: Array, rot_1: Array) -> Array:
-    """Return the turn of a foot against the IMU between two samples, (3,) rad, IMU axes: log(rot_1 rot_0^T)."""
+    """Return the turn of a foot against the IMU between two samples, (3,) rad, IMU axes: log(rot_1 rot_0^T).
+
+    rot_0, rot_1: rot_imu_from_foot at the earlier and the later sample, (3, 3).
+    """
     relative = np.empty((3, 3))
     for i in range(3):
         for k in range(3):

@@ -46,7 +46,7 @@ LEAST = 2
 
 @dataclass(frozen=True, slots=True)
 class FinishedStance:
-    """One stance that has ended."""
+    """One finished stance of a foot: its leg, how far it slid, where it began, and how it was sampled."""
 
     leg: int
     slip: float
@@ -124,10 +124,10 @@ class FootWays(NamedTuple):
 
 @dataclass(eq=False)
 class StanceSlip:
-    """Follows all feet from sample to sample.
+    """Measures how far each foot slides in its stances, from sample to sample.
 
     Args:
-        legs: L.
+        legs: number of feet L.
         radius: of the foot spheres, (L,) m; 0 = a sole.
     """
 

@@ -26,7 +26,7 @@ from .summary import QUAT, R, condition, summary
 
 
 class BestOutput(NamedTuple):
-    """The estimate at the newest inertial sample."""
+    """The estimate at the newest inertial sample; `settled`: it can be used."""
 
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes
@@ -62,11 +62,13 @@ class ExternalUse(NamedTuple):
 def report(
     box: KernelBox[FilterParts],
 ) -> tuple[Array, Array, Array, Array, Flags, Array, bool, bool, bool, tuple[bool, bool, bool]]:
-    """Bring the state up to the newest inertial sample, in place.
+    """Bring the state up to the newest inertial sample, in place, and return the estimate there.
 
     Returns:
-        The four arrays of `summary`; which feet slip, (L,); the rows of `express`, (5, 3); standing, settled, quiet,
-        flags of `BestOutput`.
+        Vectors by rows (8, 3): g, v, position, velocity in odom, biases, SI, in the order of `RowLayout`; quaternion
+        (w, x, y, z) of base_link in odom and probability that each foot slides, (4 + L,); covariance of (g, v), (6, 6);
+        covariance of the pose in odom, (6, 6), m and rad; which feet slip, (L,) bool; velocities, turn, g and (roll,
+        pitch) in the frames of users, (5, 3), SI; standing, settled, quiet, flags of `BestOutput`.
     """
     parts = box.parts
     bring_up(parts.replay, parts.state, parts.setting)
@@ -91,7 +93,9 @@ def condition_now(box: KernelBox[FilterParts]) -> Condition:
 
 
 class BestFilter:
-    """Takes samples in any order within the last half second; the result is that of their order by stamps, to the bit.
+    """Filter of velocity, tilt, biases and pose of a legged robot by its inertial unit and its feet, named `best`.
+
+    It takes samples in any order within the last half second; the result is that of their order by stamps, to the bit.
 
     Args:
         limits: of start and rest.
@@ -146,13 +150,19 @@ class BestFilter:
         return code
 
     def external(self, stamp_ns: int, row: Array) -> int:
-        """Take a sample from elsewhere, (26,) as `samples.ExternalLayout`; return the code of its result."""
+        """Take a sample of another source at `stamp_ns`, ns; return the code of its `InputResult`.
+
+        Args:
+            stamp_ns: time at which the sample holds, ns.
+            row: position (3,) m, heading rad, velocity (3,) m/s and their covariances, (26,) in the order of
+                `ExternalLayout`; NaN = not in this sample.
+        """
         self.outdate()
         self.frame()
         return take_external(self._box, stamp_ns, row)
 
     def frame(self) -> None:
-        """Add the frame of poses from elsewhere to the state, unless it has one."""
+        """Extend the state by the shift and turn of the frame in which other sources give poses, unless it has them."""
         parts = self.parts
         feet, points, modes = parts.check.feet.shape[0], len(parts.state.points), len(parts.state.weight)
         if parts.state.x.size > X.points + 3 * points:
@@ -168,7 +178,14 @@ class BestFilter:
         restart(self._box, stamp_ns)
 
     def follow(self, log: LogInputs, order: NDArray[np.int64], rows: LogRows, first: int) -> None:
-        """Take inputs of a log and write the estimates, see `follow_log`."""
+        """Take inputs of a log in their order of arrival, and write the estimates into `rows`, in place.
+
+        Args:
+            log: n inertial rows, m samples of the feet and those of other sources.
+            order: (k,): number of an inertial row, n + that of a sample of the feet, or n + m + that of another source.
+            rows: estimates, of which row `first` and later are written, one for each inertial row.
+            first: first inertial row that gets an estimate.
+        """
         self.outdate()
         follow_log(order, log, rows, first, self._box)
 

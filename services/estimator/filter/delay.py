@@ -21,7 +21,10 @@ from .noise import FIXED
 
 @kernel
 def lift_delay(row: Array, share: float) -> None:
-    """Fade the sums of a foot that does not stand by the factor `share`, in place; `row`: of `BestState.sensors`."""
+    """Fade what a foot that does not stand has shown of late stamps by the factor `share` (0 to 1), in place.
+
+    `row`: numbers of this foot, one row of `BestState.sensors`, (columns,), mixed units as in `SensorLayout`.
+    """
     row[S.delay + L.stood] = 0.0
     for i in range(4):
         row[S.delay + L.sums + i] *= share
@@ -65,8 +68,7 @@ def learn_delay(row: Array, trunk: Array, gained: Array, swung: Array, dt: float
 def delay_of(sensors: Array) -> float:
     """Return the time by which the stamps of all feet are late, s, 0 where it is not sure; below 0: they are early.
 
-    Args:
-        sensors: of each foot, see `SensorLayout`.
+    `sensors`: numbers of each foot, (L, columns), mixed units as in `SensorLayout`.
     """
     along = square = strange = stood = 0.0
     for f in range(sensors.shape[0]):
@@ -82,5 +84,8 @@ def delay_of(sensors: Array) -> float:
 
 @kernel
 def forget_delay(sensors: Array) -> None:
-    """Forget what the feet have shown of late stamps, in place; `sensors` as in `BestState`, (..., K, columns)."""
+    """Forget what the feet have shown of late stamps, in place.
+
+    `sensors`: numbers of each foot, (..., L, columns), mixed units as in `SensorLayout`.
+    """
     sensors[..., S.delay + L.sums : S.delay + L.sums + 4] = 0.0

@@ -33,7 +33,7 @@ def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
 
 @kernel
 def unknown(feet: Array, row: int, f: int) -> bool:
-    """Return whether foot f was not finite in a row of feet (N, L, 3), see `mount.known_feet`."""
+    """Return True if foot f had no finite position in a row of feet (N, L, 3) m, where such a foot stands as zeros."""
     return bool(feet[row, f, 0] == 0.0 and feet[row, f, 1] == 0.0 and feet[row, f, 2] == 0.0)
 
 

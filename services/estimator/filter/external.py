@@ -33,7 +33,7 @@ POSITION, YAW, VELOCITY = range(3)
 
 @kernel
 def frame_of(state: BestState) -> int:
-    """Return the first row of the error of the external frame: its shift has three rows, its turn the next one."""
+    """Return the first row of the error of the frame of other sources: three rows of shift, m, and one of turn, rad."""
     return E.points + 3 * state.points.shape[0]
 
 
@@ -50,15 +50,16 @@ def _heading(state: BestState, rot_base_from_imu: Array) -> tuple[float, Array]:
 def expected(
     state: BestState, part: int, row: Array, w: Array, q: Array, age: float, rot_base_from_imu: Array
 ) -> tuple[Array, Array, Array]:
-    """Return innovation estimate minus sample (3,), its derivative by the error (3, n), and the noise (3, 3).
+    """Return innovation z = estimate - sample (3,), its derivative by the error (3, n), and the noise (3, 3).
 
-    The heading is the first of three numbers, the others are zero and know nothing of the state.
+    z is in m, rad or m/s, the noise in its square. Of a heading only z[0] counts; the other two are zero with
+    derivative zero.
 
     Args:
         part: `POSITION`, `YAW` or `VELOCITY`.
-        row: the sample, see `samples.EX`.
-        w: gyro since, (3,) rad/s.
-        q: accelerometer since, (3,) m/s^2.
+        row: the sample, (26,) as `ExternalLayout`: m, rad, m/s and their squares.
+        w: gyro since, (3,) rad/s, IMU axes.
+        q: accelerometer since, (3,) m/s^2, IMU axes.
         age: time since the sample, s, less than an inertial period.
         rot_base_from_imu: (3, 3).
     """
@@ -233,7 +234,7 @@ def _take_one(state: BestState, row: Array, w: Array, q: Array, age: float, rot_
 
 @kernel
 def take_external(state: BestState, samples: SampleStore, at: int, setting: BestSetting) -> None:
-    """Correct with the samples from elsewhere between inertial rows `at` - 1 and `at`, in place."""
+    """Correct with the samples of other sources that lie between inertial rows `at` - 1 and `at`, in place."""
     stamps, now = samples.external_stamps, samples.imu_stamps[at]
     last = after(stamps, now)
     for e in range(after(stamps, samples.imu_stamps[max(at - 1, 0)]), last):

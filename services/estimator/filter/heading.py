@@ -92,7 +92,7 @@ def keep_heading(state: BestState, d: float) -> None:
 
 @kernel
 def take_back(state: BestState, before: Array) -> None:
-    """Take the share of the gyro of what the feet turned the heading by out again, in place.
+    """Undo the share (0 to 1) of a turn of the heading by the feet that belongs to the gyro instead, in place.
 
     Args:
         state: the state after a sample of the feet.

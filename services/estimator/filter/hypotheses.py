@@ -47,7 +47,7 @@ def modes_of(feet: int) -> int:
 
 @kernel
 def mode(state: BestState, h: int) -> BestState:
-    """Return hypothesis h as a state of its own, which has none; it shares its arrays."""
+    """Return hypothesis h as a state without hypotheses of its own, which shares the arrays of `state`."""
     return BestState(
         state.mode_x[h], state.mode_cov[h], state.mode_points[h], state.mode_turn[h], state.mode_memory[h],
         state.mode_x, state.mode_cov, state.mode_points, state.mode_turn, state.mode_memory, state.weight[:0],
@@ -96,7 +96,10 @@ def _copy(source: BestState, target: BestState) -> None:
 
 @kernel
 def mean_of(state: BestState, shares: Array, out: BestState) -> None:
-    """Write the mean of the hypotheses by their shares (H,) into another state; flags are those of the largest."""
+    """Write mean and covariance of the hypotheses, weighted by `shares` (H,), no unit, into the state `out`, in place.
+
+    Shares need not sum to 1. Flags of `out` are those of the hypothesis with the largest share.
+    """
     best, most, total = int(np.argmax(shares)), np.max(shares), 0.0
     for h in range(shares.size):
         total += shares[h]
@@ -214,7 +217,10 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
 
 @kernel
 def weigh(state: BestState, likely: Array) -> None:
-    """Weigh the hypotheses by the logarithms of their likelihoods (H,), in place."""
+    """Multiply the weight of each hypothesis by its likelihood, in place, and scale all to sum 1.
+
+    `likely`: logarithms of the likelihoods up to a common constant, (H,), no unit.
+    """
     weight, most, total = state.weight, -math.inf, 0.0
     for h in range(weight.size):
         if weight[h] > 0.0:

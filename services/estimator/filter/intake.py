@@ -178,7 +178,7 @@ def take_feet(
         position: (L, 3) m, IMU axes.
         rot: rot_imu_from_foot, (L, 3, 3).
         contact: probability at each switch, (L, S), NaN = unknown.
-        restarted: see `take_imu`.
+        restarted: code of its check, RESTART or STEPPED, if `restart` has been called since, else OK.
     """
     parts = box.parts
     stamp_ns -= parts.check.marks[LATE_FEET_NS]
@@ -205,7 +205,14 @@ def take_feet(
 
 @kernel
 def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int:
-    """Insert a sample from elsewhere, (26,) as `samples.ExternalLayout`, in place; return the code of its result."""
+    """Insert a sample of another source, in place; return the code of its result.
+
+    Args:
+        box: of the filter.
+        stamp_ns: time at which the sample holds, ns.
+        row: position (3,) m, heading rad, velocity (3,) m/s and their covariances, (26,) in the order of
+            `ExternalLayout`; NaN = not in this sample.
+    """
     parts = box.parts
     now = parts.clock.stamps[NOW_NS]
     if stamp_ns <= now - WINDOW_NS:
@@ -221,10 +228,10 @@ def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int
 
 @kernel
 def restart(box: KernelBox[FilterParts], stamp_ns: int) -> None:
-    """Begin a new clock with a state that has been brought up, in place.
+    """Go on after the stamps began anew, with a filter whose state is at its newest sample, in place.
 
     After a step back of less than the window the estimate goes on: the newest sample is `MOST_BACK` periods older than
-    `stamp_ns`, that of the sample that comes next.
+    `stamp_ns`, ns, that of the sample that comes next. Else velocity, feet and all samples are forgotten.
     """
     parts = box.parts
     marks, clocks, stamps = parts.check.marks, parts.check.clocks, parts.clock.stamps

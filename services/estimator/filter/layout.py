@@ -39,7 +39,7 @@ class ErrorLayout(NamedTuple):
 
 
 class PointLayout(NamedTuple):
-    """Columns of `BestState.points`, (K, 11)."""
+    """Columns of the numbers of each contact point in `BestState.points`, (K, 11)."""
 
     down: int = 0
     """1 while the point stands, else 0."""

@@ -59,7 +59,7 @@ class LogRows(NamedTuple):
 
 
 def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
-    """Return room for n rows of L feet; `joint`: with the covariance of all but the pose."""
+    """Return room for the estimates at n rows, L = `feet`; `joint`: with the covariance of all but the pose."""
     return LogRows(
         np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
@@ -91,10 +91,11 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
     """Take the inputs of a log, in place, and write the estimate after each inertial row and the feet that follow it.
 
     Args:
-        order: of arrival: the number of an inertial row, n + that of a sample of the feet, or n + m + that of one from
-            elsewhere.
+        order: of arrival, (k,): the number of an inertial row, n + that of a sample of the feet, or n + m + that of one
+            from elsewhere.
+        log: n inertial rows, m samples of the feet and those from elsewhere, SI.
         rows: for the estimates, those of row `first` and later.
-        first: see `rows`.
+        first: first inertial row that gets an estimate.
         box: of the filter.
     """
     n, row, parts = log.stamp_ns.size, -1, box.parts

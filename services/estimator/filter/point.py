@@ -46,7 +46,11 @@ def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
 
 @kernel
 def retract(state: BestState, xi: Array) -> None:
-    """Take the error xi (15 + 3 K,) out of the state, in place."""
+    """Take the error xi out of the state, in place.
+
+    `xi`: (15 + 3 K,) in the order of `ErrorLayout`: rotation rad, velocity m/s, gyro bias rad/s, accelerometer bias
+    m/s^2, position m, contact points m; further errors of a frame of poses, m and rad, follow if the state has one.
+    """
     x, points, back = state.x, state.points, np.empty(3)
     for i in range(3):
         back[i] = -xi[E.rot + i]
@@ -75,7 +79,7 @@ def retract(state: BestState, xi: Array) -> None:
 
 @kernel
 def determinant(m: Array) -> float:
-    """Return the determinant of m (3, 3)."""
+    """Return the determinant of m (3, 3), in the cube of its unit."""
     return float(
         m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
         - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])

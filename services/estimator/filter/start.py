@@ -204,11 +204,15 @@ def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting)
 
 @kernel
 def shown_noise(rows: Array, mean: Array, stated: float) -> float:
-    """Return the factor of a stated noise by what a rest shows of it.
+    """Return the factor by which the stated noise of a sensor is multiplied, from the noise that a rest shows.
 
     The noise is not more than `most_noise` times that of the axis which shows most of it, and not less than that of the
-    middle axis. Less than `least_noise` of it shows steps of the sensor, not its noise. `rows` are samples of one
-    sensor, (n, 3), with their mean (3,); `stated` is the standard deviation of one.
+    middle axis. Less than `least_noise` of it shows steps of the sensor, not its noise: the factor is 1.
+
+    Args:
+        rows: samples of one sensor at rest, (n, 3), rad/s or m/s^2.
+        mean: their mean, (3,), same unit.
+        stated: standard deviation of one sample as stated, same unit.
     """
     least, most, total = math.inf, 0.0, 0.0
     for i in range(3):

@@ -97,7 +97,7 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
 
 
 def fit_in(source: BestState, target: BestState) -> None:
-    """Copy every array of a state into the first part of the larger one of another."""
+    """Copy every array of the state `source` into the first entries of the same array of a larger state, in place."""
     for a, b in zip(source, target, strict=True):
         b[tuple(slice(0, size) for size in a.shape)] = a
 
@@ -122,7 +122,7 @@ def forget_velocity(state: BestState, sd: float) -> None:
 
 @kernel
 def forget_levels(memory: Array) -> None:
-    """Forget all levels, and how uneven the ground is, in `BestState.memory`, in place: the height is another one."""
+    """Forget levels and unevenness of the ground, in place; `memory` (112,), mixed units as in `MemoryLayout`."""
     memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
     memory[M.uneven] = FIXED.step_sd**2
     memory[M.slope : M.slope + 5] = 0.0
@@ -148,7 +148,7 @@ def turn_matrix(b: Array) -> Array:
 
 @kernel
 def rotation(x: Array) -> Array:
-    """Return rot_odom_from_imu of a state x, (21 + 3 K,), (3, 3)."""
+    """Return rot_odom_from_imu, (3, 3), of the numbers x (21 + 3 K,) of a state, laid out as in `StateLayout`."""
     m = np.empty((3, 3))
     for i in range(3):
         for k in range(3):
@@ -158,7 +158,7 @@ def rotation(x: Array) -> Array:
 
 @kernel
 def set_rotation(x: Array, rot: Array) -> None:
-    """Write rot_odom_from_imu (3, 3) into a state x, (21 + 3 K,), in place."""
+    """Write rot_odom_from_imu (3, 3) into the numbers x (21 + 3 K,) of a state, as in `StateLayout`, in place."""
     for i in range(3):
         for k in range(3):
             x[X.rot + 3 * i + k] = rot[i, k]
@@ -348,12 +348,12 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
 
 @kernel
 def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
-    """Return what the changes since the last inertial sample add to the noise, and remember the sample, in place.
+    """Return the variances that the changes since the last inertial sample add to its noise; keep this one.
 
     A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
     mean over its period; the sensors' own noise changes by 6 sigma^2 on average. A bend turns the IMU back again, so
-    errors of the heading cancel; those of the tilt act on the velocity at every moment. `memory`: of `BestState`;
-    w rad/s, q m/s^2: the sample, (3,).
+    errors of the heading cancel; those of the tilt act on the velocity at every moment. `memory` (112,): of
+    `BestState`, changed; w (3,) rad/s, q (3,) m/s^2: the sample, IMU axes.
     """
     turn, push = 0.0, 0.0
     for i in range(3):

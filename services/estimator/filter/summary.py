@@ -24,7 +24,7 @@ from .state import BestState, rotation
 
 
 class RowLayout(NamedTuple):
-    """Rows of the vectors of a report, (8, 3)."""
+    """Rows of the vectors (8, 3) of an estimate: gravity, velocities, position, biases and others."""
 
     g: int = 0
     """Specific force at rest, m/s^2, IMU axes, points up."""
@@ -168,12 +168,13 @@ def leg_sensors(parts: FilterParts) -> LegSensors:
 
 @kernel
 def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array) -> Condition:
-    """Return the numbers from which flags and reasons follow.
+    """Return the numbers from which flags and reasons of an estimate follow.
 
     Args:
-        vectors: first result of `summary`.
-        more: second result of `summary`.
-        covariance: of (g, v), third result of `summary`.
+        parts: the filter, brought up to the newest inertial sample.
+        vectors: estimate by rows, (8, 3), SI, see `RowLayout`.
+        more: quaternion of base_link in odom (4,) and probability that each foot slides (L,), as one array (4 + L,).
+        covariance: of (g, v) in IMU axes, (6, 6), m/s^2 and m/s squared.
     """
     slipping, stamps = False, parts.clock.stamps
     for i in range(QUAT, more.size):

@@ -16,9 +16,16 @@ Feet = NDArray[np.int64]
 
 @kernel
 def rewired(contact: Array, sensors: Array, foot: Feet) -> Array:
-    """Return contacts (K,), those of feet whose switches are swapped the other way round.
+    """Return the contacts of all points with the switches of two swapped feet put right.
 
-    All points of a foot have one contact.
+    Args:
+        contact: probability of contact of each point, (K,); all points of a foot have the same.
+        sensors: numbers of each foot, (L, columns), mixed units as in `SensorLayout`; `wired` is the foot whose switch
+            the foot gets.
+        foot: index of the foot of each point, (K,).
+
+    Returns:
+        Probability of contact of each point, (K,).
     """
     out = contact.copy()
     for k in range(foot.size):
@@ -31,7 +38,10 @@ def rewired(contact: Array, sensors: Array, foot: Feet) -> Array:
 
 @kernel
 def swap_switches(sensors: Array) -> None:
-    """Take the switches of two feet the other way round, in place."""
+    """Exchange the switches of the two feet of a biped, in place, and forget what contradicted them.
+
+    `sensors`: numbers of each foot, (L, columns), mixed units as in `SensorLayout`.
+    """
     sensors[0, S.wired], sensors[1, S.wired] = sensors[1, S.wired], sensors[0, S.wired]
     sensors[:2, S.against] = sensors[:2, S.switch] = sensors[:2, S.same] = 0.0
 
@@ -121,8 +131,8 @@ def judge_heights(own: Array, sensors: Array, over: float, contact: Array, dt: f
     foot above is closed, and the other has not been above since it opened, they are swapped.
 
     Args:
-        own: numbers of this, see `HeightLayout`.
-        sensors: numbers of each foot, see `SensorLayout`.
+        own: memory of this function, (HEIGHTS,), mixed units as in `HeightLayout`.
+        sensors: numbers of each foot, (2, columns), mixed units as in `SensorLayout`.
         over: height of foot 0 over foot 1, m; NaN: not known.
         contact: probability that each foot touches the ground, (2,).
         dt: time since the last sample, s.

@@ -23,14 +23,14 @@ Feet = NDArray[np.int64]
 
 @kernel
 def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
-    """Fit the excess of the inertial noise to what all standing points see in common, in place.
+    """Fit the excess of the inertial noise, a factor >= 1, to what all standing points see in common, in place.
 
     The innovations of a filter whose noises are right do not correlate in time. If the mean innovation z of all points
     goes the same way again and again, the error is in the prediction: with S its covariance, the excess follows
 
         e = z_k^T S^-1 z_(k-1)/3,   log excess += learn (rise max(e, 0) + min(e, 0) - drop)
 
-    within 1 and `most_excess`.
+    within 1 and `most_excess`. `y`: contact points as the feet are seen now, (K, 3) m, IMU axes.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     z, s, count, rot = np.zeros(3), np.zeros((3, 3)), 0, rotation(x)
@@ -125,7 +125,10 @@ def persistence(memory: Array) -> float:
 
 @kernel
 def remember_slides(state: BestState) -> None:
-    """Add m.s and s.s of a sample, see `persistence`, of all hypotheses by their weights to the sums, in place."""
+    """Add m.s and s.s of a sample, the means of all hypotheses by their weights, to the fading sums of them, in place.
+
+    m is the velocity of a slide that the sample shows, s the one that was learned before it, m/s.
+    """
     for i in (M.slide_product, M.slide_square):
         state.memory[i] *= FIXED.slide_memory
         for h in range(state.weight.size):

@@ -94,7 +94,7 @@ class Faults(NamedTuple):
 
 
 def new_check(feet: int, points: int) -> CheckState:
-    """Return the state of a check before the first sample."""
+    """Return what a check of inputs remembers before the first sample, of so many feet and contact points."""
     marks, numbers = np.zeros(SHOWN_LATE_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
     marks[LIGHT_NS] = FOR_EVER
@@ -105,7 +105,7 @@ def new_check(feet: int, points: int) -> CheckState:
 
 @kernel
 def peak(x: Array) -> float:
-    """Return the largest absolute value of x (n,), infinity if a value is not finite."""
+    """Return the largest absolute value of x (n,), in its unit; infinity if a value is not finite."""
     most = 0.0
     for i in range(x.size):
         if not math.isfinite(x[i]):
@@ -228,7 +228,10 @@ def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q
 
 @kernel
 def check_feet(check: CheckState, stamp_ns: int, feet: Array) -> int:
-    """Check feet (L, 3), in place; return the code of the result. A foot that is not finite is left out elsewhere."""
+    """Check foot positions (L, 3) m, IMU axes, in place; return the code of the `InputResult`.
+
+    A foot that is not finite is counted; the sample is refused only if no number of it is finite.
+    """
     some, every, same = False, True, True
     for i in range(feet.shape[0]):
         for k in range(3):

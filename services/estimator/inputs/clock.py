@@ -25,7 +25,7 @@ CLOCK = 6
 
 
 def bounded(stamp_ns: int) -> int:
-    """Return a stamp as far as a kernel can take it; larger ones are refused there."""
+    """Return a stamp, ns, clipped to what kernels can compute with; they refuse stamps that large."""
     return min(max(stamp_ns, -2 * LARGEST_NS + 1), 2 * LARGEST_NS - 1)
 
 

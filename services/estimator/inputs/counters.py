@@ -51,7 +51,13 @@ class InputCheck:
         """Samples from elsewhere that were refused, by name, e.g. `external_late`."""
 
     def count(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
-        """Count the result of a sample of `source` and return it."""
+        """Count the result of a sample and return it.
+
+        Args:
+            source: of the sample, `imu` or `kinematics`.
+            result: of its check.
+            stamp_ns: of the sample, ns.
+        """
         count_result(self.state, SOURCES.index(source), RESULTS.index(result), bounded(stamp_ns))
         return result
 

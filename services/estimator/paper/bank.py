@@ -30,7 +30,7 @@ LATE_NS = 100_000_000  # samples of the feet older than this are left out
 
 
 class PaperOutput(NamedTuple):
-    """Output of one estimator at the newest inertial sample."""
+    """Output of one estimator of Wawrzynski et al. at the newest inertial sample, SI, IMU axes."""
 
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes
@@ -57,7 +57,7 @@ def _note(row: Array, gyro: Array, d: float, g: Array) -> None:
 
 
 class PaperEstimators:
-    """Feeds the estimators of the table with the same samples; owns their start and their biases."""
+    """Feeds the four estimators of Wawrzynski et al. with the same samples; owns their start and sensor biases."""
 
     def __init__(self, mount: FootMount, params: EstimatorParams, names: Iterable[str] = tuple(ESTIMATORS)) -> None:
         self.params = params
@@ -67,7 +67,7 @@ class PaperEstimators:
         self.reset()
 
     def reset(self, stated: bool = True) -> None:
-        """Drop all state; `stated`: the statement about the ground at the start holds."""
+        """Drop all state; `stated`: the configured slope of the ground at the start holds for the new start."""
         p = self.params
         self._stated = stated
         self.standstill = Standstill(
@@ -190,9 +190,10 @@ class PaperEstimators:
         return g if g is not None else self._leader.g  # type: ignore[return-value]
 
     def output(self, name: str) -> PaperOutput:
-        """Return the present estimate of one estimator; g of those that do not estimate it is the leader's.
+        """Return the present estimate of one estimator by its name.
 
-        An accelerometer bias looks like a tilt for ever: what P leaves out of that is `hidden`.
+        One without a g of its own takes that of `ekf`, or of `imu` where `ekf` does not run. A bias of the
+        accelerometer looks like a tilt for ever: the variance that the covariance leaves out for it is `hidden`.
         """
         one, known = self.filters[name], self.initialised
         return PaperOutput(

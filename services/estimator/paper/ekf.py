@@ -26,12 +26,14 @@ G, V = slice(0, 3), slice(3, 6)  # parts of the state, equation (15)
 
 @kernel
 def correct(x: Array, p: Array, measured: Array, sigma: float) -> tuple[Array, Array, float]:
-    """Correct a state by a velocity, equations (32)-(37).
+    """Correct a state by a velocity, equations (32)-(37) of Wawrzynski et al.
+
+    With H = [0 I]: S = H P H' + sigma^2 I, K = P H' S^-1, x += K (v^KG - v), P = (I - K H) P (I - K H)' + sigma^2 K K'.
 
     Args:
-        x: g and v, (6,).
+        x: g and v, (6,), m/s^2 and m/s, IMU axes.
         p: covariance, (6, 6).
-        measured: v^KG, (3,) m/s.
+        measured: v^KG, velocity by the legs and the gyro, (3,) m/s.
         sigma: its standard deviation per axis, m/s.
 
     Returns:
@@ -52,7 +54,11 @@ def correct(x: Array, p: Array, measured: Array, sigma: float) -> tuple[Array, A
 
 
 class PaperEkf:
-    """Filter of the state (g, v), equation (15): prediction at every IMU sample, correction by v^KG."""
+    """Filter of the state (g, v) of Wawrzynski et al.: prediction at every IMU sample, correction by the legs.
+
+    g is the specific force at rest, m/s^2, v the velocity of the IMU, m/s, both in IMU axes; the legs and the gyro
+    together measure v, which is called v^KG.
+    """
 
     name = "ekf"
 
@@ -64,21 +70,21 @@ class PaperEkf:
         self.reset(np.array([0.0, 0.0, GRAVITY]), np.eye(6))
 
     def reset(self, g: Array, p: Array) -> None:
-        """Start at rest, equation (1): g (3,) m/s^2, v = 0, and the covariance p (6, 6) of both."""
+        """Start at rest: specific force g (3,) m/s^2, v = 0, and the covariance p (6, 6) of both, IMU axes."""
         self._x, self.p = np.concatenate([g, np.zeros(3)]), p.copy()
         self.nis = None
 
     def predict(self, w: Array, q: Array, d: float) -> None:
-        """Carry the state by gyro w (3,) rad/s and accelerometer q (3,) m/s^2 over d s, equations (28)-(31)."""
+        """Carry state and covariance by gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes, over d s."""
         self._x, self.p = predict(self._x, self.p, w, q, d, self._noise, self._params.exact_transition, False)
 
     def correct(self, legs: LegVelocity) -> None:
-        """Correct with v^KG if a foot stands, equations (32)-(37); the mean of n feet has sigma_v/sqrt(n)."""
+        """Correct with the velocity by legs and gyro if a foot stands; that of n feet deviates by sigma_v / sqrt(n)."""
         if legs.feet_kg > 0:
             self.correct_with(legs.v_kg, self._params.sigma_v / math.sqrt(legs.feet_kg))
 
     def correct_with(self, v: Array, sigma: float) -> None:
-        """Correct with v = v^KG (3,) m/s of standard deviation `sigma` per axis, equations (32)-(37)."""
+        """Correct with a velocity v (3,) m/s, IMU axes, of standard deviation `sigma` per axis, m/s."""
         self._x, self.p, self.nis = correct(self._x, self.p, v, sigma)
 
     def forget_velocity(self, sd: float) -> None:

@@ -24,7 +24,7 @@ class VelocityEstimator(Protocol):
     nis: float | None
 
     def reset(self, g: Array, p: Array) -> None:
-        """Start at rest with g (3,) and the covariance p (6, 6) of (g, v)."""
+        """Start at rest with g (3,) m/s^2, IMU axes, and the covariance p (6, 6) of (g, v), m/s^2 and m/s squared."""
         ...
 
     def predict(self, w: Array, q: Array, d: float) -> None:
@@ -32,7 +32,7 @@ class VelocityEstimator(Protocol):
         ...
 
     def correct(self, legs: LegVelocity) -> None:
-        """Correct with velocities by the legs."""
+        """Correct the estimate with the velocities of the IMU by the standing feet, m/s, IMU axes."""
         ...
 
     def widen(self, sd_g: float, sd_v: float) -> None:
@@ -55,7 +55,7 @@ class VelocityEstimator(Protocol):
 
     @property
     def p(self) -> Array:
-        """Covariance of gravity and velocity (g, v), (6, 6), axes of the inertial unit."""
+        """Covariance of gravity and velocity (g, v), (6, 6), m/s^2 and m/s squared, axes of the inertial unit."""
         ...
 
 

@@ -41,7 +41,7 @@ def _put(stamps: Stamps, values: Array, count: int, stamp_ns: int, row: Array) -
 
 
 class History:
-    """Ring of stamped rows of numbers."""
+    """Ring of the newest rows of numbers, each with a stamp in ns; `width`: numbers in a row."""
 
     def __init__(self, width: int) -> None:
         self._stamps = np.zeros(ROWS, dtype=np.int64)
@@ -49,12 +49,12 @@ class History:
         self._count = 0
 
     def put(self, stamp_ns: int, row: Array) -> None:
-        """Append a row (width,) of a later stamp."""
+        """Append a row (width,), in the units of its owner, with a stamp, ns, later than those before."""
         _put(self._stamps, self._values, self._count, stamp_ns, row)
         self._count += 1
 
     def at(self, stamp_ns: int) -> Array:
-        """Return the row (width,) at a stamp."""
+        """Return the row (width,) at a stamp, ns, in the units of its owner, interpolated, at most the newest."""
         return _at(self._stamps, self._values, self._count, stamp_ns)
 
     def clear(self) -> None:

@@ -17,7 +17,7 @@ SMALL_ANGLE_SQUARED = 1e-16  # rad^2; below it the series is exact to machine pr
 
 @kernel
 def rotate_by(b: Array, x: Array) -> Array:
-    """Return f(b, x) = exp([b]) x, (3,): x turned about the vector b by |b| rad (Rodrigues' formula)."""
+    """Return f(b, x) = exp([b]) x, (3,): x (3,), any unit, turned about the vector b (3,) by |b| rad (Rodrigues)."""
     angle_sq = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
     if angle_sq > SMALL_ANGLE_SQUARED:
         angle = math.sqrt(angle_sq)
@@ -36,12 +36,13 @@ def rotate_by(b: Array, x: Array) -> Array:
 
 @kernel
 def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, Array]:
-    """Integrate (2)-(4), also (28)-(30): half a turn of g, a turn and a push of v, half a turn of g.
+    """Integrate g and v over a step of d s: half a turn of g, a turn and a push of v, half a turn of g.
 
-    All in IMU axes: g m/s^2 up, v m/s, gyro w rad/s, accelerometer q m/s^2, (3,) each, over d s.
+    Equations (2)-(4), also (28)-(30), of Wawrzynski et al. All in IMU axes: g m/s^2 up, v m/s, gyro w rad/s,
+    accelerometer q m/s^2, (3,) each.
 
     Returns:
-        g (3,), v (3,) after the step.
+        g (3,) m/s^2, v (3,) m/s after the step.
     """
     half, whole = np.empty(3), np.empty(3)
     for i in range(3):
@@ -54,9 +55,9 @@ def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, 
 
 @kernel
 def turn_jacobian(x: Array) -> Array:
-    """Return J(x) = df(b, x)/db at b = 0, which is -[x], (3, 3).
+    """Return J(x) = df(b, x)/db at b = 0, which is -[x], (3, 3), of the turn f(b, x) = exp([b]) x; x (3,), any unit.
 
-    Equation (26) with the corrected sign (printed: +[x]). C enters P only as C C^T, where the sign cancels.
+    (26) of Wawrzynski et al. with the corrected sign (printed: +[x]). C enters P only as C C^T, where the sign cancels.
     """
     j = np.zeros((3, 3))
     j[0, 1], j[0, 2] = x[2], -x[1]
@@ -67,7 +68,11 @@ def turn_jacobian(x: Array) -> Array:
 
 @kernel
 def transition(w: Array, d: float, exact: bool) -> Array:
-    """Return F, (6, 6): (24) [I 0; -d I I], or with the rotation it drops: [E 0; -d E_h E], E = exp(-[w] d)."""
+    """Return the transition matrix F of (g, v) over a step of d s, (6, 6), with gyro w (3,) rad/s.
+
+    It is (24) of Wawrzynski et al., [I 0; -d I I], or with the rotation that it drops (`exact`): [E 0; -d E_h E],
+    E = exp(-[w] d), E_h = exp(-[w] d / 2).
+    """
     f = np.zeros((6, 6))
     axis, by_half, by_whole = np.zeros(3), np.empty(3), np.empty(3)
     for i in range(3):
@@ -86,9 +91,10 @@ def transition(w: Array, d: float, exact: bool) -> Array:
 
 @kernel
 def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """Return C of equation (25), (6, 6): columns = unit noise of gyro and accelerometer.
+    """Return C, (6, 6): effect on (g, v), m/s^2 and m/s, of unit noise of gyro and accelerometer in a step of d s.
 
-    g, v: before the step of d s, (3,) m/s^2 and m/s; sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
+    C = sigma_w d [J(g); J(v) - J(g) d / 2] for the gyro and -sigma_q d I on v for the accelerometer, (25) of Wawrzynski
+    et al. g, v: before the step, (3,); sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
     """
     c = np.zeros((6, 6))
     jg, jv = turn_jacobian(g), turn_jacobian(v)
@@ -102,7 +108,7 @@ def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) ->
 
 @kernel
 def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """Return the noise Q = C C^T of (g, v), equation (31), (6, 6), over a step of d s.
+    """Return the noise Q = C C^T of (g, v), (6, 6), over a step of d s, of the matrix C that `input_noise` returns.
 
     g, v: before it, (3,) m/s^2 and m/s; sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
     """
@@ -125,11 +131,13 @@ def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, 
 def predict(
     x: Array, p: Array, w: Array, q: Array, d: float, noise: Array, exact: bool, symmetric: bool
 ) -> tuple[Array, Array]:
-    """Return state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample, equations (28)-(31).
+    """Return state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample: P = F P F' + C C'.
+
+    Equations (28)-(31) of Wawrzynski et al., F by `transition` and C by `input_noise`.
 
     Args:
-        x: state before it; g m/s^2, v m/s, IMU axes.
-        p: its covariance.
+        x: state before it, (6,); g m/s^2, v m/s, IMU axes.
+        p: its covariance, (6, 6).
         w: gyro, (3,) rad/s.
         q: accelerometer, (3,) m/s^2.
         d: the step, s.
@@ -151,12 +159,12 @@ def predict(
 
 
 def widened(p: Array, sd_g: float, sd_v: float) -> Array:
-    """Return P (6, 6) with these standard deviations, m/s^2 and m/s, added to those of g and v."""
+    """Return the covariance p (6, 6) of (g, v) with standard deviations sd_g, m/s^2, and sd_v, m/s, added."""
     return p + np.diag([sd_g**2] * 3 + [sd_v**2] * 3)
 
 
 def without_velocity(p: Array, sd: float) -> Array:
-    """Return P (6, 6) with v independent of g and of variance sd^2, sd in m/s."""
+    """Return the covariance p (6, 6) of (g, v) with v independent of g and of variance sd^2, sd in m/s."""
     out = np.zeros((6, 6))
     out[:3, :3] = p[:3, :3]
     out[3:, 3:] = np.eye(3) * sd**2

@@ -29,7 +29,7 @@ MIN_SPREAD = 1e-4
 
 @kernel
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross product a x b, (3,), of two vectors (3,)."""
+    """Return the cross product a x b, (3,), of two vectors (3,), in the product of their units."""
     out = np.empty(3)
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
@@ -88,8 +88,13 @@ def foot_velocities(
 def rigid_fit(last: FootSample, now: FootSample, used: Flags) -> tuple[Array, Array, bool]:
     """Return the twist of the IMU from three or more point feet, no gyro: min sum |v + w x p_f + (p_1 - p_0)/d|^2.
 
-    The kinematics-only estimate of a robot whose feet are points: (10) needs the orientation of a foot, which a point
-    does not have; three points that stay put have one.
+    The kinematics-only estimate of a robot whose feet are points: equation (10) of Wawrzynski et al. needs the
+    orientation of a foot, which a point does not have; three points that stay put have one.
+
+    Args:
+        last: earlier sample of the feet, p_0.
+        now: later sample of the feet, p_1, d s after it.
+        used: feet to take, (L,) bool.
 
     Returns:
         v (3,) m/s, w (3,) rad/s, IMU axes; True if three feet off one line were there.
@@ -203,7 +208,7 @@ def order(values: Array) -> NDArray[np.int64]:
 
 @kernel
 def median(values: Array) -> float:
-    """Return the median of a handful of numbers, (n,), n > 0."""
+    """Return the median of a handful of numbers, (n,), n > 0, in their unit."""
     ranked = order(values)
     return float(0.5 * (values[ranked[(values.size - 1) // 2]] + values[ranked[values.size // 2]]))
 

@@ -95,7 +95,7 @@ class Standstill:
         self._rest = 0
 
     def break_off(self) -> None:
-        """Start the count anew, after a gap in the data."""
+        """Start the count of samples at rest anew, after a gap in the data."""
         self._count = 0
         self._rest = 0
         self._still_since = 0
@@ -115,7 +115,7 @@ class Standstill:
         return self.standing
 
     def on_feet(self, position: Array) -> None:
-        """Take foot positions (L, 3) in IMU axes, NaN = unknown: they must stay where they are."""
+        """Take foot positions (L, 3) m in IMU axes, NaN = unknown: at rest they must stay where they are."""
         if self._feet is None:
             self._feet = position.copy()
             return
@@ -197,7 +197,7 @@ class GyroBias:
 
 
 def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:
-    """Return g at rest: equation (1), or blended with the normal of the ground under the feet.
+    """Return g at rest: the mean accelerometer, or that blended with the normal of the ground under the feet.
 
     The accelerometer alone does not separate its bias from a tilt. If the slope of the start place is stated as
     0 +- s rad, the plane of the feet is a second measurement. With b the sd of the bias of an axis, s' = 9.81 s and
@@ -223,7 +223,13 @@ def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) ->
 
 
 def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
-    """Return the unit normal (3,), on the side of g, of the plane through the used points (L, 3); None: no plane."""
+    """Return the unit normal (3,) of the plane through the used points, on the side of g; None: they span no plane.
+
+    Args:
+        points: (L, 3) m, IMU axes.
+        used: points to take, (L,) bool.
+        g: specific force at rest, (3,) m/s^2, IMU axes.
+    """
     chosen = points[used]
     if len(chosen) < 3:
         return None

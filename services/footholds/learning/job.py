@@ -61,7 +61,7 @@ class LearnJob:
             self._past, self._finished = self.number, None
 
     def close(self) -> None:
-        """End the job and wait for its thread."""
+        """Cancel the learning job and wait for its thread."""
         self._cancel.set()
         if self._thread is not None:
             self._thread.join()

@@ -9,14 +9,14 @@ from .fit import Candidate, LearnError, LearnOptions, built
 
 
 def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel:
-    """Return the model of both sample sets, with the size of fit, k and landing error of `a`.
+    """Return the model of both sample sets; size of fit, weight k of the distance and landing error are those of `a`.
 
     With weight 1 the bins are those of all samples, to the byte; less lets the second set count for less.
 
     Args:
         a: the first, or old, model.
         b: the second, or new, model, of the same lattice, cell, filter, foot and robot.
-        weight: c of the counted form, 0 to 1.
+        weight: what a sample of the second set counts, 0 to 1.
 
     Raises:
         LearnError: the models do not go together, or are one and the same.

@@ -59,10 +59,11 @@ def prediction_quality(model: LearnedModel, samples: Sequence[StanceSample]) -> 
 
 
 def expected(model: LearnedModel, found: SampleSet) -> Array:
-    """Return the slip that the model expects of each stance, (n,): the mean of P over where the foot may land.
+    """Return the slip per stroke, no unit, that the model expects of each stance, (n,).
 
-    As in the choice of a foothold, the cells about the chosen one have the weights of the landing error, and cells
-    without P stay out; a stance without heights, or without any P, counts with P of its cell, brought into the ranges.
+    As in the choice of a foothold, it is the mean of the predicted slip P over the cells about the chosen one with the
+    weights of the landing error; cells without P stay out. A stance without heights, or without any P, counts with P of
+    its cell, brought into the ranges of the model.
     """
     p = model.exact(found.x)
     for k, each in enumerate(found.kept):
@@ -83,16 +84,26 @@ def expected(model: LearnedModel, found: SampleSet) -> Array:
 
 
 def spread(model: LearnedModel, x: Array) -> Array:
-    """Return the deviation of single stances, no unit, that the model states at points (n, 3) on its lattice, (n,)."""
+    """Return the standard deviation, no unit, of the slip of single stances at points of a model's lattice, (n,).
+
+    `x`: points K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit.
+    """
     cell = model.conditions.cell
     k = inputs(x) * np.array([8.0 * cell, 8.0 * cell, 1.0])
     return model.spread(Features(*(layer[None].astype(np.float32) for layer in k.T)), cell)[0].astype(np.float64)
 
 
 def slip_interval(mean: Array, sd: Array, share: float = SHARE, least: float = LEAST) -> tuple[Array, Array]:
-    """Return the middle interval of gamma distributions above `least` with these means and deviations, (n,) each.
+    """Return lower and upper ends, (n,) each, of the intervals that hold the middle `share` of the slips.
 
-    Slips are never negative, most are small and a few are large: a normal distribution would be wrong on both sides.
+    Slips per stroke (no unit) are never negative, most are small and a few are large: gamma distributions above
+    `least`.
+
+    Args:
+        mean: of the distributions, (n,).
+        sd: their standard deviations, (n,).
+        share: 0 to 1.
+        least: smallest slip.
     """
     from scipy.special import gammaincinv
 
@@ -149,7 +160,10 @@ class HeldOutFigures:
 
 
 def folds_of(samples: SampleSet, count: int) -> tuple[NDArray[np.int64], str]:
-    """Return the fold of each sample, (n,), and what folds are made of: whole terrains, or whole trials."""
+    """Return the number of the fold of each sample, (n,), 0 to count - 1, and what folds are made of.
+
+    Folds hold whole terrains (`terrains`), or whole trials (`trials`) where all samples are of one terrain.
+    """
     terrains = sorted({_terrain(each) for each in samples.kept})
     if len(terrains) < 2:
         return samples.trial % count, "trials"
@@ -163,12 +177,12 @@ def _terrain(sample: StanceSample) -> str:
 
 
 def compared(samples: SampleSet, fold: NDArray[np.int64], p: Array, held: float, by: str) -> HeldOutFigures:
-    """Return a model beside simple rules.
+    """Return how a model predicts slips beside simple rules: the hand-made score, the flattest cell, nominal landings.
 
     Args:
         samples: all of them.
         fold: fold of each, (n,).
-        p: prediction of the model that was made without the sample's fold, (n,).
+        p: slip per stroke that the model predicts which was made without the sample's fold, (n,), no unit.
         held: share of slips within the model's intervals.
         by: what folds are made of.
     """

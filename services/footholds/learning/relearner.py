@@ -37,7 +37,7 @@ class RelearnParams:
 
 @dataclass(eq=False)
 class Relearner:
-    """Collector of outcomes that makes models of them."""
+    """Collects outcomes of stances and learns the slip model again from them, round by round."""
 
     params: RelearnParams
     log: Callable[[str], None]
@@ -68,7 +68,7 @@ class Relearner:
                 self.taken += 1
 
     def refuse(self, reason: str) -> None:
-        """Count an outcome that is left out."""
+        """Count an outcome that re-learning leaves out, under its reason."""
         self.refused[reason] = self.refused.get(reason, 0) + 1
 
     def chosen(self, model: LearnedModel | None) -> LearnedModel | None:

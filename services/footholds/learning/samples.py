@@ -24,7 +24,7 @@ UNKNOWN_UM = -(2**31)
 
 @dataclass(frozen=True, slots=True)
 class StanceSample:
-    """Ground, choice and slip of one stance."""
+    """One stance as a sample for learning: ground, chosen foothold, stroke and measured slip."""
 
     trial: str
     """Name of the walk or trial; folds of the cross-validation are made of whole trials."""
@@ -65,7 +65,7 @@ class StanceSample:
     """Heights about the chosen cell relative to it, row by row, micrometres; -2^31 = unknown."""
 
     def around(self) -> Layer | None:
-        """Return the heights about the chosen cell, (n, n) m, NaN = unknown; None without them."""
+        """Return the heights about the chosen cell, (n, n) m, NaN = unknown; None if the sample holds none."""
         edge = math.isqrt(len(self.heights_um))
         if edge * edge != len(self.heights_um) or edge < 3:
             return None
@@ -74,7 +74,7 @@ class StanceSample:
 
     @property
     def length(self) -> float:
-        """Length of the stroke |f|, m."""
+        """Length |f| of the stroke, the movement of the foot relative to the body in stance, m."""
         return math.sqrt(sum(value * value for value in self.stroke))
 
     @property
@@ -207,7 +207,7 @@ def read_lines(lines: Iterable[str]) -> tuple[list[StanceSample], dict[str, int]
 
 
 def trial_lines(trial: str, samples: Iterable[StanceSample]) -> Iterator[str]:
-    """Return the lines of a complete trial."""
+    """Return the lines of a complete trial in a sample file: one of JSON per sample, then the line that ends it."""
     count = 0
     for count, each in enumerate(samples, 1):  # noqa: B007 - the last number is written
         yield line_of(each)

@@ -6,15 +6,15 @@ from surefoot.arrays import Array
 
 
 def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
-    """Return c = argmin |W (V c - y)|^2 + ridge |c|^2, (m,).
+    """Return c = argmin |W (V c - y)|^2 + ridge |c|^2, (m,), in the unit of y.
 
     Equations (7)-(9) of Walas & Belter form G = V'V, which squares the condition number. The singular values of the
     stacked matrix do not.
 
     Args:
-        columns: V, (n, m).
+        columns: V, (n, m), no unit.
         y: target, (n,).
-        w: diagonal of W, (n,).
+        w: diagonal of W, (n,), no unit.
         ridge: rho, >= 0.
     """
     stacked, target = stack(columns, y, w, ridge)
@@ -22,9 +22,9 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
 
 
 def stack(columns: Array, y: Array, w: Array, ridge: float) -> tuple[Array, Array]:
-    """Return W V over sqrt(ridge) I, (n + m, m), and W y over zeros, (n + m,).
+    """Return W V over sqrt(ridge) I, (n + m, m), no unit, and W y over zeros, (n + m,), in the unit of y (n,).
 
-    V = `columns` (n, m), W = diag(w), weights w (n,).
+    V = `columns` (n, m), W = diag(w), weights w (n,), no unit.
     """
     m = columns.shape[1]
     return np.vstack((w[:, None] * columns, np.sqrt(ridge) * np.eye(m))), np.concatenate((w * y, np.zeros(m)))

@@ -18,7 +18,7 @@ class Basis(Protocol):
     """Terms phi_q with their parameters, as functions of the inputs."""
 
     def columns(self, u: Array) -> Array:
-        """Return the values of the m basis functions at inputs u (n, d), (n, m)."""
+        """Return the values of the m basis functions at inputs u (n, d), (n, m), no unit."""
         ...
 
 
@@ -34,7 +34,7 @@ class Gaussians:
     """True adds a last column of ones."""
 
     def columns(self, u: Array) -> Array:
-        """Return the values of the Gaussians at inputs u (n, d), (n, m), or (n, m + 1) with a constant."""
+        """Return the values of the Gaussians at inputs u (n, d), (n, m), or (n, m + 1) with a constant, no unit."""
         power = np.zeros((len(u), len(self.centres)))
         for seen, centre, width in zip(u.T, self.centres.T, self.widths.T, strict=True):  # each input
             away = seen[:, None] - centre
@@ -47,7 +47,7 @@ Warp = Literal["identity", "log", "asinh"]
 
 
 def warped(u: Array, warps: tuple[Warp, ...], scales: Array) -> Array:
-    """Return inputs after one monotone map each: u / s, log(u / s) or asinh(u / s); (n, d).
+    """Return inputs after one monotone map each: u / s, log(u / s) or asinh(u / s), (n, d), no unit.
 
     Args:
         u: inputs, (n, d).

@@ -32,7 +32,10 @@ class LatticeError(InvalidField):
 
 @dataclass(frozen=True)
 class Lattice:
-    """Fixed lattice without edges; bins are indexed by floor((x - origin) / width)."""
+    """Lattice of bins over the ground coefficients; the bin of a point x is floor((x - origin) / width).
+
+    Axes are K1 / K2, K2 / (8 cell) and cos K3, no unit; the lattice has no edges.
+    """
 
     origin: tuple[float, float, float] = (-1.1, 0.0, -1.05)
     width: tuple[float, float, float] = (0.2, 0.05, 0.1)
@@ -42,11 +45,11 @@ class Lattice:
             raise LatticeError("lattice", f"needs finite origins and widths > 0, got {self.origin!r}, {self.width!r}")
 
     def keys(self, x: Array) -> NDArray[np.int64]:
-        """Return the bins (n, 3) of points x (n, 3) on the lattice's axes."""
+        """Return the indices (n, 3) of the bins of points x, (n, 3): K1 / K2, K2 / (8 cell), cos K3, no unit."""
         return np.floor((x - np.array(self.origin)) / np.array(self.width)).astype(np.int64)
 
     def centres(self, keys: Iterable[Key]) -> Array:
-        """Return the centres (n, 3), on the lattice's axes, of bins (n, 3)."""
+        """Return the centres (n, 3) of bins with n indices (i, j, k): K1 / K2, K2 / (8 cell), cos K3, no unit."""
         return np.array(self.origin) + (np.array(list(keys), dtype=np.float64).reshape(-1, 3) + 0.5) * self.width
 
 
@@ -90,14 +93,20 @@ Bins = Mapping[Key, Bin]
 
 
 def coordinates(k1: Array, k2: Array, cos_k3: Array, cell: float) -> Array:
-    """Return the points K1 / K2, K2 / (8 cell), cos K3, (n, 3), of coefficients (n,)."""
+    """Return the points of coefficients on the axes of a lattice, (n, 3), no unit: K1 / K2, K2 / (8 cell), cos K3.
+
+    `k1` (n,) m, `k2` (n,) m, `cos_k3` (n,): ground coefficients; `cell`: edge of a cell, m.
+    """
     b = k2 / (8.0 * cell)
     ratio = np.where(b < FLAT, 0.0, k1 / np.where(k2 == 0.0, 1.0, k2))
     return np.column_stack((np.clip(ratio, -1.0, 1.0), np.clip(b, 0.0, ROUGHEST), np.clip(cos_k3, -1.0, 1.0)))
 
 
 def inputs(x: Array) -> Array:
-    """Return the inputs of terms K1 / (8 cell), K2 / (8 cell), cos K3 of points on the lattice's axes, (n, 3)."""
+    """Return the inputs K1 / (8 cell), K2 / (8 cell), cos K3 of a slip model, (n, 3), no unit.
+
+    `x`: points on the axes of a lattice, K1 / K2, K2 / (8 cell), cos K3, (n, 3).
+    """
     return np.column_stack((x[:, 0] * x[:, 1], x[:, 1], x[:, 2]))
 
 
@@ -106,8 +115,8 @@ def filled(lattice: Lattice, x: Array, r: Array) -> dict[Key, Bin]:
 
     Args:
         lattice: axes of the bins.
-        x: points on the axes, (n, 3).
-        r: slip per stroke, (n,).
+        x: points on the axes, K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit.
+        r: slip per stroke, (n,), no unit.
     """
     found: dict[Key, list[int]] = {}
     for key, value in zip(lattice.keys(x).tolist(), r.tolist(), strict=True):

@@ -77,9 +77,10 @@ class Terms:
 
 
 def rule_columns(steep: Array) -> Array:
-    """Return 1 and max(K2 / (8 cell) - knot, 0) for each of `KNOTS`, (n, 1 + knots).
+    """Return 1 and max(steep - knot, 0) for each of `KNOTS`, (n, 1 + knots), no unit.
 
     With weights >= 0 their sum is the simple rule that the flattest cell is the best, bent upwards as slips are.
+    `steep`: K2 / (8 cell), (n,), no unit.
     """
     return np.column_stack((np.ones(len(steep)), *(np.maximum(steep - knot, 0.0) for knot in KNOTS)))
 
@@ -146,16 +147,19 @@ class LearnedModel:
         )  # fmt: skip
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """Return P of every cell, (ny, nx) float32, >= 0; `UNLEARNED` outside the ranges or without support."""
+        """Return the slip per stroke P of every cell, (ny, nx) float32, no unit, >= 0.
+
+        `UNLEARNED` outside the ranges or without support. `features`: coefficients, (ny, nx) each; `cell`: its edge, m.
+        """
         k1, k2, cos_k3 = features
         out = np.empty(k1.shape, dtype=np.float32)
         _interpolated(k1, k2, cos_k3, np.float32(0.125 / cell), self.table, self._support, out)
         return out
 
     def spread(self, features: Features, cell: float) -> Layer:
-        """Return the standard deviation of single stances in each cell, (ny, nx) float32; NaN where P is none.
+        """Return the standard deviation of the slip of single stances in each cell, (ny, nx) float32, no unit.
 
-        Bins with few samples lean on the spread of all bins:
+        It is NaN without a predicted slip P. Bins with few samples lean on the spread of all bins, n and M2 of the bin:
 
         sd^2 = (M2 + m (c P)^2) / (n - 1 + m),   m = `BROAD`,   c^2 = sum M2 / sum (n - 1) mean^2 over all bins
         """
@@ -226,9 +230,10 @@ class LearnedModel:
         return found, np.array(steps, dtype=np.float32), np.array(self.ranges, dtype=np.float32), rise
 
     def exact(self, x: Array) -> Array:
-        """Return P of points on the axes of the lattice, (n,), without the table; inputs are brought into the ranges.
+        """Return the slip per stroke P at points of the lattice, (n,), no unit, by its formula instead of the table.
 
         With `relief` P = t (terms) + (1 - t) (simple rule) with t = n / (n + enough), n the samples about x.
+        `x`: K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit; they are brought into the ranges.
         """
         low, high = np.array(self.ranges).T
         values = self.terms.values(np.clip(inputs(x), low, high))
@@ -239,7 +244,7 @@ class LearnedModel:
         return np.maximum(values, 0.0)
 
     def table_error(self, count: int = 2000, seed: int = 0) -> float:
-        """Return the largest error of the table at random points within the ranges, as P."""
+        """Return the largest error of the table, as slip per stroke, at `count` random points within the ranges."""
         rng = np.random.default_rng(seed)
         low, high = np.array(self.ranges).T
         b = rng.uniform(max(low[1], FLAT), high[1], count)

@@ -18,7 +18,7 @@ class SlipModel(Protocol):
 
     @property
     def distance_weight(self) -> float:
-        """Weight k of Q = P + k K4 that belongs to this model, 1/m."""
+        """Weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = P + k K4, P the slip."""
         ...
 
     @property
@@ -45,20 +45,20 @@ class SlipModel(Protocol):
         ...
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """Return P(K1, K2, cos K3) of every cell of a map that the model holds on.
+        """Return the slip per stroke P(K1, K2, cos K3) of every cell of a map that the model holds on.
 
         Args:
-            features: coefficients, (ny, nx) each.
+            features: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each.
             cell: edge of a cell, m.
 
         Returns:
-            Predicted slip, (ny, nx) float32. NaN where the coefficients are, `UNLEARNED` outside the learned inputs;
-            another value outside [0, 1] is an artefact of a fit and makes the cell unknown.
+            Predicted slip, no unit, (ny, nx) float32. NaN where the coefficients are, `UNLEARNED` outside the learned
+            inputs; another value outside [0, 1] is an artefact of a fit and makes the cell unknown.
         """
         ...
 
     def spread(self, features: Features, cell: float) -> Layer:
-        """Return the standard deviation of the slip of single stances, (ny, nx) float32; NaN where it is unknown."""
+        """Return the standard deviation of the slip of single stances, (ny, nx) float32, no unit; NaN = unknown."""
         ...
 
     def support_of(self, features: Features, cell: float) -> Layer:

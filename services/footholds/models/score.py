@@ -33,11 +33,11 @@ class AnywhereModel:
 
     @property
     def relief(self) -> bool:
-        """Return False: the model is made of K1, K2 and K3."""
+        """False: the ground coefficients are those of 3 x 3 cells, not of planes at the scale of the map."""
         return False
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
-        """Return nothing: the model holds for any cell, filter and foot."""
+        """Return an empty text, for no reason against a map: the model holds for any cell, filter and foot."""
         return ""
 
     def spread(self, features: Features, cell: float) -> Layer:
@@ -84,11 +84,14 @@ class HandScore(AnywhereModel):
 
     @property
     def distance_weight(self) -> float:
-        """Weight k of Q = P + k K4, 1/m (paper 3.3, Eq. 18)."""
+        """Weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = P + k K4, P the slip."""
         return 8.0
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """Return P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; any cell size."""
+        """Return the slip per stroke P of every cell, (ny, nx) float32 in [0, 1], NaN where a coefficient is.
+
+        `features`: ground coefficients, (ny, nx) each; `cell`: edge of a cell, m, of any size.
+        """
         k1, k2, cos_k3 = features
         out = np.empty(k1.shape, dtype=np.float32)
         _predict(k1, k2, cos_k3, _weights(self), np.float32(0.125 / cell), out)

@@ -20,13 +20,13 @@ MOST_COMPARED = 256
 
 @row_kernel
 def alone(places: Array, looks: Array, positions: Array, others: Array, look: float) -> Flags:
-    """Return whether no landmark of the map that looks alike stands where each of some landmarks would.
+    """Return True, (m,), for each landmark where no landmark of the map that looks alike stands in its place.
 
     Args:
-        places: where they would stand, (m, 2) m.
-        looks: their descriptors, (m, k).
-        positions: landmarks of the map, (n, 2) m.
-        others: their descriptors, (n, k).
+        places: where the landmarks would stand, (m, 2) m, frame map.
+        looks: their descriptors, (m, k), no unit.
+        positions: landmarks of the map, (n, 2) m, frame map.
+        others: their descriptors, (n, k), no unit.
         look: largest distance of two descriptors of one landmark.
     """
     found, most = np.ones(places.shape[0], dtype=np.bool_), look * look

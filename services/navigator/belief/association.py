@@ -24,7 +24,7 @@ from .gate import (
 
 
 class Fates(NamedTuple):
-    """Results of matching, one element per detection."""
+    """Results of matching the m detections of a frame with landmarks, one element per detection."""
 
     landmark: Ints
     """Landmark, -1 = none, (m,)."""
@@ -163,7 +163,7 @@ def look_alikes(looks: Array, columns: Array, look: float) -> Ints:
 def in_view(
     positions: Array, x: float, y: float, heading: float, nearest: float, farthest: float, half_angle: float
 ) -> int:
-    """Return the number of landmarks (n, 2) between two distances (m) and within an angle (rad) of a heading."""
+    """Return the number of landmarks (n, 2) m between two distances (m) and within an angle (rad) of a heading, map."""
     c, s, limit, count = math.cos(heading), math.sin(heading), math.cos(half_angle), 0
     for i in range(positions.shape[0]):
         dx, dy = positions[i, 0] - x, positions[i, 1] - y

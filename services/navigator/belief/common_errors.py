@@ -51,16 +51,16 @@ class CommonErrors:
         return self.tilt > 0.0 or self.sway > 0.0
 
     def array(self) -> Array:
-        """Standard deviations in the order of the states, (3,)."""
+        """Standard deviations of pitch and roll of the camera, rad, and of the body beside its path, m, (3,)."""
         return np.array([self.tilt, self.tilt, self.sway])
 
     def kept(self, dt: float) -> tuple[float, float, float]:
-        """Return the shares of the errors that are left after dt s."""
+        """Return the shares, 0 to 1, of the errors of pitch, roll and sway that are left after dt s."""
         tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (self.tilt_fade, self.sway_fade))
         return (tilt, tilt, sway)
 
     def widen(self, noise: SightNoise) -> SightNoise:
-        """Return the noise for matching: with the errors common to a frame at `TYPICAL` distance."""
+        """Return the noise of single detections with the common errors of a landmark at a typical distance added."""
         if not self.any:
             return noise
         h = self.height

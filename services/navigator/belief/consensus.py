@@ -110,7 +110,7 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
     """Return the pose (3,) of least squares by the inliers and the belief: three steps of Gauss and Newton.
 
     Args:
-        pose: where the steps begin, x and y in m and heading in rad.
+        pose: where the steps begin, x and y in m and heading in rad, (3,).
         mean: believed pose, (3,) or longer.
         information: inverse of its covariance, (3, 3).
         inlier: matches that count, (k,).

@@ -38,7 +38,7 @@ goal and frames of a displaced robot soon have the evidence."""
 
 
 class OtherPlaces:
-    """Frames that favour another place than the believed one."""
+    """Evidence of the last frames of a camera that the robot is at another place than the believed one."""
 
     def __init__(self, world: FloorLandmarks, noise: SightNoise) -> None:
         self.world, self.noise = world, noise
@@ -60,12 +60,12 @@ class OtherPlaces:
         return odds / (1.0 + odds)
 
     def look(self, seen: Detections, sight: Sight, after: Pose) -> None:
-        """Take a frame.
+        """Take a frame of the camera.
 
         Args:
             seen: its detections.
             sight: believed pose before the frame corrected it, and its circumstances.
-            after: believed pose after it, m and rad.
+            after: believed pose after it, x, y (m) and heading (rad), frame map.
         """
         if self._frames is None or sight.time - self._first > KEPT_S:
             self._frames, self._log = Relocaliser(self.world, self.noise, self.limits), 0.0

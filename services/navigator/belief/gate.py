@@ -174,6 +174,14 @@ def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate:
 
     |nu_r| < g sqrt(S_rr) and |nu_phi| < g sqrt(S_phiphi), g^2 = gate; the variance of the position is at most the
     larger eigenvalue of its block of Sigma.
+
+    Args:
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance Sigma, (3, 3) or larger.
+        distance: detected, m.
+        r: variance of the range, m^2.
+        b: variance of the bearing, rad^2.
+        gate: largest normalised innovation squared nu^T S^-1 nu, 2 degrees of freedom.
     """
     largest, g = largest_variance(cov), math.sqrt(gate)
     along = g * math.sqrt(r + largest)
@@ -187,7 +195,7 @@ def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate:
 
 @row_kernel
 def apart2(a: Array, b: Array, enough: float) -> float:
-    """Return the squared distance of two descriptors (k,), or a part of it that is >= `enough`."""
+    """Return the squared distance of two descriptors (k,), no unit, or a part of it that is >= `enough`."""
     total = 0.0
     for i in range(a.size):
         d = a[i] - b[i]

@@ -86,7 +86,7 @@ class FloorLandmarks:
 
     @cached_property
     def columns(self) -> Array:
-        """Descriptors of the landmarks, transposed, (k, n)."""
+        """Descriptors of the landmarks, transposed, (k, n), no unit."""
         return np.ascontiguousarray(self.descriptors.T)
 
     @cached_property

@@ -32,7 +32,7 @@ Shares = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FrameEvidence:
-    """Fates of the detections of one frame, counted."""
+    """Detections of one frame counted by what they show of the believed pose."""
 
     here: int = 0
     """Detections that a landmark in the gate looks like."""
@@ -121,7 +121,7 @@ class LostModel:
 
 @dataclass(frozen=True)
 class LostState:
-    """Probabilities of the hypotheses, and recent counts of detections."""
+    """State of the check whether the believed pose is wrong: probabilities of its hypotheses, counts of detections."""
 
     right: float = 1.0
     """Probability that the robot is at its believed place."""

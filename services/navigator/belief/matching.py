@@ -62,7 +62,7 @@ class Detections:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Result of matching a frame."""
+    """Result of matching the detections of one frame with the landmarks of a map."""
 
     detections: Ints
     """Matched detections, those first that look most like their landmark, (k,)."""

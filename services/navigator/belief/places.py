@@ -67,7 +67,7 @@ class Assignment(NamedTuple):
 
 
 class PlaceList(NamedTuple):
-    """The best places found so far."""
+    """The best places found so far in the search for a lost robot's pose."""
 
     places: Array
     """x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance, (p, PLACE)."""
@@ -80,7 +80,7 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
     """Choose the nearest candidate of each sighting at a pose; return the number of explained sightings.
 
     Args:
-        pose: of the reference frame in the map, (3,).
+        pose: of the reference frame in the map, x and y in m and heading in rad, (3,).
         loose: variance of its heading, rad^2, beside `wide`.
         wide: factor of every covariance.
         seen: sightings.
@@ -116,7 +116,10 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
 def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
     """Take one step of least squares of a pose x, y (m), heading (rad), map, over the explained sightings, in place.
 
-    chosen: landmark of each sighting, below 0 = unexplained.
+    Args:
+        pose: x, y (m), heading (rad) of the reference frame in the map, (3,), changed.
+        seen: sightings.
+        chosen: landmark of each sighting, (s,), below 0 = unexplained.
 
     Returns:
         Covariance of the pose (3, 3), and the logarithm of its determinant (inf: it does not follow from these).
@@ -152,7 +155,11 @@ def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
 
 @row_kernel
 def evidence(seen: Evidence, to: Assignment) -> float:
-    """Return L of the sightings with their nearest candidates, see the module, nats."""
+    """Return the log likelihood ratio of the sightings with their chosen candidates against "all are false", nats.
+
+    It is sum_i ln(eps_i + (1 - eps_i) A N_i), with eps_i the share of false sightings, A the area that the camera
+    overlooks, m^2, and N_i the density of the chosen landmark, 1/m^2, 0 without one.
+    """
     total = 0.0
     for i in range(to.chosen.size):
         p = 0.0
@@ -165,7 +172,10 @@ def evidence(seen: Evidence, to: Assignment) -> float:
 
 @row_kernel
 def agree(one: Array, other: Array) -> bool:
-    """Return whether two places (PLACE,) are one within their covariances: no coordinate is 4 deviations off."""
+    """Return True if two places are one within their covariances: no coordinate is 4 standard deviations off.
+
+    one, other: rows of `PlaceList.places`, (14,): x, y (m), heading (rad), evidence, explained sightings, covariance.
+    """
     for k in range(3):
         d = one[k] - other[k] if k < 2 else wrap(one[k] - other[k])
         if d * d > SAME * (one[COV + 4 * k] + other[COV + 4 * k]):
@@ -270,7 +280,7 @@ def _few_first(starts: Ints) -> Ints:
 
 
 def place_list(seen: Evidence, most: int) -> PlaceList:
-    """Return a list with room for a number of places, for the sightings of a search."""
+    """Return a list with room for the `most` best places of a search for these sightings."""
     return PlaceList(np.zeros((most, PLACE)), np.full((most, seen.place.shape[0]), -1))
 
 

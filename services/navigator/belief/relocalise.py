@@ -139,7 +139,7 @@ class Relocaliser:
 
         Args:
             here: pose of base_link now, in the frame of `add`; that of the result if a search begins and ends now.
-            work: of this call, see `places.search`.
+            work: sightings that are compared with a pose, or pairs of candidates that are looked at, in this call.
 
         Returns:
             Result of a search that ends in this call; its `reference` is the pose that was searched for. Else None.

@@ -27,7 +27,7 @@ WIDE = 13.8
 
 
 class SightingTables(NamedTuple):
-    """Sightings in one frame of reference."""
+    """Landmarks that a lost robot has sighted, averaged over frames, in one frame of reference."""
 
     place: Array
     """Mean places, (n, 2) m."""
@@ -124,14 +124,14 @@ def candidates(looks: Array, columns: Array, look: float, ratio: float, most: in
     """Return the candidates of each sighting: landmarks about as alike as the most alike one; none if too many.
 
     Args:
-        looks: mean descriptors, (s, k).
-        columns: descriptors of the landmarks, (k, n).
-        look: largest distance of two descriptors of one landmark.
-        ratio: of the distance to the most alike over that to a candidate.
-        most: of one sighting.
+        looks: mean descriptor of each of s sightings, (s, k), no unit.
+        columns: descriptors of n landmarks, a column each, (k, n), no unit.
+        look: largest distance of two descriptors of one landmark, no unit.
+        ratio: distance to the most alike landmark over the largest distance to a candidate.
+        most: candidates of a sighting; one with more of them gets none.
 
     Returns:
-        Starts (s + 1,) and landmarks (starts[s],).
+        Places (s + 1,) at which the candidates of each sighting begin in the second array, and their indices.
     """
     s, n = looks.shape[0], columns.shape[1]
     starts, members, gap = np.zeros(s + 1, dtype=np.int64), np.empty(s * most, dtype=np.int64), np.empty(n)

@@ -92,7 +92,7 @@ class Case(NamedTuple):
 
 
 class FrameLines(NamedTuple):
-    """Linear equations of one frame."""
+    """Linear equations by which the matches of one frame show strain of the map and turn of the camera."""
 
     rows: Array
     """Effect of the states, (n, 12)."""
@@ -146,7 +146,15 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height:
 
 @row_kernel
 def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> None:
-    """Let states fade to means `centre` and standard deviations `sds`, in place; shares `keeps` stay, (12,) each."""
+    """Let the states of a filter fade towards their long-run means and standard deviations, in place.
+
+    Args:
+        mean: strain (no unit), turn (rad), errors that fade (rad, rad, m), pose (m, m, rad), (12,).
+        cov: its covariance, (12, 12).
+        centre: means in the long run, (12,), units of `mean`.
+        sds: standard deviations in the long run, (12,), units of `mean`.
+        keeps: share of each state that stays, (12,), 0 to 1.
+    """
     n = mean.size
     for i in range(n):
         mean[i] = centre[i] + keeps[i] * (mean[i] - centre[i])

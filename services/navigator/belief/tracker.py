@@ -200,7 +200,11 @@ class PoseTracker:
             self.strain.moved(way, max(motion.along, motion.across), heading)
 
     def after(self, motion: Motion) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) after a motion; the belief stays."""
+        """Return the belief after a motion; the tracker keeps its own.
+
+        Returns:
+            Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).
+        """
         mean, cov = self.mean.copy(), self.cov.copy()
         self._carry(mean, cov, motion)
         return mean[:STATES], cov[:STATES, :STATES].copy()

@@ -59,13 +59,17 @@ def wrap(angle: float) -> float:
 
 
 def work_space(n: int) -> Array:
-    """Return the scratch array that the kernels for n states need: (3 n, max(n, 4))."""
+    """Return the scratch array that the kernels for n states need: (3 n, max(n, 4)) zeros, no unit."""
     return np.zeros((3 * n, max(n, 4)))
 
 
 @row_kernel
 def spread(cov: Array, low: Array) -> None:
-    """Write L with L L^T = n cov, (n, n), into the first n rows of low; no variance along an axis: zeros."""
+    """Write the lower triangle L with L L^T = n cov into the first n rows of `low`, (n or more, n or more).
+
+    cov (n, n): covariance of x, y (m), heading (rad) and more; L has the units of the states. A state without variance
+    gets zeros.
+    """
     n = cov.shape[0]
     for j in range(n):
         pivot = n * cov[j, j]
@@ -173,7 +177,14 @@ def innovation(
     """Return the innovation of range (m) and bearing (rad, wrapped), and its covariance s00, s01, s11.
 
     Rows n .. 2 n - 1 of work hold range and bearing of mean + column less their means (0, 1), then those of
-    mean - column (2, 3). The belief stays as it is; `update` describes the arguments.
+    mean - column (2, 3). The belief stays as it is.
+
+    Args:
+        mean: x, y (m), heading (rad), drift (rad per m), nuisances, (n,).
+        cov: covariance, (n, n).
+        seen: the landmark and its measurement.
+        gain: change of range (row 0) and bearing (row 1) by each nuisance, (2, n - 4), or (2, 0).
+        work: scratch of `work_space(n)`.
     """
     n = mean.size
     spread(cov, work)
@@ -260,9 +271,9 @@ def update(mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: A
 
 @row_kernel
 def entropy(cov: Array) -> float:
-    """Return h = 1/2 ln((2 pi e)^3 det S) in nats, S the 3x3 marginal of the pose in m and rad; equation (6).
+    """Return the differential entropy h = 1/2 ln((2 pi e)^3 det S) of a pose, nats; -inf where S is singular.
 
-    -inf where S is singular.
+    cov: covariance of x, y (m), heading (rad) and more, (3, 3) or larger; S is its first 3x3 block.
     """
     l00 = cov[0, 0]
     if l00 <= 0.0:

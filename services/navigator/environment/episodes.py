@@ -23,7 +23,13 @@ m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES after
 
 @free_kernel
 def nees(truth: Array, mean: Array, cov: Array) -> float:
-    """Return e^T P^-1 e of the pose, e = truth - mean with the heading wrapped, P the 3x3 marginal."""
+    """Return the normalised error squared e^T P^-1 e of a pose, 3 degrees of freedom.
+
+    Args:
+        truth: true x, y (m), heading (rad), frame map, (3,) or longer.
+        mean: believed x, y (m), heading (rad), (3,) or longer; e = truth - mean with the heading wrapped.
+        cov: covariance of `mean`, (3, 3) or larger; P is its first 3x3 block.
+    """
     e0, e1, e2 = truth[X] - mean[X], truth[Y] - mean[Y], wrap(truth[THETA] - mean[THETA])
     l00 = math.sqrt(cov[0, 0])
     l10, l20 = cov[1, 0] / l00, cov[2, 0] / l00
@@ -77,6 +83,7 @@ def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int
 
     Args:
         world: arrays of the model.
+        policy: decides the actions.
         run: seed; equal seeds and episodes have equal floors, drifts and starts, whatever the policy.
         start: number of the first episode.
         count: number of episodes.

@@ -64,6 +64,7 @@ def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
         scene: start, goal, noises, landmarks.
         run: seed of a series of episodes.
         episode: number of the episode; seed and number determine all draws.
+        state: of the episode, written.
     """
     truth, mean, cov, rng, n = state.truth, state.mean, state.cov, state.rng, state.mean.size
     seed(rng, run, episode, FLOOR)
@@ -116,7 +117,7 @@ def drift_at(scene: Record, began: float, way: float) -> float:
 
 @row_kernel
 def copy_belief(mean: Array, cov: Array, to_mean: Array, to_cov: Array) -> None:
-    """Copy a belief, mean (n,) and covariance (n, n), into `to_mean` and `to_cov`."""
+    """Copy a belief, mean (n,), m and rad, and covariance (n, n), into `to_mean` and `to_cov`, in place."""
     for i in range(mean.size):
         to_mean[i] = mean[i]
         for j in range(mean.size):
@@ -267,7 +268,7 @@ def _frames_of(scene: Record, action: Record, state: EpisodeState, room: Episode
 
 @row_kernel
 def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeState, room: EpisodeRoom) -> float:
-    """Do one action, in place; return the reward (7): -seconds, or the bonus at the goal.
+    """Do one action, in place; return the reward, no unit: minus its seconds, or the bonus at the goal.
 
     Args:
         model: actions and scene.

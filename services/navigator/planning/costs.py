@@ -192,6 +192,7 @@ def regions(weight: Bytes) -> Ints32:
     """Return the connected region of every free cell of weight (rows, cols), from 1 on, 0 = blocked.
 
     Neighbours share an edge: a diagonal step needs both cells beside it, so it connects nothing that edges do not.
+    `weight`: cost factor of each cell, no unit, (rows, cols); 0 = not to be entered.
     """
     rows, cols = weight.shape
     label = np.zeros((rows, cols), dtype=np.int32)

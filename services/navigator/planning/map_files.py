@@ -55,7 +55,7 @@ def _malformed(text: str, field: str = "image") -> MapFileError:
 
 @dataclass(frozen=True)
 class MapInfo:
-    """Contents of the YAML of a map."""
+    """Contents of the YAML file of a map_server map."""
 
     image: Path
     """Path of the image; `load` checks that it exists."""
@@ -129,7 +129,7 @@ def parse(text: str, path: Path) -> MapInfo:
 
 
 def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info: MapInfo) -> NDArray[np.int8]:
-    """Return the cells of an image, (height, width), top row first.
+    """Return the occupancy of the pixels of an image, (h, w), top row first: 0 free to 100 occupied, -1 unknown.
 
     Args:
         levels: grey (h, w), or colours (h, w, 3), 0 to 255.

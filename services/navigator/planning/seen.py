@@ -82,6 +82,7 @@ class SeenObstacles:
         """Enter one reading.
 
         Args:
+            seen: the reading.
             at: x, y (m) and heading (rad) of the ranger, frame map.
             unsure: standard deviations of that place, m, and heading, rad.
             now: simulated time, s.

@@ -76,7 +76,10 @@ def allow(model: ModelTables, status: Record, mask: Flags) -> None:
 
 @row_kernel
 def best(values: Array, mask: Flags) -> int:
-    """Return the allowed action of the largest value (the first of equals), -1: none; values and mask (a,)."""
+    """Return the index of the allowed action of the largest value, s, the first of equals; -1: none is allowed.
+
+    `values` (A,) s, `mask` (A,) bool, True = allowed.
+    """
     chosen = -1
     for a in range(values.size):
         if mask[a] and (chosen < 0 or values[a] > values[chosen]):
@@ -86,9 +89,15 @@ def best(values: Array, mask: Flags) -> int:
 
 @row_kernel
 def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, float, float]:
-    """Return distance d (m) and bearing phi (rad, wrapped) of the goal (gx, gy), m, and entropy h (nats): (4) to (6).
+    """Return distance d, m, bearing phi, rad, -pi to pi, left positive, of the goal, and entropy h of the belief, nats.
 
-    mean, cov: believed x, y (m), heading (rad) and more, with covariance.
+    They are (4) to (6) of Osswald et al.
+
+    Args:
+        mean: believed x, y (m), heading (rad) and more, (n,).
+        cov: its covariance, (n, n).
+        gx: x of the goal, m.
+        gy: y of the goal, m.
     """
     dx, dy = gx - mean[0], gy - mean[1]
     return math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - mean[2]), entropy(cov)
@@ -176,10 +185,15 @@ def _top4(mean: Array, cov: Array, work: Array) -> None:
 
 @row_kernel
 def after_sight(heading: float, shown: Array, work: Array) -> None:
-    """Split the covariance P (rows 0 .. 3 of work) into the parts that a stand removes and leaves.
+    """Split the covariance P (4, 4) of a belief into the parts that a stand removes and leaves, in place.
 
-    shown (3, 3) is the covariance of a pose seen from the frames of one stand, x ahead. With S = P33 + shown, turned
-    into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move (rows 8 .. 11), P+ is left (4 .. 7).
+    With S = P[:3, :3] + shown, turned into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move, and
+    P+ is left.
+
+    Args:
+        heading: believed, rad.
+        shown: covariance of a pose seen from the frames of one stand, x ahead, (3, 3), m and rad.
+        work: scratch, (19 or more, 4 or more): P in rows 0 .. 3, result P+ in rows 4 .. 7 and P - P+ in rows 8 .. 11.
     """
     c, s = math.cos(heading), math.sin(heading)
     # S, lower triangle, in rows 12 .. 14

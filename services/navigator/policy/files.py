@@ -47,7 +47,10 @@ def content_of(policy: Policy) -> bytes:
 
 
 def digest_of(held: Mapping[str, NDArray[Any]]) -> str:
-    """Return the sha256 of the members of a file but for `digest`: what was changed by hand is found by it."""
+    """Return the sha256 of the members of a policy file but for `digest`, which shows a change by hand.
+
+    held: arrays by the name of the member, of any shape and unit.
+    """
     digest = hashlib.sha256()
     for member in MEMBERS[:-1]:
         array = held[member]

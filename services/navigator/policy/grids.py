@@ -17,7 +17,11 @@ GRID = 6
 
 @row_kernel
 def place(value: float, low: float, high: float, count: int) -> tuple[int, float]:
-    """Return index i and weight w of the point i + 1 of a uniform axis; value is clamped to [low, high]."""
+    """Return where a value lies on an axis of `count` points evenly from `low` to `high`, which clamp it.
+
+    Returns:
+        Index i of the point before it, and weight w of the point i + 1, 0 to 1.
+    """
     if count < 2:
         return 0, 0.0
     u = (min(max(value, low), high) - low) / (high - low) * (count - 1)
@@ -33,6 +37,16 @@ def add_values(
 
     With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), with < 0 a negative phi at -phi; left and right
     are then exchanged.
+
+    Args:
+        table: action values, (nl, nd, nphi, A) s.
+        grid: axes of the table, (GRID,).
+        actions: columns of each action, (A, COLUMNS).
+        d: distance of the goal, m.
+        phi: bearing of the goal, rad.
+        layer: drift, rad per m, or another third coordinate of the table.
+        weight: factor.
+        out: values of all actions, (A,) s.
     """
     flip = (grid[MIRRORED] > 0.0 and layer < 0.0) or (grid[MIRRORED] < 0.0 and phi < 0.0)
     if flip:

@@ -80,7 +80,10 @@ def _if_for(path: Path, actions: tuple[str, ...]) -> Policy | None:
 
 
 def provenance_of(model: NavigationModel, name: str, **more: str) -> dict[str, str]:
-    """Return the provenance of a policy for a model."""
+    """Return where a policy comes from, by key: its name, model and hash of the model, action set, version of surefoot.
+
+    `more`: further texts by key.
+    """
     return {
         "name": name,
         "model": model.name,

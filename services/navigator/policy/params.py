@@ -31,7 +31,7 @@ DETOUR = 1.16
 
 
 class Scene(ModelPart):
-    """The corridor, start and goal of an episode."""
+    """Corridor, start and goal of a simulated episode."""
 
     x_min: float = Field(default=-1.0, description="m, wall behind the start")
     x_max: float = Field(default=6.5, description="m, wall behind the goal")
@@ -113,7 +113,7 @@ class ActionModel(ModelPart):
 
 
 class Filter(ModelPart):
-    """Belief at the start, and number of its states."""
+    """Uncertainty of the belief at the start, and number of its states."""
 
     states: Literal[3, 4] = Field(default=4, description="3: drift is noise (paper), 4: drift is estimated")
     position_sd: NotNegative = Field(default=0.05, description="m, at the start, of x and of y")
@@ -130,14 +130,14 @@ class Guards(ModelPart):
 
 
 class Reward(ModelPart):
-    """Return of an episode: minus the seconds, plus a bonus at the goal (7)."""
+    """Return of an episode, equation (7) of Osswald et al.: minus the seconds, plus a bonus at the goal."""
 
     goal: NotNegative = Field(default=200.0, description="for the step that reaches the goal")
     gamma: float = Field(default=0.99, gt=0, le=1, description="discount per action")
 
 
 class NavigationModel(ModelPart):
-    """All numbers of a navigating robot."""
+    """All numbers of a navigating robot: scene, drift, sight, filter, reward, conduct and actions."""
 
     version: Literal[1] = Field(default=1, description="of this format")
     name: str = Field(default="", max_length=64, description="name of the robot or study")
@@ -249,7 +249,7 @@ def refuse_standing_for_ever(model: NavigationModel) -> None:
 
 
 def shipped() -> tuple[str, ...]:
-    """Return the names of the models that ship."""
+    """Return the names of the navigation models that come with the package."""
     folder = resources.files("surefoot.services.navigator") / "params"
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")))
 

@@ -37,7 +37,7 @@ def noise_samples(count: int) -> Array:
 
 
 class PlanRoom(NamedTuple):
-    """Constants of a value iteration."""
+    """Constants of the value iteration that computes a planner's table."""
 
     groups: Ints
     """Index of the values by kind of the last action, alike where switching costs the same, (3,)."""
@@ -146,9 +146,10 @@ def plan(
     tolerance: float = 0.1,
     most: int = 200,
 ) -> tuple[Array, Array, int]:
-    """Return the table of action values (nb, nd, nphi, A) in s (negative), its grid, and the number of sweeps.
+    """Return the table of action values (nb, nd, nphi, A) in s (negative), its axes (GRID,), and the number of sweeps.
 
     Args:
+        world: arrays of the model.
         d_max: m, largest distance of the table; beyond it the choice depends on bearing and drift only.
         drift_max: rad per m, largest drift.
         shape: number of drifts from 0 on, of distances, of bearings.
@@ -224,7 +225,10 @@ def shown_by_standing(world: Arrays) -> Array:
 
 
 def planner(world: Arrays, provenance: dict[str, str] | None = None) -> Policy:
-    """Return the planner of a model: table, sight and numbers."""
+    """Return the policy `planner` of a model, whose table of action values is computed by value iteration.
+
+    `provenance`: texts by key on where it comes from; None = none.
+    """
     table, grid, _ = plan(world)
     tables = PolicyTables(PLANNER, planner_numbers(world), table, grid, shown_by_standing(world))
     return Policy("planner", world.names, tables, provenance or {})

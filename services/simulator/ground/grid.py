@@ -63,7 +63,11 @@ class TerrainGrid:
 
 @dataclass(frozen=True)
 class ShapeSpec:
-    """Arguments of a shape: the same ones give the same ground."""
+    """Arguments of a shape: the same ones give the same ground.
+
+    `amp` is the scale of the kind (mostly its highest point, m), `number` the primitive of a kind that has several,
+    1..7, `yaw` its heading, rad.
+    """
 
     grid: TerrainGrid
     seed: int
@@ -73,7 +77,7 @@ class ShapeSpec:
 
 
 def smooth(u: Array) -> Array:
-    """Return 3u^2 - 2u^3 with u, of any shape, clipped to [0, 1]."""
+    """Return 3u^2 - 2u^3 with u, of any shape, no unit, clipped to [0, 1]."""
     u = np.clip(u, 0.0, 1.0)
     return u * u * (3.0 - 2.0 * u)
 
@@ -107,14 +111,17 @@ def slab(
 
 
 def box_heights(box: TerrainBox, x: Array, y: Array) -> Array:
-    """Return the height of the highest point of a box over each point, -inf beside it.
+    """Return the height, m, of the highest point of a box over each point, -inf beside it.
 
     A vertical line meets the box where it is within the three pairs of faces at once.
 
     Args:
         box: may be turned in any way.
-        x: of the points, m; broadcasts with `y`.
-        y: of the points, m.
+        x: of the points, m, map; broadcasts with `y`.
+        y: of the points, m, map.
+
+    Returns:
+        Heights in the shape to which `x` and `y` broadcast, m.
     """
     rot = matrix_from_quat(np.array(box.quat_wxyz))
     dx, dy = np.broadcast_arrays(x - box.position[0], y - box.position[1])

@@ -172,12 +172,15 @@ def _demo(r: ShapeSpec) -> Shape:
 
 
 def inside(outline: Outline, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Return which points lie on a floor, not on its edge.
+    """Return True for the points that lie on a floor, not on its edge.
 
     Args:
         outline: corners of the floor, m; its edges run along x and y.
         x: of the points, m; broadcast with `y`.
         y: of the points, m.
+
+    Returns:
+        Flags in the shape to which `x` and `y` broadcast.
     """
     x, y = np.broadcast_arrays(x, y)
     found, edge = np.zeros(x.shape, dtype=np.bool_), np.zeros(x.shape, dtype=np.bool_)
@@ -190,7 +193,7 @@ def inside(outline: Outline, x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def walls(outline: Outline, height: float) -> tuple[TerrainBox, ...]:
-    """Return a wall of thickness `WALL` outside of each edge of a floor; it also fills corners that point outwards.
+    """Return a wall outside of each edge of a floor; it also fills corners that point outwards.
 
     Args:
         outline: corners of the floor, counter-clockwise, m; its edges run along x and y.

@@ -99,7 +99,7 @@ def make_terrain(
     number: int = 1,
     yaw: float = 0.0,
 ) -> Terrain:
-    """Make a terrain; equal arguments give equal bits.
+    """Return a terrain; equal arguments give equal bits.
 
     Args:
         kind: one of `KINDS`.

@@ -141,7 +141,13 @@ class Disturbances:
         return None if arrived is None else unpack(ServoCommand, arrived)
 
     def after_step(self, tick: int, samples: Samples, limit: Array) -> Samples:
-        """Return the samples after all faults of sensors and lines; `limit` (6,) is the range of the inertial unit."""
+        """Return the samples after all faults of sensors and lines.
+
+        Args:
+            tick: now.
+            samples: of intact sensors.
+            limit: range of the inertial unit, (6,): accelerometer m/s^2, gyro rad/s.
+        """
         bank = self.faults
         imu, joints, contacts = samples
         if imu is not None:
@@ -209,7 +215,7 @@ class Disturbances:
     # --- checkpoint ---------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Everything planned and set; plain JSON values."""
+        """Return everything that is planned and set, as plain JSON values."""
         pushes = [[push.start, push.end, push.body, list(push.force)] for push in self.pushes]
         limit = None if self._limit is None else self._limit.tolist()
         return {
@@ -226,11 +232,11 @@ class Disturbances:
 
 
 def at_limit(y: Array, limit: Array) -> bool:
-    """Return whether an inertial axis of y (3,) is at the end of its range, `limit` (3,) of the same unit."""
+    """Return True if an inertial axis of y (3,), m/s^2 or rad/s, is at the end of its range, `limit` (3,)."""
     return bool((np.abs(y) >= limit).any())
 
 
 def by_foot(flags: list[bool], points: tuple[int, ...]) -> tuple[tuple[bool, ...], ...]:
-    """Return flags per contact sphere grouped by foot."""
+    """Return the flags of all contact spheres grouped by foot; `points`: number of spheres of each foot."""
     rest = iter(flags)
     return tuple(tuple(next(rest) for _ in range(n)) for n in points)

@@ -135,7 +135,7 @@ class FaultBank:
         return any(f.kind.startswith("servo") and tick in (f.start_tick, f.end_tick) for f in self.faults)
 
     def servo_strength(self, tick: int) -> Array:
-        """Return the factor of faults on gains and torque limit of each servo at a tick, (nj,)."""
+        """Return the factor, no unit, of faults on gains and torque limit of each servo at a tick, (nj,); 1 = sound."""
         strength = np.ones(len(self._names["joint"]))
         for fault in self.on(tick, "servo_dead", "servo_weak"):
             strength[self._indices(fault)] *= 0.0 if fault.kind == "servo_dead" else fault.value
@@ -144,7 +144,13 @@ class FaultBank:
     # --- sensors ------------------------------------------------------------------------------------------------
 
     def imu(self, tick: int, measured: Array, limit: Array) -> Array | None:
-        """Return the sample as the broken sensor gives it, (6,) acc, gyro; None = none. `limit` (6,) is the range."""
+        """Return an inertial sample as the broken sensor gives it, (6,): m/s^2, then rad/s; None = no sample.
+
+        Args:
+            tick: now.
+            measured: accelerometer and gyro of the intact sensor, (6,) m/s^2 and rad/s.
+            limit: range of each axis, (6,), same units; made smaller in place by a fault that saturates.
+        """
         for fault in self.on(tick, "imu_bias"):
             measured = measured.copy()
             measured[self._indices(fault)] += fault.value
@@ -156,7 +162,10 @@ class FaultBank:
         return None if self.on(tick, "imu_drop") else measured
 
     def joints(self, tick: int, position: Array, current: Array, torque: Array) -> tuple[Array, Array, Array] | None:
-        """Return position (n,) rad, current (n,) A, torque (n,) N m as broken sensors give them; None = no sample."""
+        """Return position (n,) rad, current (n,) A, torque (n,) N m as broken sensors give them; None = no sample.
+
+        position, current, torque: of intact sensors, same shapes and units.
+        """
         table = np.stack((position, current, torque))
         table = self._freeze("joints", bool(self.on(tick, "joints_freeze")), table.ravel()).reshape(table.shape)
         for n, fault in enumerate(self.faults):
@@ -166,7 +175,13 @@ class FaultBank:
         return None if self.on(tick, "joints_drop") else (table[0], table[1], table[2])
 
     def contacts(self, tick: int, touch: NDArray[np.bool_], foot_of_sphere: NDArray[np.int64]) -> Any:
-        """Return the switches `touch` (P,) of spheres as the broken sensors give them; None = no sample."""
+        """Return the foot switches as broken sensors give them, (P,) bool, True = closed; None = no sample.
+
+        Args:
+            tick: now.
+            touch: switches of the P contact spheres as intact sensors give them, (P,) bool.
+            foot_of_sphere: index of the foot of each sphere, (P,).
+        """
         touch = touch.copy()
         for fault in self.on(tick, "foot_stuck_on", "foot_stuck_off"):
             touch[np.isin(foot_of_sphere, self._indices(fault))] = fault.kind == "foot_stuck_on"
@@ -177,13 +192,13 @@ class FaultBank:
     def seen(
         self, tick: int, marks: list[Detection], goal: Detection | None, looks: Array
     ) -> tuple[list[Detection], Detection | None]:
-        """Return the image as the broken camera gives it.
+        """Return the landmarks and the marker that the broken camera reports.
 
         Args:
             tick: now.
             marks: recognised landmarks.
             goal: marker of the goal, None = not seen.
-            looks: descriptors of all landmarks, (n, d).
+            looks: descriptors of all landmarks, (n, d), no unit.
 
         Returns:
             Landmarks and marker.
@@ -201,7 +216,7 @@ class FaultBank:
         return marks, markers[0] if markers else None
 
     def echo(self, tick: int, distance: float | None, shortest: float) -> tuple[float | None] | None:
-        """Return what the ultrasound measures under the faults of a tick, as a tuple of one; None = no sample.
+        """Return the distance, m, of the ultrasound under the faults of a tick, as a tuple of one; None = no sample.
 
         Args:
             tick: control tick.
@@ -220,9 +235,9 @@ class FaultBank:
         return value
 
     def fail(self, tick: int, sensor: str, x: Array) -> Array | None:
-        """Return the numbers of a sample, (n,), as its failed sensor gives them; None = no sample.
+        """Return the numbers of a sample, (n,), as its failed sensor gives them, in its own units; None = no sample.
 
-        A switch is +1 or -1, so that a factor of -1 inverts it.
+        `x`: numbers of the intact sensor, (n,). A switch is +1 or -1, so that a factor of -1 inverts it.
         """
         for n, (fault, rng) in enumerate(zip(self.faults, self._random, strict=True)):
             if fault.target not in ("", sensor):
@@ -292,7 +307,7 @@ class FaultBank:
     # --- checkpoint ---------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Faults, their random streams and what they hold; plain JSON values."""
+        """Return faults, their random streams and what they hold, as plain JSON values."""
         return {
             "faults": [asdict(f) for f in self.faults],
             "random": [rng.bit_generator.state for rng in self._random],

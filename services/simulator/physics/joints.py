@@ -19,12 +19,15 @@ BACKLASH_SOLREF = (0.004, 1.0)  # s, damping ratio, of the ends of the play
 
 
 def coupled_links(robot: Robot) -> list[int]:
-    """Links turned by a motor that another link already has."""
+    """Return the indices of the links that are turned by a motor which another link already has."""
     return [i for i, link in enumerate(robot.links) if link.joint >= 0 and robot.joints[link.joint].link != i]
 
 
 def place_joints(qpos: Array, addresses: "Addresses", q: Array) -> None:
-    """Write joint angles q (nj,) rad into MuJoCo's positions, both axes of a coupled motor; play is centred."""
+    """Write joint angles q (nj,) rad into MuJoCo's positions, both axes of a coupled motor; play is centred.
+
+    `qpos`: positions of the whole model, (nq,), m and rad, changed in place; `addresses`: where the joints are in it.
+    """
     qpos[addresses.joint_qpos_slice] = q
     qpos[addresses.coupled_qpos] = q[addresses.coupled]
     if addresses.backlash_qpos.size:
@@ -32,7 +35,10 @@ def place_joints(qpos: Array, addresses: "Addresses", q: Array) -> None:
 
 
 def read_joints(qpos: Array, addresses: "Addresses") -> Array:
-    """Angles of the output shafts, (nj,): motor and play; a copy."""
+    """Return the angles of the output shafts of the servos, (nj,) rad, with the play of their gears; a copy.
+
+    `qpos`: positions of the whole model, (nq,), m and rad; `addresses`: where the joints are in it.
+    """
     q = qpos[addresses.joint_qpos_slice].copy()
     if addresses.backlash_qpos.size:
         has = addresses.backlash_qpos >= 0
@@ -43,6 +49,17 @@ def read_joints(qpos: Array, addresses: "Addresses") -> Array:
 def add_joint(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, index: int, kp: float, kv: float, torque: Array
 ) -> None:
+    """Add the joint of a servo and its motor to a body of the model.
+
+    Args:
+        spec: model, changed.
+        body: that the joint turns.
+        robot: the description.
+        index: of the joint.
+        kp: position gain, Nm/rad.
+        kv: velocity gain, Nm s/rad.
+        torque: largest torque of every servo, (nj,) Nm.
+    """
     joint = robot.joints[index]
     body.add_joint(
         name=joint.name,
@@ -68,7 +85,7 @@ def add_joint(
 
 
 def add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: int) -> None:
-    """Second axis of a motor: its angle equals the first one's."""
+    """Add the second axis that a motor turns to a body: its angle equals that of the first axis."""
     joint, name = robot.joints[robot.links[link].joint], robot.links[link].name
     body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=robot.links[link].axis)
     spec.add_equality(

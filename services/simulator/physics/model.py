@@ -64,7 +64,7 @@ def build_spec(
     perturb: Perturbation | None = None,
     physics: Physics | None = None,
 ) -> mujoco.MjSpec:
-    """Build the model description.
+    """Return the MuJoCo description of a robot on its ground, not yet compiled.
 
     Args:
         robot: the robot; not changed.
@@ -96,13 +96,20 @@ def build_model(
     perturb: Perturbation | None = None,
     physics: Physics | None = None,
 ) -> tuple[mujoco.MjModel, Addresses]:
-    """Compile the model and look up its indices; arguments as for `build_spec`."""
+    """Return the compiled MuJoCo model of a robot on its ground, and the indices of the robot's parts in it.
+
+    Args:
+        robot: the robot; not changed.
+        terrain: ground and boxes in frame `map`; None = the plane z = 0.
+        perturb: differences of the simulated robot; None = as described.
+        physics: contact and integration settings.
+    """
     model = build_spec(robot, terrain, perturb, physics).compile()
     return model, find_addresses(model, robot)
 
 
 def find_addresses(model: mujoco.MjModel, robot: Robot) -> Addresses:
-    """Look up all indices by name."""
+    """Return the indices of the robot's parts in a compiled model, found by their names."""
 
     def body(name: str) -> int:
         return model.body(name).id
@@ -155,7 +162,7 @@ def _as_slice(index: Ints) -> slice | Ints:
 
 
 def foot_geom_name(leg: str, point: int) -> str:
-    """Name of a foot sphere's geom."""
+    """Return the name of a foot sphere's geom; `point`: number of the sphere on the foot."""
     return f"{leg}_foot_{point}"
 
 

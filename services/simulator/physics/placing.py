@@ -31,13 +31,14 @@ def place(
     pose: tuple[float, float, float],
     stance: NDArray[np.float64],
 ) -> None:
-    """Set the positions of trunk and joints.
+    """Set the positions of trunk and joints of a robot that stands on its ground.
 
     Args:
         model: the compiled world.
         data: its state, changed here.
         address: indices of the robot in it.
-        spheres: geoms of the feet.
+        spheres: geoms of the feet, (P,).
+        terrain: the ground.
         pose: x, y in m and yaw in rad of the trunk.
         stance: joint angles, (nj,), rad.
 
@@ -67,7 +68,7 @@ def footprint(
         model: the compiled world.
         data: its state, with the kinematics that belong to it.
         address: indices of the robot in it.
-        spheres: geoms of the feet.
+        spheres: geoms of the feet, (P,).
         yaw: heading of the robot, rad.
     """
     geoms = np.concatenate((spheres, address.belly_geoms))
@@ -102,7 +103,7 @@ class Displacement(NamedTuple):
         return out
 
     def turned(self, vector: NDArray[np.float64]) -> None:
-        """Turn a vector in map axes, (3,), in place."""
+        """Turn a vector in map axes, (3,), any unit, by the turn of the motion about the vertical, in place."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         vector[:2] = c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
 
@@ -123,7 +124,8 @@ def displacement(
         model: the compiled world.
         data: its state at the end of a tick.
         address: indices of the robot in it.
-        spheres: geoms of the feet.
+        spheres: geoms of the feet, (P,).
+        terrain: the ground.
         forward: m along the heading.
         left: m.
         turn: rad, left positive.

@@ -64,7 +64,10 @@ class Samples(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """One recognised landmark, seen from base_link in heading axes."""
+    """One recognised landmark, seen from base_link in heading axes.
+
+    Range in m, bearing in rad, left positive, descriptor (k,), no unit.
+    """
 
     range: float
     bearing: float
@@ -95,12 +98,12 @@ _ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "torque_lim
 
 
 def pack(sample: NamedTuple) -> dict[str, Any]:
-    """Return a sample as plain JSON values."""
+    """Return a sample as plain JSON values, from which `unpack` makes it again."""
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in sample._asdict().items()}
 
 
 def unpack(kind: type[Any], values: dict[str, Any]) -> Any:
-    """Return the sample of packed values."""
+    """Return the sample of a class `kind` from the plain JSON values that `pack` made."""
     known: dict[str, Any] = {k: np.array(v) if k in _ARRAYS and v is not None else v for k, v in values.items()}
     if "touch" in values:
         known["touch"] = tuple(tuple(foot) for foot in values["touch"])
@@ -153,7 +156,7 @@ class ExactState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """Everything that decides the future of a world."""
+    """Everything that decides the future of a simulated world: state of the physics, sensors and faults."""
 
     physics: Array
     """Integration state of MuJoCo, as `mj_getState` returns it."""

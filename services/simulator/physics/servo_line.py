@@ -40,7 +40,7 @@ class ServoLine:
         self._coming: list[Arrival] = []
 
     def heard(self, set_points: Array) -> Array:
-        """Return set-points as the servos round them, (nj,) rad."""
+        """Return set-points (nj,) rad as the servos receive them: rounded to the resolution of each, (nj,) rad."""
         if self.resolution is None:
             return set_points
         return self.resolution * np.rint(set_points / self.resolution)

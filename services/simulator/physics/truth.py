@@ -51,7 +51,11 @@ class FeetTruth(NamedTuple):
 
 
 def feet_of(table: Array, counts: Ints) -> FeetTruth:
-    """Views of `table` (L, 17) and `counts` (L, 2)."""
+    """Return the state of the feet as views of its two tables.
+
+    `table` (L, 17): force N, centre m, normal, start m (3 columns each), normal force N, sliding and displacement m of
+    this and of the last stance; `counts` (L, 2): finished stances, ticks since the foot stood.
+    """
     return FeetTruth(
         table[:, 0:3], table[:, 3:6], table[:, 6:9], table[:, 9:12], table[:, 12], table[:, 13], table[:, 14],
         table[:, 15], table[:, 16], counts[:, 0], counts[:, 1],
@@ -72,7 +76,7 @@ class Contacts(NamedTuple):
 
 
 class GeomRoles(NamedTuple):
-    """Roles of geoms; P contact spheres of the feet."""
+    """Roles of the geoms of a model: spheres of the feet, P of them, and belly."""
 
     sphere_of_geom: Ints  # (ngeom,) -1 = no sphere of a foot
     foot_of_sphere: Ints  # (P,)
@@ -117,7 +121,7 @@ def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
 
 
 class TruthTracker:
-    """Follows the feet from tick to tick."""
+    """Follows the true forces, places and slip of the feet of the simulated robot from tick to tick."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, addresses: Addresses) -> None:
         n = robot.nlegs
@@ -183,11 +187,11 @@ class TruthTracker:
             self.soles.start += way.turn
 
     def feet_now(self) -> FeetTruth:
-        """Return a copy of the feet's state."""
+        """Return a copy of the true state of all feet."""
         return feet_of(self._table.copy(), self._counts.copy())
 
     def state(self) -> dict[str, Any]:
-        """Return all arrays as lists."""
+        """Return the tracked state of the feet as lists, for a checkpoint."""
         soles = {} if self.soles is None else {"soles": self.soles.state()}
         return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
 

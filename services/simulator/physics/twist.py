@@ -10,7 +10,7 @@ from surefoot.arrays import Array
 
 
 class TwistTracker:
-    """Turn of each sole since its touch-down; only for robots whose feet are soles.
+    """Turn of each sole about the vertical since its touch-down, rad; only for robots whose feet are soles.
 
     Args:
         bodies: (L,) body ids of the feet.
@@ -26,7 +26,7 @@ class TwistTracker:
         """Take the state at the end of a tick.
 
         Args:
-            xmat: (nbody, 9) orientations in the world.
+            xmat: rot_world_from_body of every body, row by row, (nbody, 9), no unit.
             below: (L,) ticks since a foot last stood, -1 = in swing.
             first: begin anew.
         """
@@ -45,7 +45,7 @@ class TwistTracker:
             self.standing[i] = stands
 
     def state(self) -> dict[str, Any]:
-        """Return all arrays as lists."""
+        """Return the turns of the soles, rad, and which of them stand as lists, for a checkpoint."""
         return {name: getattr(self, name).tolist() for name in ("start", "twist", "last", "standing")}
 
     def restore(self, state: dict[str, Any]) -> None:

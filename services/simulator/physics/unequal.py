@@ -52,14 +52,14 @@ class UnequalLegs:
 
 @kernel
 def bent(model: KinematicModel, q: Array, joints: Ints, neutral: Array, drift: float) -> Array:
-    """Joint angles (nj,) rad at which crooked legs have their feet.
+    """Return the joint angles (nj,) rad at which crooked legs have their feet.
 
     Args:
         model: the robot, two legs of six joints.
         q: set-points, (nj,) rad.
-        joints: the joints of both legs, each once, (11 or 12,).
-        neutral: forward place of each foot at the neutral stance, (2,) m.
-        drift: rad/m.
+        joints: indices of the joints of both legs, each once, (11 or 12,).
+        neutral: forward place of each foot at the neutral stance, (2,) m, base_link.
+        drift: turn of the trunk by way walked, rad/m, left positive.
     """
     rot, pos = kinematics.forward(model, q)
     feet = kinematics.foot_positions_of(model, rot, pos)

@@ -72,7 +72,7 @@ class View(NamedTuple):
 
 
 class TakenImage(NamedTuple):
-    """One image with what the hardware knows of it."""
+    """One image of a simulated camera, with its time, place and exposure."""
 
     seq: int
     stamp_ns: int
@@ -117,7 +117,14 @@ def _grey(texture: Texture, level: int, x: float, y: float) -> float:
 
 @kernel
 def expose(view: View, texture: Texture, sky: float, out: Array) -> None:
-    """Write the light of every pixel, greys 0..255, before noise, into `out` (height, width)."""
+    """Write the light of every pixel, greys 0..255, before noise, into `out` (height, width).
+
+    Args:
+        view: times of the exposure and poses of the camera.
+        texture: picture of the floor.
+        sky: grey of rays that do not meet the floor.
+        out: result.
+    """
     height, width = out.shape
     focal, exposure, readout, middle, step = view.numbers
     edge, x0, y0 = texture.place[2], texture.place[0], texture.place[1]
@@ -258,7 +265,7 @@ class ImageSensor:
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
-    """Return an image, (h, w) grey or (h, w, 3) RGB, as a JPEG file."""
+    """Return an image, (h, w) grey or (h, w, 3) RGB, 0..255, as the bytes of a JPEG file."""
     from PIL import Image
 
     file = BytesIO()

@@ -39,7 +39,11 @@ GOAL_SHARP = 3.0  # a goal marker is big: it stands this many times the blur
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera that looks at the floor, SI."""
+    """A camera that looks at the floor, SI; width and height in pixels, period in ms.
+
+    `detect` is the probability that a landmark in a sharp image is recognised, `most` the largest number of them in an
+    image.
+    """
 
     name: str
     link: str
@@ -123,7 +127,10 @@ def camera_of(file: CameraFile) -> Camera:
 
 
 def scatter(seed: int, low: tuple[float, float], high: tuple[float, float], density: float) -> Landmarks:
-    """Landmarks at random on a rectangle of the floor; `density` per square metre."""
+    """Return landmarks at random places of a rectangle of the floor, frame map; `density` per square metre.
+
+    low, high: corners of the rectangle, x and y, m.
+    """
     rng = random_stream(seed, "landmarks")
     area = (high[0] - low[0]) * (high[1] - low[1])
     n = round(density * area)
@@ -180,7 +187,7 @@ def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array,
 
 
 def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array]:
-    """Velocity (3,) m/s and rate (3,) rad/s of the camera in its own axes, from two poses dt apart."""
+    """Return velocity (3,) m/s and rate (3,) rad/s of a camera in its own axes, from two poses `dt` s apart."""
     turn = product(before.rot.T, now.rot)
     angle = math.acos(min(1.0, max(-1.0, 0.5 * (np.trace(turn) - 1.0))))
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])

@@ -20,7 +20,7 @@ BLOCK = 256  # rows of normal numbers drawn at once
 
 
 class NormalStream:
-    """Rows of standard normal numbers; where it stands is (generator state at the block's start, row)."""
+    """Rows of standard normal numbers, drawn in blocks; its state is that of the generator and the row in the block."""
 
     def __init__(self, seed: int, name: str, width: int) -> None:
         self.rng = random_stream(seed, name)
@@ -33,7 +33,7 @@ class NormalStream:
         self.row = 0
 
     def next(self) -> Array:
-        """Return the next row, (width,); a view that stays valid."""
+        """Return the next row of standard normal numbers, (width,), no unit; a view that stays valid."""
         if self.row == BLOCK:
             self._fill()
         self.row += 1
@@ -85,14 +85,14 @@ class ImuSensor:
         self.gauss_markov = np.array([a.bias_in_run for a in axes]) * self.normal.next()[:6]
 
     def measure(self, acc: Array, gyro: Array) -> tuple[Array, bool]:
-        """One sample.
+        """Return one sample of the inertial unit.
 
         Args:
             acc: specific force in the physics steps of the sample, IMU frame, (n, 3), m/s2.
             gyro: angular rate in the same steps, (n, 3), rad/s.
 
         Returns:
-            Measured acceleration and rate, (6,), and whether an axis is at the end of its range.
+            Measured acceleration and rate, (6,) m/s2 and rad/s, and whether an axis is at the end of its range.
         """
         if self.profile is None:
             return window_mean(acc, gyro), False
@@ -114,7 +114,7 @@ class ImuSensor:
 
 @kernel
 def window_mean(acc: Array, gyro: Array) -> Array:
-    """Mean of the samples (n, 3) of both instruments: acc then gyro, (6,)."""
+    """Return the mean over the n steps of accelerometer (n, 3) m/s2, then gyro (n, 3) rad/s, as one array (6,)."""
     out = np.zeros(6)
     n = acc.shape[0]
     for i in range(n):
@@ -162,14 +162,17 @@ class JointSensor:
         self.zero = math.hypot(encoder.zero_sigma, more_zero_sigma) * self.normal.next()
 
     def measure(self, position: Array, torque: Array) -> Array:
-        """Return one sample: position rad, current A, torque Nm, (3, nj)."""
+        """Return one sample by rows, (3, nj): position rad, current A, torque Nm.
+
+        position, torque: true ones of each joint, (nj,) rad and (nj,) Nm.
+        """
         normal = self.normal.next()
         return _joints(
             position, torque, self.zero, normal, self.resolution, self.true_k, self.known_k, self.noise_ampere
         )
 
     def state(self) -> dict[str, Any]:
-        """Zero errors and random stream."""
+        """Return the zero errors of the encoders, rad, and the state of the random stream, for a checkpoint."""
         return {"zero": self.zero.tolist(), "normal": self.normal.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -212,13 +215,13 @@ class FootSensor:
         self.closed = np.zeros(int(self.ends[-1]), dtype=np.bool_)
 
     def measure(self, force: Array) -> tuple[NDArray[np.bool_], Array | None]:
-        """One sample.
+        """Return one sample of the foot sensors.
 
         Args:
             force: normal force on each contact sphere, N, feet one after the other, (sum of points,).
 
         Returns:
-            Switches in the same order and, for the kind `force`, the force per foot (L,) in N.
+            Switches in the same order, True = closed, and, for the kind `force`, the force per foot (L,) in N.
         """
         s = self.sensor
         self.closed = (force >= s.on_n) | (self.closed & (force >= s.off_n))

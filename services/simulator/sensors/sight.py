@@ -63,11 +63,13 @@ class Floor:
 def sight_of(
     robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None, depth_camera: str | None = None
 ) -> "Senses | None":
-    """Camera, depth camera and ranger of a robot; None if it has none of them.
+    """Return camera, depth camera and ranger of a robot; None if it has none of them.
 
     Args:
+        robot: names its camera and its ranger.
         seed: of the run.
-        floor: what is on it.
+        floor: landmarks and marker on it.
+        terrain: the ground.
         camera: name of a profile; None = the robot's own.
         depth_camera: name of a profile; None = no such camera.
 
@@ -209,7 +211,7 @@ class Senses:
         return min(r.longest, max(r.shortest, measured))
 
     def state(self) -> dict[str, Any]:
-        """Return random streams and the state between two samples; plain JSON values."""
+        """Return random streams and the state between two samples, as plain JSON values."""
         before = None if self.before is None else [part.tolist() for part in self.before]
         camera = self.eye or (self.sensor if self.camera is not None else None)
         eye = {} if camera is None else {"camera": camera.state()}

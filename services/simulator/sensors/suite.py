@@ -66,7 +66,7 @@ class SensorSuite:
             seq: number of the sample.
             q: true joint angles, (nj,), rad.
             torque: of the servos, (nj,), Nm.
-            sphere_force: normal force on each contact sphere, N.
+            sphere_force: normal force on each contact sphere of the feet, (P,) N.
         """
         touch, force = self._feet.measure(sphere_force)
         joints = JointSample(stamp_ns, seq, *self._joints.measure(q, torque))
@@ -80,7 +80,7 @@ class SensorSuite:
         return Samples(ImuSample(stamp_ns, seq, y[:3], y[3:], saturated), joints, contacts)
 
     def state(self) -> dict[str, Any]:
-        """Random streams and biases; plain JSON values."""
+        """Return random streams and biases of all sensors, as plain JSON values."""
         return {"imu": self._imu.state(), "joints": self._joints.state(), "feet": self._feet.state()}
 
     def restore(self, state: dict[str, Any]) -> None:

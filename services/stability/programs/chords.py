@@ -27,16 +27,18 @@ BALANCED = 1e-10  # of the weight, largest error that a step may add to the bala
 def beyond_chords(
     r: Reduced, order: Ints, place: Array, force: Array, over: Array, tolerance: float, size: float
 ) -> Array:
-    """Three more points (p, 2) of the region over each chord whose triangle is wide.
+    """Return up to three more points (p, 2) of a region over each chord between support points whose triangle is wide.
+
+    The scaled frame has its origin at the centroid of the n contacts, and their largest distance from it as unit.
 
     Args:
         r: programs of the contact set.
         order: (count,) support points in the order of their directions' angles, or longer.
         place: (k, 2) support points, scaled frame.
-        force: (k, n, 3) their forces, cone coordinates.
-        over: (count, 2) height and area of the triangle over each chord, in that order.
-        tolerance: triangles no higher than that are left out.
-        size: area of the inner polygon.
+        force: (k, n, 3) their forces, in units of the weight, cone coordinates.
+        over: (count, 2) height and area of the triangle over each chord, in that order, scaled frame.
+        tolerance: triangles no higher than that are left out, scaled frame.
+        size: area of the inner polygon, scaled frame.
     """
     h, n, count, found = r.h, r.h.shape[0], over.shape[0], 0
     point, equations = np.empty((3 * count, 2)), np.empty((4, 5))

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def clarabel_and_sparse() -> tuple[Any, Any]:
-    """Return the modules `clarabel` and `scipy.sparse`, imported at the first call."""
+    """Return the modules `clarabel` and `scipy.sparse`, which are imported at the first call."""
     import clarabel
     from scipy import sparse
 

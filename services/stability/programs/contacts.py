@@ -29,10 +29,16 @@ class StabilityError(FieldError):
 
 
 def within(given: ArrayLike, field: str, limit: float = MAX_COORDINATE, unit: str = "m") -> Array:
-    """Return numbers of a request as an array of their shape.
+    """Return numbers of a request as an array of their own shape and unit.
+
+    Args:
+        given: numbers of any shape, in `unit`.
+        field: name of the field, for the refusal.
+        limit: largest absolute value.
+        unit: of the numbers, for the refusal.
 
     Raises:
-        StabilityError: `too_large`, one is beyond `limit` (in `unit`), for which no answer can be computed.
+        StabilityError: `too_large`, one is beyond `limit`, for which no answer can be computed.
     """
     numbers = np.array(given, dtype=np.float64)
     if not (np.abs(numbers) <= limit).all():
@@ -63,7 +69,7 @@ class ContactSet:
 def contact_set(
     position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit: int = MAX_CONTACTS, field: str = "contacts"
 ) -> ContactSet:
-    """Check and normalise.
+    """Return the contacts of a request, checked, with normals of length one.
 
     Args:
         position: (n, 3) m, gravity-aligned frame, n <= limit.
@@ -101,7 +107,7 @@ class ContactPoint(Protocol):
 
     @property
     def normal(self) -> tuple[float, float, float]:
-        """Normal of the ground, any length but zero."""
+        """Normal of the ground, of any length but zero, frame world, no unit, (3,)."""
         ...
 
     @property
@@ -111,7 +117,7 @@ class ContactPoint(Protocol):
 
 
 def contacts_of(points: Sequence[ContactPoint], field: str = "contacts") -> ContactSet:
-    """Contact set of the points of a request; refusals name `field`."""
+    """Return the contact set of the points of a request; refusals (StabilityError) name `field`."""
     mu = [math.inf if c.mu is None else c.mu for c in points]
     return contact_set([c.position for c in points], [c.normal for c in points], mu, field=field)
 
@@ -155,7 +161,7 @@ def _normalise(position: Array, normal: Array, mu: Array) -> tuple[int, int]:
 
 
 def equally_spaced(count: int) -> Array:
-    """`count` unit directions from +x counter-clockwise, (count, 2).
+    """Return `count` unit directions from +x counter-clockwise, (count, 2), no unit.
 
     Mirror images are bit-exact and multiples of 45 degrees are made of 0, 1 and sqrt(1/2): cos(pi/2) = 6e-17 would flip
     the verdict on facing walls.
@@ -175,7 +181,7 @@ def equally_spaced(count: int) -> Array:
 
 
 def unit(directions: ArrayLike) -> Array:
-    """Normalise directions (k, 2).
+    """Return directions (k, 2), of any length but zero, as unit vectors (k, 2).
 
     Raises:
         StabilityError: a direction is zero or not finite.
@@ -191,7 +197,7 @@ def unit(directions: ArrayLike) -> Array:
 
 
 def directions_of(given: int | ArrayLike | None) -> Array | None:
-    """Unit directions (k, 2): so many equally spaced, or those given; None = adaptive.
+    """Return unit directions (k, 2), no unit: so many equally spaced, or those given; None = chosen by the solver.
 
     Raises:
         StabilityError: a direction is zero or not finite.

@@ -28,7 +28,7 @@ SAME = 1e-13  # support points nearer than that are one point
 
 
 class Fan(NamedTuple):
-    """Answers in the order asked; `order` sorts them by angle."""
+    """Support values h(a) of a region in directions a, with points and forces, in the order asked; scaled lengths."""
 
     direction: Array  # (cap, 2) unit
     value: Array  # (cap,) h(a)
@@ -45,7 +45,7 @@ ANSWER, ENCLOSE, APPROACH = 0, 1, 2
 
 
 class FanGoal(NamedTuple):
-    """Goal for which directions are added; lengths in the scaled frame."""
+    """Goal for which directions are added: ANSWER, ENCLOSE or APPROACH; lengths in the scaled frame of `reduced`."""
 
     kind: int
     tolerance: float
@@ -86,7 +86,7 @@ def new_fan(capacity: int, contacts: int) -> Fan:
 
 @row_kernel
 def evaluate(r: Reduced, fan: Fan, begin: int, end: int) -> bool:
-    """Solve for the directions begin .. end - 1 of the fan, eight at a time; True if all are solved."""
+    """Solve for directions begin .. end - 1 of the fan, eight at a time; return True if all are solved."""
     a, h, c = r.a, r.h, r.c
     n = a.shape[0]
     lanes = LANES if end - begin > 2 else end - begin  # eight cost as much as two: a row is one vector
@@ -164,7 +164,7 @@ def _angle(x: float, y: float) -> float:
 
 @row_kernel
 def insert(fan: Fan, begin: int, end: int) -> None:
-    """Put the directions begin .. end - 1 into the order by angle."""
+    """Sort the directions begin .. end - 1 of a fan into its order by angle, in place."""
     for s in range(begin, end):
         angle, j = _angle(fan.direction[s, 0], fan.direction[s, 1]), s
         while j > 0:
@@ -178,7 +178,7 @@ def insert(fan: Fan, begin: int, end: int) -> None:
 
 @row_kernel
 def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
-    """Outward normal of the edge y_k y_m, distance of o from it, area of the triangle; zeros if it cannot be split."""
+    """Return normal x, y, height and area of the triangle between edge y_k y_m and its support lines, or zeros."""
     ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
     ex, ey = fan.point[m, 0] - fan.point[k, 0], fan.point[m, 1] - fan.point[k, 1]
     length, det = math.hypot(ex, ey), ax * by - ay * bx
@@ -289,7 +289,7 @@ def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, f
 
 @row_kernel
 def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
-    """Return whether the region has an area, its inner polygon (e, 2) and the polygon's diameter, scaled frame."""
+    """Return True if the region has an area, its inner polygon (e, 2) and the polygon's diameter, scaled lengths."""
     inner, size = hull(fan.point[:count]), 0.0
     for k in range(inner.shape[0]):
         for j in range(k):
@@ -299,7 +299,7 @@ def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
 
 @row_kernel
 def heights(fan: Fan, count: int) -> Array:
-    """Height and area of the triangle over each edge of the inner polygon, (count, 2), in the order of the angles."""
+    """Return height and area of the triangle over each inner edge, (count, 2), by rising angle, scaled lengths."""
     out = np.empty((count, 2))
     for i in range(count):
         _, _, out[i, 0], out[i, 1] = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
@@ -365,13 +365,13 @@ def explore(
 def enclose(
     r: Reduced, fan: Fan, solved: int, count: int, goal: FanGoal, limit: int, batch: int
 ) -> tuple[int, bool, float, Array, Array]:
-    """Explore with the goal ENCLOSE or ANSWER, arguments as for `explore`, then draw the polygons.
+    """Answer the `count` directions of a fan, of which `solved` are, and those of a goal; then draw the polygons.
 
-    With ENCLOSE points between the directions are added to the inner polygon where the directions did not suffice.
+    In the end there are at most `limit`, `batch` at once. ENCLOSE adds points beyond edges to the inner polygon.
 
     Returns:
-        Number of answers, True if the region has an area, largest height of a triangle between the polygons, inner and
-        outer polygon; scaled frame.
+        Number of answers, True if the region has an area, largest height of a triangle between the polygons, inner
+        (e, 2) and outer polygon (o, 2), scaled lengths.
     """
     count, fine, outlook = explore(r, fan, solved, count, goal, limit, batch)
     if not fine:

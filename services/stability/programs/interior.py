@@ -67,7 +67,7 @@ STEP_SHARE = 0.99  # of the way to the boundary
 
 @row_kernel
 def aligned(size: int) -> Array:
-    """Return `size` uninitialised numbers that begin on a cache line, so that no row of eight lies across two."""
+    """Return `size` uninitialised numbers, (size,), no unit, from a cache line on: no row of eight lies across two."""
     room = np.empty(size + 8)
     skip = -(room.ctypes.data // 8) % 8
     return room[skip : skip + size]
@@ -132,7 +132,7 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
 
 @row_kernel
 def start(w: Array, o: int, lanes: int) -> None:
-    """Write s = x = (1, 0, 0), the centre of the cone, for the contact at `o` of the cone array w of `lanes.py`."""
+    """Write s = x = (1, 0, 0), the centre of the cone, for the contact at `o` of w (432 n,), laid out as in `lanes`."""
     o &= MASK
     for k in range(lanes):
         w[o + S + k] = w[o + X + k] = 1.0
@@ -198,7 +198,11 @@ def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 @row_kernel
 def residual(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Write RES = s + b tau for the contact at `o`; add b'x to GAIN and s'x to MU; arrays w, g as in `lanes.py`."""
+    """Set the row RES of a contact, the residual s + b tau - A lam, to s + b tau; add b'x to GAIN and s'x to MU.
+
+    The contact is at offset `o` of the cone array w (432 n,), GAIN and MU are rows of the programs' array g (488,):
+    rows of eight programs, no unit, as in `lanes`.
+    """
     o &= MASK
     for k in range(lanes):
         tau = g[TAU + k]
@@ -212,9 +216,9 @@ def residual(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int, lanes: int) -> None:
-    """Subtract A lam from RES and A'x from RESIDUAL for the contact at `o` with matrix A = a[i], (3, m).
+    """Subtract A lam from RES and A'x from RESIDUAL for the contact at `o` with matrix A = a[i], a (n, 3, m), no unit.
 
-    DUAL_RES becomes max(DUAL_RES, abs(RES)). Arrays w, g as in `lanes.py`, m = `unknowns`.
+    DUAL_RES becomes max(DUAL_RES, abs(RES)). m = `unknowns`; w (432 n,), g (488,): rows of eight lanes, see `lanes`.
     """
     o &= MASK
     if unknowns == 4:
@@ -334,7 +338,7 @@ def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 @row_kernel
 def scale(w: Array, o: int, lanes: int) -> None:
-    """Scaling of (s, x); the scaled point; right-hand side and residual in the scaled space."""
+    """Write scaling of (s, x), scaled point, scaled RHS and RES of the contact at `o` of w (432 n,), as in `lanes`."""
     o &= MASK
     for k in range(lanes):
         s0, s1, s2 = w[o + S + k], w[o + S + 8 + k], w[o + S + 16 + k]
@@ -371,7 +375,7 @@ def scale(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int) -> None:
-    """Write COLUMNS = W^-1 A of the contact at offset `o` of w, see `lanes.py`, for its matrix A = a[i], (3, m)."""
+    """Write COLUMNS = W^-1 A, A = a[i], a (n, 3, m), no unit, of the contact at `o` of w (432 n,), see `lanes`."""
     o &= MASK
     for j in range(unknowns):
         v0, v1, v2, out = a[i, 0, j], a[i, 1, j], a[i, 2, j], (o + COLUMNS + 24 * j) & MASK
@@ -384,7 +388,7 @@ def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int)
 
 @row_kernel
 def copy_rhs(w: Array, o: int, lanes: int) -> None:
-    """Copy the right-hand side RHS_S of the contact at offset `o` of w, see `lanes.py`, into SECOND, in every lane."""
+    """Copy row RHS_S into SECOND for the contact at `o` of w (432 n,), no unit, in every lane, see `lanes`."""
     o &= MASK
     for k in range(lanes):
         w[o + SECOND + k] = w[o + RHS_S + k]

@@ -49,9 +49,10 @@ def step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> Non
     """Compute a Newton step of all n contacts: predictor (sigma = 0), or corrector with its second-order terms.
 
     Args:
-        c: cost of the programs, (m,).
-        w: cone array of `lanes.py`; its STEP is written.
-        g: array of the programs of `lanes.py`; its P1, D_TAU, D_KAPPA, REACH are written.
+        c: cost of the programs, (m,), no unit.
+        w: cone array (432 n,), rows of eight programs as in `lanes`; the rows STEP of the contacts are written.
+        g: array of the programs (488,), rows as in `lanes`: written are the step P1 of the unknowns, D_TAU and D_KAPPA
+            of tau and kappa, and REACH, 1 / the longest step that stays in all cones.
         n: number of contacts.
         lanes: programs in use.
         correct: True = corrector.
@@ -92,7 +93,7 @@ def step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> Non
 def predictor(w: Array, o: int, lanes: int) -> None:
     """Write TARGET = - scaled point (complementarity zero at once) and FIRST = TARGET + RES, in every lane.
 
-    They are rows of the contact at offset `o` of the cone array w, see `lanes.py`.
+    They are rows of the contact at offset `o` of the cone array w (432 n,), no unit, see `lanes`.
     """
     o &= MASK
     for k in range(lanes):
@@ -104,9 +105,10 @@ def predictor(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Write Mehrotra's corrector of the contact at `o` of the arrays w, g of `lanes.py`, p the scaled point.
+    """Write Mehrotra's corrector of the contact at offset `o` of w in every lane, p the scaled point.
 
-    TARGET = p \\ (sigma mu e - p o p - dx o ds), FIRST = TARGET + (1 - sigma) RES.
+    TARGET = p^-1 o (sigma mu e - p o p - dx o ds), FIRST = TARGET + (1 - sigma) RES, rows of eight lanes in w (432 n,);
+    sigma and mu are rows of g (488,), no unit, see `lanes`.
     """
     o &= MASK
     for k in range(lanes):
@@ -132,7 +134,7 @@ def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
 def direction(w: Array, o: int, g: Array, lanes: int) -> None:
     """Write STEP = FIRST + SECOND dtau of the contact at offset `o` of w, in every lane.
 
-    REACH, a row of g, grows to 1 / (longest step that stays in both cones). Arrays w, g as in `lanes.py`.
+    REACH, a row of g, grows to 1 / (longest step that stays in both cones). w (432 n,), g (488,): no unit, see `lanes`.
     """
     o &= MASK
     for k in range(lanes):
@@ -159,7 +161,10 @@ def direction(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def move(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Move the contact at `o` by LENGTH: x += W^-1 STEP, s += W (TARGET - STEP) times it; w, g as in `lanes.py`."""
+    """Move the contact at `o` of w by LENGTH: x += LENGTH W^-1 STEP, s += LENGTH W (TARGET - STEP), in every lane.
+
+    w (432 n,), g (488,): rows of eight lanes, no unit, see `lanes`.
+    """
     o &= MASK
     for k in range(lanes):
         d0, d1, d2 = w[o + STEP + k], w[o + STEP + 8 + k], w[o + STEP + 16 + k]
@@ -182,7 +187,10 @@ def move(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def factor(g: Array, unknowns: int, lanes: int) -> None:
-    """Factor MATRIX of g, see `lanes.py`, by Cholesky in place; the diagonal becomes 1/l, or 0 for a null direction."""
+    """Factor MATRIX of g (488,) by Cholesky in place, in every lane; the diagonal becomes 1/l, 0 if it is null.
+
+    No unit; rows of eight lanes as in `lanes`, MATRIX the lower triangle of (unknowns, unknowns), row by row.
+    """
     if unknowns == 4:
         _factor4(g, lanes)
         return
@@ -234,7 +242,10 @@ def _factor4(g: Array, lanes: int) -> None:
 
 @row_kernel
 def solve(g: Array, unknowns: int, v: int, lanes: int) -> None:
-    """Solve the Newton system of all lanes by its Cholesky factor in g, in place: right side at row offset `v` of g."""
+    """Solve the Newton system of all lanes with the Cholesky factor in MATRIX of g, in place.
+
+    g (488,): rows of eight lanes, no unit, see `lanes`; right side and then solution in `unknowns` rows from `v` on.
+    """
     if unknowns == 4:
         _solve4(g, v, lanes)
         return
@@ -280,7 +291,10 @@ def _solve4(g: Array, v: int, lanes: int) -> None:
 
 @row_kernel
 def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: int) -> None:
-    """Add sign * a'b of two 3-vectors, at offsets a and b of w, to the row at offset `out` of g; see `lanes.py`."""
+    """Add sign * a'b of two 3-vectors, at offsets a, b of w (432 n,), to the row at `out` of g (488,), in every lane.
+
+    No unit; rows of eight lanes as in `lanes`.
+    """
     out, a, b = out & MASK, a & MASK, b & MASK
     for k in range(lanes):
         g[out + k] += sign * (w[a + k] * w[b + k] + w[a + 8 + k] * w[b + 8 + k] + w[a + 16 + k] * w[b + 16 + k])
@@ -290,7 +304,7 @@ def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: in
 def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, lanes: int) -> None:
     """Add to row out + 8 j of g the product of scaled column j of the contact at `o` with the vector at row `v` of it.
 
-    Arrays w, g and offsets o, v, out as in `lanes.py`, rows of eight lanes; j runs over `unknowns`.
+    w (432 n,), g (488,), offsets o, v, out: as in `lanes`, rows of eight lanes, no unit; j runs over `unknowns`.
     """
     if unknowns != 4:
         for j in range(unknowns):
@@ -307,9 +321,9 @@ def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, la
 
 @row_kernel
 def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: int, lanes: int) -> None:
-    """Subtract the sum of column_j y_j from the 3-vector at row `v` of the block at offset `o` of w.
+    """Subtract the sum of column_j y_j from the 3-vector at row `v` of the block at offset `o` of w (432 n,).
 
-    y_j are rows of g from `y` on; arrays as in `lanes.py`, rows of eight lanes; j runs over `unknowns`.
+    y_j are rows of g (488,) from `y` on; rows of eight lanes as in `lanes`, no unit; j runs over `unknowns`.
     """
     v, o, y = (o + v) & MASK, (o + COLUMNS) & MASK, y & MASK
     if unknowns != 4:
@@ -331,7 +345,10 @@ def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: i
 
 @row_kernel
 def add_gram(w: Array, o: int, g: Array, unknowns: int, lanes: int) -> None:
-    """Add A_i'A_i, A_i the scaled columns of the block at offset `o` of w, to MATRIX in g; arrays as in `lanes.py`."""
+    """Add A'A, A the scaled columns of the contact at `o` of w (432 n,), to MATRIX in g (488,), in every lane.
+
+    No unit; rows of eight lanes as in `lanes`; A is (3, unknowns).
+    """
     if unknowns != 4:
         for j in range(unknowns):
             for i in range(j + 1):

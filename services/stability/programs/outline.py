@@ -88,7 +88,7 @@ def outline(r: Reduced, position: Array, first: Array, goal: FanGoal, limit: int
 
 @row_kernel
 def edge_normals(corners: Array) -> Array:
-    """Return outward unit normals (e, 2) of the hull `corners` (e, 2) of the contacts for 3 to 8 edges, else the axes.
+    """Return outward unit normals (e, 2) of the hull `corners` (e, 2) m of 3 to 8 contacts, else the axes.
 
     On mild ground these are the normals of the region's edges. The axes for a needle, too: its normals are hardly less
     than half a turn apart, and the support lines between them cross nowhere near.
@@ -112,7 +112,7 @@ def edge_normals(corners: Array) -> Array:
 
 @row_kernel
 def corner_normals(corners: Array) -> Array:
-    """Return directions (e, 2), unit, at which refinement begins: outward at each corner of the hull `corners` (e, 2).
+    """Return unit directions (e, 2) at which refinement begins: outward at each corner of a hull, `corners` (e, 2) m.
 
     On mild ground the support points are these corners at once; directions between them then go where it is curved.
     """

@@ -28,7 +28,7 @@ SMALL_MU = 1e-9  # below it friction is left out
 
 
 class Reduced(NamedTuple):
-    """Programs of a contact set in scaled lengths."""
+    """Cone programs of a contact set in scaled lengths: matrices shared by all directions."""
 
     a: Array  # (n, 3, 4)
     h: Array  # (n, 3, 2)

@@ -35,7 +35,13 @@ class ReferenceAnswer:
 
 
 class Reference:
-    """clarabel on the cones of one contact set."""
+    """Solver clarabel on the n friction cones of one contact set: min c'lam with A_i lam - b_i in the cone.
+
+    Args:
+        a: matrices A_i, (n, 3, m), no unit.
+        c: objective, (m,), no unit.
+        tolerance: of residuals and gap.
+    """
 
     def __init__(self, a: Array, c: Array, tolerance: float = 1e-11) -> None:
         clarabel, sparse = clarabel_and_sparse()
@@ -53,7 +59,7 @@ class Reference:
         self._solver = clarabel.DefaultSolver(empty, self._c, matrix, np.zeros(3 * n), cones, settings)
 
     def solve(self, rhs: Array) -> ReferenceAnswer:
-        """Solve for right-hand sides h_i(a), (n, 3)."""
+        """Solve for right-hand sides b_i, (n, 3), in scaled lengths (no unit)."""
         self._solver.update(b=-np.ascontiguousarray(rhs).ravel())
         solution = self._solver.solve()
         z, x = np.array(solution.x), np.array(solution.z).reshape(self._shape)
@@ -84,7 +90,19 @@ class Reference:
 
 
 def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array, float]:
-    """One program of m unknowns: status, c'lam, lam (m,), x (n, 3), error; clarabel when the kernel gives up."""
+    """Solve min c'lam with A_i lam - b_i in the second-order cones; by clarabel where the own kernel gives up.
+
+    Args:
+        a: matrices A_i, (n, 3, m), no unit.
+        rhs: right-hand sides b_i, (n, 3), no unit.
+        c: objective, (m,), no unit.
+
+    Returns:
+        Status, value c'lam, lam (m,), forces x (n, 3), error.
+
+    Raises:
+        StabilityError: `no_convergence`, by field `contacts`.
+    """
     n, m = a.shape[0], a.shape[2]
     lam, x = np.empty((m, 1)), np.empty((n, 3, 1))
     error, status = np.empty(1), np.empty(1, dtype=np.int64)
@@ -98,7 +116,7 @@ def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array,
 
 
 def nearest_border(r: Reduced, fan: Fan, count: int, x: float, y: float) -> tuple[float, Array]:
-    """Smallest h(a) - a'p over all unit directions a, and that direction (2,); scaled frame.
+    """Return the smallest h(a) - a'p over all unit directions a, and that direction (2,), in scaled lengths (no unit).
 
     Args:
         r: programs of the contact set.

@@ -83,7 +83,7 @@ def _cones(contacts: ContactSet, legs: ServoLegs, clarabel: Any, sparse: Any) ->
 
 
 def actuated_region(contacts: ContactSet, legs: ServoLegs, given: Array | None = None) -> Region:
-    """Region under friction and torque limits.
+    """Return the region of the centre of mass under friction and torque limits of the servos.
 
     Args:
         contacts: one for each standing leg.
@@ -91,7 +91,7 @@ def actuated_region(contacts: ContactSet, legs: ServoLegs, given: Array | None =
         given: (k, 2) unit directions of the support values, beside the 16 that are always solved for; None = these.
 
     Returns:
-        Region whose inner polygon lies inside the true one by at most its gap; support values without certificates.
+        Region, m, whose inner polygon lies inside the true one by at most its gap; support values without certificates.
 
     Raises:
         StabilityError: sizes disagree, or clarabel finds no answer.

@@ -54,20 +54,28 @@ class Oracle:
 
     @cached_property
     def sinking(self) -> Array | None:
-        """Twist (v, w_z), v_z = -1, scaled frame, that proves that the set cannot carry the weight; None if it can."""
+        """Twist (v, w_z), (4,), no unit, with v_z = -1, that proves that the set cannot carry the weight, or None."""
         if self.subspace is not None and self.subspace.sinking is not None:
             return self.subspace.sinking
         fan = self.fan(np.zeros((1, 2)), 1)
         return self.twist(fan.unknown[0], np.zeros(2)) if fan.status[0] == NO_PRIMAL else None
 
     def drift(self, direction: Array) -> Array:
-        """Gain of free tangential forces per direction (k, 2): rows (k, 2j), all zero if there is none."""
+        """Return the gain along each direction of each tangential force that nothing limits, (k, 2 j), no unit.
+
+        Where one is not 0 the region has no bound. `direction`: unit vectors, (k, 2); j contacts have unlimited
+        friction; (k, 0) where no contact has.
+        """
         if self.subspace is None:
             return np.zeros((len(direction), 0))
         return product(direction, self.subspace.drift.T)
 
     def fan(self, direction: Array, capacity: int) -> Fan:
-        """Solve for unit directions (k, 2); return a fan with room for at least `capacity` of them."""
+        """Solve for unit directions (k, 2), no unit; return a fan with room for at least `capacity` of them.
+
+        Raises:
+            StabilityError: `no_convergence`, by field `contacts`.
+        """
         count = len(direction)
         fan = new_fan(max(capacity, count), len(self.contacts))
         fan.direction[:count] = direction
@@ -94,7 +102,7 @@ class Oracle:
         return r.origin[:2] if self.subspace is None else r.origin[:2] + r.length * self.subspace.point
 
     def support(self, fan: Fan, chosen: Ints) -> Support:
-        """Return the `chosen` answers (k,) of a fan in metres; directions in which free forces drift are unbounded."""
+        """Return the answers of a fan with indices `chosen` (k,), in metres; unbounded where free forces drift."""
         r, n = self.reduced, len(self.contacts)
         direction = fan.direction[chosen]
         drift = self.drift(direction)
@@ -117,13 +125,20 @@ class Oracle:
         return Support(direction, value, point, tuple(STATUS[int(s)] for s in status), gap, twist, force)
 
     def twist(self, unknown: Array, direction: Array) -> Array:
-        """Return the twist (v, w_z), (4,), of the scaled frame from a solution of the reduced dual and a direction."""
+        """Return the twist (v, w_z), (4,), in scaled lengths, of a solution of the reduced dual.
+
+        `unknown`: solution, (4,), coordinates of the twist in the subspace of the set; `direction`: its unit vector,
+        (2,).
+        """
         if self.subspace is None:
             return unknown
         return product(self.subspace.basis, unknown) + product(self.subspace.offset, direction)
 
     def moved(self, scaled: Array, direction: Array) -> Array:
-        """Return a twist (4,) of the scaled frame as one (v in m, w_z) about the origin of the request's frame."""
+        """Return a twist (v, w_z), (4,), of the scaled frame as (v in m, w_z) about the origin of the request's frame.
+
+        `direction`: unit vector (2,) to which the twist belongs.
+        """
         (x, y, z), s, w = self.reduced.origin, self.reduced.length, scaled[3]
         ax, ay = direction  # v' = v - Om x origin, Om = (-a_y, a_x, w)
         return np.array(
@@ -131,7 +146,13 @@ class Oracle:
         )
 
     def forces(self, cone: Array, weight: float, free: Array | None = None) -> Array:
-        """Return forces (n, 3) in the frame of the request from cone coordinates (n, 3); free ones balance the rest."""
+        """Return forces (n, 3) in the frame of the request, in units of the weight; free ones balance the rest.
+
+        Args:
+            cone: forces in cone coordinates, (n, 3), weight 1.
+            weight: of the robot, in the unit of the result.
+            free: amplitudes of the free tangential forces; None = computed from the balance.
+        """
         a = self.reduced.a
         s = self.subspace
         if s is None:
@@ -152,9 +173,10 @@ class Oracle:
 def careful(
     contacts: ContactSet, programs: tuple[Reduced, Subspace | None], first: Array, goal: FanGoal, limit: int, skip: int
 ) -> Region:
-    """Region of a set of two contacts or more.
+    """Return the region of a set of two contacts or more, in any position and with any friction.
 
     Args:
+        contacts: n contacts.
         programs: of the contacts, by `reduce`.
         first: (k, 2) unit directions to begin with.
         goal: ENCLOSE to refine, else ANSWER.
@@ -221,7 +243,7 @@ def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
 def few(contacts: ContactSet, direction: Array) -> Region:
     """Return the region of no contact, or of one: its own point if the vertical lies in its cone.
 
-    `direction`: unit directions of the support points, (k, 2), frame of the contacts.
+    `direction`: unit directions of the support values, (k, 2), frame of the contacts.
     """
     if len(contacts) == 0:
         return infeasible(contacts, direction, np.array([0.0, 0.0, -1.0, 0.0]))
@@ -243,9 +265,12 @@ def few(contacts: ContactSet, direction: Array) -> Region:
 
 
 def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region:
-    """Return the region of a set that carries no weight anywhere.
+    """Return the empty region of a set that carries no weight anywhere.
 
-    direction: (k, 2) of the supports, all NaN; sinking: twist (v, w_z), (4,), that proves it.
+    Args:
+        contacts: n contacts.
+        direction: unit directions of the supports, (k, 2); their values are NaN.
+        sinking: twist (v m, w_z), (4,), that proves it.
     """
     k, n = len(direction), len(contacts)
     nan = np.full(k, np.nan)
@@ -258,7 +283,7 @@ def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region
 
 @row_kernel
 def holds(normal: Array, mu: float) -> bool:
-    """Return whether one contact with unit normal (3,) and friction mu carries the weight: its cone is upright."""
+    """Return True if one contact with unit normal (3,) and friction coefficient mu carries the weight: upright cone."""
     if math.isinf(mu):
         return normal[2] >= 0.0
     return normal[2] > 0.0 and mu * normal[2] >= math.hypot(normal[0], normal[1]) - CONE
@@ -266,7 +291,7 @@ def holds(normal: Array, mu: float) -> bool:
 
 @row_kernel
 def line_of(position: Array) -> tuple[bool, Array]:
-    """Return whether all contacts lie on one line that is not vertical, and its horizontal unit direction (2,)."""
+    """Return True if all contacts, (n, 3) m, lie on one line, not vertical, and its horizontal unit vector (2,)."""
     line, far, n = np.zeros(3), 0.0, position.shape[0]
     for i in range(1, n):
         x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
@@ -288,14 +313,17 @@ def line_of(position: Array) -> tuple[bool, Array]:
 
 @row_kernel
 def along(line: Array) -> Array:
-    """Return directions (4, 2) that find a region without area: both ways along and across a unit `line` (2,)."""
+    """Return unit directions (4, 2) that find a region without area: both ways along and across a unit `line` (2,)."""
     x, y = line[0], line[1]
     return np.array([[x, y], [-x, -y], [-y, x], [y, -x]])
 
 
 @row_kernel
 def flat_ends(probe: Fan) -> tuple[int, Array]:
-    """Shape by the answers to `along`: an area (or no end), a point (1, 2), or a segment by its ends (2, 2); scaled."""
+    """Return the shape of a region by its supports in the four directions along and across a line, and its ends.
+
+    Ends are in scaled lengths (no unit): (0, 2) for an area or no end, (1, 2) for a point, (2, 2) for a segment.
+    """
     for k in range(4):
         if probe.status[k] != SOLVED:
             return WIDE, probe.point[:0]

@@ -120,7 +120,7 @@ def _moved(scaled: Array, length: float, origin: Array) -> Array:
 
 
 def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
-    """Forces whose largest share of friction is the smallest (min-max); None if the CoM is not held.
+    """Return forces whose largest share of friction is the smallest (min-max); None if the CoM is not held.
 
     For a share s of every friction coefficient let t(s) = min t such that forces hold the CoM and
     |f_t,i| <= mu_i (s n'f_i + t): not above zero where the share is enough, and a program with an inside even where
@@ -193,10 +193,10 @@ def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tupl
 
 
 def least_forces(contacts: ContactSet, com: Array) -> Array | None:
-    """Forces (n, 3) with the smallest sum of squares, in units of the weight; None if the CoM is not held.
+    """Return forces (n, 3) with the smallest sum of squares, in units of the weight; None if the CoM is not held.
 
     What a force controller would command: the least of all forces where those lie in the cones, as they mostly do on
-    level ground, else a quadratic program over cones, solved by clarabel.
+    level ground, else a quadratic program over cones, solved by clarabel. `com`: (2,) m, frame of the contacts.
     """
     least = _least_of_all(contacts, com)
     if least is not None:

@@ -42,7 +42,7 @@ SHARE = 64  # sets a thread takes at once
 
 @dataclass(frozen=True, slots=True)
 class Variants:
-    """Answers in the order of the sets."""
+    """Status and margin of each of several contact sets, in their order."""
 
     status: Ints
     """Status of each set as index into STATUSES, (s,)."""
@@ -60,8 +60,8 @@ def assess(contacts: ContactSet, index: Ints, begin: Ints, com: Array, *, thread
 
     Args:
         contacts: the pool.
-        index: contacts of all sets, one set after the other.
-        begin: first place of each set in `index`, and the end.
+        index: indices of the contacts of all sets, one set after the other, (n,).
+        begin: first place of each set in `index`, and the end, (k + 1,).
         com: centre of mass of each set, (k, 2) m.
         threads: that work at a time.
     """
@@ -98,7 +98,7 @@ def _share(contacts: ContactSet, index: Ints, begin: Ints, com: Array, first: in
 
 
 class Pool(NamedTuple):
-    """Sets of contacts for the kernel."""
+    """Several sets of contacts out of one pool, as arrays for the kernel."""
 
     position: Array
     """Points of contact, (n, 3) m."""

@@ -41,7 +41,7 @@ class Extent:
 
 
 def margin(region: Region, point: Array) -> Margin:
-    """Return the signed distance of a point c from the edge: min over unit a of h(a) - a'c, m, inside positive."""
+    """Return the signed distance of c (2,) m from the edge: min over unit a of h(a) - a'c, m, positive inside."""
     if region.status in ("infeasible", "unbounded"):
         return Margin(None)
     if region.solved is not None:

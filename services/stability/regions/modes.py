@@ -67,7 +67,7 @@ Mode = AtRest | Moving | Tilted | Actuated
 
 
 class Refinement(NamedTuple):
-    """Directions in which a region is solved for."""
+    """Directions in which a region is solved for, and how finely."""
 
     directions: Array | None = None
     """Directions to solve for, (k, 2), unit length; None = chosen adaptively."""
@@ -82,7 +82,7 @@ class Refinement(NamedTuple):
 
 
 def regions_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> list[Region]:
-    """Regions of a contact set under each gravity of a mode, in the plane of the CoM, frame world.
+    """Return the regions of a contact set under each gravity of a mode, m, in the plane of the CoM, frame world.
 
     Raises:
         StabilityError: the robot would fly, or no solver finds an answer.
@@ -103,7 +103,7 @@ def regions_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> list[Reg
 
 
 def in_common(found: list[Region]) -> Region:
-    """Intersection of the regions of several gravities, in the plane of the CoM; of one region, that region.
+    """Return the intersection of the regions of several gravities, m, in the plane of the CoM; of one, that region.
 
     Inner polygons are cut, so every point holds for each of these gravities (Audren and Kheddar do so in 3-D). The
     status is unbounded if one region is and none is infeasible; infeasible if one is, or nothing is left.
@@ -136,33 +136,36 @@ class Leaning:
     """Magnitude of the effective gravity, m/s^2."""
 
     def directions(self, given: Array | None) -> Array | None:
-        """Unit directions (k, 2) of a horizontal plane of the world as those of the leaning frame."""
+        """Return unit directions (k, 2) of a horizontal plane of the world as unit vectors of the leaning frame."""
         if given is None or (self.strength == GRAVITY and self.rot[2, 2] == 1.0):
             return given
         turned = product(given, self.to_world())
         return np.ascontiguousarray(turned / np.hypot(turned[:, 0], turned[:, 1])[:, None])
 
     def at_height(self, points: Array, height: float) -> Array:
-        """Points (k, 2) of the leaning frame cut by the plane z = height of the world, (k, 2) world x, y."""
+        """Return where vertical lines through points of the leaning frame meet the plane z = `height`, m, of the world.
+
+        points: x, y, (k, 2) m, leaning frame, whose z is against the effective gravity. Result: world x, y, (k, 2) m.
+        """
         back = self.rot.T  # world_from_leaning; a point (x, y, t) of the cylinder has free t
         flat = product(points, back[2, :2])
         t = (height - flat) / back[2, 2]
         return product(points, back[:2, :2].T) + t[:, None] * back[:2, 2]
 
     def to_world(self) -> Array:
-        """Derivative of world x, y by leaning x, y in a horizontal plane, (2, 2)."""
+        """Return the derivative of world x, y by leaning x, y in a horizontal plane of the world, (2, 2), no unit."""
         back = self.rot.T
         return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
 
     def seen(self, com: Array) -> Array:
-        """Return the CoM, (3,) m in the world, as (2,) in the leaning frame."""
+        """Return x, y of the CoM in the leaning frame, (2,) m, from its place in the world, (3,) m."""
         return product(self.rot[:2], com)
 
     def level(self, found: Region, height: float, proofs: bool) -> Region:
-        """Region of the leaning frame, cut by the plane z = height (m) of the world.
+        """Return a region of the leaning frame, cut by the plane z = height (m) of the world, frame world.
 
         A point p of the leaning frame lies at c = M p + c0 in that plane: with a = M'd / |M'd| the support value of the
-        cut in direction d is |M'd| h(a) + d'c0.
+        cut in direction d is |M'd| h(a) + d'c0. `proofs`: with twists and forces of the supports.
         """
         s, k = found.support, len(found.support.direction)
         plane = Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
@@ -196,7 +199,7 @@ class Leaning:
 
 
 def lean(contacts: ContactSet, up: Array) -> Leaning:
-    """Turn a contact set so that `up` (3,), any length but zero, points along z.
+    """Return a contact set turned so that `up` (3,), m/s^2 or any length but zero, frame world, points along z.
 
     Raises:
         StabilityError: `up` is zero (free fall), not finite, or lies in the horizontal plane.
@@ -237,10 +240,12 @@ def leanings(mode: AtRest | Moving | Tilted, contacts: ContactSet) -> list[Leani
 
 
 def stays_down(up: Array, acceleration: Array) -> Array:
-    """Return -g_eff (3,) if the robot stays on the ground.
+    """Return `up`, the effective gravity reversed, (3,) m/s^2, frame world, if the robot stays on the ground.
+
+    `acceleration` (3,) m/s^2 of the centre of mass is quoted in the refusal.
 
     Raises:
-        StabilityError: with this acceleration (3,) m/s^2 the robot would fly: -g_eff hardly points up any more.
+        StabilityError: with this acceleration the robot would fly: `up` hardly points up any more.
     """
     if up[2] < 0.01 * GRAVITY:
         raise StabilityError("too_large", "acceleration", f"got {acceleration.tolist()}, the robot would fly")

@@ -64,16 +64,16 @@ def _nearest(found: Sequence[Extent | None]) -> Extent | None:
 
 
 def check(region: Region, com: Array, movement: Array, shift: Array) -> Check:
-    """Three-phase check.
+    """Return the margins of a movement in three phases: now, after the trunk has moved, and along the way.
 
-    (28) is printed as a norm, which hides a fall: here GSM = extent_along(c1, a), the signed way from c1 = com + r_M +
-    r_KIN to the edge; a ray may also enter the region ahead, so margin(c1) >= 0 decides.
+    Equation (28) of Walas & Belter is printed as a norm, which hides a fall: here GSM = extent_along(c1, a), the signed
+    way from c1 = com + r_M + r_KIN to the edge; a ray may also enter the region ahead, so margin(c1) >= 0 decides.
 
     Args:
         region: of the contacts that stay.
         com: (2,) m, now: measured or from kinematics.
-        movement: r_M, (3,) m.
-        shift: r_KIN, (3,) m.
+        movement: r_M, movement of the trunk over its feet, (3,) m.
+        shift: r_KIN, by which the legs that turn with it move the CoM besides, (3,) m.
     """
     after = com + movement[:2] + shift[:2]
     now, then = margin(region, com), margin(region, after)
@@ -126,7 +126,7 @@ class CheckedMovement:
 
 
 def check_movement(asked: Movement) -> CheckedMovement:
-    """Region, margins and ways of a planned movement.
+    """Return region, margins and ways of a planned movement of the trunk, m, frame world.
 
     Raises:
         StabilityError: the robot would fly, or no solver finds an answer.

@@ -35,7 +35,7 @@ def region(
     tolerance: float = 1e-4,
     limit: int = 128,
 ) -> Region:
-    """Region of a contact set.
+    """Return the region of the centre of mass in which friction forces at the contacts hold the robot, m.
 
     Args:
         contacts: 0 to 64 contacts.
@@ -85,7 +85,7 @@ def _hull_region(contacts: ContactSet, direction: Array, p: float, q: float) -> 
 
 @row_kernel
 def has_axes(directions: Array) -> bool:
-    """Return whether the directions (k, 2) contain +-x and +-y, which decide if a region is bounded."""
+    """Return True if the unit directions (k, 2) contain +-x and +-y, which decide if a region is bounded."""
     found = 0
     for k in range(directions.shape[0]):
         x, y = directions[k, 0], directions[k, 1]
@@ -98,9 +98,9 @@ def has_axes(directions: Array) -> bool:
 
 @row_kernel
 def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float]:
-    """Return whether the region is the hull of the contacts exactly, and slopes p, q of their plane z = p x + q y + c.
+    """Return True if the region is the hull of the contacts exactly, and slopes p, q of their plane z = p x + q y + c.
 
-    position, normal: (n, 3), points in m and unit normals; mu: friction, (n,).
+    position, normal: (n, 3), points in m and unit normals; mu: friction coefficients, (n,).
     """
     n = mu.size
     if n < 3:

@@ -47,12 +47,13 @@ class MarginSlope:
 
 
 def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tuple[Array, Array]:
-    """Gradient of the support value h(a) in one direction a (2,), by its certificate and the forces at its point.
+    """Return the gradient of the support value h(a) in one direction a, by its certificate and the forces at its point.
 
     Args:
+        contacts: n contacts.
         twist: (4,) certificate (v m, w_z).
         force: (n, 3) in units of the weight.
-        a: unit direction.
+        a: unit direction, (2,).
 
     Returns:
         d h / d mu_i = - u_i'f_t,i / mu_i >= 0, (n,) m; d h / d r_i = Om x f_i, (n, 3), no unit.
@@ -66,7 +67,7 @@ def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tupl
 
 
 def margin_gradient(found: Region, com: Array, here: Margin) -> MarginSlope | None:
-    """Gradient of the margin `here` of a CoM (2,) m in a region: that of h(a) in the direction of the nearest edge.
+    """Return the gradient of the margin `here` of a CoM (2,) m: that of h(a) in the direction of the nearest edge.
 
     The forces are those that hold the CoM at the nearest point of the edge: along a straight edge support points are
     not unique, and each foot counts by its lever. Where two edges are equally near there is only a one-sided slope.
@@ -101,9 +102,10 @@ def _nearest_edge(polygon: Array, point: Array) -> Array:
 
 
 def shrunk(contacts: ContactSet, friction: float, normal: float) -> ContactSet:
-    """Contacts with the least friction the bounds allow: tan(atan(mu - friction) - normal), not below zero.
+    """Return contacts with the least friction the bounds allow: tan(atan(mu - friction) - normal), not below zero.
 
     A cone of half angle atan(mu) - eps about n lies in every cone of half angle atan(mu) about a normal within eps.
+    `friction`: bound of every coefficient, no unit; `normal`: bound of every normal, rad.
     """
     mu = np.maximum(contacts.mu - friction, 0.0)
     angle = np.maximum(np.arctan(mu) - normal, 0.0)
@@ -111,8 +113,10 @@ def shrunk(contacts: ContactSet, friction: float, normal: float) -> ContactSet:
 
 
 def robust_margin(contacts: ContactSet, com: Array, unknown: Uncertainty) -> float | None:
-    """min over a of h(a) - a'c - kappa sqrt(a'S a + sum (Om x f_i)'S_i (Om x f_i)), with the friction that is left.
+    """Return the smallest margin of a CoM c, (2,) m, that is left with uncertain inputs, m, inside positive.
 
+    It is min over unit a of h(a) - a'c - kappa sqrt(a'S a + sum (Om x f_i)'S_i (Om x f_i)), with the least friction of
+    the bounds, S and S_i the covariances of CoM and contact points, f_i the forces and Om the turn of the certificate.
     None when even the most cautious set has no region, or no edge.
     """
     careful = shrunk(contacts, unknown.friction, unknown.normal)

@@ -81,7 +81,10 @@ class PoseCollector:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Factors by which reported torques have to be multiplied."""
+    """Factors by which reported torques have to be multiplied, no unit, with their standard deviations.
+
+    They are found from the equations of rest in a number of poses.
+    """
 
     common: float
     """One factor for all joints."""
@@ -99,7 +102,7 @@ class Calibration:
 def calibrate(
     robot: Robot, poses: Sequence[SweptPose], torque_variance: float, apart_sd: float = APART_SD
 ) -> Calibration:
-    """Fit the factors.
+    """Fit the factors by which reported joint torques have to be multiplied.
 
     Args:
         robot: the robot; legs of three joints.
@@ -156,8 +159,14 @@ def _used(robot: Robot, poses: Sequence[SweptPose]) -> Array:
 
 
 def equations(robot: Robot, pose: SweptPose) -> tuple[Array, Array, Array] | None:
-    """Six equations of a pose: matrix (6, nj + 2) of factors and offset, right side (6,), and what they take of
-    each torque (6, nj). Level axes, moments about the mean foot. None when a standing leg is not observed."""
+    """Return the six equations of rest of a pose for the torque factors; None when a standing leg is not observed.
+
+    Axes are level, moments are about the mean foot; rows are forces, N, then moments, N m.
+
+    Returns:
+        Matrix (6, nj + 2) of the factors and the offset of the CoM (m), right side (6,), and the share of each joint
+        torque in each equation, (6, nj).
+    """
     found = leg_inverses(robot, pose.joints, pose.g_up)
     if not pose.stance.any() or not found.observed[pose.stance].all():
         return None
@@ -187,7 +196,7 @@ def equations(robot: Robot, pose: SweptPose) -> tuple[Array, Array, Array] | Non
 
 
 def level_from_up(up: Array) -> Array:
-    """rot_level_from_base (3, 3) for the unit vector up, base_link: x along the trunk's heading."""
+    """Return rot_level_from_base (3, 3) for the unit vector `up` (3,), base_link: x along the trunk's heading."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
     x /= norm(x)
     y = np.array([up[1] * x[2] - up[2] * x[1], up[2] * x[0] - up[0] * x[2], up[0] * x[1] - up[1] * x[0]])
@@ -195,6 +204,9 @@ def level_from_up(up: Array) -> Array:
 
 
 def gain_of_47(moved: float, measured: Sequence[float]) -> float:
-    """Return the paper's single gain: way moved over way measured, each summed over the movements (20 / 26.59 =
-    0.752)."""
+    """Return the paper's single gain: way moved over way measured, each summed over the movements, no unit.
+
+    `moved`: way of one movement, m; `measured`: way by the forces in each movement, m. The paper has 20 / 26.59 =
+    0.752.
+    """
     return moved / float(np.sum(measured))

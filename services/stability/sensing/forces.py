@@ -47,10 +47,10 @@ class MeasuredCom:
 
 
 def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array, torque_variance: float) -> FootForces:
-    """F = J^-T (G(q) - tau): ground on foot, with the weight of the leg itself.
+    """Return the forces of the ground on the feet, F = J^-T (G(q) - tau), with the weight of the leg itself.
 
-    (30) prints F = J^-T Q, which is the force of the foot on the ground and leaves the leg's weight out (20 % of the
-    load of a Ragno leg). J belongs to the point of the foot sphere that touches level ground.
+    Equation (30) prints F = J^-T Q, which is the force of the foot on the ground and leaves the leg's weight out (20 %
+    of the load of a Ragno leg). J belongs to the point of the foot sphere that touches level ground.
 
     Args:
         robot: the robot; legs of three joints are read.

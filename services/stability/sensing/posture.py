@@ -107,7 +107,7 @@ class PosedRobot:
     """rot_world_from_base, (3, 3)."""
 
     def com(self) -> Array:
-        """Centre of mass by kinematics, (3,) m."""
+        """Return the centre of mass by kinematics, (3,) m, frame world."""
         return com_in_world(self.robot.model, self.joints, self.rot, self.base)
 
     def moved(self, movement: Array, stance: Flags) -> Shift:
@@ -142,7 +142,7 @@ class PosedRobot:
         return stance if stance.any() else np.ones_like(stance)
 
     def loaded_legs(self, contacts: ContactSet, names: tuple[str | None, ...]) -> list[int]:
-        """Leg on each contact: by name, else that whose foot is nearest (within 3 cm).
+        """Return the index of the leg on each contact: by name, else that whose foot is nearest (within 3 cm).
 
         Raises:
             StabilityError: a name is unknown or used twice, or no foot is near a contact.
@@ -236,9 +236,10 @@ def stepped(
 
 
 def posed(robot: Robot, joints: ArrayLike, base: BasePose, field: str = "") -> PosedRobot:
-    """Check a posture.
+    """Return a robot in a posture of a request, checked.
 
     Args:
+        robot: the robot.
         joints: (nj,) rad.
         base: pose of base_link.
         field: prefix of the fields in refusals.
@@ -258,7 +259,9 @@ def posed(robot: Robot, joints: ArrayLike, base: BasePose, field: str = "") -> P
 
 
 def torque_limits(robot: Robot, given: ArrayLike | None) -> Array:
-    """Torque limits (nj,) Nm of a robot with legs of three joints: one for all, one for each, or the robot's own.
+    """Return torque limits (nj,) Nm of a robot with legs of three joints: as given, or the robot's own.
+
+    `given`: one number or (nj,) Nm; None = those of the robot.
 
     Raises:
         StabilityError: another kind of robot, or limits that cannot be used.

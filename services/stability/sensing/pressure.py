@@ -39,12 +39,12 @@ class PressureSensor:
     """Standard deviation as a share of the force: place and shape of the contact."""
 
     def voltage(self, force: Array) -> Array:
-        """Return the output of the divider, V, under forces F >= 0 in N."""
+        """Return the output of the divider, V, under forces F >= 0 in N, of any shape."""
         with np.errstate(divide="ignore"):
             return self.supply * self.fixed / (self.fixed + self.resistance_1n * force**-self.exponent)
 
     def force(self, voltage: Array) -> Array:
-        """Return the forces in N for voltages 0 <= V < V_s: the inverse of the characteristic."""
+        """Return the forces in N for voltages 0 <= V < V_s, V, of any shape: the inverse of the characteristic."""
         return (self.resistance_1n * voltage / (self.fixed * (self.supply - voltage))) ** (1.0 / self.exponent)
 
     def line(self) -> tuple[float, float]:
@@ -67,14 +67,19 @@ class PressureSensor:
         return float(np.abs(self.linearised(self.voltage(force)) - force).max())
 
     def variance(self, force: Array) -> Array:
-        """Return the variance of a force read by the characteristic, N^2: repeatability and one step of the
-        converter."""
+        """Return the variance of forces, N, of any shape, read by the characteristic, N^2.
+
+        It holds the repeatability of the sensor and one step of the converter.
+        """
         slope = (self.voltage(force * 1.001) - self.voltage(force * 0.999)) / (0.002 * force)
         return (self.repeatability * force) ** 2 + (self.step / slope) ** 2 / 12.0
 
 
 def read_loads(load: Array, sensor: PressureSensor) -> tuple[Array, Array]:
-    """Return loads, (L,) N, and variances, N^2, for a fusion from the loads that sensors report, (L,) N."""
+    """Return loads, (L,) N, and variances, (L,) N^2, from the loads that sensors report, (L,) N.
+
+    A load below the range of the sensor becomes half of its least one, a load above it NaN.
+    """
     below, inside = load < sensor.least, (load >= sensor.least) & (load < sensor.most)
     value = np.where(inside, load, np.where(below, 0.5 * sensor.least, np.nan))
     variance = np.where(below, sensor.least**2 / 12.0, sensor.variance(np.where(inside, load, sensor.least)))

@@ -57,7 +57,10 @@ class StandingFeet:
         self._touched = np.full(legs, -np.inf)  # time of the last closed switch in this stance
 
     def update(self, stamp: float, touch: Flags, planned: Flags | None) -> Flags:
-        """Return the feet (L,) that stand at `stamp` (s); `planned` stance (L,), None = no plan: switches alone."""
+        """Return the feet that stand at `stamp` s, (L,) bool.
+
+        `touch`: closed switches, (L,); `planned`: feet of the planned stance, (L,), None = no plan: switches alone.
+        """
         return _standing(
             self._touched, self._hold_s, stamp, touch, touch if planned is None else planned, planned is None
         )
@@ -93,7 +96,7 @@ class Status:
 
 @row_kernel
 def level_from_base(g_up: Array) -> Array:
-    """Return rot_level_from_base, (3, 3): z along g_up, x the horizontal part of the trunk's x axis."""
+    """Return rot_level_from_base, (3, 3): z along g_up (3,) m/s^2, base_link, x the trunk's x axis made level."""
     rot = np.empty((3, 3))
     size = math.sqrt(g_up[0] * g_up[0] + g_up[1] * g_up[1] + g_up[2] * g_up[2])
     ux, uy, uz = g_up[0] / size, g_up[1] / size, g_up[2] / size
@@ -179,9 +182,10 @@ def _footing(
 
 
 def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array | None, params: WatchParams) -> Status:
-    """Stability of the present stance.
+    """Return the static stability of the present stance.
 
     Args:
+        robot: the robot.
         joints: (nj,) rad.
         touch: (L,) feet that touch.
         g_up: upward specific force at rest, base_link, (3,) m/s2.

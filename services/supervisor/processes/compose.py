@@ -132,7 +132,7 @@ class Need(FileModel):
 
 
 class ServiceTable(ComposeModel):
-    """A service as it stands in a compose file."""
+    """Table of a service in a compose file, as it was written."""
 
     extends: Text | Extends = ""
     """Service of this file, or of another one, to begin as."""
@@ -223,7 +223,11 @@ def load_compose(name: str | Path) -> Compose:
 
 
 def parse_compose(text: str, path: Path = Path("compose.yaml")) -> Compose:
-    """Validate the text of a compose file; see `load_compose`."""
+    """Return the validated system of the text of a compose file; `path` is its place, for errors and other files.
+
+    Raises:
+        ComposeError: with code, field and a sentence.
+    """
     try:
         content = _content(text)
         if isinstance(content, Mapping):

@@ -15,7 +15,7 @@ MERGED = ("environment", "depends_on", "healthcheck")
 
 
 class Extends(FileModel):
-    """The service that another one begins as."""
+    """Table `extends` of a service: the service, of the same or another file, whose content it begins with."""
 
     service: Text
     file: Text = ""

@@ -120,7 +120,7 @@ class Signs:
         return replace(self, hidden=None if visible else now)
 
     def silence(self, now: float, starved: float) -> float:
-        """Return the seconds since the last sign of progress in which the process could have given another."""
+        """Return the time since the last sign of progress in which the process had a processor, s."""
         return max(0.0, now - self.progress - max(0.0, starved - self.starved))
 
     def words(self, now: float) -> str:

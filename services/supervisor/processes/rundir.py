@@ -116,7 +116,7 @@ class RunFolder:
             raise self._taken()
 
     def held(self) -> bool:
-        """Report whether a live supervisor has this system."""
+        """Return True if a live supervisor runs this system."""
         try:
             with (self.path / "lock").open("rb") as stream:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -160,7 +160,7 @@ class RunFolder:
         self._write("ready.json", report)
 
     def clear_ready(self) -> None:
-        """Forget the report of an earlier system."""
+        """Remove the stored report that an earlier system was ready."""
         (self.path / "ready.json").unlink(missing_ok=True)
 
     def ready(self) -> dict[str, Any] | None:
@@ -175,7 +175,7 @@ class RunFolder:
             return 0.0
 
     def write_processes(self, processes: Mapping[str, Identity]) -> None:
-        """Store which processes are ours."""
+        """Store the identity of each service's process, by which a later supervisor finds them."""
         self._write("processes.json", {name: identity._asdict() for name, identity in processes.items()})
 
     def processes(self) -> dict[str, Identity]:

@@ -205,16 +205,16 @@ class Session:
         return tuple(sorted(name for name in dict(self._alive) if name != DRIVER))
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:
-        """Note a heartbeat of a service's process."""
+        """Record a heartbeat of a service's process; `well`: it is ready for work."""
         self.system.heard(service, pid, well=well)
 
     def ticked(self, owner: str) -> None:
-        """Note that outputs of a service came in a tick."""
+        """Record that outputs of a service came in a tick."""
         name = self.driver if owner == DRIVER else owner
         self.system.ticked(name)
 
     def signal_kill(self, service: str) -> None:
-        """End a service without warning."""
+        """Kill the process of a service at once (SIGKILL)."""
         self.system.signal_kill(service)
 
     def rows(self) -> tuple[ServiceStatus, ...]:
@@ -331,12 +331,12 @@ class Session:
         return start_s, ["it was ended by max_duration_s"] if cut else []
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
-        """Ask a service (raises CallError)."""
+        """Send a request to a service and return its reply (raises CallError)."""
         assert self._bus is not None
         return self._bus.call(query, request, timeout_s)
 
     def answers(self, query: Query[Req, Rep]) -> bool:
-        """Report whether a service answers a query."""
+        """Return True if a service answers a query."""
         assert self._bus is not None
         return self._bus.probe(query)
 

@@ -11,7 +11,7 @@ TIME = ("state", "rtf", "pace", "late", "held", "tick")
 
 
 def health_row(health: Health) -> dict[str, Any]:
-    """Return what a service reports of itself."""
+    """Return the health message of a service as a row of `surefoot status`."""
     return {"doing": health.state, **{name: getattr(health, name) for name in NUMBERS}}
 
 

@@ -51,7 +51,7 @@ class Process(Protocol):
 
 
 class System:
-    """The services of a compose file as processes."""
+    """Processes of the services of a compose file, started, watched and ended by the reconciler's plan."""
 
     def __init__(
         self,
@@ -90,20 +90,20 @@ class System:
         return tuple(self._services)
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:
-        """Note a heartbeat of a process; `well` false: it is still starting. Any thread may call it.
+        """Record a heartbeat of a process; `well` false: it is still starting. Any thread may call it.
 
-        One of a process that is not ours is ignored, whatever service it names.
+        One of a process that is not of this system is ignored, whatever service it names.
         """
         process = self._processes.get(service)
         if process is not None and process.pid == pid:
             self._note(service, well=well)
 
     def ticked(self, service: str) -> None:
-        """Note that a service's outputs came in a tick. Any thread may call it."""
+        """Record that a service's outputs came in a tick. Any thread may call it."""
         self._note(service, well=True)
 
     def seen(self, service: str, *, visible: bool) -> None:
-        """Note that a service's liveliness token appeared or vanished. Any thread may call it."""
+        """Record that a service's liveliness token appeared or vanished. Any thread may call it."""
         with self._noting:
             signs = self._signs.get(service)
             if signs is not None:
@@ -134,7 +134,7 @@ class System:
         return actions
 
     def settled(self) -> bool:
-        """Report whether every service runs and is well."""
+        """Return True if every wanted service runs and is healthy."""
         return settled(self._wanted, self._observed)
 
     def given_up(self) -> tuple[str, ...]:
@@ -144,7 +144,7 @@ class System:
         return tuple(name for name in self._services if name in ended | given_up)
 
     def failure(self) -> str:
-        """Return why a service does not run and is not restarted any more, empty while there is none."""
+        """Return the reason why a service does not run and is not restarted any more, empty while there is none."""
         for name in self.given_up():
             log = self.folder.log(name)
             words = said(next((line.strip() for line in reversed(tail(log, LAST_LINES)) if line.strip()), ""))[:300]
@@ -153,7 +153,7 @@ class System:
         return ""
 
     def running(self) -> bool:
-        """Report whether any process lives."""
+        """Return True if a process of the system lives."""
         return any(process.poll() is None for process in self._processes.values())
 
     def wait(self, patience_s: float) -> None:
@@ -172,7 +172,7 @@ class System:
         return not self.running()
 
     def signal_kill(self, service: str) -> None:
-        """End a service without warning: what a scenario's `kill` step asks for."""
+        """Kill the process of a service at once: what a scenario's `kill` step asks for."""
         process = self._processes.get(service)
         if process is not None:
             process.kill()

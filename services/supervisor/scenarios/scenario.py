@@ -77,7 +77,7 @@ class Kill(FileModel):
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that happens in a run."""
+    """One step of a scenario: a command or a kill, and when it happens."""
 
     __pydantic_config__ = _FILE
 
@@ -122,7 +122,7 @@ class Step:
 
 
 def on_wire(model: type[Req], fields: Mapping[str, Any]) -> Req:
-    """Build a model of the wire from a table; its first complaint becomes ours."""
+    """Return a model of the wire made of a table; its first complaint is raised as an error of the file."""
     try:
         return model.model_validate(fields)
     except ValidationError as exc:
@@ -244,7 +244,11 @@ def load_scenario(name: str | Path) -> Scenario:
 
 
 def parse_scenario(text: str, path: Path = Path("scenario.toml")) -> Scenario:
-    """Validate the text of a scenario file; see `load_scenario`."""
+    """Return the validated scenario of the text of a scenario file; `path` is its place, for errors.
+
+    Raises:
+        ScenarioError: with code, field and a sentence.
+    """
     try:
         try:
             content = tomllib.loads(text)

@@ -53,12 +53,12 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
 
 
 def learn(s: BipedState, p: BipedParams, body: Array) -> None:
-    """Compare the way of a step with the odometry; the quotient of the whole walk counts.
+    """Compare the way of a step with the odometry; the quotient of the whole walk corrects the planned steps.
 
     Args:
         s: state; the step's body pose is not yet taken over.
         p: settings.
-        body: (3,) body pose of the step that ends now.
+        body: x, y (m) and yaw (rad) of the body at the end of the step, odom, (3,).
     """
     if s.seen_then is not None and p.learn > 0.0 and s.learning and not s.held:
         plan, seen = body - s.body, s.seen - s.seen_then
@@ -74,7 +74,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 
 
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
-    """Go down on bent knees: the shorter way down, the softer the ground."""
+    """Lower a lost robot by a tick towards bent knees with its feet where they are: a shorter fall is a softer one."""
     s.clock += 1
     part = smooth(s.clock * TICK_S / p.fold_s)
     folded = robot.neutral.copy()

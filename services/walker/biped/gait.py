@@ -150,7 +150,7 @@ class BipedWalker:
     # --- the tick --------------------------------------------------------------------------------------------------
 
     def step(self, inputs: WalkerInputs) -> WalkerOutputs:
-        """Advance by one control tick."""
+        """Advance the gait by one control tick of 10 ms; return its set-points and state."""
         s = self.state
         self._take(inputs)
         if s.mode is Mode.WAIT and s.measured is not None:

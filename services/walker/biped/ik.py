@@ -39,7 +39,7 @@ class LegGeometry(NamedTuple):
 
 
 def leg_geometry(robot: Robot) -> LegGeometry:
-    """Geometry of a biped's legs.
+    """Return the geometry of a biped's legs, m, base_link axes.
 
     Raises:
         RobotError: the legs are not of this kind; names the leg.
@@ -83,16 +83,17 @@ def _arms(robot: Robot) -> set[int]:
 
 @kernel
 def leg_angles(g: LegGeometry, leg: int, yaw: float, ankle: Array, rot: Array) -> tuple[Array, float, bool]:
-    """Five angles of a leg at a given hip yaw.
+    """Return the angles of a leg that bring ankle and sole to a place, at a given hip yaw.
 
     Args:
+        g: geometry of both legs.
         leg: 0 left, 1 right.
-        yaw: q1, rad.
+        yaw: angle of the hip's yaw joint, rad.
         ankle: ankle point in base_link, (3,) m.
         rot: rot_base_from_foot, (3, 3).
 
     Returns:
-        Six angles (yaw first), yaw of the sole that is left over (rad), whether the ankle is within reach.
+        Six angles (yaw first), (6,) rad; yaw of the sole that is left over, rad; True if the ankle is within reach.
     """
     a, b = g.thigh, g.shin
     r1 = matrix_from_axis_angle(g.yaw_axis[leg], yaw)
@@ -163,10 +164,11 @@ def _solve_yaw(g: LegGeometry, legs: int, start: float, ankles: Array, rots: Arr
 
 @kernel
 def legs_ik(g: LegGeometry, q: Array, ankles: Array, rots: Array) -> tuple[float, bool]:
-    """Angles that bring both ankles and soles where they should be; written into q.
+    """Write into q the angles that bring both ankles and soles where they should be.
 
     Args:
-        q: joint angles, (nj,); the hip yaws in it are the start of the search, the legs' angles are replaced.
+        g: geometry of both legs.
+        q: joint angles, (nj,) rad; the hip yaws in it are the start of the search, the legs' angles are replaced.
         ankles: ankle points in base_link, (2, 3) m.
         rots: rot_base_from_foot, (2, 3, 3).
 

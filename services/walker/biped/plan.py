@@ -15,13 +15,19 @@ LEFT, RIGHT = 0, 1
 
 
 def placed(body: Array, side: int, width: float) -> Array:
-    """Return the place (3,) of a foot beside a body pose (x, y, yaw), m and rad."""
+    """Return the place of a foot `width` m beside a body pose, (3,): x, y (m), yaw (rad), odom.
+
+    `body`: x, y (m), yaw (rad), odom, (3,); `side`: 0 = left, 1 = right.
+    """
     y = width if side == LEFT else -width
     return np.array([body[0] - math.sin(body[2]) * y, body[1] + math.cos(body[2]) * y, body[2]])
 
 
 def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
-    """Return the body's pose x, y (m), yaw (rad), (3,), after a turn, rad, then `forward`, `left`, m, on it."""
+    """Return a body pose after a turn, rad, and then a way `forward` and `left`, m, along the new heading.
+
+    `body` and result: x, y (m), yaw (rad), odom, (3,).
+    """
     yaw = body[2] + turn
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([body[0] + c * forward - s * left, body[1] + s * forward + c * left, yaw])
@@ -29,9 +35,13 @@ def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
 
 @kernel
 def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array:
-    """Return the point at which the ZMP rests on a foot x, y (m), yaw (rad), (2,) m; side 0 = left.
+    """Return the point at which the ZMP rests on a foot, (2,) m, odom.
 
-    ahead, inwards: from the middle of the foot, m, inwards = towards the other foot.
+    Args:
+        foot: x, y (m), yaw (rad), odom, (3,).
+        side: 0 = left, 1 = right.
+        ahead: from the middle of the foot forward, m.
+        inwards: from the middle of the foot towards the other foot, m.
     """
     y = -inwards if side == 0 else inwards
     out = np.empty(2)
@@ -43,15 +53,15 @@ def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array
 
 @kernel
 def reference(points: Array, ticks: Array, double: Array) -> Array:
-    """ZMP reference through support points: a ramp of `double[i]` ticks to point i + 1, rest until `ticks[i]`.
+    """Return the ZMP reference through support points: a ramp of `double[i]` ticks to point i + 1, then rest.
 
     Args:
         points: (n + 1, 2) m, the first is where the ZMP is now.
-        ticks: (n,) length of each phase.
-        double: (n,) length of its ramp.
+        ticks: (n,) length of each phase, ramp and rest, ticks.
+        double: (n,) length of its ramp, ticks.
 
     Returns:
-        (sum of ticks, 2) m.
+        ZMP in each tick, (sum of ticks, 2) m, odom.
     """
     total = 0
     for i in range(ticks.size):
@@ -69,14 +79,17 @@ def reference(points: Array, ticks: Array, double: Array) -> Array:
 
 @kernel
 def smooth(s: float) -> float:
-    """10 s^3 - 15 s^4 + 6 s^5 on [0, 1]: no speed and no acceleration at the ends."""
+    """Return 10 s^3 - 15 s^4 + 6 s^5, s clipped to 0..1: no speed and no acceleration at the ends."""
     s = min(1.0, max(0.0, s))
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
 @kernel
 def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
-    """Return the foot at swing phase s in [0, 1], (4,) x, y, yaw, z, between two (x, y, yaw), `lift` m high midway."""
+    """Return the foot at swing phase s in [0, 1], (4,): x, y (m), yaw (rad), height (m), `lift` m high midway.
+
+    begin, end: x, y (m), yaw (rad) at lift-off and landing, odom, (3,).
+    """
     out = np.empty(4)
     way = smooth(s)
     for i in range(3):
@@ -87,6 +100,6 @@ def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
 
 
 def between(feet: Array) -> Array:
-    """Return the body pose (3,) half way between the feet (2, 3)."""
+    """Return the pose half way between two feet, (3,): x, y (m), yaw (rad); `feet` (2, 3): the same of each, odom."""
     turn = math.atan2(math.sin(feet[1, 2] - feet[0, 2]), math.cos(feet[1, 2] - feet[0, 2]))
     return np.array([*(0.5 * (feet[0, :2] + feet[1, :2])), feet[0, 2] + 0.5 * turn])

@@ -29,12 +29,13 @@ def _rotation(roll: float, pitch: float, yaw: float, out: Array) -> None:
 
 @kernel
 def pose_legs(g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array) -> tuple[float, bool, Array]:
-    """Leg angles for feet and trunk in odom, written into q.
+    """Write into q the leg angles for feet and trunk in odom.
 
     Args:
-        q: joint angles, (nj,); start of the search.
+        g: geometry of both legs.
+        q: joint angles, (nj,) rad; start of the search.
         feet: (2, 4) x, y, yaw, height of the soles, m and rad; soles are level.
-        trunk: (4,) x, y, yaw, height of base_link.
+        trunk: (4,) x, y, yaw, height of base_link, m and rad.
         tilt: (2,) roll and pitch of the trunk, rad.
 
     Returns:
@@ -60,15 +61,16 @@ def pose_legs(g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array) 
 def place_com(
     model: KinematicModel, g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array, com: Array
 ) -> tuple[float, bool, Array]:
-    """Move the trunk until the CoM of all links is over `com` (2,) m; q and trunk are changed in place.
+    """Move the trunk until the centre of mass of all links is over `com`; q and trunk are changed in place.
 
     Args:
+        model: kinematics of the robot.
         g: geometry of its legs.
         q: joint angles, (nj,) rad.
         feet: left and right foot, (2, 4) x, y, yaw, height of the sole, m and rad, odom.
         trunk: base_link, (4,) x, y, yaw, height, m and rad, odom.
         tilt: roll and pitch of the trunk, (2,) rad.
-        com: wanted place, odom.
+        com: wanted place, (2,) m, odom.
 
     Returns:
         Yaw missed by the feet, rad; whether they are within reach; rot_odom_from_base (3, 3).
@@ -86,14 +88,15 @@ def place_com(
 def load_torques(
     model: KinematicModel, q: Array, rot: Array, trunk: Array, push: Array, share: Array, zmp: Array
 ) -> Array:
-    """Torques that hold the robot while it accelerates, (nj,) Nm: G(q) - J'f, links as point loads.
+    """Return the torques that hold the robot while it accelerates, (nj,) Nm: G(q) - J'f, links as point loads.
 
     Args:
-        q: joint angles, (nj,).
+        model: kinematics of the robot.
+        q: joint angles, (nj,) rad.
         rot: rot_odom_from_base, (3, 3).
-        trunk: (4,) pose of base_link.
+        trunk: (4,) x, y, yaw, height of base_link, m and rad, odom.
         push: (3,) m/s2, acceleration of the CoM less gravity: (c'', 9.81), odom.
-        share: (2,) part of the load on each foot.
+        share: (2,) part of the load on each foot, 0 to 1.
         zmp: (2, 2) m, where each foot carries it, odom, on the ground.
     """
     up = np.empty(3)
@@ -125,9 +128,10 @@ def load_torques(
 
 @kernel
 def load_share(zmp: Array, feet: Array) -> Array:
-    """Return the part of the load on each foot, left and right, (2,), for a ZMP (2,) m and feet (2, 2 or more) m.
+    """Return the part of the load on each foot, left and right, (2,), 0 to 1.
 
-    w_left = clip((z - p_right).d / d.d, 0, 1), d = p_left - p_right.
+    w_left = clip((z - p_right).d / d.d, 0, 1), d = p_left - p_right. `zmp`: z, (2,) m; `feet`: x, y of left and right
+    foot first, p, (2, 2 or more) m, odom.
     """
     dx, dy = feet[0, 0] - feet[1, 0], feet[0, 1] - feet[1, 1]
     w = ((zmp[0] - feet[1, 0]) * dx + (zmp[1] - feet[1, 1]) * dy) / (dx * dx + dy * dy)

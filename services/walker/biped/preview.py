@@ -63,7 +63,7 @@ def preview_gains(height: float, dt: float) -> PreviewGains:
 def riccati(a: Array, b: Array, q: Array, r: float) -> Array:
     """Return the stabilising K (n, n) of K = A'KA - A'KB (r + B'KB)^-1 B'KA + Q, by structured doubling.
 
-    a, b, q: A (n, n), B (n, 1), Q (n, n).
+    a, b, q: A (n, n), B (n, 1), Q (n, n), in SI units of the n states.
     """
     n = len(a)
     ak, gk, hk = a.copy(), product(b, b.T) / r, q.copy()

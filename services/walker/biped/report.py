@@ -58,7 +58,7 @@ def outputs(
 
     Args:
         s: state.
-        soles: (2, 4) soles now: x, y, yaw, height; changed.
+        soles: (2, 4) soles now: x, y, yaw, height, m and rad, odom; changed to the landing of a foot in swing.
         phase: of the present step, 0..1.
         double: both feet stand in the present step.
         height: of base_link, m.

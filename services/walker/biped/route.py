@@ -60,7 +60,7 @@ class BipedRoute:
 
     @property
     def finished(self) -> bool:
-        """True if nothing is left."""
+        """True if nothing of the command is left to walk."""
         return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
 
     @property
@@ -80,7 +80,7 @@ class BipedRoute:
         return MotionCommand("walk", distance, self.step / step_s, angle, gait, duration)
 
     def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
-        """Advance, turn and the rest after one step; `scale` shortens it.
+        """Return way (m) and turn (rad) of the next step, and the route after it; `scale`, 0 to 1, shortens the step.
 
         After shortened steps a rest of less than `LITTLE` steps is left: the last step takes it along where it may be
         so long, else it is given up, for it would cost the time of a whole step.
@@ -121,7 +121,10 @@ def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> Biped
 
 
 def first_swing(route: BipedRoute, feet: Array) -> int:
-    """Return the foot that steps first: the inner one of a turn, else the one behind; feet (2, 3) as in `Standing`."""
+    """Return the foot that steps first, 0 = left: the inner one of a turn, else the one behind.
+
+    `feet`: left and right, x, y (m), yaw (rad), odom, (2, 3).
+    """
     if route.step_turn != 0.0:
         return LEFT if route.step_turn > 0.0 else RIGHT
     body = between(feet)

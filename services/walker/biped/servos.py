@@ -18,9 +18,11 @@ from .state import BipedState, Mode
 
 
 class SetPoints:
-    """Holds the trunk where the CoM of the plan wants it, and the servos against their load.
+    """Holds the trunk where the centre of mass of the plan wants it, and the servos against their load.
 
     Args:
+        robot: the robot.
+        geometry: of its legs.
         params: crouch and lean of the stance.
         feet: (2, 4) x, y, yaw, height of the soles under the hips, m and rad.
         middle: (2,) m, where the CoM is over them at rest.
@@ -43,7 +45,14 @@ class SetPoints:
         """Height of the CoM over the soles, m."""
 
     def follow(self, s: BipedState, p: BipedParams, soles: Array, double: int) -> None:
-        """Set joint angles and set-points of this tick; `soles` (2, 4), both bear load for `double` ticks of a step."""
+        """Set joint angles and set-points of this tick in the state `s`.
+
+        Args:
+            s: state; trunk, angles and command are written.
+            p: settings.
+            soles: left and right, (2, 4) x, y, yaw, height, m and rad, odom.
+            double: ticks of a step in which both feet bear load.
+        """
         s.trunk[2] = between(soles)[2]
         s.trunk[3] = self.height
         q = s.q.copy()

@@ -12,7 +12,7 @@ from .route import BipedRoute, Footstep
 
 
 class Mode(Enum):
-    """Stage of the legs' motion."""
+    """Stage of the motion of a biped's legs."""
 
     WAIT = "wait"  # no joint sample yet
     RISE = "rise"  # from the measured joints to the stance
@@ -35,7 +35,11 @@ class AcceptedCommand:
 
 @dataclass(eq=False)
 class BipedState:
-    """State of the walker; frame odom."""
+    """State of the gait of a biped; frame odom.
+
+    `command` are the set-points of the servos, `rise_from` those at which rising or folding began, (nj,) rad;
+    `contacts` whether each foot touches, (2,); `stamp` the time of the tick, s; `steps` and `unreachable` are counts.
+    """
 
     joints: int
     mode: Mode = Mode.WAIT

@@ -32,7 +32,9 @@ LEAST_SHIFT = 0.001  # m; a shorter one changes nothing
 
 @kernel
 def nearest_inside(edges: Array, slack: Array, wanted: float) -> tuple[Array, bool]:
-    """Shortest shift t, (2,), with slack_k - n_k't >= wanted for all edges (Hildreth's method), and whether it exists.
+    """Return the shortest shift t, (2,) m, with slack_k - n_k't >= wanted for all edges, and whether it was found.
+
+    Hildreth's method.
 
     Args:
         edges: outward unit normals n_k, (k, 2).
@@ -65,9 +67,9 @@ def hull_edges(ring: Array) -> tuple[Array, Array]:
 
 
 def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
-    """Shortest shift of the centre of mass, (2,) m, that gives the margin before and after the movement; or None.
+    """Return the shortest shift of the centre of mass, (2,) m, map, for a margin `wanted`, m; None: there is none.
 
-    Where the region has no room for the wanted margin, for a part of it.
+    The margin holds before and after the movement. Where the region has no room for it, a part of it is taken.
     """
     if reply.region is None or reply.com is None or reply.com_after is None or len(reply.region) < 3:
         return None
@@ -180,7 +182,10 @@ def upright(state: WalkerState, place: BodyPose) -> bool:
 
 
 def lean_time(begin: BodyPose, end: BodyPose, params: WalkerParams) -> float:
-    """Return the time of a trunk movement 3 a^2 - 2 a^3 over all feet, s: its acceleration begins with 6 d / T^2."""
+    """Return the time T of a trunk movement over all feet, s: the way d, m, is covered as 3 a^2 - 2 a^3, a = t / T.
+
+    Its largest acceleration, 6 d / T^2 at the beginning, is `params.lean_acceleration`; T is at least `params.lean_s`.
+    """
     way = math.hypot(end.x - begin.x, end.y - begin.y)
     return max(params.lean_s, math.sqrt(6.0 * way / params.lean_acceleration))
 

@@ -103,7 +103,7 @@ class LeggedWalker:
         return self.state.walk_id
 
     def kept(self) -> WalkMemory:
-        """Return the state that a restart must not lose."""
+        """Return the state that a restart of the walker must not lose."""
         s, route = self.state, self.state.route
         if route is None:
             return WalkMemory(s.walk_id, None, None, None, s.offset)
@@ -120,7 +120,7 @@ class LeggedWalker:
     # --- the tick --------------------------------------------------------------------------------------------------
 
     def step(self, inputs: WalkerInputs) -> WalkerOutputs:
-        """Advance by one control tick."""
+        """Advance the gait by one control tick of 10 ms; return its set-points and state."""
         s = self.state
         inputs = anchor.placed(s, inputs)
         self._take(inputs)

@@ -20,7 +20,7 @@ NORMAL_ROUNDS = 4
 
 
 class Rectangle(NamedTuple):
-    """Rectangle in the plane, frame map."""
+    """Rectangle on the floor: middle, heading and half edges, frame map."""
 
     x: float  # m, of its middle
     y: float  # m
@@ -31,7 +31,15 @@ class Rectangle(NamedTuple):
 
 @kernel
 def box_max(z: Heights, cell: float, x0: float, y0: float, under: Rectangle) -> float:
-    """Return the highest cell whose centre lies in a rectangle, m; NaN if it holds no known cell."""
+    """Return the height of the highest cell whose centre lies in a rectangle, m; NaN if it holds no known cell.
+
+    Args:
+        z: heights, (ny, nx) m, map, NaN = unknown.
+        cell: edge of a cell, m.
+        x0: x of the centre of cell [0, 0], m, map.
+        y0: y of the centre of cell [0, 0], m.
+        under: the rectangle.
+    """
     ny, nx = z.shape
     x, y, yaw, half_x, half_y = under
     best = -math.inf
@@ -50,11 +58,20 @@ def box_max(z: Heights, cell: float, x0: float, y0: float, under: Rectangle) -> 
 
 @kernel
 def face_normal(z: Heights, cell: float, x0: float, y0: float, x: float, y: float, bottom: float) -> Array:
-    """Normal of the face a foot stands on, (3,): plane through the cells near the lowest point of the foot.
+    """Return the unit normal of the face a foot stands on, map, (3,): plane through the cells near its lowest point.
 
     Robust least squares, weights 1 / (1 + (e / scale)^2) with e first the height over `bottom`, then the distance
     from the plane of the round before: a foot beside or upon a step sees the level ground it stands on, not the mean
     of both levels. Vertical where fewer than three cells, or cells on one line, are known.
+
+    Args:
+        z: heights, (ny, nx) m, NaN = unknown.
+        cell: edge of a cell, m.
+        x0: x of the centre of cell [0, 0], m, map.
+        y0: y of the centre of cell [0, 0], m.
+        x: x of the lowest point of the foot, m.
+        y: y of the lowest point, m.
+        bottom: height of the lowest point, m.
     """
     ny, nx = z.shape
     row0, row1 = (

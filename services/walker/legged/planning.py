@@ -35,7 +35,7 @@ class PlanningContext:
 
 @dataclass(frozen=True, eq=False)
 class StepPlan:
-    """A step ready to be taken."""
+    """A planned step: swinging feet, their paths, and the motion of the trunk from one pose to another."""
 
     swing: Flags
     """Legs that swing in the step, (L,)."""
@@ -63,13 +63,16 @@ class StepPlan:
 
 
 def rotated(yaw: float, vectors: Array) -> Array:
-    """Return plane vectors (n, 2) turned by yaw, rad."""
+    """Return vectors in the plane, (n, 2), any unit, turned by `yaw` rad, (n, 2)."""
     c, s = math.cos(yaw), math.sin(yaw)
     return product(vectors, np.array([[c, s], [-s, c]]))
 
 
 def centre_height(frame: PlanningContext, x: float, y: float, feet: Array) -> float:
-    """Foot-centre height at (x, y) by the map, or the mean of the present feet where it is unknown."""
+    """Return the height of a foot centre that stands at (x, y) m, map, m; the mean of the feet where it is unknown.
+
+    `feet`: foot centres now, (L, 3) m, map.
+    """
     z = frame.ground.centre_height(x, y) if frame.ground is not None else float("nan")
     return z if np.isfinite(z) else float(np.mean(feet[:, 2]))
 
@@ -92,10 +95,11 @@ def foothold_request(
     """Return the request to the foothold service for all legs of the step.
 
     Args:
-        legs: numbers of the legs that swing.
-        nominal: places where they would land without it, frame odom, (len(legs), 3) m.
+        legs: numbers of the n legs that swing.
+        nominal: places where their foot centres would land without it, frame odom, (n, 3) m.
         end: pose of the trunk after the step.
-        after: way of the trunk in the steps after it.
+        after: way of the trunk in each step after it.
+        gait: gives the number of steps of a stance.
     """
     stance_steps = 2.0 * gait.lead
     x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
@@ -122,7 +126,10 @@ def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float
 
 
 def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
-    """Return the swept ground (n, SAMPLES) and the height of the level part (n,) of the swings of `legs`, m."""
+    """Return the swept ground (n, SAMPLES) m and the height of the level part (n,) m of the swings of n legs.
+
+    `feet`, `feet_to`: foot centres at lift-off and at landing, (L, 3) m, map; ground that is unknown is NaN.
+    """
     swept = np.full((len(legs), swing.SAMPLES), np.nan)
     if frame.ground is not None:
         for k, leg in enumerate(legs):
@@ -133,7 +140,10 @@ def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_
 
 
 def apex(legs: tuple[int, ...], feet: Array, feet_to: Array, top: Array) -> Array:
-    """Return the foot centres in the middle of the swings of `legs` at their tops `top` (n,), (L, 3) m."""
+    """Return the foot centres in the middle of the swings of n legs at their tops, (L, 3) m, map.
+
+    `feet`, `feet_to`: foot centres at lift-off and at landing, (L, 3) m; `top`: height of each swing, (n,) m.
+    """
     high, some = feet_to.copy(), list(legs)
     high[some] = 0.5 * (feet[some] + feet_to[some])
     high[some, 2] = top
@@ -200,11 +210,12 @@ def complete(
 
     Args:
         frame: robot, ground and parameters.
-        legs: numbers of the legs that swing.
-        begin, end: poses of the trunk.
+        legs: numbers of the n legs that swing.
+        begin: pose of the trunk before the step.
+        end: pose of the trunk after it.
         feet: foot centres before the step, frame odom, (L, 3) m.
         feet_to: foot centres after it, (L, 3) m.
-        swings: as from `swing_tops`.
+        swings: swept ground (n, SAMPLES) m and height of the level part (n,) m of each swing.
         status: of the foothold of each leg.
     """
     n, params, (swept, highest) = feet.shape[0], frame.params, swings
@@ -224,7 +235,10 @@ def complete(
 
 
 def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:
-    """Return the points of the ground under standing foot centres (n, 3) m, and its unit normals there, (n, 3)."""
+    """Return the points of the ground under standing feet, (n, 3) m, map, and its unit normals there, (n, 3).
+
+    `feet`: foot centres, (n, 3) m, map.
+    """
     r, ground = frame.robot.foot_radius, frame.ground
     up = np.array([0.0, 0.0, 1.0])
     normals = np.array([up if ground is None else ground.normal(p[0], p[1], p[2] - r) for p in feet])
@@ -255,6 +269,7 @@ def leant_request(frame: PlanningContext, plan: StepPlan, level: Array) -> Stanc
 
     Args:
         frame: robot, settings, ground.
+        plan: the step.
         level: commanded roll and pitch of the trunk, (2,) rad.
     """
     end = plan.end

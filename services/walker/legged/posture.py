@@ -11,7 +11,10 @@ from surefoot.robot.description import KinematicModel
 
 @kernel
 def into_base(feet: Array, body: Array, rot: Array) -> Array:
-    """Return feet (L, 3) m of the map in base_link: rot' (feet - body), rot_map_from_base (3, 3), body (3,) m."""
+    """Return feet (L, 3) m of the map in base_link, (L, 3) m: rot' (feet - body).
+
+    `body`: origin of base_link in the map, (3,) m; `rot`: rot_map_from_base, (3, 3).
+    """
     out = np.empty_like(feet)
     for i in range(feet.shape[0]):
         x, y, z = feet[i, 0] - body[0], feet[i, 1] - body[1], feet[i, 2] - body[2]
@@ -22,7 +25,10 @@ def into_base(feet: Array, body: Array, rot: Array) -> Array:
 
 @kernel
 def into_map(feet_base: Array, body: Array, rot: Array) -> Array:
-    """Return feet (L, 3) m of base_link in the map: body + rot feet, rot_map_from_base (3, 3), body (3,) m."""
+    """Return feet (L, 3) m of base_link in the map, (L, 3) m: body + rot feet.
+
+    `body`: origin of base_link in the map, (3,) m; `rot`: rot_map_from_base, (3, 3).
+    """
     out = np.empty_like(feet_base)
     for i in range(feet_base.shape[0]):
         for k in range(3):
@@ -34,14 +40,14 @@ def into_map(feet_base: Array, body: Array, rot: Array) -> Array:
 
 @kernel
 def share_load(feet: Array, com_xy: Array, support: Array, weight: float) -> Array:
-    """Vertical force on each foot that balances the weight, (L,) N, never negative.
+    """Return the vertical force on each foot that balances the weight, (L,) N, never negative.
 
     Smallest sum of f^2 / support under sum f = W and sum f r = W c: f = S A' (A S A')^-1 b, A = rows (1, x, y) about
     the centre of mass. Without three feet that span a plane the weight is shared in proportion to `support`.
 
     Args:
-        feet: foot centres, (L, 3), any frame with z up.
-        com_xy: centre of mass in that frame, (2,).
+        feet: foot centres, (L, 3) m, any frame with z up.
+        com_xy: centre of mass in that frame, (2,) m.
         support: how far each foot takes part, 0..1, (L,).
         weight: N.
     """
@@ -77,12 +83,13 @@ def share_load(feet: Array, com_xy: Array, support: Array, weight: float) -> Arr
 def set_points(
     model: KinematicModel, feet: Array, body: Array, rot: Array, support: Array, compliance: Array
 ) -> tuple[Array, Array, Flags]:
-    """Servo set-points that hold the trunk at a pose over the feet.
+    """Return the set-points of the servos that hold the trunk at a pose over the feet.
 
     A position servo under the torque tau rests at q = command - tau / kp, tau = G(q) - J'f with f the ground's force
     on the foot; the set-point adds tau / kp.
 
     Args:
+        model: kinematics of the robot.
         feet: wanted foot centres in the map, (L, 3) m.
         body: wanted base_link position, (3,) m.
         rot: rot_map_from_base, (3, 3).
@@ -90,7 +97,7 @@ def set_points(
         compliance: compensated part of 1 / kp of every joint, rad/Nm, (nj,); zeros switch it off.
 
     Returns:
-        set-points (nj,) within the joint limits, joint angles (nj,) without compensation, reachable (L,).
+        Set-points (nj,) rad within the joint limits, joint angles (nj,) rad without compensation, reachable (L,).
     """
     feet_base = into_base(feet, body, rot)
     q, reachable = kinematics.legs_ik(model, feet_base)

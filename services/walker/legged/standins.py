@@ -14,18 +14,21 @@ from ..interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdic
 
 
 def nominal_footholds(request: LandingRequest) -> tuple[FootholdReply, ...]:
-    """Return the nominal foothold of every foot."""
+    """Return the nominal foothold of each leg of a request as the answer of a service that was not asked."""
     return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
 
 
 def ring_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (n, 2) in counter-clockwise order about their mean."""
+    """Return points (n, 2) m in counter-clockwise order about their mean."""
     centre = points.mean(axis=0)
     return points[np.argsort(angle_of(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
 
 
 def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
-    """Distance of c (2,) inside the convex hull of points (n, 2), negative outside (by the nearest edge's line), m."""
+    """Return the distance of c (2,) m from the edge of the convex hull of points (n, 2) m, positive inside, m.
+
+    Outside it is the distance from the line of the nearest edge, negative.
+    """
     ring = ring_of(points)
     margin = math.inf
     for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):

@@ -13,7 +13,7 @@ from .route import LeggedRoute
 
 
 class Stage(Enum):
-    """Stage of the legs' motion."""
+    """Stage of the motion of the legs of a robot with four or six."""
 
     WAIT = "wait"  # no joint sample yet
     SETTLE = "settle"  # bringing every foot to the ground
@@ -23,7 +23,12 @@ class Stage(Enum):
 
 @dataclass(eq=False)
 class WalkerState:
-    """State of the walker; frame map, SI."""
+    """State of the gait of a robot with four or six legs; frame map, SI.
+
+    `body` is the place of base_link, (3,) m, `yaw` its heading, rad, `command` the set-points of the servos, (nj,) rad;
+    `contacts` are the last samples of the foot switches and `landed` the feet that have landed in this step, (L,);
+    stamps are times of samples, s, and `margin` is that of stability in the last plan, m.
+    """
 
     legs: int
     joints: int

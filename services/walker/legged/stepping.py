@@ -109,7 +109,7 @@ def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: 
 
 
 def bear(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
-    """Let standing feet that touch nothing go down, within the depth of a search; returns whether any does.
+    """Let standing feet that touch nothing go down for dt s, within the depth of a search; return True if any does.
 
     None does while fewer than three others touch: a robot that is lifted has no ground to look for.
     """

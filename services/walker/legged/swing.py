@@ -22,7 +22,7 @@ SAMPLES = 13  # heights taken along a swept path
 
 
 class SwingShape(NamedTuple):
-    """Phases of a swing, all in parts of the swing's duration."""
+    """Phases of a swing at which the rise ends and the fall begins and ends, parts of its duration; the slow part."""
 
     rise_end: float = 0.28
     fall_start: float = 0.50
@@ -68,9 +68,16 @@ def progress(go: float, arrive: float, v: float) -> float:
 
 @kernel
 def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive: float, v: float) -> Array:
-    """Return the foot centre at swing phase v, (3,) m, from p0 to p1, (3,) m, over a level part at the height `top`, m.
+    """Return the foot centre at swing phase v, (3,) m, map.
 
-    go, arrive: phases between which it moves sideways.
+    Args:
+        shape: phases of the swing.
+        p0: foot centre at lift-off, (3,) m.
+        p1: foot centre at landing, (3,) m.
+        top: height of the level part, m.
+        go: phase in which the sideways movement begins.
+        arrive: phase in which it ends.
+        v: phase, 0 to 1; above 1 the foot goes on down.
     """
     s = progress(go, arrive, v)
     out = np.empty(3)
@@ -116,8 +123,8 @@ def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> 
 
     Args:
         centres: map of foot centres (dilated by the foot sphere).
-        p0: lift-off, (3,).
-        p1: landing, (3,).
+        p0: lift-off, (3,) m, map.
+        p1: landing, (3,) m, map.
         halfwidth: half the width of the swept corridor, m.
     """
     out = np.empty(SAMPLES)
@@ -168,7 +175,10 @@ def _swept(
 
 
 def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
-    """Return the height of the level part, m: `clearance` over both ends p0, p1 (3,) and the highest swept ground."""
+    """Return the height of the level part of a swing, m: `clearance`, m, over both ends and the highest swept ground.
+
+    p0, p1: foot centres at lift-off and landing, (3,) m; ground: heights of the foot centre along the way, (k,) m.
+    """
     high = float(np.nanmax(ground)) if not np.isnan(ground).all() else -math.inf
     return max(float(p0[2]), float(p1[2]), high) + clearance
 
@@ -204,6 +214,7 @@ def targets(
     """Return foot centres of all legs in this tick, (L, 3) m, and the share of each in the load, 0..1, (L,).
 
     Args:
+        paths: of all feet in the step.
         landed: feet on the ground, (L,).
         v: swing phase.
         present: foot centres of the last tick, (L, 3) m.
