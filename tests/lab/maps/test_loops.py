@@ -1,6 +1,7 @@
 """Walks whose poses drift, of a camera that is tilted: both found together, from what is seen again."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ WAY = [(0.02 * k, 0.0, 0.0) for k in range(60)] + [(1.2, 0.0, 0.2 * k) for k in 
 def stated(looks: list[FloorLook], longer: float, bend: float) -> list[FloorLook]:
     """Return looks whose poses are those of an odometry: all ways `longer`, the heading bent by `bend` rad/m."""
     made, pose, heading = [looks[0]], looks[0].pose, looks[0].pose[2]
-    for before, now in zip(looks, looks[1:], strict=False):
+    for before, now in pairwise(looks):
         dx, dy = now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]
         c, s = math.cos(heading - before.pose[2]), math.sin(heading - before.pose[2])
         x = pose[0] + (1.0 + longer) * (c * dx - s * dy)
