@@ -100,13 +100,18 @@ def read_looks(path: Path, eye: Eye, source: str | None) -> tuple[list[FloorLook
 
 
 def looks_of(messages: Iterable[tuple[str, Any]], eye: Eye, source: str, robot: Robot) -> list[FloorLook]:
-    """Return features and poses of the images among the messages of one run; images without features are left out.
+    """Return features and poses of the images among the messages of one run, in order.
+
+    Images that the eye finds fault with, or without odometry and joints close in time, are left out.
 
     Args:
         messages: key and message of each, in any order.
         eye: finds the features.
         source: key of the poses, which are interpolated at the stamp of an image.
         robot: its feet give the height of the camera over the floor.
+
+    Raises:
+        Refusal: an image is none, or its camera does not look at the floor.
     """
     rank = {HW_IMAGE.key: 1}
     order = sorted(messages, key=lambda item: (item[1].tick, rank.get(item[0], 0)))

@@ -198,6 +198,7 @@ class Localiser:
 
         Args:
             frame: landmarks; its stamp is the end of the exposure.
+            gait: state of the walker: a standing robot sees with less noise.
             now: simulated time, s.
             match: share of the landmarks in view that the action under way recognises; None = the least of the model.
 

@@ -84,7 +84,11 @@ class Maps:
 
     @property
     def costs(self) -> Costs | None:
-        """The grid prepared for planning, None without a map; made when it is first needed."""
+        """The grid prepared for planning, None without a map; made when it is first needed.
+
+        Raises:
+            Refusal: the cells of the map are too small for the distances from obstacles.
+        """
         if self._costs is None and self.grid is not None:
             self._costs = prepare(self.grid, self._clearance)
         return self._costs

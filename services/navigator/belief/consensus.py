@@ -218,7 +218,7 @@ def _best_motion(
 
 @row_kernel
 def consensus(mean: Array, cov: Array, found: Matched, noise: SightNoise, limits: MatchLimits, seed: int) -> Flags:
-    """Return True, (k,), for the matches that agree with the best rigid motion through two of them.
+    """Return True, (k,), for the matches that agree with the best rigid motion through two of them; one alone agrees.
 
     The best motion has the least sum over all matches of min(misfit, gate) + ln(b'/b) (MSAC; b' is the variance of the
     bearing with that of the motion's heading: a loose motion explains everything). It is refined by least squares over

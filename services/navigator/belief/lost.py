@@ -66,8 +66,8 @@ class LostModel:
     """Numbers of the check whether the believed pose is wrong: shares and rates of its hypotheses.
 
     The hypotheses are that the pose is right, that the robot was displaced, that the map does not fit, that the robot
-    is off the map, and that it sees nothing. Three shares are positive and add up to 1; rates are positive. Nothing
-    checks them.
+    is off the map, and that it sees nothing. The shares of a hypothesis are positive and add up to 1, rates are
+    positive; neither is checked.
     """
 
     right: Shares = (0.72, 0.20, 0.08)

@@ -103,7 +103,9 @@ class SearchMap(NamedTuple):
     goal: int
     """Index of the goal in the flattened array, or NOWHERE."""
     goal_row: int
+    """Row of the goal in the padded array."""
     goal_col: int
+    """Column of the goal in the padded array."""
     offsets: Ints
     """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
     onward: Ints
@@ -123,7 +125,13 @@ class Successors(NamedTuple):
 
 @row_kernel
 def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
-    """Return the constants of a search for one goal: weights with a border (rows + 2, cols + 2), goal, neighbours."""
+    """Return the constants of a search for one goal.
+
+    Args:
+        weight: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
+        goal: index of a cell in the flattened array, or NOWHERE.
+        marks: costs between marks and cells, (cells, marks), no unit.
+    """
     wide = weight.shape[1]
     return SearchMap(
         weight.ravel(),
@@ -139,7 +147,7 @@ def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
 
 @row_kernel
 def bound(floor: SearchMap, cell: int) -> int:
-    """Return a lower bound of the cost from a cell to the goal, no unit: a step over an edge costs 2 UNIT STRAIGHT.
+    """Return a lower bound of the cost from a cell to the goal, no unit, an edge costing 2 UNIT STRAIGHT or more.
 
     Without a goal it is 0.
 
