@@ -268,7 +268,7 @@ def _residuals(seen: Sightings, track: Index, poses: Array, places: Array, optio
 def _improve(
     seen: Sightings, track: Index, poses: Array, places: Array, common: Array, options: BuildOptions
 ) -> float:  # fmt: skip
-    """Move poses (f, 3) m, rad, places (k, 2) m and common errors by one step, in place; return the largest move, m."""
+    """Move poses (f, 3) m, rad, places (k, 2) m and common errors in place; return the largest move of a place, m."""
     m, f, n = len(track), len(poses), len(places)
     d, q, nu = _geometry(seen.straightened(*_errors(common, options)), track, poses, places)
     sd_r, sd_b = _relative(options, q) * q, np.full(m, options.bearing_sd)

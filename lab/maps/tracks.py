@@ -157,7 +157,7 @@ def _of_one_motion(
     """Return the distances of looks, infinite where a feature comes again without one motion that many agree on.
 
     Args:
-        apart: distances of n sightings and m near tracks, (n, m), changed.
+        apart: distances of the looks of n sightings and m near tracks, (n, m).
         limit: largest distance of two looks of one feature.
         near: numbers of the tracks, (m,).
         look: of the sightings.

@@ -33,8 +33,7 @@ class Maps:
         keep: time for which an obstacle that the map does not know is remembered, s.
 
     Raises:
-        Refusal: a map file that cannot be used, or a radius of the robot above
-            `Clearance.comfort`.
+        Refusal: a map file that cannot be used, or a radius of the robot above `Clearance.comfort`.
     """
 
     def __init__(self, config: NavigatorConfig, keep: float = Conduct().remember) -> None:
