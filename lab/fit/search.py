@@ -88,11 +88,11 @@ class Likelihood:
         self._pool.shutdown(cancel_futures=True)
 
     def __call__(self, thetas: Array) -> Array:
-        """Return the sums over the recordings, (m,), for parameters (m, PARAMETERS)."""
+        """Return the sums of -ln L over the recordings, nats, (m,), for m sets of parameters (m, PARAMETERS)."""
         return self.each(thetas).sum(axis=0)
 
     def each(self, thetas: Array) -> Array:
-        """Return the values of each recording, (R, m), under each row of thetas (m, P)."""
+        """Return -ln L of each recording, nats, (R, m), under m sets of parameters `thetas` (m, PARAMETERS)."""
         parts = np.array_split(thetas, min(len(thetas), math.ceil(self._cores / len(self._runs))))
         jobs = [[self._pool.submit(self._one, run, part) for part in parts] for run in self._runs]
         values = np.array([np.concatenate([job.result() for job in row]) for row in jobs])
@@ -114,14 +114,14 @@ class _Surface:
         return np.array([math.log(self.theta[i.index]) if i.positive else self.theta[i.index] for i in self.wanted])
 
     def full(self, x: Array) -> Array:
-        """Return the parameters (m, PARAMETERS) of coordinates (m, P)."""
+        """Return the parameters (m, PARAMETERS), SI, of coordinates `x` (m, P)."""
         out = np.tile(self.theta, (len(x), 1))
         for column, item in zip(x.T, self.wanted, strict=True):
             out[:, item.index] = np.exp(np.clip(column, LOWEST - 1.0, HIGHEST + 1.0)) if item.positive else column
         return out
 
     def values(self, x: Array) -> Array:
-        """Return the values at coordinates (m, P), (m,)."""
+        """Return -ln L, nats, at coordinates `x` (m, P), (m,)."""
         return self.likelihood(self.full(x))
 
     def slopes(self, x: Array) -> Array:

@@ -61,9 +61,10 @@ class BuildOptions:
     scale_sd: float = 0.0
     """Standard deviation of a part by which all ways of odometry are too long, 0 = there is no such error."""
     bend_sds: tuple[float, ...] = ()
-    """Standard deviations of the errors that all detections share, one for each column of `Sightings.bends`."""
+    """Standard deviations of the b errors that all detections share, one for each column of `Sightings.bends`."""
     sway_sds: tuple[float, ...] = ()
-    """Standard deviations of the errors that the detections of one frame share, for the first columns of it."""
+    """Standard deviations of the s errors that the detections of one frame share, s <= b, for the first columns of
+    `Sightings.bends`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,8 @@ class BuiltMap:
     look_sd: float
     """Noise of the descriptors, given or estimated."""
     common: Array
-    """Errors that all detections share, one for each column of `Sightings.bends`, and that of the ways, (k + 1,)."""
+    """Errors that all detections share, one for each of b columns of `Sightings.bends`, the part by which all ways are
+    too long, and the s errors of the detections of each frame, (b + 1 + f s,)."""
     detections: int
     """Detections in the recording."""
     used: int
@@ -105,7 +107,7 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
         source: named in the map.
 
     Raises:
-        SurefootError: no landmark was seen often enough.
+        SurefootError: no landmark was seen often enough, or, without `look_sd`, none in two frames in a row.
     """
     options = options or BuildOptions()
     look_sd = options.look_sd or estimated_look_noise(seen)
@@ -161,7 +163,11 @@ def fitted(
 
 
 def estimated_look_noise(seen: Sightings) -> float:
-    """Return the noise of a descriptor's elements, from alike detections in frames that follow each other."""
+    """Return the standard deviation of a descriptor's elements, from alike detections in frames that follow each other.
+
+    Raises:
+        SurefootError: no landmark was seen in two frames that follow each other.
+    """
     frames = np.split(np.arange(len(seen.frame)), np.flatnonzero(np.diff(seen.frame)) + 1)
     near: list[Array] = []
     for a, b in pairwise(frames):
@@ -176,10 +182,15 @@ def estimated_look_noise(seen: Sightings) -> float:
 
 
 def associate(seen: Sightings, look_sd: float, options: BuildOptions) -> Index:
-    """Return the landmark of each detection, numbered in the order of their first sight.
+    """Return the landmark of each of m detections, numbered in the order of their first sight, (m,).
 
     A detection is the landmark that looks alike within noise and lies where it should by odometry; the slack grows with
     the way since the landmark was seen last.
+
+    Args:
+        seen: detections and odometry.
+        look_sd: noise of each element of a descriptor.
+        options: noise of sight and odometry.
     """
     limit = 2.0 * look_sd * math.sqrt(2.0 * seen.looks.shape[1])
     way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(seen.poses[:, :2], axis=0).T))))
@@ -234,7 +245,11 @@ def _wrapped(angle: Array) -> Array:
 
 
 def _geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tuple[Array, Array, Array]:
-    """Return offsets of the landmarks (m, 2), their length (m,), and residuals of range and bearing (m, 2)."""
+    """Return offsets of the landmarks, map, (m, 2) m, their length (m,) m, and residuals of range and bearing (m, 2).
+
+    `track` (m,): landmark of each detection; `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m, map. Residuals
+    are in m and rad.
+    """
     d = places[track] - poses[seen.frame, :2]
     q = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-6)
     bearing = _wrapped(seen.bearings - np.arctan2(d[:, 1], d[:, 0]) + poses[seen.frame, 2])
@@ -242,7 +257,10 @@ def _geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tup
 
 
 def _residuals(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> Array:
-    """Return the residuals of range and bearing in standard deviations, (m, 2), of poses (f, 3) and places (k, 2) m."""
+    """Return the residuals of range and bearing in standard deviations, (m, 2).
+
+    `track` (m,): landmark of each detection; `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m, map.
+    """
     _, q, nu = _geometry(seen, track, poses, places)
     return nu / np.stack((_relative(options, q) * q, np.full(len(q), options.bearing_sd)), axis=1)
 
@@ -250,10 +268,7 @@ def _residuals(seen: Sightings, track: Index, poses: Array, places: Array, optio
 def _improve(
     seen: Sightings, track: Index, poses: Array, places: Array, common: Array, options: BuildOptions
 ) -> float:  # fmt: skip
-    """Take one step of Gauss and Newton, in place; return the largest correction of a place, m.
-
-    `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m; `common`: errors of all detections and of all ways.
-    """
+    """Move poses (f, 3) m, rad, places (k, 2) m and common errors in place; return the largest move of a place, m."""
     m, f, n = len(track), len(poses), len(places)
     d, q, nu = _geometry(seen.straightened(*_errors(common, options)), track, poses, places)
     sd_r, sd_b = _relative(options, q) * q, np.full(m, options.bearing_sd)
@@ -311,13 +326,19 @@ def _improve(
 
 
 def _errors(common: Array, options: BuildOptions) -> tuple[Array, Array]:
-    """Return the errors of all detections, (k,), and of those of each frame, (f, s)."""
+    """Return the errors of all detections, (b,), and of those of each of f frames, (f, s).
+
+    `common` (b + 1 + f s,): these errors in a row, with that of the ways between.
+    """
     bends, sways = len(options.bend_sds), len(options.sway_sds)
     return common[:bends], common[bends + 1 :].reshape(-1, max(1, sways))[:, :sways]
 
 
 def _between(poses: Array) -> Array:
-    """Return the motion from each pose to the next in the axes of the first, (f - 1, 3)."""
+    """Return the motion from each pose to the next in the axes of the first, m, m, rad, (f - 1, 3).
+
+    `poses`: x, y (m), heading (rad), (f, 3).
+    """
     d = np.diff(poses, axis=0)
     c, s = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
     return np.stack((c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], d[:, 2]), axis=1)
@@ -332,7 +353,17 @@ def _place_sd(
     places: Array,
     options: BuildOptions,
 ) -> Array:
-    """Return the standard deviation of the kept places by their detections alone, (k,) m."""
+    """Return the standard deviation of the kept places by their detections alone, (k,) m.
+
+    Args:
+        seen: m detections.
+        track: landmark of each, (m,).
+        used: detections of landmarks that were kept, (m,).
+        new: number of each landmark among the k kept ones, -1 = not kept, (n,).
+        poses: x, y (m), heading (rad) of the frames, (f, 3).
+        places: of the landmarks, (n, 2) m.
+        options: noise.
+    """
     d, q, _ = _geometry(seen, track, poses, places)
     u = d / q[:, None]
     along, across = 1.0 / (_relative(options, q) * q) ** 2, 1.0 / (options.bearing_sd * q) ** 2

@@ -38,7 +38,7 @@ MOST_OF_IMAGE, MOST_OF_TILE = 250, 4000
 AHEAD, SMALLEST = np.array([[0.75, 0.0], [0.75, 0.3]]), 1e-3
 """Points of the floor and least way by which an error of the camera moves them that is taken off, m."""
 TILE, OVERLAP = 1000, 60
-"""px, parts of a photograph."""
+"""Edge of a part of a photograph that is searched at once, and what two parts share, px."""
 
 
 def map_of(
@@ -49,11 +49,11 @@ def map_of(
     Args:
         looks: features and poses of the images, in order.
         eye: its extractor and patch found them.
-        camera: in words.
-        source: in words.
-        exact: the poses are; else they are improved with the places.
-        least: images that a feature was seen in.
-        per_m2: largest density.
+        camera: the camera in words, kept in the map.
+        source: origin of the images in words, kept in the map.
+        exact: the poses are exact; else they are improved together with the places.
+        least: number of images that a feature was seen in, at least.
+        per_m2: largest density of features, 1/m^2.
 
     Raises:
         SurefootError: no feature was seen often enough, or a camera is not above the floor.
@@ -100,7 +100,19 @@ def read_looks(path: Path, eye: Eye, source: str | None) -> tuple[list[FloorLook
 
 
 def looks_of(messages: Iterable[tuple[str, Any]], eye: Eye, source: str, robot: Robot) -> list[FloorLook]:
-    """Return features and poses of images among messages, by key, of one run."""
+    """Return features and poses of the images among the messages of one run, in order.
+
+    Images that the eye finds fault with, or without odometry and joints close in time, are left out.
+
+    Args:
+        messages: key and message of each, in any order.
+        eye: finds the features.
+        source: key of the poses, which are interpolated at the stamp of an image.
+        robot: its feet give the height of the camera over the floor.
+
+    Raises:
+        Refusal: an image is none, or its camera does not look at the floor.
+    """
     rank = {HW_IMAGE.key: 1}
     order = sorted(messages, key=lambda item: (item[1].tick, rank.get(item[0], 0)))
     motion, looks = MotionHistory(robot), list[FloorLook]()
@@ -136,7 +148,10 @@ def _pose_of(key: str, message: Any) -> tuple[float, float, float]:
 
 
 def camera_words(messages: Iterable[tuple[str, Any]]) -> str:
-    """Return what the first image states of its camera, in words."""
+    """Return size and focal length, px, that the first image states of its camera, in words.
+
+    `messages`: key and message of each; one of them is an image.
+    """
     image = next(message for key, message in messages if key == HW_IMAGE.key)
     return f"{image.width} x {image.height} px, focal length {image.focal:.1f} px"
 
@@ -149,8 +164,9 @@ def map_of_photograph(
     Args:
         path: picture file.
         width: of what it shows, m.
-        patch: its pixel is the scale at which features are looked for.
-        per_m2: largest density.
+        extractor: finds the features.
+        patch: its pixel, m, is the scale at which features are looked for.
+        per_m2: largest density of features, 1/m^2.
 
     Raises:
         SurefootError: the picture cannot be read, or shows nothing.
@@ -182,7 +198,7 @@ def map_of_photograph(
 
 
 def holds_images(path: Path) -> bool:
-    """Return whether a recording has images; False for what is no recording."""
+    """Return True if a recording has images; False for what is no recording."""
     try:
         return next(iter(read_recording(path, (HW_IMAGE.key,))), None) is not None
     except SurefootError:
@@ -190,7 +206,14 @@ def holds_images(path: Path) -> bool:
 
 
 def map_of_source(source: Path, features: str, poses: str | None, width: float | None, least: int) -> FeatureMap:
-    """Return the map of a recording with images, or of a picture `width` m wide.
+    """Return the map of a recording with images, or of a picture of the floor.
+
+    Args:
+        source: recording, or picture file.
+        features: kind of the features, `orb` or `sift`.
+        poses: key of the poses; None = state/pose where it is recorded, else state/odometry.
+        width: of what the picture shows, m; None = the source is a recording.
+        least: number of images that a feature was seen in, at least.
 
     Raises:
         SurefootError: names the option that is wrong, or what the source lacks.

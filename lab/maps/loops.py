@@ -3,7 +3,7 @@
 Features are tracked by the poses as they are; a floor that comes into view again closes the loop where many features
 agree on one motion. Poses, places, the tilt of the camera, the lean of the floor and the part by which all ways are too
 long are then found together (`.build`): the tilt moves features by T(d) = h I + d d^T / h (`.turned`), which grows with
-the square of the distance d, and a wrong way with d itself, so that one walk tells them apart.
+the square of the distance d, and a wrong way with d itself, so that one walk separates them.
 """
 
 import math
@@ -33,12 +33,12 @@ USED_PER_M2 = 150.0
 
 
 def sightings_of(looks: list[FloorLook], tracks: NDArray[np.int64], used: NDArray[np.bool_]) -> Sightings:
-    """Return some of the features of images as detections by range and bearing.
+    """Return some of the features of images as m detections by range and bearing.
 
     Args:
-        looks: of a walk.
+        looks: features and poses of the images of a walk, n sightings in all.
         tracks: number of each sighting's feature, (n,).
-        used: which sightings, (n,).
+        used: True for the m sightings to take, (n,) bool.
     """
     places = np.concatenate([look.places for look in looks])[used]
     moved = np.concatenate([effects(look, TILTS) for look in looks])[used][:, :, :TILTS]
@@ -59,10 +59,10 @@ def closed(looks: list[FloorLook], kind: Kind, least: int, rounds: int = 3) -> l
     """Return the looks with poses that fit together, as a camera that stands straight has them.
 
     Args:
-        looks: of a walk, in order.
+        looks: features and poses of the images of a walk, in order.
         kind: of the descriptors.
-        least: images that a feature was seen in, at least.
-        rounds: of tracking and improving.
+        least: number of images that a feature was seen in, at least.
+        rounds: number of times that features are tracked and poses improved.
 
     Raises:
         SurefootError: no feature was seen often enough, or a camera is not above the floor.

@@ -23,18 +23,23 @@ class Sightings:
     frame: NDArray[np.int64]
     """Frame of each detection, (m,)."""
     ranges: Array
-    """Distance of each detection from the camera, m, (m,)."""
+    """Distance of each detection from base_link along the floor, m, (m,)."""
     bearings: Array
-    """Direction of each detection from the camera, rad, left positive, (m,)."""
+    """Direction of each detection against the heading of base_link, rad, left positive, (m,)."""
     looks: Array
     """Descriptor of each detection, k numbers, (m, k)."""
     source: str
     """Key of the poses."""
     bends: Array = field(default_factory=lambda: np.zeros((0, 2, 0)))
-    """What k errors that all detections share add to range, m, and bearing, rad, per unit of each, (m, 2, k)."""
+    """Effect of k errors that all detections share on range, m, and bearing, rad, per unit of each error, (m, 2, k)."""
 
     def straightened(self, errors: Array, sway: Array) -> "Sightings":
-        """Return the sightings without the errors that all share, (k,), and those that a frame shares, (n, s <= k)."""
+        """Return the sightings without the errors that all share and those that the detections of a frame share.
+
+        Args:
+            errors: that all share, (k,), one for each column of `bends`; (0,) = nothing is taken off.
+            sway: that the detections of each frame share, (n, s), s <= k, for the first s columns of `bends`.
+        """
         if not len(errors):
             return self
         off = self.bends @ errors
@@ -84,7 +89,17 @@ def read_sightings(path: Path, progress: Callable[[float], None] | None = None) 
 def _joined(
     frames: list[tuple[int, Any]], poses: list[tuple[int, tuple[float, float, float]]], source: str, path: Path
 ) -> Sightings:
-    """Give every frame its pose."""
+    """Return the sightings of frames, each with the last pose at or before its stamp.
+
+    Args:
+        frames: stamp (ns) and message of each.
+        poses: stamp (ns) and x, y (m), heading (rad) of each, by time.
+        source: key of the poses.
+        path: of the recording, for the message of an error.
+
+    Raises:
+        SurefootError: no detection with a pose and a descriptor, or descriptors of several lengths.
+    """
     stamps = np.array([stamp for stamp, _ in poses])
     taken, number, ranges, bearings = list[tuple[float, float, float]](), list[int](), list[float](), list[float]()
     looks: list[tuple[float, ...]] = []

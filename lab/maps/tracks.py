@@ -22,7 +22,7 @@ SAME = 0.03
 LOOK = 0.85
 """Part of the largest distance of two looks within which a sighting belongs to a feature."""
 PASSAGE = 0.3
-"""m walked without a sight of a feature, after which the next one is of another passage."""
+"""Way without a sight of a feature after which the next one is of another passage, m."""
 AGAIN = RecogniseParams(inlier=0.04)
 """Limits of the one motion on which features that are seen again agree: a tilt of 1 deg moves them by 3 cm."""
 FEWEST, SHARE, RATIO, TURNED = 6, 0.3, 0.85, 0.3
@@ -44,7 +44,7 @@ class Tracks:
     totals: Array
     """Sums of the descriptors, bits of ORB each as a number, (n, k)."""
     looks: NDArray[Any]
-    """Mean descriptor of each, (n, code): by majority of bits for orb."""
+    """Mean descriptor of each, (n, code): bytes by majority of bits for ORB, numbers of SIFT."""
     count: Index
     """Images that each was seen in, (n,)."""
     last: Index
@@ -54,31 +54,34 @@ class Tracks:
 
     @staticmethod
     def none(kind: Kind) -> "Tracks":
-        """Return no track."""
+        """Return an empty set of tracks."""
         zero, code = np.zeros(0, dtype=np.int64), nothing(kind).descriptors
         return Tracks(kind, np.zeros((0, 2)), numbers(kind, code), code, zero, zero, np.zeros(0))
 
     def part(self, n: int | Index) -> "Tracks":
-        """Return the first n tracks, or those of the indices n (k,)."""
+        """Return the first n tracks, or those of the indices n, (k,)."""
         which = slice(n) if isinstance(n, int) else n
         return Tracks(self.kind, *(getattr(self, each.name)[which] for each in fields(self)[1:]))
 
     def grown(self, room: int) -> "Tracks":
-        """Return these tracks with zeros behind them, `room` in all."""
+        """Return these tracks with zeros behind them, `room` tracks in all."""
         more = (getattr(self, each.name) for each in fields(self)[1:])
         return Tracks(self.kind, *(np.concatenate((a, np.zeros((room - len(a), *a.shape[1:]), a.dtype))) for a in more))
 
 
 def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
-    """Return descriptors (n, d) as float numbers whose mean has a meaning: single bits (orb), else as they are."""
+    """Return descriptors as numbers (n, b) whose mean has a meaning, no unit: single bits (orb), else as they are.
+
+    `descriptors`: (n, d), bytes of ORB or numbers of SIFT; b = 8 d for ORB, else d.
+    """
     return (np.unpackbits(descriptors, axis=1) if kind == "orb" else descriptors).astype(np.float64)
 
 
 def track(looks: list[FloorLook], kind: Kind, drift: float) -> tuple[Tracks, Index]:
-    """Return the features of images, and the feature of each sighting in order, (sightings,).
+    """Return the features of images, and the index of the feature of each sighting in order, (sightings,).
 
     Args:
-        looks: of a walk, in order.
+        looks: features and poses of the images of a walk, in order.
         kind: of the descriptors.
         drift: part of the way by which its poses drift, one standard deviation; 0 = they are exact.
     """
@@ -114,14 +117,14 @@ def track(looks: list[FloorLook], kind: Kind, drift: float) -> tuple[Tracks, Ind
 
 
 def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, again: NDArray[np.bool_] | None) -> Index:
-    """Return the track of each sighting, -1 = a new one; each track at most once.
+    """Return the track of each sighting, (n,), -1 = a new one; each track at most once.
 
     Args:
         at: places of the sightings in the map, (n, 2) m.
-        look: that they are of.
+        look: features of the image, the n sightings.
         found: tracks so far.
         slack: largest distance of a sighting from each track, (tracks,) m.
-        again: tracks that were out of sight for long, (tracks,): they count only where many agree on one motion;
+        again: tracks that were out of sight for long, (tracks,) bool: they count only where many agree on one motion;
             None = each counts.
     """
     mine = np.full(len(at), -1, dtype=np.int64)
@@ -154,12 +157,15 @@ def _of_one_motion(
     """Return the distances of looks, infinite where a feature comes again without one motion that many agree on.
 
     Args:
-        apart: distances, (n, m), of sightings and near tracks.
+        apart: distances of the looks of n sightings and m near tracks, (n, m).
         limit: largest distance of two looks of one feature.
         near: numbers of the tracks, (m,).
         look: of the sightings.
         found: all tracks.
-        again: near tracks that were out of sight for long, (m,).
+        again: near tracks that were out of sight for long, (m,) bool.
+
+    Returns:
+        Distances, (n, m): bits of ORB, Euclidean of SIFT.
     """
     old = np.flatnonzero(again)
     if not len(old):
@@ -181,7 +187,11 @@ def _of_one_motion(
 
 
 def often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
-    """Return the indices of the features of `least` sightings or more (raises SurefootError: there are no two)."""
+    """Return the indices of the features of `least` sightings or more, (k,).
+
+    Raises:
+        SurefootError: there are no two.
+    """
     kept = np.flatnonzero(found.count >= least)
     if len(kept) < 2:
         most = int(found.count.max(initial=0))

@@ -31,24 +31,25 @@ PLACE_SD, HUBER, ROUNDS = 0.01, 0.02, 5
 
 
 class FloorLook(NamedTuple):
-    """Features of one image, their places and descriptors (n, bytes or numbers), and the pose it was taken from."""
+    """Features of one image, and the pose it was taken from."""
 
     pose: tuple[float, float, float]
-    """x, y in m and heading in rad."""
+    """Pose of base_link, x, y in m and heading in rad, frame map or odom."""
     places: Array
-    """In heading axes of base_link, (n, 2) m."""
+    """Places of the features in heading axes of base_link, (n, 2) m."""
     descriptors: NDArray[np.generic]
+    """Descriptors of the features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
     camera: tuple[float, float, float] = (0.0, 0.0, HEIGHT)
-    """Camera in heading axes of base_link, origin on the floor, m."""
+    """Place of the camera in heading axes of base_link, origin on the floor, m."""
 
 
 def tilts(places: Array, camera: tuple[float, float, float]) -> Array:
     """Return the movement of points of the floor in an image by a pitch and a roll of one radian, (n, 2, 2) m/rad.
 
-    The last axis is pitch, roll.
+    Axes are point, x and y, then pitch and roll.
 
     Args:
-        places: points, (n, 2) m.
+        places: points in heading axes of base_link, (n, 2) m.
         camera: x, y and height, m, in the same axes.
     """
     d, h = places - camera[:2], camera[2]
@@ -59,8 +60,8 @@ def tilts(places: Array, camera: tuple[float, float, float]) -> Array:
 def effects(look: FloorLook, free: int = ALL) -> Array:
     """Return the derivative of the seen places of a look by seven errors of camera and floor, (n, 2, 7), m/rad or 1.
 
-    The errors are pitch p and roll q of the camera, lean f, g of the floor, turn aside s, shift u, v; columns beyond
-    `free` are 0.
+    Places are in heading axes of base_link. The errors are pitch p and roll q of the camera, lean f, g of the floor,
+    turn aside s, rad, shift u, v, m; columns beyond `free` are 0.
     """
     found, places = np.zeros((len(look.places), 2, ALL)), look.places
     found[:, :, :2] = tilts(places, look.camera)
@@ -78,7 +79,11 @@ def turn_of(heading: float) -> Array:
 
 
 def check_cameras(looks: list[FloorLook]) -> None:
-    """Raise InvalidField where the camera of a look is not above the floor."""
+    """Check the cameras of the looks of a walk.
+
+    Raises:
+        InvalidField: one is not above the floor.
+    """
     for number, look in enumerate(looks):
         if not 0.0 < look.camera[2] < math.inf:
             raise InvalidField("camera", f"got height {look.camera[2]:g} m in look {number}, allowed is > 0")
@@ -91,9 +96,9 @@ def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = 
     shift u, v, m.
 
     Args:
-        looks: of a walk.
+        looks: features and poses of the images of a walk.
         tracks: feature of each sighting in order, (n,); sightings of one feature lie where poses hold together.
-        free: how many of the seven are looked for, the others are 0.
+        free: number of the seven that are looked for, the first ones; the others are 0.
 
     Raises:
         InvalidField: a camera is not above the floor.
@@ -121,13 +126,16 @@ def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = 
 
 
 def _centred(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
-    """Return values (n, k) less the mean of their group."""
+    """Return values (n, k) less the mean of their group, in their unit.
+
+    `group`: of each row, (n,); `count`: rows of each group, (groups,).
+    """
     means = np.stack([np.bincount(group, column) for column in values.T], axis=1) / count[:, None]
     return values - means[group]
 
 
 def set_right(looks: list[FloorLook], error: Array) -> list[FloorLook]:
-    """Return the looks of a walk as a camera without errors sees them.
+    """Return the looks of a walk as a camera without errors sees them, on a floor that does not lean.
 
     `error`: pitch, roll, lean of the floor (2), turn aside, rad, and shift (2), m, (7,).
     """

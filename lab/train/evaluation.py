@@ -46,13 +46,14 @@ def episodes(
     stream: int = EVALUATION,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Record:
-    """Return the results RESULT, (count,), of a policy, computed on all cores.
+    """Return the results of a policy, a record RESULT of each episode, (count,), computed on all cores.
 
     Args:
         world: the model's arrays.
+        policy: decides the actions.
         seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
         knows: true pose and drift are given to the policy.
-        stream: which stream of random numbers.
+        stream: number of the stream of random numbers.
         progress: gets the share that is done.
     """
     starts = range(seeds.first, seeds.end, CHUNK)
@@ -71,7 +72,7 @@ def episodes(
 def summary(results: Record) -> dict[str, Any]:
     """Return mean, spread, success and consistency of episodes, times in s; times of failed episodes count as they are.
 
-    `results`: a record RESULT for each episode.
+    `results`: a record RESULT of each episode, (n,), as `run_episodes` returns them.
     """
     seconds, n = results["seconds"], results.shape[0]
     reached = int((results["ended"] == REACHED).sum())
@@ -98,7 +99,7 @@ def summary(results: Record) -> dict[str, Any]:
 def paired(ours: Record, others: Record) -> dict[str, Any]:
     """Return the mean difference of times, ours - others, s, of the same seeds, with its 95 % interval and p-value.
 
-    Both (episodes,), those of the same seeds.
+    ours, others: a record RESULT of each episode, (n,), those of one seed in the same place.
     """
     a, b = ours["seconds"], others["seconds"]
     found, base = statistics.paired(a, b), float(b.mean())

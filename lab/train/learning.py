@@ -77,7 +77,7 @@ class Lessons(NamedTuple):
     """Tables that a training fills, with its settings and times."""
 
     table: Array
-    """Action values, (layers, nd, nphi, A)."""
+    """Action values, (layers, nd, nphi, A) s."""
     mean_table: Array
     """Sum of the tables that are averaged, of the same shape."""
     grid: Array
@@ -110,12 +110,12 @@ class LearningRoom(NamedTuple):
     room: EpisodeRoom
     choice: ChoiceRoom
     explore: Stream
-    """Random stream of exploration, (4,)."""
+    """Random stream of exploration, (4,) uint64."""
     traces: EligibilityTraces
 
 
 def learning_room(world: Arrays, size: int) -> LearningRoom:
-    """Return scratch for a model and a table of `size` numbers."""
+    """Return scratch for a model and a flattened table of `size` numbers."""
     traces = EligibilityTraces(
         np.full(size, -1, dtype=np.int64),
         np.zeros(size, dtype=np.int64),
@@ -129,7 +129,10 @@ def learning_room(world: Arrays, size: int) -> LearningRoom:
 
 @free_kernel
 def _explored(chosen: int, eps: float, status: Record, mask: Flags, explore: Stream) -> int:
-    """Return the chosen action, or with probability eps an allowed one (`mask` (a,)) at random; never while blocked."""
+    """Return the index of the chosen action, or with probability eps of an allowed one at random; never while blocked.
+
+    `status`: a record STATUS; `mask` (A,): allowed actions; `explore` (4,) uint64: random stream.
+    """
     if uniform(explore) < eps and status.blocked == 0.0:
         chosen = below(explore, mask.size)
         while not mask[chosen]:

@@ -20,7 +20,8 @@ from surefoot.services.navigator.policy.choose import choose, features, room_to_
 from surefoot.services.navigator.policy.decider import Policy
 
 Decide = Callable[[Array, Array, Record, float], int]
-"""Return an action for mean (n,), covariance (n, n), status and the reward since the last decision."""
+"""Return the index of an action for mean (n,), covariance (n, n), status (a record STATUS) and the reward since the
+last decision."""
 
 
 @dataclass(frozen=True)

@@ -49,9 +49,13 @@ class Learner:
         return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
 
     def decide(self, mean: Array, cov: Array, status: Record, reward: float) -> int:
-        """Learn from the reward of the last action, and return the number of the next one.
+        """Learn from the reward of the last action, and return the index of the next one.
 
-        mean, cov: believed x, y (m), heading (rad) and more, with covariance.
+        Args:
+            mean: believed x, y (m), heading (rad) and more, frame map, (n,).
+            cov: its covariance, (n, n).
+            status: counters and flags of the episode, a record STATUS, see `EpisodeState`.
+            reward: minus the seconds of the last action, plus a bonus at the goal.
         """
         chosen, following = 0, 0.0
         if status.outcome != REACHED:
@@ -80,7 +84,10 @@ class Learner:
         return chosen
 
     def _mark(self, mean: Array, cov: Array, chosen: int) -> None:
-        """Read Q(s, a) of the believed state and lay traces for it; mean (n,), cov (n, n): m, m, rad first."""
+        """Read Q(s, a) of the believed state and lay traces for it.
+
+        `mean` (n,), `cov` (n, n): believed x, y (m), heading (rad) and more, frame map; `chosen`: index of a.
+        """
         w, t = self.training.world, self.training
         d, phi, h = features(mean, cov, float(w.tables.scene[0].goal_x), float(w.tables.scene[0].goal_y))
         flip = learning.corners(self.table, t.grid, d, phi, h, self._cells, self._weights)

@@ -46,6 +46,8 @@ TRAINED = 0.8
 class Vision:
     """One of the two worlds: moderate blur (VI-B) or strong blur (VI-D).
 
+    Results of episodes are records RESULT, as `run_episodes` returns them.
+
     Attributes:
         model: all its numbers.
         world: the model as arrays.
@@ -110,7 +112,7 @@ class NavigationStudy:
 
 
 def tune(world: Arrays, seeds: Seeds = TUNING_EPISODES) -> tuple[dict[float, tuple[float, float]], float]:
-    """Return time and success of the 35 deg controller by entropy threshold, and the threshold to use (VI-B).
+    """Return time, s, and success of the 35 deg controller by entropy threshold, nats, and the threshold to use (VI-B).
 
     That is the one with the least mean time of those with full success; without such, with the most success.
     """
@@ -170,7 +172,11 @@ def train(model: NavigationModel, seed: int, schedule: Schedule = AS_PRINTED) ->
 
 
 def with_printed_gamma() -> tuple[str, Record]:
-    """Return how the model refuses gamma .95, and results of a policy trained with it all the same (no guards)."""
+    """Return the refusal of the printed discount gamma .95, and results of a policy trained with it all the same.
+
+    Results are a record RESULT of each of 100 episodes, (100,), as `run_episodes` returns them. Guards against endless
+    stands are off.
+    """
     try:
         load("paper", (f"reward.gamma={PRINTED_GAMMA}",))
         refusal = ""

@@ -38,18 +38,18 @@ def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
 
 
 def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return whether the position lies within the goal's tolerance with `sure` standard deviations to spare.
+    """Return True if the position lies within the goal's tolerance with `sure` standard deviations to spare.
 
-    mean, cov: believed x, y (m) and heading (rad) in the map, (3,), and their covariance, (3, 3).
+    mean, cov: believed x, y (m) and heading (rad) in the map first, (n,), and their covariance, (n, n).
     """
     return beside(goal, mean)[0] + sure * spread(cov) <= goal.xy_tolerance
 
 
 def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return whether the heading lies within the goal's tolerance with `sure` standard deviations to spare.
+    """Return True if the heading lies within the goal's tolerance with `sure` standard deviations to spare.
 
-    A goal that asks for no heading is always turned. mean, cov: believed x, y (m) and heading (rad) in the map, (3,),
-    and their covariance, (3, 3).
+    A goal that asks for no heading is always turned. mean, cov: believed x, y (m) and heading (rad) in the map first,
+    (n,), and their covariance, (n, n).
     """
     if goal.yaw is None:
         return True
@@ -57,9 +57,9 @@ def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) ->
 
 
 def sure_of_place(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return whether looking would not help: the robot is surely there, and turned as asked for or about to turn.
+    """Return True if looking would not help: the robot is surely there, and turned as asked for or about to turn.
 
-    mean, cov: believed x, y (m) and heading (rad) in the map, (3,), and their covariance, (3, 3); sure: standard
+    mean, cov: believed x, y (m) and heading (rad) in the map first, (n,), and their covariance, (n, n); sure: standard
     deviations to spare.
     """
     turning = abs(beside(goal, mean)[1]) > 0.5 * goal.yaw_tolerance

@@ -46,6 +46,7 @@ def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise,
     Args:
         alike: poses that the sights fit, m and rad, frame map.
         world: landmarks.
+        noise: of the camera; that of the descriptors counts.
         costs: obstacles; None = there is no map of them.
 
     Returns:
@@ -64,7 +65,10 @@ def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise,
 
 
 def _free(pose: Array, ends: Array, costs: Costs) -> NDArray[np.bool_]:
-    """Return whether each straight way from a pose (3,) in the map to ends (e, 2) m, seen from it, is free, (e,)."""
+    """Return True for each straight way from a pose to ends that is free, (e,).
+
+    `pose`: x, y (m), heading (rad), frame map, (3,); `ends`: seen from it, (e, 2) m; `costs`: obstacles.
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     length = np.hypot(*ends.T)
     share = np.linspace(0.0, 1.0, 2 + int(length.max() / costs.grid.cell))

@@ -70,6 +70,7 @@ class Localiser:
     """Belief of the pose, fed with messages from the bus.
 
     Args:
+        config: start pose, m and rad, frame map, and what moves the belief: commands or odometry.
         model: numbers of the robot.
         log: takes level and text; None = nothing is logged.
     """
@@ -120,7 +121,10 @@ class Localiser:
         """Number of times that the pose was found again."""
 
     def place(self, pose: Pose, cov: Array | None = None) -> None:
-        """Begin anew at a stated pose x, y (m), heading (rad), map, with covariance (3, 3); the drift stays."""
+        """Begin anew at a stated pose; the drift stays.
+
+        `pose`: x, y (m), heading (rad), frame map; `cov`: its covariance, (3, 3); None = that of a start.
+        """
         self._take_odometry(self._taken_at, force=True)
         self.tracker.place(pose, cov, keep_drift=True)
         self._trust()
@@ -138,7 +142,14 @@ class Localiser:
         return (0.0, 0.0, 0.0) if self.odom is None else between(self.tracker.pose, self.odom)
 
     def resume(self, pose: Pose, cov: Array, odom: Pose | None, now: Pose | None) -> None:
-        """Continue from the belief before a restart, covariance (3, 3) of m and rad, moved by the odometry since."""
+        """Continue from the belief before a restart, moved by the odometry since.
+
+        Args:
+            pose: believed x, y (m), heading (rad) then, frame map.
+            cov: its covariance, (3, 3).
+            odom: odometry of that moment, x, y (m), heading (rad), frame odom; None = there was none.
+            now: odometry of now, likewise.
+        """
         if odom is not None and now is not None:
             pose = placed(between(pose, odom), now)
         self.odom = self._taken = now
@@ -187,6 +198,7 @@ class Localiser:
 
         Args:
             frame: landmarks; its stamp is the end of the exposure.
+            gait: state of the walker: a standing robot sees with less noise.
             now: simulated time, s.
             match: share of the landmarks in view that the action under way recognises; None = the least of the model.
 
@@ -230,7 +242,7 @@ class Localiser:
         self._turn_camera()
 
     def _turn_camera(self) -> None:
-        """Turn frames back from now on if the camera shows itself turned."""
+        """Turn frames back from now on if the landmarks show the camera turned."""
         found = self.strain.sure_turn
         if found is not None:
             before = self.camera_turn
@@ -241,7 +253,11 @@ class Localiser:
                 self._log("warning", camera_words(self.camera_turn))
 
     def _check_time(self, time: float, now: float) -> None:
-        """Refuse a frame that is not of now, or that was used before."""
+        """Check that a frame of `time`, s, is of now and new.
+
+        Raises:
+            DetectionError: the frame is of the future, late, or was used before.
+        """
         if time > now + AHEAD_S:
             raise DetectionError("future", f"a frame of {time:.3f} s came at {now:.3f} s", "stamp_ns")
         if time < now - LATE_S:
@@ -259,9 +275,9 @@ class Localiser:
         Args:
             seen: detections of the frame.
             found: their matches.
-            cov: of the belief before the frame, (n, n), m and rad.
+            cov: of the belief before the frame, x, y (m), heading (rad) first, (n, n).
             time: of the frame, s.
-            share: of landmarks in view that are recognised.
+            share: of landmarks in view that are recognised, 0 to 1.
             standing: the robot stands.
         """
         world = self.tracker.world
@@ -358,14 +374,18 @@ def _share(model: NavigationModel, kind: str) -> float:
 
 
 def _relative(pose: Pose, here: Pose) -> Pose:
-    """Return a pose in the axes of another, m and rad."""
+    """Return a pose, x, y in m and heading in rad, in the axes of another."""
     c, s = math.cos(here[2]), math.sin(here[2])
     dx, dy = pose[0] - here[0], pose[1] - here[1]
     return (c * dx + s * dy, c * dy - s * dx, float(wrap(pose[2] - here[2])))
 
 
 def detections(frame: LandmarkDetections) -> Detections:
-    """Return the landmarks of a frame as arrays; raises DetectionError."""
+    """Return the landmarks of a frame as arrays, ranges in m and bearings in rad from base_link.
+
+    Raises:
+        DetectionError: descriptors of different lengths.
+    """
     marks = frame.landmarks
     lengths = {len(mark.descriptor) for mark in marks}
     if len(lengths) > 1:

@@ -29,10 +29,11 @@ class Maps:
     """Obstacles and landmarks, from files of the configuration or from the bus.
 
     Args:
+        config: names the files, with the radius of the robot, m, and the viewing distance, m.
         keep: time for which an obstacle that the map does not know is remembered, s.
 
     Raises:
-        Refusal: a map file that cannot be used.
+        Refusal: a map file that cannot be used, or a radius of the robot above `Clearance.comfort`.
     """
 
     def __init__(self, config: NavigatorConfig, keep: float = Conduct().remember) -> None:
@@ -82,13 +83,24 @@ class Maps:
 
     @property
     def costs(self) -> Costs | None:
-        """The grid prepared for planning, None without a map; made when it is first needed."""
+        """The grid prepared for planning, None without a map; made when it is first needed.
+
+        Raises:
+            Refusal: the cells of the map are too small for the distances from obstacles.
+        """
         if self._costs is None and self.grid is not None:
             self._costs = prepare(self.grid, self._clearance)
         return self._costs
 
     def see(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
-        """Enter a reading of the ranger into the local map; arguments as of `SeenObstacles.take`."""
+        """Enter a reading of the ranger into the local map.
+
+        Args:
+            seen: the reading.
+            at: x, y (m) and heading (rad) of the ranger, frame map.
+            unsure: standard deviations of that place, m, and heading, rad.
+            now: simulated time, s.
+        """
         if self.grid is None:
             return
         if self._seen is None or self._seen.grid is not self.grid:
@@ -136,7 +148,7 @@ class Maps:
         return tuple((float(x), float(y)) for x, y in way)
 
     def _costs_now(self) -> Costs:
-        """Return the costs of the static map with what was seen."""
+        """Return the costs of the static map with what the ranger saw and the map does not know."""
         seen, costs = self._seen, self.costs
         assert costs is not None
         if seen is None or not seen.marks or seen.grid is not self.grid:
@@ -146,7 +158,11 @@ class Maps:
         return self._joined[1]
 
     def refuse_blocked(self, place: Point, field: str) -> None:
-        """Raise a refusal if a place is outside of the map or in an obstacle."""
+        """Raise a refusal if a place, x, y in m, frame map, is outside of the map or in an obstacle.
+
+        Raises:
+            Refusal: `outside` or `blocked`; names `field`.
+        """
         grid = self.grid
         if grid is None:
             return

@@ -18,7 +18,7 @@ from .goals import End, NavigationGoal
 
 
 class Kept(BaseModel):
-    """State that a navigator needs to go on."""
+    """State that a restarted navigator needs to go on."""
 
     model_config = ConfigDict(allow_inf_nan=False)
     number: int = Field(ge=0, le=MOST_ID, description="of the last order")
@@ -47,11 +47,11 @@ class Kept(BaseModel):
 
 
 class _StoredGoal(Stored, Kept):
-    """Content of the file."""
+    """State of a navigator as the file holds it, with the epoch and tick at which it was kept."""
 
 
 def is_covariance(matrix: Array) -> bool:
-    """Return whether a (3, 3) matrix is symmetric without negative variances, but for rounding."""
+    """Return True if a matrix (3, 3), of any units, is symmetric without negative variances, but for rounding."""
     least = -1e-9 * float(np.abs(matrix).max())
     return bool((np.abs(matrix - matrix.T) <= -least).all() and eigen3(matrix)[0].min() >= least)
 
@@ -60,7 +60,7 @@ class GoalMemory(RunMemory):
     """File that keeps the last goal.
 
     Args:
-        path: None = nothing is kept.
+        path: of the file; None = nothing is kept.
     """
 
     def __init__(self, path: str | None) -> None:

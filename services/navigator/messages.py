@@ -19,9 +19,9 @@ class LostView:
     lost: bool = False
     """True if the belief is wrong."""
     probability: float = 0.0
-    """Probability of that, 0 to 1."""
+    """Probability that the belief is wrong, 0 to 1."""
     reason: str = ""
-    """Reason in words; empty = none."""
+    """Reason why the belief may be wrong, in words; empty = none."""
     suspected_until: float = -math.inf
     """Simulated time until which what was seen last may not fit the belief, s; a camera that sees nothing is no
     reason."""
@@ -41,9 +41,10 @@ def pose_message(
     lost: LostView,
     ready: bool,
 ) -> PoseBelief:
-    """Return the belief of the pose.
+    """Return the belief of the pose as a message.
 
     Args:
+        tracker: holds the belief.
         odom: pose of base_link in odom, m and rad; None = there is no odometry.
         control: input of the prediction.
         matched: landmarks of the last frame that were matched.
@@ -70,7 +71,10 @@ def pose_message(
 
 
 def feedback_message(pilot: Pilot, pose: Pose, now: float, results: tuple[GoalResult, ...] = ()) -> NavigationFeedback:
-    """Return the progress of the present or last goal, with the results of the last ones."""
+    """Return the progress of the present or last goal, with the results of the last ones.
+
+    `pose`: believed x, y (m), heading (rad), frame map; `now`: simulated time, s.
+    """
     goal = pilot.goal
     if goal is None:
         return NavigationFeedback(state="idle", current_pose=pose)

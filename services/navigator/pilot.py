@@ -130,7 +130,13 @@ class Pilot:
     # -- ticks -------------------------------------------------------------------------------------------------
 
     def follow(self, now: float, gait: GaitView, tracker: PoseTracker) -> None:
-        """Record the orders that the walker took up, and move the belief where commands are the control."""
+        """Record the orders that the walker took up, and move the belief where commands are the control.
+
+        Args:
+            now: simulated time, s.
+            gait: state of the walker.
+            tracker: belief, moved in place.
+        """
         self._now = now
         self.orders.take_up(now, gait)
         moved = self.orders.execution.advance(now)
@@ -146,6 +152,7 @@ class Pilot:
 
         Args:
             now: simulated time, s.
+            gait: state of the walker.
             tracker: belief now.
             blocked: something is too near ahead to walk.
             lost: the belief is wrong: the robot stands and looks, then turns and looks, until it is right again.
@@ -177,7 +184,7 @@ class Pilot:
             self._decide(now, gait, tracker, blocked=blocked)
 
     def _is_time(self, now: float, gait: GaitView, tracker: PoseTracker) -> bool:
-        """Return whether the next action has to be decided now."""
+        """Return True if the next action has to be decided at the time `now`, s."""
         if gait.ends_in is not None:
             return gait.ends_in <= self.conduct.lead and self._stand_until <= now
         if self._frames is not None and gait.state != "standing":
@@ -226,7 +233,7 @@ class Pilot:
         return stands[0] if stands else None
 
     def _way_is_open(self, goal: NavigationGoal, now: float, gait: GaitView, mean: Array) -> bool:
-        """Return whether the next action may be decided; plan around an obstacle, or wait until it has gone.
+        """Return True if the next action may be decided; plan around an obstacle, or wait until it has gone.
 
         `now` in s; `mean`: believed x, y (m) in the map first, (n,).
         """
@@ -252,7 +259,13 @@ class Pilot:
         return False
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
-        """Lead a goal anew from a place, m, frame map; return why no way leads there, empty = one does."""
+        """Lead a goal anew from a place; return the reason why no way leads there, empty = one does.
+
+        Args:
+            goal: its waypoints are replaced.
+            now: simulated time, s.
+            here: x, y in m, frame map.
+        """
         if self.ways is not None:
             try:
                 goal.lead(self.ways.ways(here, goal.places[goal.place :]), now)
@@ -261,7 +274,11 @@ class Pilot:
         return ""
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
-        """Return mean (4,), m, rad, rad per m, and covariance (4, 4) of the belief after the actions under way."""
+        """Return the belief after the actions under way, by the motion that is expected of them.
+
+        Returns:
+            Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).
+        """
         rest = self.orders.execution.rest()
         if not rest:
             return tracker.after(Motion())
@@ -297,7 +314,10 @@ class Pilot:
                 return distance
 
     def _arrive(self, goal: NavigationGoal, mean: Array) -> None:
-        """Turn to the wanted heading at the last waypoint, then end on both feet; `mean` (n,): m, m, rad first."""
+        """Turn to the wanted heading at the last waypoint, then end on both feet.
+
+        `mean`: believed x, y (m), heading (rad) in the map first, (n,).
+        """
         error = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
         if abs(error) > 0.5 * goal.yaw_tolerance and goal.turns < self.conduct.aligning_turns:
             goal.turns += 1
@@ -338,13 +358,18 @@ class Pilot:
         self._give(WalkCommand(action="stop"), None)
 
     def advance(self, name: str) -> float:
-        """Order the walk ahead that turns least; return its length, m."""
+        """Order the walk ahead that turns least; return its length, m. `name`: of the action, for its record."""
         act = min((act for act in self.acts if act.kind == "walk"), key=lambda act: abs(act.motion.turn))
         self._give(_command(act), replace(act, name=name))
         return act.motion.forward
 
     def turn(self, name: str, angle: float) -> None:
-        """Order a turn on the spot by an angle, rad; its noise and time are those of the model's turns."""
+        """Order a turn on the spot; its noise and time are those of the model's turns.
+
+        Args:
+            name: of the action.
+            angle: rad, left positive.
+        """
         one = next(act for act in self.acts if act.kind == "turn")
         times = abs(angle / one.motion.turn)
         motion = replace(one.motion.part(times), turn=angle)

@@ -16,12 +16,13 @@ ECHO_SLACK = 0.25
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:
-    """Enter a reading into the local map; return whether only turns are allowed (the rule of Osswald et al.).
+    """Enter a reading into the local map; return True if only turns are allowed (the rule of Osswald et al.).
 
     Args:
+        reach: the reading.
         localiser: belief of the pose; while it is lost, nothing is entered.
         maps: obstacles.
-        conduct: distances.
+        conduct: distances, m.
         now: simulated time, s.
     """
     tracker = localiser.tracker

@@ -31,11 +31,11 @@ class Moves(Protocol):
         ...
 
     def turn(self, name: str, angle: float) -> None:
-        """Order a turn on the spot by an angle, rad."""
+        """Order a turn on the spot by an angle, rad, left positive; `name`: of the action."""
         ...
 
     def advance(self, name: str) -> float:
-        """Order the shortest walk ahead; return its length, m."""
+        """Order the walk ahead that turns least; return its length, m. `name`: of the action."""
         ...
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
@@ -63,6 +63,7 @@ class Search:
     """Search for the pose of a robot that has a goal.
 
     Args:
+        body: its motions, and the end of its goal.
         conduct: times and numbers.
         aside: way to where places differ that the sights fit.
     """
@@ -81,15 +82,19 @@ class Search:
         self, goal: NavigationGoal, now: float, gait: GaitView, here: Point, *, blocked: bool, lost: bool,
         suspected: bool,
     ) -> bool:  # fmt: skip
-        """Halt while the robot is or may be lost, look and turn in alternation, once around if it is; return whether.
+        """Halt while the robot is or may be lost, look and turn in alternation, once around if it is.
 
         Args:
             goal: under way.
             now: simulated time, s.
-            here: believed place, m, frame map.
+            gait: state of the walker.
+            here: believed place, x, y in m, frame map.
             blocked: something is too near ahead to walk.
             lost: the belief is wrong.
             suspected: it may be.
+
+        Returns:
+            True while the search is under way: nothing else is to be decided.
         """
         look, suspected = self.look, suspected and now >= self._suspects_from
         if look is None and not lost and not (suspected and gait.state != "standing"):

@@ -30,8 +30,9 @@ class OdometryAt(NamedTuple):
     """Pose of the odometry and attitude of the trunk at one time."""
 
     stamp_ns: int
+    """Simulated time, ns."""
     pose: tuple[float, float, float]
-    """x, y m and heading rad in odom."""
+    """x, y in m and heading in rad, frame odom."""
     rot: Array
     """rot_heading_from_base, (3, 3)."""
 
@@ -52,7 +53,7 @@ class MotionHistory:
     )
 
     def moved(self, odometry: Odometry) -> None:
-        """Record the odometry of a tick."""
+        """Record the odometry of a tick; a correction of the past moves what is kept, for the robot did not move."""
         if not odometry.initialised:
             return
         c, s = math.cos(odometry.yaw), math.sin(odometry.yaw)
@@ -65,7 +66,10 @@ class MotionHistory:
         self._moments.append(OdometryAt(odometry.stamp_ns, (x, y, odometry.yaw), rot))
 
     def _correct(self, pose: tuple[float, float, float]) -> None:
-        """Move all that is kept with a last pose that was corrected, x, y m and heading rad: the robot did not move."""
+        """Move all that is kept with a last pose that was corrected: the robot did not move.
+
+        `pose`: the last one after the correction, x, y in m and heading in rad, frame odom.
+        """
         was = self._moments[-1].pose
         turn = pose[2] - was[2]
         c, s = math.cos(turn), math.sin(turn)
@@ -84,7 +88,7 @@ class MotionHistory:
         return self._moments[-1] if self._moments else None
 
     def at(self, stamp_ns: int) -> tuple[OdometryAt, FloorPose] | None:
-        """Return odometry and pose over the floor at a time; None = not known."""
+        """Return odometry and pose over the floor at a time, ns; None = none is known within 0.1 s of it."""
         moment = _nearest(list(self._moments), [m.stamp_ns for m in self._moments], stamp_ns)
         joints = _nearest(list(self._joints), [j[0] for j in self._joints], stamp_ns)
         if moment is None or joints is None:

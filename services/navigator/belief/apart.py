@@ -45,6 +45,7 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
     Args:
         poses: x, y (m) and heading (rad), frame map, (p, 3), p >= 2.
         ends: in the axes of the robot, (e, 2) m.
+        world: landmarks.
         look: largest distance of two descriptors of one landmark.
 
     Returns:
@@ -73,6 +74,6 @@ def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, loo
 
 
 def _turned(points: Array, angle: float) -> Array:
-    """Return points (n, 2) turned about the origin by an angle, rad."""
+    """Return points (n, 2) turned about the origin by an angle, rad, in their unit."""
     c, s = math.cos(angle), math.sin(angle)  # numpy's own depend on the processor
     return np.column_stack((c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]))

@@ -38,7 +38,13 @@ class Fates(NamedTuple):
 
 @row_kernel
 def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
-    """Sort indices (n,) in place by their keys, equal keys by tie."""
+    """Sort indices in place by rising keys, equal keys by rising ties.
+
+    Args:
+        chosen: indices into the other two, (n,).
+        keys: of all elements, (m,), any unit.
+        ties: of all elements, (m,), no unit.
+    """
     for i in range(1, chosen.size):  # by insertion: n is a few dozen
         this, j = chosen[i], i
         while j > 0:
@@ -60,6 +66,9 @@ def _nearest(
         mean: believed state, (n,), see `ukf`.
         cov: its covariance, (n, n).
         frame: the m detections.
+        world: landmarks.
+        noise: standard deviations of a detection.
+        limits: of gate, likeness and range.
         fates: written.
     """
     m, (ranges, bearings, looks) = frame.ranges.size, frame
@@ -80,7 +89,11 @@ def _nearest(
 
 @row_kernel
 def _one_each(chosen: Ints, fates: Fates) -> Ints:
-    """Return the detections that are left when each landmark keeps the one that looks most like it, that first."""
+    """Return the detections that are left when each landmark keeps the one that looks most like it, that first.
+
+    `chosen`: detections that match a landmark, (k,), sorted in place; `fates`: of all m detections; of those that lose
+    their landmark they become DOUBLED.
+    """
     sort_by(chosen, fates.gap, fates.landmark)
     kept = 0
     for a in range(chosen.size):
@@ -103,12 +116,14 @@ def match(
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
         cov: its covariance, (3, 3) or larger.
-        frame: detections.
+        frame: the m detections.
         world: landmarks.
+        noise: standard deviations of range and bearing of a detection.
+        limits: of gate, likeness, range, spread, pairs and matches.
         seed: of the random pairs.
 
     Returns:
-        Fates of all detections, and the matched detections, those first that look most like their landmark.
+        Fates of all detections, and the matched detections, (k,), those first that look most like their landmark.
     """
     m = frame.ranges.size
     fates = Fates(np.full(m, -1), np.full(m, INVALID), np.zeros(m), np.zeros(m))
@@ -133,7 +148,13 @@ def match(
 
 @row_kernel
 def likeness(look: Array, columns: Array, out: Array) -> None:
-    """Write the squared distances of a descriptor (k,) to those of a map (k, n) to out (n,), summed in index order."""
+    """Write the squared distances of a descriptor to those of a map, summed in index order, to out.
+
+    Args:
+        look: descriptor, (k,), no unit.
+        columns: descriptors of n landmarks, a column each, (k, n), no unit.
+        out: result, (n,).
+    """
     for i in range(out.size):
         out[i] = 0.0
     for j in range(look.size):
@@ -147,9 +168,9 @@ def look_alikes(looks: Array, columns: Array, look: float) -> Ints:
     """Return the number of landmarks that each detection looks like, (m,).
 
     Args:
-        looks: descriptors of the detections, (m, k).
-        columns: descriptors of the landmarks, (k, n).
-        look: largest distance of two descriptors of one landmark.
+        looks: descriptors of the detections, (m, k), no unit.
+        columns: descriptors of n landmarks, a column each, (k, n), no unit.
+        look: largest distance of two descriptors of one landmark, no unit.
     """
     found, gap = np.zeros(looks.shape[0], dtype=np.int64), np.empty(columns.shape[1])
     for d in range(looks.shape[0]):
@@ -163,7 +184,17 @@ def look_alikes(looks: Array, columns: Array, look: float) -> Ints:
 def in_view(
     positions: Array, x: float, y: float, heading: float, nearest: float, farthest: float, half_angle: float
 ) -> int:
-    """Return the number of landmarks (n, 2) m between two distances (m) and within an angle (rad) of a heading, map."""
+    """Return the number of landmarks between two distances and within an angle of a heading.
+
+    Args:
+        positions: landmarks, (n, 2) m, frame map.
+        x: of base_link, m, frame map.
+        y: of base_link, m, frame map.
+        heading: of base_link, rad, frame map.
+        nearest: least distance, m.
+        farthest: largest distance, m.
+        half_angle: largest angle to either side, rad.
+    """
     c, s, limit, count = math.cos(heading), math.sin(heading), math.cos(half_angle), 0
     for i in range(positions.shape[0]):
         dx, dy = positions[i, 0] - x, positions[i, 1] - y

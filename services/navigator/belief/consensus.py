@@ -26,14 +26,21 @@ class Matched(NamedTuple):
 
 @row_kernel
 def draw(state: int, n: int) -> tuple[int, int]:
-    """Return the next state of a linear congruential generator (modulo 2^31) and a number below n."""
+    """Return the next state of a linear congruential generator (modulo 2^31) and a number from 0 to n - 1."""
     state = (1103515245 * state + 12345) % 2147483648
     return state, (state >> 8) % n
 
 
 @row_kernel
 def matched_of(chosen: Ints, landmark: Ints, frame: FrameTables, positions: Array) -> Matched:
-    """Return the chosen detections (k,) with the places of their landmarks."""
+    """Return the places of landmarks, frame map, and the rays to them for the chosen detections of a frame.
+
+    Args:
+        chosen: indices of detections, (k,).
+        landmark: index of the landmark of each detection, (m,).
+        frame: the m detections.
+        positions: landmarks of the map, (n, 2) m, frame map.
+    """
     k = chosen.size
     found = Matched(np.empty((k, 2)), np.empty(k, RAY))
     for m in range(k):
@@ -56,7 +63,7 @@ def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Record, r:
         c: cosine of its heading.
         s: sine of its heading.
         place: of the landmark, (2,) m, frame map.
-        ray: one of `Matched.rays`.
+        ray: one record RAY: distance (m), cosine and sine of the bearing, bearing (rad).
         r: variance of the range, m^2.
         b: variance of the bearing, rad^2.
     """
@@ -74,7 +81,15 @@ def motion_of(
     """Return the pose by matches i and j, x and y in m and heading in rad, and the variance of its heading, rad^2.
 
     The heading is the mean of the one that two points give and the believed one, weighted by their variances: two
-    points close together determine it poorly. `mean` (n,), `cov` (n, n): belief.
+    points close together determine it poorly.
+
+    Args:
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        i: index of a match.
+        j: index of another match.
+        found: matches.
+        noise: standard deviations of range and bearing of a detection.
     """
     one, other, places = found.rays[i], found.rays[j], found.places
     ax, ay = one.distance * one.cos, one.distance * one.sin
@@ -97,7 +112,17 @@ def motion_of(
 
 @row_kernel
 def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide: float, v: float, gate: float) -> None:
-    """Mark the matches (k,) that agree with a pose (3,): variances times `wide`, v rad^2 added to that of bearing."""
+    """Mark the matches that agree with a pose, in place.
+
+    Args:
+        inlier: result, (k,) bool.
+        pose: x and y in m and heading in rad, frame map, (3,).
+        found: k matches.
+        noise: standard deviations of range and bearing of a detection.
+        wide: factor of the variances.
+        v: variance that is added to that of the bearing, rad^2.
+        gate: largest squared residual over the variances.
+    """
     c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
     for m in range(inlier.size):
         r, b = variances(found.rays[m].distance, noise)
@@ -107,14 +132,17 @@ def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide
 
 @row_kernel
 def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: SightNoise) -> Array:
-    """Return the pose (3,) of least squares by the inliers and the belief: three steps of Gauss and Newton.
+    """Return the pose of least squares by the inliers and the belief, (3,): x and y in m, heading in rad, frame map.
+
+    Three steps of Gauss and Newton.
 
     Args:
         pose: where the steps begin, x and y in m and heading in rad, (3,).
         mean: believed pose, (3,) or longer.
         information: inverse of its covariance, (3, 3).
         inlier: matches that count, (k,).
-        found: matches.
+        found: k matches.
+        noise: standard deviations of range and bearing of a detection.
     """
     for _ in range(3):
         a, v = information.copy(), np.zeros(3)
@@ -146,9 +174,17 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
 def _best_motion(
     mean: Array, cov: Array, found: Matched, noise: SightNoise, limits: MatchLimits, seed: int
 ) -> tuple[Array, float]:
-    """Return the pose (3,) of the best motion through two matches, and the variance of its heading, rad^2.
+    """Return the pose of the best motion through two matches, and the variance of its heading, rad^2.
 
-    `mean` (n,), `cov` (n, n): belief; `seed` of the pairs that are tried.
+    The pose is x and y in m and heading in rad, frame map, (3,).
+
+    Args:
+        mean: believed pose, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        found: k matches.
+        noise: standard deviations of range and bearing of a detection.
+        limits: of gate and pairs.
+        seed: of the pairs that are tried.
     """
     k = found.places.shape[0]
     pairs, most, gate = k * (k - 1) // 2, limits.pairs, limits.gate
@@ -182,12 +218,20 @@ def _best_motion(
 
 @row_kernel
 def consensus(mean: Array, cov: Array, found: Matched, noise: SightNoise, limits: MatchLimits, seed: int) -> Flags:
-    """Return the matches (k,) that agree with the best rigid motion through two of them.
+    """Return True, (k,), for the matches that agree with the best rigid motion through two of them; one alone agrees.
 
     The best motion has the least sum over all matches of min(misfit, gate) + ln(b'/b) (MSAC; b' is the variance of the
     bearing with that of the motion's heading: a loose motion explains everything). It is refined by least squares over
-    its inliers and the belief; matches that then differ by less than `spread` times the variances stay. All pairs
-    are tried if they are at most `pairs`, else as many drawn at random.
+    its inliers and the belief; matches that then differ by less than `limits.spread` times the variances stay. All
+    pairs are tried if they are at most `limits.pairs`, else as many drawn at random.
+
+    Args:
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        found: k matches.
+        noise: standard deviations of range and bearing of a detection.
+        limits: of gate, spread and pairs.
+        seed: of the random pairs.
     """
     inlier = np.ones(found.places.shape[0], dtype=np.bool_)
     if inlier.size < 2:

@@ -38,7 +38,12 @@ goal and frames of a displaced robot soon have the evidence."""
 
 
 class OtherPlaces:
-    """Evidence of the last frames of a camera that the robot is at another place than the believed one."""
+    """Evidence of the last frames of a camera that the robot is at another place than the believed one.
+
+    Args:
+        world: landmarks.
+        noise: of the camera.
+    """
 
     def __init__(self, world: FloorLandmarks, noise: SightNoise) -> None:
         self.world, self.noise = world, noise

@@ -61,7 +61,11 @@ class SightNoise(_Deviations):
         return self
 
     def wider(self, factor: float) -> "SightNoise":
-        """Return the noise with every standard deviation of range and bearing times a factor."""
+        """Return the noise with every standard deviation of range and bearing times a factor.
+
+        Raises:
+            DetectionError: the factor is negative, 0 or not finite.
+        """
         *lengths, look_sd = self
         return SightNoise(*(factor * each for each in lengths), look_sd)
 
@@ -87,7 +91,7 @@ class MatchLimits(NamedTuple):
     """Largest number of matches of a frame."""
 
     def look(self, noise: SightNoise, length: int) -> float:
-        """Return the largest distance of two descriptors of one landmark."""
+        """Return the largest distance of two descriptors of one landmark, no unit; `length`: elements of each."""
         return self.look_sds * noise.look_sd * math.sqrt(length)
 
 
@@ -119,7 +123,10 @@ class MapTables(NamedTuple):
 
 @row_kernel
 def variances(distance: float, noise: SightNoise) -> tuple[float, float]:
-    """Return variances of range (m^2), bearing (rad^2) of a detection at `distance` m, common errors in."""
+    """Return the variances of range, m^2, and bearing, rad^2, of a detection at `distance` m, common errors included.
+
+    `noise`: standard deviations of a detection and of the errors that all detections of a frame have in common.
+    """
     own = noise.range_sd * noise.range_sd + (noise.range_share * distance) ** 2
     return own + noise.common_range_sd**2, noise.bearing_sd**2 + noise.common_bearing_sd**2
 
@@ -133,10 +140,10 @@ def gated(
     It is inf where the robot stands on the landmark.
 
     Args:
-        mean: x, y in m, heading in rad, (3,) or longer.
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
         cov: its covariance, (3, 3) or larger.
-        place_x: of the landmark, m, frame map.
-        place_y: of the landmark, m, frame map.
+        place_x: x of the landmark, m, frame map.
+        place_y: y of the landmark, m, frame map.
         distance: detected, m.
         bearing: detected, rad.
         r: variance of the range, m^2.
@@ -163,7 +170,7 @@ def gated(
 
 @row_kernel
 def largest_variance(cov: Array) -> float:
-    """Return the larger eigenvalue of the covariance of x and y, m^2; cov (3, 3) or larger."""
+    """Return the larger eigenvalue of the covariance of x and y, m^2; `cov` (3, 3) or larger: of x, y (m) first."""
     half, apart = 0.5 * (cov[X, X] + cov[Y, Y]), 0.5 * (cov[X, X] - cov[Y, Y])
     return half + math.sqrt(apart * apart + cov[X, Y] * cov[X, Y])
 
@@ -210,7 +217,7 @@ def _cells(grid: Array, x: float, y: float, reach: float) -> tuple[int, int, int
     """Return first and last column, first and last row of the index within `reach` m of a place; empty if last < first.
 
     The limits apply before the numbers become whole ones: a wide belief reaches beyond any index. `grid` (5,): x, y of
-    the corner and edge of a cell, m, rows, columns.
+    the corner, m, frame map, edge of a cell, m, rows, columns; `x`, `y`: the place, m, frame map.
     """
     edge, rows, cols = grid[2], int(grid[3]), int(grid[4])
     low_c = int(min(max(math.floor((x - reach - grid[0]) / edge), 0.0), cols + 0.0))
@@ -238,12 +245,12 @@ def nearest_look(
         cov: its covariance, (3, 3) or larger.
         distance: detected, m.
         bearing: detected, rad.
-        look: descriptor of the detection, (k,).
+        look: descriptor of the detection, (k,), no unit.
         world: landmarks.
+        noise, limits: standard deviations of range, bearing and descriptor; limits of gate and likeness.
 
     Returns:
-        Landmark or -1, its fate (MATCHED, FAR, UNLIKE or AMBIGUOUS), normalised innovation squared, square of the
-        distance of the descriptors.
+        Landmark or -1, fate (MATCHED, FAR, UNLIKE or AMBIGUOUS), normalised innovation squared, squared gap of looks.
     """
     r, b = variances(distance, noise)
     gate, alike = limits.gate, limits.look_sds * noise.look_sd * math.sqrt(look.size)

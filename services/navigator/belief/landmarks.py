@@ -147,7 +147,7 @@ def _check(positions: Array, descriptors: Array) -> None:
 
 
 def _sorted_by_place(positions: Array) -> tuple[Array, Ints, Ints]:
-    """Return grid, starts and members of `MapTables`."""
+    """Return an index of landmarks (n, 2) m, frame map, by cells: grid, starts and members of `MapTables`."""
     n = positions.shape[0]
     low, size = positions.min(axis=0), np.ptp(positions, axis=0)
     edge = max(

@@ -63,7 +63,12 @@ class Footprint:
 
 @dataclass(frozen=True)
 class LostModel:
-    """Shares and rates of the hypotheses; shares are positive and add up to 1, rates are positive."""
+    """Numbers of the check whether the believed pose is wrong: shares and rates of its hypotheses.
+
+    The hypotheses are that the pose is right, that the robot was displaced, that the map does not fit, that the robot
+    is off the map, and that it sees nothing. The shares of a hypothesis are positive and add up to 1, rates are
+    positive; neither is checked.
+    """
 
     right: Shares = (0.72, 0.20, 0.08)
     """Shares if the pose is right, before any was seen, with twice the expected false detections: a map grows old."""
@@ -76,7 +81,7 @@ class LostModel:
     sure: float = 0.03
     """Probability of being lost beyond which detections do not count for the shares of a right pose."""
     displaced: Shares = (0.10, 0.80, 0.10)
-    """Shares if the robot is elsewhere on the map: a wrong landmark in the gate looks right now and then; see `of`."""
+    """Shares if the robot is elsewhere on the map: a wrong landmark in the gate looks right now and then."""
     misfit: Shares = (0.62, 0.33, 0.05)
     """Shares if the map does not fit: matches with large innovations, and some out of the gate."""
     off_map: Shares = (0.03, 0.12, 0.85)
@@ -192,6 +197,7 @@ def evidence_of(
         cov: covariance of that pose, (3, 3) or larger.
         seen: its detections.
         world: landmarks.
+        noise: standard deviations of range, bearing and descriptor.
         expected: landmarks in view there times the share that is recognised in this action; 0 = not known.
     """
     counts = matches.counts
@@ -241,7 +247,11 @@ def passed(state: LostState, dt: float, model: LostModel) -> LostState:
 
 
 def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostState:
-    """Return the state of the check whether the pose is lost after one more frame of detections."""
+    """Return the state of the check whether the pose is lost after one more frame of detections.
+
+    The logarithm of a likelihood ratio counts at most `most` nats 0.1 s after the last frame, `most_apart` nats after
+    1 s or more, and evenly between.
+    """
     far = min(1.0, max(0.0, (state.apart - 0.1) / 0.9))
     most = model.most + far * (model.most_apart - model.most)
     usual = shares_of(state, model)
@@ -315,7 +325,7 @@ def normalised(state: LostState) -> LostState:
 
 
 def _displaced_log(frame: FrameEvidence, model: LostModel) -> float:
-    """Return the log likelihood of the fates for a displaced robot, nats."""
+    """Return the logarithm of the likelihood of the fates of a frame for a displaced robot, nats."""
     if not frame.chances[0] and not frame.chances[1]:
         return _log_likelihood(model.displaced, frame)
     least, _, strange = model.displaced
@@ -333,7 +343,10 @@ def _log_likelihood(shares: Shares, frame: FrameEvidence) -> float:
 
 
 def _nis_log(nis: float, scale: float, model: LostModel) -> float:
-    """Return the log density of a match's nis in the gate, within ln 3 of the uniform one."""
+    """Return the log density of a match's normalised innovation squared in the gate, within ln 3 of the uniform one.
+
+    `scale`: mean of half of it under the hypothesis.
+    """
     s = 2.0 * scale
     density = -math.log(s * (1.0 - math.exp(-model.gate / s))) - nis / s
     flat = -math.log(model.gate)

@@ -92,6 +92,7 @@ def match(
         cov: its covariance, (3, 3) or larger.
         seen: detections of the frame.
         world: landmarks.
+        noise: standard deviations of range, bearing and descriptor.
         limits: None = the defaults of `MatchLimits`.
         seed: of the random pairs, which are drawn where there are more than `limits.pairs`.
 
@@ -118,10 +119,13 @@ def check_length(seen: Detections, world: FloorLandmarks) -> None:
 def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise) -> Array:
     """Return the number of landmarks of the map that each detection looks like, (m,); at least 1 for a match.
 
+    The limit of likeness is the default of `MatchLimits`.
+
     Args:
         matches: of the frame at the believed pose.
-        seen: its detections.
+        seen: its m detections.
         world: landmarks.
+        noise: of the camera; that of the descriptors counts.
     """
     look = MatchLimits().look(noise, world.descriptor_length)
     found = association.look_alikes(seen.looks, world.columns, look).astype(np.float64)
@@ -130,7 +134,13 @@ def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise
 
 
 def gate_areas(cov: Array, seen: Detections, noise: SightNoise) -> Array:
-    """Return the area of the floor that the gate of each detection covers, about, (m,) m^2; cov (3, 3) or larger."""
+    """Return the area of the floor that the gate of each detection covers, about, (m,) m^2.
+
+    Args:
+        cov: covariance of believed x, y (m) and heading (rad), (3, 3) or larger.
+        seen: the m detections.
+        noise: standard deviations of range and bearing.
+    """
     r, own = seen.ranges, noise.range_sd**2 + (noise.range_share * seen.ranges) ** 2
     position = 0.5 * (cov[0, 0] + cov[1, 1])
     along = own + noise.common_range_sd**2 + position

@@ -44,7 +44,9 @@ class SeenElsewhere(NamedTuple):
     """Place where a landmark of the map is seen, other than its own."""
 
     detection: int
+    """Index of the detection in its frame."""
     landmark: int
+    """Index of the landmark in the map."""
     x: float
     """x of the place where the landmark is seen, m, frame map."""
     y: float

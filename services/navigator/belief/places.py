@@ -46,9 +46,9 @@ class Evidence(NamedTuple):
     false: Array
     """Share of false ones among such sightings, (s,)."""
     starts: Ints
-    """First candidate of each sighting, (s + 1,)."""
+    """First candidate of each sighting in `members`, and their number at the end, (s + 1,)."""
     members: Ints
-    """Candidates: landmarks."""
+    """Landmarks that are candidates, sighting by sighting, (starts[s],)."""
     positions: Array
     """Landmarks, (n, 2) m, frame map."""
     overlooked: float
@@ -114,7 +114,7 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
 
 @row_kernel
 def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
-    """Take one step of least squares of a pose x, y (m), heading (rad), map, over the explained sightings, in place.
+    """Take one step of least squares of a pose over the explained sightings, in place.
 
     Args:
         pose: x, y (m), heading (rad) of the reference frame in the map, (3,), changed.
@@ -188,7 +188,12 @@ def keep(found: PlaceList, filled: int, row: Array, chosen: Ints) -> int:
     """Enter a place into the list of the best; return how many are filled.
 
     A place that explains half of its sightings by the landmarks of another, within the covariances, is the same place.
-    `row`: of `PlaceList.places`, (PLACE,); `chosen`: landmark of each sighting there, (s,), -1 = none.
+
+    Args:
+        found: the list, in place.
+        filled: number of its places that are filled.
+        row: x, y (m), heading (rad), evidence, explained sightings, covariance, (PLACE,), as in `PlaceList.places`.
+        chosen: landmark of each sighting there, -1 = none, (s,).
     """
     places, same = found.places, -1
     for p in range(filled):
@@ -222,7 +227,10 @@ def keep(found: PlaceList, filled: int, row: Array, chosen: Ints) -> int:
 
 @row_kernel
 def _pose_of_pair(seen: Evidence, i: int, j: int, p: int, q: int, pose: Array) -> None:
-    """Write the pose (3,) at which sightings i and j are landmarks p and q."""
+    """Write the pose at which sightings i and j are landmarks p and q.
+
+    `pose`: x, y (m), heading (rad) of the reference frame in the map, (3,), written.
+    """
     place, positions = seen.place, seen.positions
     ux, uy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
     wx, wy = positions[q, 0] - positions[p, 0], positions[q, 1] - positions[p, 1]
@@ -236,7 +244,10 @@ def _pose_of_pair(seen: Evidence, i: int, j: int, p: int, q: int, pose: Array) -
 
 @row_kernel
 def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p: int, q: int) -> bool:
-    """Return whether a place close to a pose (3,) m, rad explains sightings i and j by landmarks p and q."""
+    """Return True if a place close to a pose explains sightings i and j by landmarks p and q.
+
+    `pose`: x, y (m), heading (rad), frame map, (3,); `filled`: number of places in the list.
+    """
     for r in range(filled):
         if found.chosen[r, i] == p and found.chosen[r, j] == q:
             beside = abs(wrap(pose[HEADING] - found.places[r, HEADING])) < BESIDE
@@ -247,7 +258,15 @@ def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p
 
 @row_kernel
 def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Array) -> bool:
-    """Refine a pose by all sightings and write its place (PLACE,); return whether they determine one."""
+    """Refine a pose by all sightings and write its place; return True if they determine one.
+
+    Args:
+        seen: sightings.
+        pose: x, y (m), heading (rad) of the reference frame in the map, (3,), changed.
+        loose: variance of its heading at the beginning, rad^2.
+        to: landmark of each sighting at the pose, written.
+        row: place as in `PlaceList.places`, (PLACE,), written.
+    """
     explained, log_det, cov = 0, 0.0, np.zeros((3, 3))
     for step in range(4):
         explained = associate(pose, loose if step == 0 else 0.0, 2.0 if step == 0 else 1.0, seen, to)
@@ -267,7 +286,10 @@ def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Arra
 
 @row_kernel
 def _few_first(starts: Ints) -> Ints:
-    """Return the sightings that have candidates, sorted by the number of these."""
+    """Return the sightings that have candidates, sorted by the number of these, (k,).
+
+    `starts`: first candidate of each of s sightings, and their number, (s + 1,).
+    """
     n, kept = starts.size - 1, 0
     few, count = np.empty(n, dtype=np.int64), np.empty(n)
     for i in range(n):
@@ -300,7 +322,13 @@ def _in_reach(seen: Evidence, i: int, j: int, p: int, q: int) -> float:
 
 @row_kernel
 def _advance(cursor: Ints, few: Ints, starts: Ints) -> None:
-    """Set the cursor to the next pair of candidates, or to the first of the next pair of sightings, in place."""
+    """Set the cursor to the next pair of candidates, or to the first of the next pair of sightings, in place.
+
+    Args:
+        cursor: where the search is, (CURSOR,).
+        few: sightings that have candidates, (k,).
+        starts: first candidate of each of s sightings, and their number, (s + 1,).
+    """
     i, j = int(few[int(cursor[FIRST])]), int(few[int(cursor[SECOND])])
     cursor[B] += 1
     if cursor[B] >= starts[j + 1] - starts[j]:
@@ -323,7 +351,7 @@ def search(seen: Evidence, found: PlaceList, cursor: Ints, tries: int, work: int
         work: sightings that are compared with a pose, or pairs of candidates that are looked at, in this call.
 
     Returns:
-        Whether the search has ended.
+        True if the search has ended.
     """
     n, few, spent = seen.place.shape[0], _few_first(seen.starts), 0
     pose, to, row = np.zeros(3), Assignment(np.full(n, -1), np.zeros(n)), np.zeros(PLACE)

@@ -46,7 +46,7 @@ class RelocaliseLimits:
     sure: float = 0.999
     """Least probability of the best place."""
     heading_sd: float = 0.15
-    """Largest standard deviation of its heading, rad: one false sighting bends a looser one."""
+    """Largest standard deviation of the best place's heading, rad: one false sighting bends a looser one."""
     least: int = 3
     """Least number of sightings that the best place has to explain."""
     false: float = 0.1
@@ -109,6 +109,7 @@ class Relocaliser:
 
     Args:
         world: landmarks.
+        noise: of the camera of a standing robot.
         limits: None = the defaults of `RelocaliseLimits`.
     """
 
@@ -188,15 +189,20 @@ class PlaceSearch:
     places: PlaceList | None
     """The best places so far; None = fewer than two sightings look like landmarks."""
     cursor: NDArray[np.int64]
-    """Where the search is, see `places`."""
+    """Where the search is, (CURSOR,), see `places`."""
     known: int
     """Number of different sightings that look like landmarks."""
 
 
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:
-    """Compare the places (p, PLACE), see `places`, with each other and with chance.
+    """Compare the places (p, PLACE), see `PlaceList`, with each other and with chance.
 
-    `known`: sightings of landmarks that the map may have; `tried`: poses that were tried.
+    Args:
+        places: found by the search, the best ones.
+        known: sightings of landmarks that the map may have.
+        tried: poses that were tried.
+        noise: of the camera.
+        limits: of a sure pose.
     """
     places = places[np.isfinite(places[:, EVIDENCE])]
     if not len(places):

@@ -96,6 +96,7 @@ def gather(
         bearings: rad, (m,).
         looks: descriptors, (m, k).
         pose: of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
+        noise: standard deviations of range and bearing.
         look: largest distance of two descriptors of one landmark.
         time: of the frame, s.
     """
@@ -121,7 +122,7 @@ def gather(
 
 @row_kernel
 def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Ints, Ints]:
-    """Return the candidates of each sighting: landmarks about as alike as the most alike one; none if too many.
+    """Return the landmarks that each sighting may be of: those about as alike as the most alike one; none if too many.
 
     Args:
         looks: mean descriptor of each of s sightings, (s, k), no unit.
@@ -156,6 +157,7 @@ class SightingMemory:
     """Memory of the frames of a lost robot.
 
     Args:
+        noise: of the camera, with the errors that are common to a frame.
         length: elements of a descriptor.
     """
 
@@ -169,7 +171,15 @@ class SightingMemory:
     def add(
         self, seen: Detections, pose: tuple[float, float, float], time: float, noise: SightNoise | None = None
     ) -> None:
-        """Enter a frame; `pose` of base_link in the frame of the memory, m and rad, at `time`, s, of a `noise`."""
+        """Enter a frame; detections that are not finite or out of range are left out.
+
+        Args:
+            seen: its detections.
+            pose: of base_link then, x, y in m and heading in rad, frame of the memory; nothing is entered where
+                it is not finite.
+            time: of the frame, s.
+            noise: of the camera in this frame; None = as stated.
+        """
         shortest, longest = MatchLimits().shortest, MatchLimits().longest
         good = np.isfinite(seen.ranges) & np.isfinite(seen.bearings) & np.isfinite(seen.looks).all(axis=1)
         good &= (seen.ranges >= shortest) & (seen.ranges <= longest)
@@ -186,11 +196,11 @@ class SightingMemory:
 
         Args:
             pose: x, y in m and heading in rad.
-            most: number of sightings.
+            most: largest number of sightings.
 
         Returns:
-            Places (s, 2) m, covariances (xx, xy, yy) (s, 3) m^2, descriptors (s, k), detections of each (s,), and
-            of all sightings of the memory.
+            Places (s, 2) m and their covariances (xx, xy, yy) (s, 3) m^2 in the axes of the pose, descriptors (s, k),
+            detections of each (s,), and of all sightings of the memory.
         """
         t, (c, s) = self.tables, (math.cos(pose[2]), math.sin(pose[2]))
         order = np.argsort(-t.times, kind="stable")[: min(most, int((t.times > 0).sum()))]

@@ -65,13 +65,13 @@ class StrainModel:
     width: float = 0.6
     """Width of the strip in which wrong matches lie, m."""
     wider: tuple[float, float] = (0.10, 0.05)
-    """Added to the noise of matching, so that landmarks of a strained map match: part of the range, rad."""
+    """Deviations added to the noise of matching, so that landmarks of a strained map match: part of the range, rad."""
     displaced: tuple[float, float] = (0.4, math.radians(25.0))
     """Standard deviations of x and y, m, and of the heading, rad, of a robot that was put down elsewhere."""
     displacement_rate: float = 1e-3
-    """Rate at which that happens, 1/s."""
+    """Rate at which a robot is put down elsewhere, 1/s."""
     displaced_fade_s: float = 20.0
-    """Time constant with which the evidence for it fades to what that rate gives, s."""
+    """Time constant with which the evidence for a displaced robot fades to what its rate gives, s."""
     fade_s: float = 60.0
     """Time constant with which what was learned fades, s."""
     known_sd: float = math.radians(2.0)
@@ -109,7 +109,8 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height:
     Args:
         places: of the landmarks, (k, 2) m, frame map.
         rays: range, m, and bearing, rad, (k, 2).
-        pose: believed x, y, m, and heading, rad, (3,).
+        pose: believed x, y, m, and heading, rad, frame map, (3,).
+        noise: of the camera.
         height: of the camera, m.
         lines: result, 2 k of them.
     """
@@ -255,7 +256,7 @@ class MapStrain:
             case.cov[POSE + 2, POSE + 2] += heading
 
     def corrected(self, change: Array) -> None:
-        """Follow a change of the believed pose by a frame, (3,) m, m, rad."""
+        """Follow a change of the believed pose by a frame, (3,): x, y in m, frame map, heading in rad."""
         for case in self._cases:
             case.mean[POSE:] -= change
 
@@ -267,7 +268,7 @@ class MapStrain:
         Args:
             seen: its detections.
             world: landmarks.
-            pose: believed x, y, m, and heading, rad.
+            pose: believed x, y, m, and heading, rad, frame map.
             cov: its covariance, (3, 3) or larger.
             noise: of the camera, with the common errors.
             time: of the frame, s.

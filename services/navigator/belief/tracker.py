@@ -257,10 +257,11 @@ class PoseTracker:
         """Count a use of a landmark, and return the variances of range and bearing to take for it.
 
         Args:
-            landmark: row.
+            world: landmarks; those of another map begin without uses.
+            landmark: row of `world`.
             time: of the frame, s.
-            own: variances of one sight by itself.
-            common: variances by the place in the map, alike in every sight.
+            own: variances of one sight by itself, m^2 and rad^2.
+            common: variances by the place in the map, alike in every sight, m^2 and rad^2.
         """
         if world is not self._used_of:
             self._used_of, self._used = world, np.zeros((len(world), 5))

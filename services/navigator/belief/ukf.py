@@ -118,7 +118,10 @@ def _displace(
 
 @row_kernel
 def _offsets(work: Array, n: int, i: int, j: int, mean: float) -> tuple[float, float]:
-    """Return how far state i of the two points of column j lies from its mean, which is `mean` for x and y."""
+    """Return how far state i of the two points of column j lies from its mean, which is `mean` for x and y.
+
+    `work` (3 n, max(n, 4)): L in the first n rows, then x and y of the n points mean + column and mean - column.
+    """
     if i < THETA:
         return work[n + j, i] - mean, work[2 * n + j, i] - mean
     return work[i, j], -work[i, j]

@@ -53,7 +53,18 @@ def _run(
     rooms: tuple[EpisodeRoom, ChoiceRoom],
     results: Record,
 ) -> None:
-    """Walk episodes one after the other and write their results RESULT, (count,); arguments as of `run_episodes`."""
+    """Walk episodes one after the other and write their results, a record RESULT each, (count,).
+
+    Args:
+        policy: decides the actions.
+        knows: it gets true pose and drift instead of the belief.
+        model: actions and scene.
+        run: seed of the series of episodes.
+        start: number of the first episode.
+        state: of an episode, written.
+        rooms: scratch.
+        results: written.
+    """
     room, choice = rooms
     scene, status, truth, sure = model.scene[0], state.status, state.truth, np.zeros((4, 4))
     for e in range(results.shape[0]):
@@ -79,7 +90,11 @@ def _run(
 
 
 def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int, knows: bool = False) -> Record:
-    """Return the results RESULT, (count,), of episodes start .. start + count - 1 of seed `run`.
+    """Return the results of episodes start .. start + count - 1 of seed `run`, a record RESULT each, (count,).
+
+    Names: `seconds` (s), `ended` (REACHED or CUT_OFF), `decisions`, `stands` and `turns` (counts), `error` (distance of
+    the belief from the truth at the end, m), `nees_sum` and `nees_at` (normalised errors squared of the pose: sum over
+    all decisions, and the one after decision NEES_DECISION, 0 in shorter episodes).
 
     Args:
         world: arrays of the model.

@@ -23,7 +23,7 @@ class EpisodeState(NamedTuple):
     """One episode under way; a batch of episodes has one more axis in front of every array."""
 
     rng: Stream
-    """State of the random stream, (4,)."""
+    """State of the random stream, (4,) uint64."""
     marks: Array
     """x and y of the landmarks, (M, 2), m, frame map, square by square."""
     first: Ints
@@ -32,7 +32,7 @@ class EpisodeState(NamedTuple):
     """True x, y (m), heading (rad), drift (rad per m), roll and pitch error of the camera (rad), and the first drift
     (rad per m), (TRUTH,)."""
     mean: Array
-    """Belief after the last frame, (n,), see `ukf`."""
+    """Belief after the last frame, (n,): x, y (m), heading (rad), drift (rad per m), nuisances, see `ukf`."""
     cov: Array
     """Covariance of the believed state of the robot, (n, n)."""
     ahead_mean: Array
@@ -51,24 +51,27 @@ class EpisodeRoom(NamedTuple):
     gain: Array
     """Effect of the nuisances on a sighting, (2, n - 4)."""
     work: Array
-    """Scratch of the filter, with one column more for the landmarks in view."""
+    """Scratch of the filter, with one column more for the landmarks in view, (max(3 n, IN_VIEW), max(n, 4) + 1)."""
 
 
 @row_kernel
 def squares(scene: Record) -> tuple[int, int]:
-    """Return the numbers of squares of `CELL` m along x and y that cover the floor of a scene."""
+    """Return the numbers of squares of `CELL` m along x and y that cover the floor of a scene, a record SCENE."""
     return math.ceil((scene.x_max - scene.x_min) / CELL), math.ceil((scene.y_max - scene.y_min) / CELL)
 
 
 def most_landmarks(scene: Record) -> int:
-    """Return the number of landmarks that an episode in a scene has room for: mean and ten deviations."""
+    """Return the number of landmarks that an episode has room for: the mean number and ten standard deviations.
+
+    `scene`: a record SCENE, SI.
+    """
     nx, ny = squares(scene)
     mean = nx * ny * CELL * CELL * scene.density
     return int(mean + 10.0 * math.sqrt(mean)) + 16
 
 
 def episode_state(world: Arrays, *count: int) -> EpisodeState:
-    """Return the arrays of one episode, or of a batch of `count` episodes."""
+    """Return the arrays of one episode, zeros, or of a batch of `count` episodes, which is their first axis."""
     n, (nx, ny) = world.states, squares(world.tables.scene[0])
     return EpisodeState(
         np.zeros((*count, 4), dtype=np.uint64),

@@ -23,8 +23,8 @@ def scatter(scene: Record, rng: Stream, marks: Array, first: Ints) -> None:
     """Draw the landmarks of a floor, in place.
 
     Args:
-        scene: the floor and its landmarks.
-        rng: stream of the floor.
+        scene: the scene, a record SCENE, SI, angles in rad.
+        rng: stream of the floor, (4,) uint64.
         marks: x and y of landmarks in the map, (M, 2), m, square by square.
         first: index of the first landmark of each square, and their number at the end, (squares + 1,).
     """
@@ -47,7 +47,9 @@ def scatter(scene: Record, rng: Stream, marks: Array, first: Ints) -> None:
 def is_blocked(scene: Record, truth: Array) -> float:
     """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0.
 
-    `truth` (TRUTH,): true pose first, m, rad.
+    Args:
+        scene: the scene, a record SCENE, SI, angles in rad.
+        truth: true x, y (m), heading (rad), frame map, drift (rad per m) and others, (TRUTH,), see `EpisodeState`.
     """
     x = truth[X] + scene.look_ahead * math.cos(truth[THETA])
     y = truth[Y] + scene.look_ahead * math.sin(truth[THETA])
@@ -61,7 +63,7 @@ def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
     """Begin an episode, in place: floor, drift and true start are drawn, the belief is that of the start.
 
     Args:
-        scene: start, goal, noises, landmarks.
+        scene: the scene, a record SCENE, SI, angles in rad.
         run: seed of a series of episodes.
         episode: number of the episode; seed and number determine all draws.
         state: of the episode, written.
@@ -104,7 +106,13 @@ def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
 
 @row_kernel
 def drift_at(scene: Record, began: float, way: float) -> float:
-    """Return the drift, rad per m, after `way` m walked in a scene, by its course; `began` is the first."""
+    """Return the drift, rad per m, after a way, by the course of it that the scene names.
+
+    Args:
+        scene: the scene, a record SCENE, SI, angles in rad.
+        began: drift at the start, rad per m.
+        way: walked so far, m.
+    """
     course = int(scene.course)
     dx, dy = scene.goal_x - scene.start_x, scene.goal_y - scene.start_y
     part = min(1.0, way / math.sqrt(dx * dx + dy * dy))
@@ -130,6 +138,7 @@ def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None
 
     A pitch error p shifts (x, y) in the robot's heading axes by p (height + x^2 / height, x y / height), a roll error
     q by q (x y / height, height + y^2 / height); columns are (roll, pitch), rows range (m/rad) and bearing (rad/rad).
+    `range_` m, `bearing` rad: of the landmark, seen from the robot.
     """
     c, s = math.cos(bearing), math.sin(bearing)
     along = height + range_ * range_ / height
@@ -156,7 +165,11 @@ def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None
 def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array) -> int:
     """Write the landmarks that a frame recognises into the last column of work; return their number.
 
-    `work` as in `EpisodeRoom`.
+    Args:
+        scene: the scene, a record SCENE, SI, angles in rad.
+        action: the action, a record ACTION, SI, angles in rad.
+        state: of the episode; its random stream advances.
+        work: scratch, as in `EpisodeRoom`.
     """
     truth, marks, first = state.truth, state.marks, state.first
     nx, ny = squares(scene)
@@ -183,7 +196,14 @@ def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array)
 
 @row_kernel
 def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) -> int:
-    """Take one frame and correct the belief with each landmark that is recognised, in place; return their number."""
+    """Take one frame and correct the belief with each landmark that is recognised, in place; return their number.
+
+    Args:
+        scene: the scene, a record SCENE, SI, angles in rad.
+        action: the action, a record ACTION, SI, angles in rad.
+        state: of the episode; belief and random stream change.
+        room: scratch.
+    """
     truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
     gain, work, n = room.gain, room.work, state.mean.size
     found, column = _recognised(scene, action, state, work), work.shape[1] - 1
@@ -216,9 +236,14 @@ def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) 
 
 @row_kernel
 def move(scene: Record, action: Record, share: float, rng: Stream, truth: Array) -> None:
-    """Carry the truth (TRUTH,) over a share of an action, in place; a wall stops it.
+    """Carry the truth over a share of an action, in place; a wall stops it.
 
-    `share`: 0 to 1 of its way and its time.
+    Args:
+        scene: the scene, a record SCENE, SI, angles in rad.
+        action: the action, a record ACTION, SI, angles in rad.
+        share: 0 to 1 of its way and its time.
+        rng: random stream of the motion noise, (4,) uint64.
+        truth: true x, y (m), heading (rad), frame map, drift (rad per m) and others, (TRUTH,), see `EpisodeState`.
     """
     along_e, across_e = normal_pair(rng)
     heading_e, _ = normal_pair(rng)
@@ -237,6 +262,12 @@ def _frames_of(scene: Record, action: Record, state: EpisodeState, room: Episode
     """Do an action frame by frame, in place: truth and belief, and ahead the belief at the next decision.
 
     That one lacks the frames of the last `decision_delay` s: it is predicted instead.
+
+    Args:
+        scene: the scene, a record SCENE, SI, angles in rad.
+        action: the action, a record ACTION, SI, angles in rad.
+        state: of the episode.
+        room: scratch.
     """
     frames, late = int(action.frames), int(action.late)
     share, noise = 1.0 / frames, room.noise

@@ -55,7 +55,7 @@ GROWTH = 65_536
 def enter(
     entry: int, f: int, heads: Ints32, cell_of: Ints32, next_of: Ints32, spare: int, used: int
 ) -> tuple[int, int]:
-    """Put an entry (cell << 4 | direction) into the bucket of f.
+    """Put an entry (cell << 4 | direction) into the bucket of f, in place; all numbers are indices or costs, no unit.
 
     Args:
         entry: what to put.
@@ -84,7 +84,7 @@ def enter(
 
 @row_kernel
 def doubled(entries: Ints32) -> Ints32:
-    """Return room for twice as many entries (n,), the first n of which are these."""
+    """Return an array (2 n,), no unit, that begins with these entries (n,); the rest is not set."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
         out[i] = entries[i]
@@ -99,11 +99,13 @@ class SearchMap(NamedTuple):
     wide: int
     """Cells of a padded row."""
     marks: Ints32
-    """Costs between marks and cells, (cells, marks)."""
+    """Costs between marks and cells, (cells, marks), no unit."""
     goal: int
-    """Index of the goal, or NOWHERE."""
+    """Index of the goal in the flattened array, or NOWHERE."""
     goal_row: int
+    """Row of the goal in the padded array."""
     goal_col: int
+    """Column of the goal in the padded array."""
     offsets: Ints
     """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
     onward: Ints
@@ -123,7 +125,13 @@ class Successors(NamedTuple):
 
 @row_kernel
 def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
-    """Return the constants of a search for one goal: weights with a border (rows + 2, cols + 2), goal, neighbours."""
+    """Return the constants of a search for one goal.
+
+    Args:
+        weight: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
+        goal: index of a cell in the flattened array, or NOWHERE.
+        marks: costs between marks and cells, (cells, marks), no unit.
+    """
     wide = weight.shape[1]
     return SearchMap(
         weight.ravel(),
@@ -139,7 +147,14 @@ def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
 
 @row_kernel
 def bound(floor: SearchMap, cell: int) -> int:
-    """Return the bound of the cost from a cell to the goal."""
+    """Return a lower bound of the cost from a cell to the goal, no unit, an edge costing 2 UNIT STRAIGHT or more.
+
+    Without a goal it is 0.
+
+    Args:
+        floor: constants of the search: goal, width, marks.
+        cell: index of the cell in the flattened array.
+    """
     if floor.goal == NOWHERE:
         return 0
     dr, dc = abs(cell // floor.wide - floor.goal_row), abs(cell % floor.wide - floor.goal_col)
@@ -151,7 +166,14 @@ def bound(floor: SearchMap, cell: int) -> int:
 
 @row_kernel
 def _run(floor: SearchMap, g: Ints32, n: int, step: int, cost: int) -> tuple[int, int]:
-    """Follow a straight run of EVEN cells from n by steps of `step`, reached at `cost`; write costs into g (cells,).
+    """Follow a straight run of EVEN cells from cell n; write costs into g.
+
+    Args:
+        floor: constants of the search.
+        g: cost from the start, (cells,), no unit, written.
+        n: index of the first cell of the run.
+        step: difference of the indices of two cells of the run.
+        cost: cost at which the first one was reached.
 
     Returns:
         End of the run, -1 where a cell of the run was reached as cheaply before, and cost there.
@@ -173,7 +195,7 @@ def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: S
 
     Args:
         floor: constants of the search.
-        g: costs, (cells,), written.
+        g: cost from the start, (cells,), no unit, written.
         cell: index of the cell.
         came: direction of the step to it, or ANY.
         here: its cost.
@@ -209,7 +231,10 @@ def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: S
 
 @row_kernel
 def _settle_rest(g: Ints32) -> int:
-    """Settle the cells of g (cells,) that were seen only, in place; return their number."""
+    """Settle the cells that were only seen, in place; return their number.
+
+    `g`: costs of `search`, (cells,), no unit: -cost - 1 of settled cells, cost of seen ones, UNSEEN of others.
+    """
     count = 0
     for n in range(g.size):
         if 0 <= g[n] < UNSEEN:
@@ -227,8 +252,8 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
         start: index of a free cell in the flattened array.
         goal: index of a cell in the region of the start; or NOWHERE.
         marks: costs between marks and cells of that region, (cells, marks); (cells, 0) = none.
-        g: cost from the start, flattened, written: settled cells as -g - 1, seen ones as g, others as UNSEEN. The cells
-            inside of a run stay seen; where the search ends because nothing is left, they are settled, too.
+        g: cost from the start, (cells,), no unit, written: settled cells as -g - 1, seen ones as g, others as UNSEEN.
+            The cells inside of a run stay seen; where the search ends because nothing is left, they are settled, too.
 
     Returns:
         Number of settled cells.
@@ -276,7 +301,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
 
 @row_kernel
 def cost_of(entry: int) -> int:
-    """Return the cost that `search` wrote of a cell, settled or seen; UNSEEN of others."""
+    """Return the cost of a cell by its entry in the costs of `search`, settled or seen; UNSEEN of others."""
     return -entry - 1 if entry < 0 else entry
 
 
@@ -284,7 +309,7 @@ def cost_of(entry: int) -> int:
 def trace(weight: Bytes, start: int, goal: int, g: Ints32) -> Ints32:
     """Return the cells of the path from start to goal, flat indices (n,), by the costs g (cells,) of `search`.
 
-    `weight` (rows, cols): factor of each cell.
+    `weight`: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
     """
     wide = weight.shape[1]
     w = weight.ravel()

@@ -79,7 +79,7 @@ class Costs:
 
     @cached_property
     def scratch(self) -> Ints32:
-        """Return room for the costs of a search, (cells,); every search overwrites all of it."""
+        """Return room for the costs of a search, (cells,), no unit; every search overwrites all of it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
     def clearance_of(self, path: Ints32) -> float:
@@ -132,7 +132,10 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
 
 
 def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
-    """Return the weight by squared distance in cells, ((most + 1)^2 + 1,)."""
+    """Return the weight by squared distance of a cell from an obstacle, cells^2, ((most + 1)^2 + 1,).
+
+    `cell`: edge of a cell, m; `most`: largest distance that counts, cells.
+    """
     d, span = (np.sqrt(np.arange((most + 1) ** 2 + 1)) - 0.5) * cell, clearance.comfort - clearance.radius
     near = np.clip((clearance.comfort - d) / span, 0.0, 1.0) if span > 0.0 else 0.0
     table = np.rint(UNIT * (1.0 + (clearance.dearest - 1.0) * near)).astype(np.uint8)
@@ -140,7 +143,10 @@ def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
 
 
 def _mark_even(weight: Bytes) -> None:
-    """Set the bit EVEN of the free cells that weigh the same as all eight neighbours, in place."""
+    """Set the bit EVEN of the free cells that weigh the same as all eight neighbours, in place.
+
+    `weight`: cost factor of each cell, padded by a frame of zeros, (rows + 2, cols + 2).
+    """
     inner = weight[1:-1, 1:-1]
     (rows, cols), even = inner.shape, inner > 0
     for r in range(3):
@@ -154,6 +160,13 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
     """Return the squared distance of every cell centre to the nearest wall's, cells^2: exact to `most`, then constant.
 
     d^2(r, c) = min over k of (k - c)^2 + down(r, k)^2, down = distance to the nearest wall of the same column.
+
+    Args:
+        wall: True where a cell is blocked, (rows, cols).
+        most: largest distance that counts, cells.
+
+    Returns:
+        Squared distances, (rows, cols).
     """
     rows, cols = wall.shape
     far = most + 1
@@ -180,7 +193,7 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
 
 @row_kernel
 def root(parent: Ints32, i: int) -> int:
-    """Return the representative of label i, and shorten the way to it in `parent` (labels,), in place."""
+    """Return the representative of label i, an index, and shorten the way to it in `parent` (labels,), in place."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -189,10 +202,10 @@ def root(parent: Ints32, i: int) -> int:
 
 @row_kernel
 def regions(weight: Bytes) -> Ints32:
-    """Return the connected region of every free cell of weight (rows, cols), from 1 on, 0 = blocked.
+    """Return the number of the connected region of every free cell, from 1 on, 0 = blocked, (rows, cols).
 
     Neighbours share an edge: a diagonal step needs both cells beside it, so it connects nothing that edges do not.
-    `weight`: cost factor of each cell, no unit, (rows, cols); 0 = not to be entered.
+    `weight`: cost factor of each cell, no unit, (rows, cols); 0 = not to be entered, as all cells at the border.
     """
     rows, cols = weight.shape
     label = np.zeros((rows, cols), dtype=np.int32)
@@ -223,7 +236,16 @@ def regions(weight: Bytes) -> Ints32:
 
 @row_kernel
 def nearest_free(free: Flags, row: float, col: float) -> tuple[int, int, float]:
-    """Return row, column and distance of the free cell (rows, cols) nearest to a place, all in cells; inf: none is."""
+    """Return the free cell nearest to a place.
+
+    Args:
+        free: True where a cell may be taken, (rows, cols).
+        row: of the place, cells, whole at the centre of a cell.
+        col: of the place, likewise.
+
+    Returns:
+        Row, column (0, 0 if there is none), distance in cells (inf if there is none).
+    """
     best, best_r, best_c = math.inf, 0, 0
     for r in range(free.shape[0]):
         dr = (r - row) * (r - row)

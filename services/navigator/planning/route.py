@@ -56,8 +56,9 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     """Return the cheapest route.
 
     Args:
-        start: m, frame map.
-        goal: m, frame map.
+        costs: of walking over the cells of a floor.
+        start: x, y in m, frame map.
+        goal: x, y in m, frame map.
         limits: None = the defaults of `RouteLimits`.
 
     Raises:

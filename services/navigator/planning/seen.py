@@ -40,10 +40,11 @@ def expected_echo(
     holds all these cones, the other that of the narrower one, which all of them hold.
 
     Args:
+        grid: map of obstacles.
         at: x, y (m) and heading (rad) of the ranger, frame map.
         half: half angle of the cone, and error of the heading, rad.
-        longest: m.
-        obstacle: occupancy from which on a cell is an obstacle.
+        longest: largest distance that counts, m.
+        obstacle: occupancy from which on a cell is an obstacle, 1 to 100.
     """
     (r0, c0), (r1, c1) = grid.index(at[0] - longest, at[1] - longest), grid.index(at[0] + longest, at[1] + longest)
     rows, cols = grid.shape
@@ -67,7 +68,7 @@ class SeenObstacles:
 
     Args:
         grid: static map.
-        obstacle: its occupancy from which on a cell is an obstacle.
+        obstacle: its occupancy from which on a cell is an obstacle, 1 to 100.
         keep: time after which a mark that was not seen again is forgotten, s.
     """
 
@@ -103,13 +104,27 @@ class SeenObstacles:
         self.version += before != set(self.marks)
 
     def _seen_again(self, at: Pose, half: float, distance: float, now: float) -> bool:
-        """Return whether marks explain an echo, and renew these."""
+        """Return True if marks explain an echo, and renew these.
+
+        Args:
+            at: x, y (m) and heading (rad) of the ranger, frame map.
+            half: half angle of its cone, rad.
+            distance: of the echo, m.
+            now: simulated time, s.
+        """
         again = self._inside(at, half if distance > CLOSE else 0.5 * half, distance + SLACK)  # nearer ones are cleared
         self.marks.update(dict.fromkeys(again, now))
         return bool(again)
 
     def _mark(self, at: Pose, half: float, distance: float, now: float) -> None:
-        """Mark the cells on the arc of an echo at `distance` m."""
+        """Mark the cells on the arc of an echo at `distance` m.
+
+        Args:
+            at: x, y (m) and heading (rad) of the ranger, frame map.
+            half: half angle of the arc, rad.
+            distance: of the echo, m.
+            now: simulated time, s.
+        """
         grid, reach = self.grid, distance + 0.5 * self.grid.cell
         count = max(3, math.ceil(4.0 * half * reach / grid.cell))
         for angle in np.linspace(at[2] - half, at[2] + half, count).tolist():
@@ -118,7 +133,10 @@ class SeenObstacles:
                 self.marks[cell] = now
 
     def _inside(self, at: Pose, half: float, reach: float) -> list[tuple[int, int]]:
-        """Return the marked cells in a cone, nearer than `reach` m."""
+        """Return the marked cells in a cone of half angle `half`, rad, nearer than `reach` m.
+
+        `at`: x, y (m) and heading (rad) of the ranger, frame map.
+        """
         found: list[tuple[int, int]] = []
         for cell in self.marks:
             x, y = self.grid.centre(*cell)
@@ -130,7 +148,10 @@ class SeenObstacles:
         return found
 
     def free(self, here: Point, route: tuple[Point, ...], radius: float) -> bool:
-        """Return whether no mark is within `radius` m of the next part of a route that begins `here`."""
+        """Return True if no mark is within `radius` m of the next part of a route, `AHEAD` m long, that begins `here`.
+
+        here, route: x, y in m, frame map.
+        """
         if not self.marks:
             return True
         centres = np.array([self.grid.centre(*cell) for cell in self.marks])
@@ -149,7 +170,7 @@ class SeenObstacles:
         return True
 
     def joined(self) -> FloorGrid:
-        """Return the static map (rows, cols) with the marks as obstacles."""
+        """Return the static map with the marks as obstacles."""
         cells = self.grid.cells.copy()
         for cell in self.marks:
             cells[cell] = OCCUPIED

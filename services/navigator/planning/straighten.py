@@ -12,7 +12,7 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
     """Return the cost of a straight line, 2 STRAIGHT * length (cells) * weight; -1 if it touches a blocked cell.
 
     Args:
-        weight: cost factors, padded.
+        weight: cost factors, padded by a frame of zeros, (rows + 2, cols + 2).
         r0: row of the beginning in padded cells, cell i reaches from i to i + 1.
         c0: its column.
         r1: row of the end.

@@ -38,9 +38,9 @@ class ModelTables(NamedTuple):
     """Arrays of a navigation model that kernels read; SI units, angles in rad."""
 
     actions: Record
-    """Actions of the model, records ACTION, (A,)."""
+    """Actions of the model, records ACTION, (A,); m, rad, s."""
     scene: Record
-    """Floor, start, goal, noises and guards, one record SCENE, (1,)."""
+    """Floor, start, goal, noises and guards, one record SCENE, (1,); m, rad, s."""
     switching: Array
     """Extra time of an action of kind j after kind i, (3, 3) s, order STAND, TURNING, WALK."""
 
@@ -58,7 +58,7 @@ class Arrays:
 
 
 def arrays(model: NavigationModel) -> Arrays:
-    """Return a model as arrays for kernels, in SI units."""
+    """Return a model as arrays, SI, angles in rad: records of actions (A,) and scene (1,), switching (3, 3) s."""
     scene, sight, drift = model.scene, model.sight, model.drift
     values = record(SCENE)
     values.x_min, values.x_max, values.y_min, values.y_max = scene.x_min, scene.x_max, scene.y_min, scene.y_max
@@ -88,7 +88,7 @@ def arrays(model: NavigationModel) -> Arrays:
 
 
 def row_of(model: NavigationModel, action: ActionModel) -> Record:
-    """Return an action as a record ACTION; its mirror is not known here."""
+    """Return an action as a record ACTION, SI, angles in rad; its mirror, which other actions decide, is 0."""
     sight, row = model.sight, record(ACTION)
     moving = action.kind != "stand"
     row.kind, row.forward, row.turn = KINDS.index(action.kind), action.forward, math.radians(action.turn_deg)
@@ -114,7 +114,10 @@ def row_of(model: NavigationModel, action: ActionModel) -> Record:
 
 
 def _box(near: float, far: float, half: float) -> tuple[float, float]:
-    """Return how far ahead the centre of a sector lies, and the radius of a circle around it that holds the sector."""
+    """Return the distance of the centre of a sector ahead, m, and the radius, m, of a circle around it that holds it.
+
+    `near`, `far`: radii of the sector, m; `half`: its half angle, rad.
+    """
     if half >= math.pi / 2:
         return 0.0, far
     at = 0.5 * (far + near * math.cos(half))

@@ -34,7 +34,7 @@ class PolicyTables(NamedTuple):
     numbers: Array
     """Parameters of the policy, (NUMBERS,), in the order of the names in this module."""
     table: Array
-    """Action values, (layers, nd, nphi, A), see `grids`."""
+    """Action values, (layers, nd, nphi, A) s, see `grids`."""
     grid: Array
     """Axes of the table, (GRID,)."""
     shown: Array
@@ -45,7 +45,7 @@ class ChoiceRoom(NamedTuple):
     """Results of `choose` and its scratch."""
 
     values: Array
-    """Value of each action, (A,), larger is better."""
+    """Value of each action, (A,), larger is better; s, or no unit by the rules of HAND and STEER."""
     mask: Flags
     """Actions that are allowed, (A,)."""
     work: Array
@@ -60,7 +60,13 @@ def room_to_choose(states: int, actions: int) -> ChoiceRoom:
 
 @row_kernel
 def allow(model: ModelTables, status: Record, mask: Flags) -> None:
-    """Mark the allowed actions (a,): only turns while blocked, limited numbers of stands and of turns in a row."""
+    """Mark the allowed actions, in place: only turns while blocked, limited numbers of stands and of turns in a row.
+
+    Args:
+        model: actions and limits.
+        status: counters and flags of the episode, a record STATUS, see `EpisodeState`.
+        mask: result, (A,) bool.
+    """
     actions, scene, blocked = model.actions, model.scene[0], status.blocked > 0.0
     for a in range(actions.shape[0]):
         kind = actions[a].kind
@@ -94,10 +100,10 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
     They are (4) to (6) of Osswald et al.
 
     Args:
-        mean: believed x, y (m), heading (rad) and more, (n,).
+        mean: believed x, y (m), heading (rad) and more, frame map, (n,).
         cov: its covariance, (n, n).
-        gx: x of the goal, m.
-        gy: y of the goal, m.
+        gx: x of the goal, m, frame map.
+        gy: y of the goal, m, frame map.
     """
     dx, dy = gx - mean[0], gy - mean[1]
     return math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - mean[2]), entropy(cov)
@@ -107,19 +113,19 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 def _by_hand(
     policy: PolicyTables, actions: Record, d: float, phi: float, h: float, drift: float, values: Array
 ) -> None:
-    """Write the values (a,) of the dual-mode controller: it stands when unsure, turns to a goal far aside, else walks.
+    """Write the values of the dual-mode controller: it stands when unsure, turns to a goal far aside, else walks.
 
     The choice of the rules has value 1, the other actions have less, in the order of the rules. The kind STEER takes
     the arc that comes nearest to STEER_GAIN phi after the turn by the drift.
 
     Args:
         policy: numbers of the rules.
-        actions: of the model, (a,).
+        actions: of the model, records ACTION, (A,).
         d: distance of the goal, m.
         phi: its bearing, rad.
         h: entropy of the belief, nats.
         drift: believed turn per way, rad/m.
-        values: written.
+        values: result, (A,), no unit.
     """
     numbers = policy.numbers
     unsure = h > numbers[STAND_ABOVE] + numbers[STAND_SLOPE] * d
@@ -140,7 +146,10 @@ def _by_hand(
 
 @row_kernel
 def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy: float, out: Array) -> None:
-    """Write the action values of a known state x (4,) to out (A,)."""
+    """Write the action values of a known state to out (A,), s.
+
+    `x`: x, y (m), heading (rad), frame map, drift (rad per m), (4,); `gx`, `gy`: goal, m, frame map.
+    """
     for a in range(out.size):
         out[a] = 0.0
     dx, dy = gx - x[0], gy - x[1]
@@ -152,9 +161,18 @@ def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy
 def _average(
     policy: PolicyTables, model: ModelTables, mean: Array, low: Array, gx: float, gy: float, out: Array
 ) -> None:
-    """Write the average of the table over the 8 sigma points mean +- column of low (4, 4) to out (A,).
+    """Write the average of the table over the 8 sigma points mean +- column of `low` to out (A,), s.
 
     A point inside the goal is moved to its edge, where the values differ: the goal has not been reached.
+
+    Args:
+        policy: table and shares of the spread.
+        model: actions and scene.
+        mean: believed x, y (m), heading (rad), frame map, drift (rad per m) if n > 3, (n,).
+        low: lower triangle L with L L^T = 4 times the covariance of these four, (4, 4).
+        gx: x of the goal, m, frame map.
+        gy: y of the goal, m, frame map.
+        out: result.
     """
     for a in range(out.size):
         out[a] = 0.0
@@ -230,7 +248,8 @@ def _gain_of_sight(
     """Return the seconds that deciding after a stand saves, >= 0; > 0 where the sight can change the choice.
 
     That is the mean, over the places where the estimate may then be, of the best value there, less the best of the
-    actions' means over the same places. Rows 0 .. 3 of the scratch hold the covariance; `mean` (n,); goal gx, gy m.
+    actions' means over the same places. Rows 0 .. 3 of the scratch hold the covariance of x, y, heading and drift;
+    `mean` (n,): believed x, y (m), heading (rad), drift (rad per m); goal gx, gy m, frame map.
     """
     na, work = model.actions.shape[0], room.work
     moved, average, there, single = work[24:28], work[30, 0:na], work[31, 0:4], work[32, 0:na]
@@ -267,7 +286,8 @@ def _planned(
     """Write the values of all actions, s (negative): the table averaged over a share of the belief's spread.
 
     Value of a stand: -its seconds, -the time that stopping and starting cost, + SIGHT_SHARE * the gain of its sight +
-    the best value of going on after it. `last`: kind of the last action; `mean` (n,), `cov` (n, n): belief; goal m.
+    the best value of going on after it. `last`: kind of the last action; `mean` (n,), `cov` (n, n): believed x, y (m),
+    heading (rad), frame map, drift (rad per m); goal gx, gy m.
     """
     values, low = room.values, room.work[20:24]
     _top4(mean, cov, room.work)
@@ -300,15 +320,16 @@ def choose(
     status: Record,
     room: ChoiceRoom,
 ) -> int:
-    """Return the chosen action; values and mask of `room` are written.
+    """Return the index of the chosen action, -1 = none is allowed; values and mask of `room` are written.
 
     Args:
+        policy: decides.
         model: actions and scene; goal radius and guards are read.
         mean: belief, (n,): x, y in m and heading in rad, frame map, then the drift in rad per m.
         cov: its covariance, (n, n).
         gx: x of the goal, m, frame map.
         gy: y of the goal, m, frame map.
-        status: last action, stands, turns and blocked are read.
+        status: a record STATUS; last action, stands, turns and blocked are read.
         room: results and scratch.
     """
     allow(model, status, room.mask)

@@ -80,12 +80,12 @@ class Decider:
         self.status.last = slots.NO_ACTION
 
     def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> Decision:
-        """Return the next action for a belief mean (n,), cov (n, n) as it will be when the action begins.
+        """Return the next action for a belief as it will be when the action begins.
 
         Args:
-            mean: x, y (m), heading (rad), and from n = 4 on the drift (rad per m), frame map.
-            cov: its covariance.
-            goal: m, frame map.
+            mean: x, y (m), heading (rad), and from n = 4 on the drift (rad per m), frame map, (n,).
+            cov: its covariance, (n, n).
+            goal: x, y in m, frame map.
             blocked: a wall is close ahead, only turns are allowed.
         """
         self.status.blocked, names, room = float(blocked), self.world.names, self._room
@@ -102,7 +102,7 @@ class Decider:
         return decision
 
     def did(self, index: int) -> None:
-        """Record that an action was done; `decide` does so for the one it returns."""
+        """Record that the action with this index was done; `decide` does so for the one it returns."""
         kind, status = self.world.tables.actions[index].kind, self.status
         status.last = index
         status.stands = status.stands + 1.0 if kind == slots.STAND else 0.0
@@ -175,12 +175,12 @@ def by_rule(name: str, world: Arrays) -> Policy | None:
 
 
 def planner_numbers(world: Arrays) -> Array:
-    """Return the planner's numbers, chosen on stream 1 with the paper's robot, drift 0 to 8 deg, normal and blurred.
+    """Return the planner's numbers, (NUMBERS,), no unit, as simulated episodes chose them.
 
     They are the shares of the belief's standard deviations over which values are averaged, and the weight of the sight
     of a stand. Averaging over the full belief turns too late, because each value supposes that the pose will be known
     after one action. A look serves more than the next decision: more so on arcs, and most where switching makes looks
-    rare.
+    rare. They were chosen on random stream 1 with the paper's robot, drift 0 to 8 deg, normal and blurred.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0

@@ -86,13 +86,17 @@ def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
 
 
 def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None = None) -> Policy:
-    """Return the policy in the bytes of a file (raises Refusal, which names `where`).
+    """Return the policy in the bytes of a file.
 
     Args:
         content: bytes of the file.
         name: of the policy, where the file has none.
-        where: path or source, for the Refusal.
+        where: path or source, for the message of an error.
         actions: names that its actions must have, in this order; None = any.
+
+    Raises:
+        Refusal: the bytes are truncated, hold pickles, NaN or arrays of wrong shape, are of another version or for
+            other actions; the message names `where`.
     """
 
     def refuse(message: str) -> Refusal:
@@ -153,6 +157,6 @@ def _checked(
 
 
 def shipped() -> dict[str, Path]:
-    """Return the policy files that ship, by name."""
+    """Return the paths of the policy files that come with the package, by name."""
     folder = Path(str(resources.files("surefoot.services.navigator"))) / "policy" / "shipped"
     return {path.stem: path for path in sorted(folder.glob("*.npz"))}

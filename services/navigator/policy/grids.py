@@ -33,7 +33,7 @@ def place(value: float, low: float, high: float, count: int) -> tuple[int, float
 def add_values(
     table: Array, grid: Array, actions: Record, d: float, phi: float, layer: float, weight: float, out: Array
 ) -> None:
-    """Add weight * values of all actions (A,) at (d m, phi rad, layer) to out (A,); table (nl, nd, nphi, A).
+    """Add `weight` times the values of all actions in a table, by linear interpolation, to `out`, in place.
 
     With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), with < 0 a negative phi at -phi; left and right
     are then exchanged.
@@ -41,7 +41,7 @@ def add_values(
     Args:
         table: action values, (nl, nd, nphi, A) s.
         grid: axes of the table, (GRID,).
-        actions: columns of each action, (A, COLUMNS).
+        actions: of the model, records ACTION, (A,).
         d: distance of the goal, m.
         phi: bearing of the goal, rad.
         layer: drift, rad per m, or another third coordinate of the table.

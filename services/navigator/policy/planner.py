@@ -55,9 +55,13 @@ class PlanRoom(NamedTuple):
 
 @free_kernel
 def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> None:
-    """Write forward and left (m) and turn (rad) of each action (A,) and sample (k, 3) into moved (A, k, 3).
+    """Write the motion of each action and sample: forward and left, m, and turn, rad, into moved (A, k, 3).
 
-    `drift`: rad per m; samples: deviations along, across and of the heading.
+    Args:
+        actions: of the model, records ACTION, (A,).
+        drift: rad per m.
+        samples: standard normal deviations along, across and of the heading, (k, 3).
+        moved: written.
     """
     for a in range(actions.shape[0]):
         change = actions[a].turn + drift * actions[a].forward
@@ -72,7 +76,15 @@ def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> Non
 
 @free_kernel
 def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) -> float:
-    """Return the mean value after an action, its samples (k, 3), from a goal at (gx, gy) m; v (nd, nphi) is read."""
+    """Return the mean value after an action, s.
+
+    Args:
+        v: values by distance and bearing of the goal, (nd, nphi) s.
+        gx: x of the goal in the axes of the robot, m.
+        gy: y of the goal, likewise.
+        moved: forward and left, m, and turn, rad, of each sample of the action, (k, 3).
+        room: constants.
+    """
     (nd, nphi), total = v.shape, 0.0
     dx_step, phi_step = room.d_max / (nd - 1), 2.0 * math.pi / nphi
     for k in range(moved.shape[0]):
@@ -98,7 +110,7 @@ def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) ->
 def _sweep(v: Array, q: Array, actions: Record, switching: Array, room: PlanRoom) -> float:
     """Update V (groups, nb, nd, nphi), Q (nb, nd, nphi, A), s, in place, near goals first; return the largest change.
 
-    `actions` (A,); `switching`: price of a change between groups of actions, s.
+    `actions`: records ACTION, (A,); `switching`: price of an action of kind j after kind i, (3, 3) s.
     """
     nb, nd, nphi = v.shape[1], v.shape[2], v.shape[3]
     na, worst = actions.shape[0], 0.0
@@ -174,7 +186,7 @@ def plan(
 
 
 def _priced(actions: Record) -> Record:
-    """Return the actions (a,) with a price, s, for seeing less than the moving action that sees most."""
+    """Return the actions, records ACTION, (A,), with a price, s, for seeing less than the one that sees most."""
     out, best = actions.copy(), 0.0
     for row in actions:
         best = max(best, float(row.match)) if row.kind != slots.STAND else best
@@ -185,7 +197,7 @@ def _priced(actions: Record) -> Record:
 
 
 def _guess(world: Arrays, d: Array, nphi: int) -> Array:
-    """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it; d (nd,) m."""
+    """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it; `d`: distances of the goal, (nd,) m."""
     turns = [row for row in world.tables.actions if row.forward == 0.0 and row.turn != 0.0]
     per_rad = min(row.seconds / abs(row.turn) for row in turns)
     phi = np.abs(-math.pi + np.arange(nphi) * (2.0 * math.pi / nphi))
