@@ -26,7 +26,7 @@ CODE = 8
 """Numbers of the code of a landmark."""
 SAME_PLACE = 0.03
 """Distance, m, within which features of two maps that look alike are one."""
-CELL = 0.25
+DENSITY_CELL = 0.25
 """Edge of the cells in which the density of features is limited, m."""
 PLACE_GRID = 1e-4
 """Step, m, to which the places that a code is drawn from are rounded."""
@@ -89,9 +89,9 @@ def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[
     """
     room: dict[tuple[int, int], int] = {}
     chosen: list[int] = []
-    most = max(1, round(per_m2 * CELL * CELL))
+    most = max(1, round(per_m2 * DENSITY_CELL * DENSITY_CELL))
     for i in np.lexsort((np.arange(len(seen)), -seen)).tolist():
-        key = (int(positions[i, 0] // CELL), int(positions[i, 1] // CELL))
+        key = (int(positions[i, 0] // DENSITY_CELL), int(positions[i, 1] // DENSITY_CELL))
         if room.get(key, 0) < most:
             room[key] = room.get(key, 0) + 1
             chosen.append(i)
