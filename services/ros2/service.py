@@ -25,6 +25,7 @@ from surefoot.schemas.topics import (
     TICK_S,
 )
 
+from .continuous import ContinuousOdometry
 from .steering import Steering
 
 MAP_TICKS = 100
@@ -79,6 +80,7 @@ class Ros2Bridge(Service[Ros2Config]):
     def on_reset(self) -> None:
         """Begin a new epoch: stand, and measure the clock anew."""
         self.steering, self._offset_ns, self._wall = Steering(), 0, WallOffset()
+        self._continuous = ContinuousOdometry()
         self._twists.clear()  # velocities of before are of another run
         self._map: HeightMapMessage | None = None
         self._stance = (False,) * self.robot.nlegs
@@ -89,6 +91,8 @@ class Ros2Bridge(Service[Ros2Config]):
             self._offset_ns = self._wall.measure(inputs.tick.stamp_ns)
         c, frames = self.config, (self.config.odom_frame, self.config.base_frame)
         velocity, odometry = inputs.get(STATE_VELOCITY), inputs.get(STATE_ODOMETRY)
+        if odometry is not None and odometry.initialised:
+            odometry = self._continuous.take(odometry)
         if (contacts := inputs.get(HW_CONTACTS)) is not None:
             self._stance = tuple(any(contacts.touch[leg]) for leg in self._legs)
             self._put("contacts", ros.contacts_message(contacts))

@@ -1,0 +1,64 @@
+"""Odometry for ROS 2, whose frame `odom` is continuous (REP-105): corrections of the past move the frame instead."""
+
+import math
+
+import numpy as np
+
+from surefoot.arrays import Array
+from surefoot.schemas.state import Odometry
+
+
+class ContinuousOdometry:
+    """Odometry of one estimator without the steps by which it corrects its past."""
+
+    def __init__(self) -> None:
+        self._last: Odometry | None = None
+        self._frame = (0.0, 0.0, 0.0)
+        """Pose of the estimator's odom in the frame that is published, x, y in m and heading in rad."""
+
+    def take(self, message: Odometry) -> Odometry:
+        """Return the odometry of a tick in a frame in which the robot does not jump; without a correction as it is."""
+        if self._last is not None and message.corrects(self._last):
+            x, y, heading = self._placed(self._last)
+            turn = heading - message.yaw
+            c, s = math.cos(turn), math.sin(turn)
+            px, py, _ = message.position
+            self._frame = (x - c * px + s * py, y - s * px - c * py, turn)
+        self._last = message
+        return message if self._frame == (0.0, 0.0, 0.0) else self._moved(message)
+
+    def _placed(self, message: Odometry) -> tuple[float, float, float]:
+        """Return x, y in m and heading in rad of a message in the frame that is published."""
+        c, s = math.cos(self._frame[2]), math.sin(self._frame[2])
+        x, y, _ = message.position
+        return self._frame[0] + c * x - s * y, self._frame[1] + s * x + c * y, self._frame[2] + message.yaw
+
+    def _moved(self, message: Odometry) -> Odometry:
+        x, y, yaw = self._placed(message)
+        turn = self._frame[2]
+        c, s = math.cos(turn), math.sin(turn)
+        vx, vy, vz = message.velocity
+        (w, i, j, k), ch, sh = message.quat_wxyz, math.cos(0.5 * turn), math.sin(0.5 * turn)
+        whole = message.pose_covariance
+        update = {
+            "position": (x, y, message.position[2]), "yaw": yaw, "velocity": (c * vx - s * vy, s * vx + c * vy, vz),
+            "quat_wxyz": (ch * w - sh * k, ch * i - sh * j, ch * j + sh * i, ch * k + sh * w),
+            "covariance": turned(message.covariance, turn),
+            "pose_covariance": None if whole is None else turned(whole, turn),
+        }  # fmt: skip
+        return message.model_copy(update=update)
+
+
+def turned(covariance: tuple[float, ...], turn: float) -> tuple[float, ...]:
+    """Return a row-major covariance in axes turned about the vertical.
+
+    Args:
+        covariance: of x, y, z (m) and yaw (rad), 16 numbers, or of x, y, z and the rotation about x, y, z, 36 numbers.
+        turn: of the axes that it was given in, seen from those of the result, rad.
+    """
+    n = math.isqrt(len(covariance))
+    rot: Array = np.eye(n)
+    c, s = math.cos(turn), math.sin(turn)
+    for i in range(0, n - 1, 3):
+        rot[i : i + 2, i : i + 2] = (c, -s), (s, c)
+    return tuple((rot @ np.array(covariance).reshape(n, n) @ rot.T).ravel().tolist())
