@@ -259,4 +259,5 @@ def reproduce(
     done = study(progress)
     notes = NOTES if live is not None else (*NOTES, LIVE_NOTE)
     progress(0.95, "blur from pixels")
-    return Reproduction(TITLE, (*findings(done, robot), *pixels.findings()), draw(done, out), notes)
+    rows, drawn = pixels.reproduced(out)
+    return Reproduction(TITLE, (*findings(done, robot), *rows), (*draw(done, out), *drawn), notes)

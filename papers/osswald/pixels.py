@@ -4,7 +4,13 @@ The camera turns at the rate that moves its image as a walk of the simulated Nao
 exposure is not printed; the exposure is what varies here.
 """
 
+from pathlib import Path
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+
 from surefoot.errors import SurefootError
+from surefoot.lab.report.drawing import BLUE, GREEN, ORANGE, new_figure, write_figures
 from surefoot.lab.report.findings import Finding
 from surefoot.lab.statistics import wilson
 from surefoot.lab.vision.blur import MatchCount, StillCamera, by_speed, map_by_grid, still_camera
@@ -26,29 +32,76 @@ def kept(camera: StillCamera, world: FeatureMap, flow: float) -> list[MatchCount
     return by_speed(camera, world, [(0.0, flow / camera.optics.focal)], TRIALS)
 
 
-def findings() -> list[Finding]:
-    """Return the rows of the study; one row with the reason where OpenCV is not installed."""
-    what = f"features that walking loses, of those that standing matches, {TEXTURE}"
-    try:
-        return _findings(what)
-    except SurefootError as error:
-        return [Finding("VI-D", what, f"{100 * LOSS:.0f} %", error.message)]
+class Kept(NamedTuple):
+    """Landmarks in view and recognised at one exposure, standing and walking."""
+
+    exposure: float
+    """s."""
+    stands: tuple[int, int]
+    """Recognised and in view, standing."""
+    walks: tuple[int, int]
+
+    @property
+    def lost(self) -> float:
+        """Share of what standing recognises that walking loses."""
+        return 1.0 - self.walks[0] / max(1, self.stands[0])
 
 
-def _findings(what: str) -> list[Finding]:
+def study() -> list[Kept]:
+    """Return what the images of each exposure keep (raises SurefootError: OpenCV is not installed)."""
     texture = floor(TEXTURE, 0)
     world = map_by_grid(still_camera(texture, 0.01), "orb", [0.1 * k for k in range(-2, 7)], (-0.2, 0.0, 0.2))
-    rows: list[Finding] = []
+    found: list[Kept] = []
     for exposure in EXPOSURES:
         camera = still_camera(texture, exposure)
-        still, moving = kept(camera, world, 0.0), kept(camera, world, WALK_FLOW)
-        stands, n = (sum(getattr(each, name) for each in still) for name in ("matched", "in_view"))
-        walks = sum(each.matched for each in moving)
-        low, high = wilson(min(stands, n), n)
+        counts = [
+            (sum(each.matched for each in part), sum(each.in_view for each in part))
+            for part in (kept(camera, world, 0.0), kept(camera, world, WALK_FLOW))
+        ]
+        found.append(Kept(exposure, *counts))
+    return found
+
+
+def reproduced(out: Path | None) -> tuple[list[Finding], tuple[Path, ...]]:
+    """Return the rows of the study and its figure, in a folder; one row with the reason where OpenCV is not installed.
+
+    Args:
+        out: folder of the figure, None = there is none.
+    """
+    what = f"features that walking loses, of those that standing matches, {TEXTURE}"
+    try:
+        found = study()
+    except SurefootError as error:
+        return [Finding("VI-D", what, f"{100 * LOSS:.0f} %", error.message)], ()
+    rows: list[Finding] = []
+    for each in found:
+        low, high = wilson(min(each.stands), each.stands[1])
         rows.append(
             Finding(
-                "VI-D", f"{what}, exposure {1e3 * exposure:.0f} ms", f"{100 * LOSS:.0f} % (light not printed)",
-                f"{100 * (1 - walks / max(1, stands)):.0f} %; standing {100 * low:.0f} to {100 * high:.0f} % in view",
+                "VI-D", f"{what}, exposure {1e3 * each.exposure:.0f} ms", f"{100 * LOSS:.0f} % (light not printed)",
+                f"{100 * each.lost:.0f} %; standing {100 * low:.0f} to {100 * high:.0f} % in view",
             )
         )  # fmt: skip
-    return rows
+    return rows, write_figures({"pixels-standing-still": _figure}, found, out)
+
+
+def _figure(found: list[Kept]) -> Figure:
+    """Return what standing still is worth: shares of the landmarks in view that are recognised, with 95 % intervals."""
+    figure = new_figure(6.4, 3.6)
+    axes = figure.add_subplot(1, 1, 1)
+    for name, color, part in (("standing", GREEN, "stands"), ("walking", BLUE, "walks")):
+        counts = [getattr(each, part) for each in found]
+        shares = [k / n for k, n in counts]
+        ends = [wilson(min(k, n), n) for k, n in counts]
+        below = [share - low for share, (low, _) in zip(shares, ends, strict=True)]
+        above = [high - share for share, (_, high) in zip(shares, ends, strict=True)]
+        at = [1e3 * each.exposure for each in found]
+        axes.errorbar(at, shares, (below, above), color=color, marker="o", capsize=3, label=name)
+    worst = [(1.0 - LOSS) * each.stands[0] / each.stands[1] for each in found]
+    axes.plot([1e3 * each.exposure for each in found], worst, "--", color=ORANGE, label="loss of the paper, 80 %")
+    axes.set_xlabel("exposure, ms")
+    axes.set_ylabel("share recognised")
+    axes.set_ylim(bottom=0.0)
+    axes.set_title(f"What standing still keeps of the features, {TEXTURE}, from pixels", loc="left", fontsize=10)
+    axes.legend(loc="upper right")
+    return figure
