@@ -65,8 +65,9 @@ class Tracks:
 
     def grown(self, room: int) -> "Tracks":
         """Return these tracks with zeros behind them, `room` tracks in all."""
-        more = (getattr(self, each.name) for each in fields(self)[1:])
-        return Tracks(self.kind, *(np.concatenate((a, np.zeros((room - len(a), *a.shape[1:]), a.dtype))) for a in more))
+        more: list[Any] = [getattr(self, each.name) for each in fields(self)[1:]]
+        longer: list[Any] = [np.concatenate((a, np.zeros((room - len(a), *a.shape[1:]), a.dtype))) for a in more]
+        return Tracks(self.kind, *longer)
 
 
 def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
