@@ -68,8 +68,12 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
 def gyro_share(memory: Array) -> float:
     """Return the share of the gyro in the heading, 0 to 1, by `BestState.memory` (112,).
 
-    It is rho^4/(rho^4 + rho_0^4), rho^2 = `parting`, mean square rate at which standing points part; 0 if it is small.
+    It is rho^4/(rho^4 + rho_0^4), rho^2 = `parting`, mean square rate at which standing points part; 0 if it is small,
+    and before the first rest: only the feet have shown the bias of the gyro then.
     """
+    own = M.own_bias
+    if memory[own] == 0.0 and memory[own + 1] == 0.0 and memory[own + 2] == 0.0:
+        return 0.0
     share = memory[M.parting] ** 2 / (memory[M.parting] ** 2 + FIXED.parting**4)
     return float(share) if share >= FIXED.no_share else 0.0
 
