@@ -32,7 +32,7 @@ def kept(camera: StillCamera, world: FeatureMap, flow: float) -> list[MatchCount
     return by_speed(camera, world, [(0.0, flow / camera.optics.focal)], TRIALS)
 
 
-class Kept(NamedTuple):
+class KeptFeatures(NamedTuple):
     """Landmarks in view and recognised at one exposure, standing and walking."""
 
     exposure: float
@@ -47,18 +47,18 @@ class Kept(NamedTuple):
         return 1.0 - self.walks[0] / max(1, self.stands[0])
 
 
-def study() -> list[Kept]:
+def study() -> list[KeptFeatures]:
     """Return what the images of each exposure keep (raises SurefootError: OpenCV is not installed)."""
     texture = floor(TEXTURE, 0)
     world = map_by_grid(still_camera(texture, 0.01), "orb", [0.1 * k for k in range(-2, 7)], (-0.2, 0.0, 0.2))
-    found: list[Kept] = []
+    found: list[KeptFeatures] = []
     for exposure in EXPOSURES:
         camera = still_camera(texture, exposure)
         counts = [
             (sum(each.matched for each in part), sum(each.in_view for each in part))
             for part in (kept(camera, world, 0.0), kept(camera, world, WALK_FLOW))
         ]
-        found.append(Kept(exposure, *counts))
+        found.append(KeptFeatures(exposure, *counts))
     return found
 
 
@@ -85,7 +85,7 @@ def reproduced(out: Path | None) -> tuple[list[Finding], tuple[Path, ...]]:
     return rows, write_figures({"pixels-standing-still": _figure}, found, out)
 
 
-def _figure(found: list[Kept]) -> Figure:
+def _figure(found: list[KeptFeatures]) -> Figure:
     """Return what standing still is worth: shares of the landmarks in view that are recognised, with 95 % intervals."""
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot(1, 1, 1)

@@ -68,14 +68,23 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
 def gyro_share(memory: Array) -> float:
     """Return the share of the gyro in the heading, 0 to 1, by `BestState.memory` (112,).
 
-    It is rho^4/(rho^4 + rho_0^4), rho^2 = `parting`, mean square rate at which standing points part; 0 if it is small,
-    and before the first rest: only the feet have shown the bias of the gyro then.
+    It is rho^4/(rho^4 + rho_0^4), rho^2 = `parting`, mean square rate at which standing points part; 0 if it is small.
     """
-    own = M.own_bias
-    if memory[own] == 0.0 and memory[own + 1] == 0.0 and memory[own + 2] == 0.0:
-        return 0.0
     share = memory[M.parting] ** 2 / (memory[M.parting] ** 2 + FIXED.parting**4)
     return float(share) if share >= FIXED.no_share else 0.0
+
+
+@kernel
+def trusted_share(state: BestState) -> float:
+    """Return the share of the gyro in the heading, 0 to 1: none before the first rest if its bias cannot be 0.
+
+    Until a rest shows it, the gyro's own bias is taken to be 0; feet that part claim less than `FIXED.own_unknown`.
+    """
+    memory, own, size_sq = state.memory, M.own_bias, 0.0
+    if memory[own] == 0.0 and memory[own + 1] == 0.0 and memory[own + 2] == 0.0:
+        for i in range(3):
+            size_sq += state.x[X.gyro_bias + i] ** 2
+    return gyro_share(memory) if size_sq <= FIXED.own_unknown**2 else 0.0
 
 
 @kernel
@@ -85,7 +94,7 @@ def keep_heading(state: BestState, d: float) -> None:
     The estimate b of the gyro bias is right for the velocity whichever of both errs. With the share s of the gyro, the
     vertical u, and the bias b_0 at the last rest the heading turns by s u^T (b - b_0) d.
     """
-    x, share, angle = state.x, gyro_share(state.memory), 0.0
+    x, share, angle = state.x, trusted_share(state), 0.0
     if share > 0.0:
         for i in range(3):
             angle += share * x[X.rot + 6 + i] * (x[X.gyro_bias + i] - state.memory[M.own_bias + i]) * d
@@ -102,7 +111,7 @@ def take_back(state: BestState, before: Array) -> None:
         state: the state after a sample of the feet.
         before: rot_odom_from_imu before it, (3, 3).
     """
-    share = gyro_share(state.memory)
+    share = trusted_share(state)
     if share > 0.0:
         turn = times_transposed(rotation(state.x), before)
         turn_heading(state, -0.5 * share * (turn[1, 0] - turn[0, 1]))

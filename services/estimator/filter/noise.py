@@ -273,6 +273,8 @@ class FixedNumbers(NamedTuple):
     """Shortest standing of the same feet that shows it, s."""
     own_sd: float = 0.002
     """Standard deviation of a gyro bias that only parting feet show, rad/s."""
+    own_unknown: float = 0.015
+    """Bias that no rest has shown from which on the gyro's own cannot be 0, as is assumed until then, rad/s."""
     firm: int = 3
     """Switches that hold a sole."""
     # levels of the ground

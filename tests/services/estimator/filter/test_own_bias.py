@@ -1,17 +1,21 @@
 """Heading before a rest has shown the bias of the gyro."""
 
-import numpy as np
+import math
+
 import pytest
 
-from surefoot.services.estimator.filter.heading import gyro_share
-from surefoot.services.estimator.filter.layout import MemoryLayout
+from surefoot.services.estimator.filter.heading import keep_heading
+from surefoot.services.estimator.filter.layout import M, X
+from surefoot.services.estimator.filter.state import new_state
 
-M = MemoryLayout()
 
-
-@pytest.mark.parametrize(("own", "shared"), [((0.0, 0.0, 0.0), False), ((0.0, 0.0, 0.03), True)])
-def test_the_gyro_has_no_share_in_the_heading_before_the_first_rest(own, shared):
-    memory = np.zeros(112)
-    memory[M.parting] = 0.1**2  # feet that part fast
-    memory[M.own_bias : M.own_bias + 3] = own
-    assert (gyro_share(memory) > 0.5) is shared
+@pytest.mark.parametrize(("bias", "own", "turned"), [
+    (0.03, 0.0, 0.0), (-0.03, 0.0, 0.0), (0.005, 0.0, 0.005), (0.03, 0.025, 0.005),
+])  # fmt: skip
+def test_a_bias_that_no_rest_has_shown_turns_the_heading_only_where_it_may_be_nothing(bias, own, turned):
+    state = new_state(4)
+    state.memory[M.parting] = 1.0  # feet that part fast
+    state.x[X.gyro_bias + 2], state.memory[M.own_bias + 2] = bias, own
+    for _ in range(100):
+        keep_heading(state, 0.01)
+    assert math.atan2(state.x[X.rot + 3], state.x[X.rot]) == pytest.approx(turned, abs=1e-9 + 0.02 * abs(turned))
