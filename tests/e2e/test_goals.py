@@ -38,7 +38,7 @@ position = [0.25, 0.05]
 [limits]
 no_fall = true
 all_goals = true
-max_goal_error_m = 0.15
+max_goal_error_m = 0.2  # the tolerance of a goal
 """
 KILL = """
 [[step]]
