@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from surefoot.arrays import Array
+from surefoot.geometry.linear import product
 from surefoot.schemas.state import Odometry
 
 
@@ -61,4 +62,5 @@ def turned(covariance: tuple[float, ...], turn: float) -> tuple[float, ...]:
     c, s = math.cos(turn), math.sin(turn)
     for i in range(0, n - 1, 3):
         rot[i : i + 2, i : i + 2] = (c, -s), (s, c)
-    return tuple((rot @ np.array(covariance).reshape(n, n) @ rot.T).ravel().tolist())
+    whole = product(product(rot, np.array(covariance).reshape(n, n)), rot.T)
+    return tuple(whole.ravel().tolist())
