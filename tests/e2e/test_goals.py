@@ -35,10 +35,11 @@ policy = "steer"
 when = "ready"
 do = "goto"
 position = [0.25, 0.05]
+xy_goal_tolerance = 0.15
 [limits]
 no_fall = true
 all_goals = true
-max_goal_error_m = 0.2  # the tolerance of a goal
+max_goal_error_m = 0.15
 """
 KILL = """
 [[step]]
