@@ -156,7 +156,8 @@ def transfer(
     closing = environment.switching.get("walk", {}).get("stand", 0.0)
     rows: list[tuple[object, ...]] = []
     for arm in words_of(arms):
-        times = [line["values"]["goal_time_s"] for line in finished(live, arm=arm)]
+        ended = [line["values"] for line in finished(live, arm=arm)]
+        times = [values["goal_time_s"] for values in ended if values["goals_missed"] == 0.0]
         walked = float(np.mean(times)) if times else math.nan
         for name in (fitted, *words_of(others)):
             found = predicted(environment, load_params(name), arm, episodes)

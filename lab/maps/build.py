@@ -15,56 +15,19 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import SuperLU, splu
 
 from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 
+from .equations import BuildOptions, Index, errors_of, geometry, relative, residuals, system
 from .sightings import Sightings
 
-Index = NDArray[np.int64]
-
-HUBER = 2.0
-"""Standard deviations from which a residual counts linearly."""
 OUTLIER = 9.21
 """Squared residual of a detection that is left out in the end, chi^2_2(.99)."""
-
-
-@dataclass(frozen=True)
-class BuildOptions:
-    """Noise of the sensors, and conditions for keeping a landmark."""
-
-    range_share: float = 0.03
-    """Standard deviation of a range as a share of the range."""
-    range_sd: float = 0.005
-    """Standard deviation of a range beside the share that grows with it, m."""
-    bearing_sd: float = math.radians(1.5)
-    """Standard deviation of a bearing, rad."""
-    walk_share: float = 0.02
-    """Error of odometry, part of the way walked."""
-    turn_share: float = 0.05
-    """Error of odometry's heading, part of the turn."""
-    turn_per_m: float = math.radians(1.0)
-    """Error of odometry's heading by the way walked, rad/m."""
-    still_m: float = 0.0005
-    """Error of odometry from frame to frame of a robot that stands, m."""
-    still_rad: float = 0.0005
-    """Error of the heading from frame to frame of a robot that stands, rad."""
-    look_sd: float | None = None
-    """Noise of each number of a descriptor; None = estimated from the recording."""
-    least: int = 3
-    """Least number of detections of a landmark that is kept."""
-    rounds: int = 12
-    """Largest number of steps of least squares."""
-    scale_sd: float = 0.0
-    """Standard deviation of a part by which all ways of odometry are too long, 0 = there is no such error."""
-    bend_sds: tuple[float, ...] = ()
-    """Standard deviations of the b errors that all detections share, one for each column of `Sightings.bends`."""
-    sway_sds: tuple[float, ...] = ()
-    """Standard deviations of the s errors that the detections of one frame share, s <= b, for the first columns of
-    `Sightings.bends`."""
+LOOKED_AT = 25
+"""Poses whose covariance is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +44,9 @@ class BuiltMap:
     """Corrected poses of the frames, x, y (m) and heading (rad), (f, 3)."""
     shift: float
     """Largest correction of a pose, m."""
+    drift: float
+    """Largest distance, one standard deviation, of a pose from where it is, the first one held, m. It grows with the
+    way until a floor is seen again, and takes the noise of all detections for independent."""
     range_rms: float
     """Root mean square of the ranges' residuals, parts of the range."""
     bearing_rms: float
@@ -134,10 +100,12 @@ def fitted(
     places = _first_places(replace(seen, poses=poses), track)
     common = np.zeros(len(options.bend_sds) + 1 + len(poses) * len(options.sway_sds))
     for _ in range(options.rounds):
-        if _improve(seen, track, poses, places, common, options) < 1e-5:
+        move, factor = _improve(seen, track, poses, places, common, options)
+        if move < 1e-5:
             break
-    seen = seen.straightened(*_errors(common, options))
-    residual = _residuals(seen, track, poses, places, options)
+    drift = drift_of(factor, len(poses))
+    seen = seen.straightened(*errors_of(common, options))
+    residual = residuals(seen, track, poses, places, options)
     good = (residual**2).sum(axis=1) < OUTLIER
     count = np.bincount(track[good], minlength=len(places))
     kept = np.flatnonzero(count >= options.least)
@@ -152,13 +120,13 @@ def fitted(
     np.add.at(looks, new[track[used]], seen.looks[used])
     looks /= count[kept][:, None]
     world = FloorLandmarks(places[kept], looks, 1, source)
-    scale = np.stack((_relative(options, seen.ranges[used]), np.full(int(used.sum()), options.bearing_sd)))
+    scale = np.stack((relative(options, seen.ranges[used]), np.full(int(used.sum()), options.bearing_sd)))
     range_rms, bearing_rms = (float(v) for v in np.sqrt(np.mean((residual[used].T * scale) ** 2, axis=1)))
     shift = float(np.hypot(*(poses - seen.poses)[:, :2].T).max())
     sd = _place_sd(seen, track, used, new, poses, places, options)
     return BuiltMap(
-        world, count[kept], sd, poses, shift, range_rms, bearing_rms, look_sd, common, len(track), int(used.sum()),
-        len(places) - len(kept),
+        world, count[kept], sd, poses, shift, drift, range_rms, bearing_rms, look_sd, common, len(track),
+        int(used.sum()), len(places) - len(kept),
     )  # fmt: skip
 
 
@@ -235,113 +203,39 @@ def _first_places(seen: Sightings, track: Index) -> Array:
     return places / np.bincount(track)[:, None]
 
 
-def _relative(options: BuildOptions, ranges: Array) -> Array:
-    """Return the standard deviations of ranges (n,) m, as parts of them."""
-    return np.hypot(options.range_share, options.range_sd / ranges)
-
-
-def _wrapped(angle: Array) -> Array:
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
-
-
-def _geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tuple[Array, Array, Array]:
-    """Return offsets of the landmarks, map, (m, 2) m, their length (m,) m, and residuals of range and bearing (m, 2).
-
-    `track` (m,): landmark of each detection; `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m, map. Residuals
-    are in m and rad.
-    """
-    d = places[track] - poses[seen.frame, :2]
-    q = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-6)
-    bearing = _wrapped(seen.bearings - np.arctan2(d[:, 1], d[:, 0]) + poses[seen.frame, 2])
-    return d, q, np.stack((seen.ranges - q, bearing), axis=1)
-
-
-def _residuals(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> Array:
-    """Return the residuals of range and bearing in standard deviations, (m, 2).
-
-    `track` (m,): landmark of each detection; `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m, map.
-    """
-    _, q, nu = _geometry(seen, track, poses, places)
-    return nu / np.stack((_relative(options, q) * q, np.full(len(q), options.bearing_sd)), axis=1)
-
-
 def _improve(
     seen: Sightings, track: Index, poses: Array, places: Array, common: Array, options: BuildOptions
-) -> float:  # fmt: skip
-    """Move poses (f, 3) m, rad, places (k, 2) m and common errors in place; return the largest move of a place, m."""
-    m, f, n = len(track), len(poses), len(places)
-    d, q, nu = _geometry(seen.straightened(*_errors(common, options)), track, poses, places)
-    sd_r, sd_b = _relative(options, q) * q, np.full(m, options.bearing_sd)
-    u = d / q[:, None]
-    size = np.sqrt((nu[:, 0] / sd_r) ** 2 + (nu[:, 1] / sd_b) ** 2)
-    weight = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
-    rows, p, at_place = np.arange(m), 3 * seen.frame, 3 * f + 2 * track
-    wr, wb = weight / sd_r, weight / sd_b
-    entries = [
-        (rows, p, -u[:, 0] * wr), (rows, p + 1, -u[:, 1] * wr),
-        (rows, at_place, u[:, 0] * wr), (rows, at_place + 1, u[:, 1] * wr),
-        (rows + m, p, u[:, 1] / q * wb), (rows + m, p + 1, -u[:, 0] / q * wb), (rows + m, p + 2, -wb),
-        (rows + m, at_place, -u[:, 1] / q * wb), (rows + m, at_place + 1, u[:, 0] / q * wb),
-    ]  # fmt: skip
-    right = [nu[:, 0] * wr, nu[:, 1] * wb]
-    shared, bends, sways = 3 * f + 2 * n, len(options.bend_sds), len(options.sway_sds)
-    scale = shared + bends
-    columns = [(k, np.full(m, shared + k)) for k in range(bends)]
-    columns += [(k, scale + 1 + sways * seen.frame + k) for k in range(sways)]
-    for k, column in columns:
-        entries += [(rows, column, seen.bends[:, 0, k] * wr), (rows + m, column, seen.bends[:, 1, k] * wb)]
-    start = 2 * m
-    before, odometry = _between(poses), _between(seen.poses)
-    way, turn = np.hypot(odometry[:, 0], odometry[:, 1]), np.abs(odometry[:, 2])
-    sd_t = np.hypot(options.still_m, options.walk_share * way)
-    sd_a = np.sqrt(options.still_rad**2 + (options.turn_share * turn) ** 2 + (options.turn_per_m * way) ** 2)
-    c, s = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
-    steps, a = np.arange(f - 1), 3 * np.arange(f - 1)
-    for i, (ex, ey, et) in enumerate(((c, s, before[:, 1]), (-s, c, -before[:, 0]))):
-        at = start + i * (f - 1) + steps
-        entries += [
-            (at, a, -ex / sd_t), (at, a + 1, -ey / sd_t), (at, a + 2, et / sd_t),
-            (at, a + 3, ex / sd_t), (at, a + 4, ey / sd_t),
-            (at, np.full(f - 1, scale), odometry[:, i] / sd_t),
-        ]  # fmt: skip
-        right.append(((1.0 - common[bends]) * odometry[:, i] - before[:, i]) / sd_t)
-    at = start + 2 * (f - 1) + steps
-    entries += [(at, a + 2, -1.0 / sd_a), (at, a + 5, 1.0 / sd_a)]
-    right.append((odometry[:, 2] - before[:, 2]) / sd_a)
-    held = start + 3 * (f - 1) + np.arange(3)
-    entries.append((held, np.arange(3), np.full(3, 1e6)))
-    right.append(1e6 * (seen.poses[0] - poses[0]))
-    likely = 1.0 / np.maximum(1e-9, np.array([*options.bend_sds, options.scale_sd, *options.sway_sds * f]))
-    entries.append((held[-1] + 1 + np.arange(len(common)), shared + np.arange(len(common)), likely))
-    right.append(-likely * common)
-    i, j, v = (np.concatenate([entry[x] for entry in entries]) for x in range(3))
-    jacobian = sparse.csc_matrix((v, (i, j)), shape=(start + 3 * f + len(common), shared + len(common)))
-    normal = (jacobian.T @ jacobian).tocsc()
-    step: Array = np.asarray(spsolve(normal, jacobian.T @ np.concatenate(right)))
-    poses += step[: 3 * f].reshape(f, 3)
-    moved = step[3 * f : shared].reshape(n, 2)
+) -> tuple[float, SuperLU]:  # fmt: skip
+    """Move poses (f, 3) m, rad, places (k, 2) m and common errors in place.
+
+    Returns:
+        Largest move of a place, m, and the factors of the normal matrix, whose inverse is the covariance.
+    """
+    jacobian, right = system(seen, track, poses, places, common, options)
+    factor = splu((jacobian.T @ jacobian).tocsc())
+    step: Array = np.asarray(factor.solve(jacobian.T @ right))
+    shared = poses.size + places.size
+    poses += step[: poses.size].reshape(poses.shape)
+    moved = step[poses.size : shared].reshape(places.shape)
     places += moved
     common += step[shared:]
-    return float(np.abs(moved).max())
+    return float(np.abs(moved).max()), factor
 
 
-def _errors(common: Array, options: BuildOptions) -> tuple[Array, Array]:
-    """Return the errors of all detections, (b,), and of those of each of f frames, (f, s).
+def drift_of(factor: SuperLU, frames: int) -> float:
+    """Return the largest distance of a pose from where it is, one standard deviation, the first one held, m.
 
-    `common` (b + 1 + f s,): these errors in a row, with that of the ways between.
+    Args:
+        factor: of the normal matrix, poses first.
+        frames: number of poses; `LOOKED_AT` of them are looked at.
     """
-    bends, sways = len(options.bend_sds), len(options.sway_sds)
-    return common[:bends], common[bends + 1 :].reshape(-1, max(1, sways))[:, :sways]
-
-
-def _between(poses: Array) -> Array:
-    """Return the motion from each pose to the next in the axes of the first, m, m, rad, (f - 1, 3).
-
-    `poses`: x, y (m), heading (rad), (f, 3).
-    """
-    d = np.diff(poses, axis=0)
-    c, s = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
-    return np.stack((c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], d[:, 2]), axis=1)
+    largest = 0.0
+    for frame in np.unique(np.linspace(0, frames - 1, LOOKED_AT).astype(np.int64)).tolist():
+        unit = np.zeros((factor.shape[0], 2))
+        unit[3 * frame, 0] = unit[3 * frame + 1, 1] = 1.0
+        found = factor.solve(unit)
+        largest = max(largest, float(found[3 * frame, 0] + found[3 * frame + 1, 1]))
+    return math.sqrt(largest)
 
 
 def _place_sd(
@@ -364,9 +258,9 @@ def _place_sd(
         places: of the landmarks, (n, 2) m.
         options: noise.
     """
-    d, q, _ = _geometry(seen, track, poses, places)
+    d, q, _ = geometry(seen, track, poses, places)
     u = d / q[:, None]
-    along, across = 1.0 / (_relative(options, q) * q) ** 2, 1.0 / (options.bearing_sd * q) ** 2
+    along, across = 1.0 / (relative(options, q) * q) ** 2, 1.0 / (options.bearing_sd * q) ** 2
     information = along[:, None, None] * u[:, :, None] * u[:, None, :]
     v = np.stack((-u[:, 1], u[:, 0]), axis=1)
     information += across[:, None, None] * v[:, :, None] * v[:, None, :]

@@ -43,7 +43,8 @@ def build(
             return
         from surefoot.services.navigator.belief.landmark_files import save
 
-        from .build import BuildOptions, build_map
+        from .build import build_map
+        from .equations import BuildOptions
         from .sightings import read_sightings
 
         seen = read_sightings(recording, progress.part(0.0, 0.5))
@@ -67,7 +68,7 @@ def _build_features(
     world = map_of_source(source, features, poses, width, least)
     path = save(world, out)
     facts = {"features": len(world), "kind": world.kind, "seen_each": float(world.seen.mean()), "camera": world.camera,
-             "place_sd_m": float(world.sd.mean())}  # fmt: skip
+             "place_sd_m": float(world.sd.mean()), "drift_m": world.drift}  # fmt: skip
     if json:
         write_json({"file": str(path), **facts})
         return
@@ -129,6 +130,7 @@ def _facts(made: "BuiltMap") -> dict[str, Any]:
     return {
         "landmarks": len(made.world), "left_out": made.dropped, "detections": made.detections, "used": made.used,
         "detections_each": float(np.median(made.seen)), "place_sd_m": float(np.median(made.sd)),
+        "drift_m": made.drift,
         "range_rms": made.range_rms, "bearing_rms_rad": made.bearing_rms, "look_sd": made.look_sd,
         "largest_correction_of_odometry_m": made.shift,
     }  # fmt: skip

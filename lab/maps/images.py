@@ -59,8 +59,9 @@ def map_of(
         SurefootError: no feature was seen often enough, or a camera is not above the floor.
     """
     kind = eye.extractor.kind
+    drift = 0.0
     if not exact:
-        looks = closed(looks, kind, least)
+        looks, drift = closed(looks, kind, least)
     found, mine = track(looks, kind, 0.0)
     kept = often_seen(found, least)
     error = camera_error(looks, mine, ALL if exact else TILTS)
@@ -71,7 +72,7 @@ def map_of(
     sd = np.sqrt(0.5 * found.scatter / found.count) / np.sqrt(found.count)
     whole = FeatureMap(
         kind, found.positions, found.looks, found.count, np.maximum(sd, 1e-3), eye.patch.pixel, camera, 1, source,
-        opencv().__version__,
+        opencv().__version__, drift,
     )  # fmt: skip
     return whole.chosen(kept).pruned(least, per_m2)
 

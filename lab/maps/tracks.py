@@ -21,13 +21,19 @@ SAME = 0.03
 """Distance within which two sightings of a feature lie, beside what odometry drifts in between, m."""
 LOOK = 0.85
 """Part of the largest distance of two looks within which a sighting belongs to a feature."""
-PASSAGE = 0.3
-"""Way without a sight of a feature after which the next one is of another passage, m."""
+PASSAGES = (0.3, 2.0)
+"""Ways without a sight of a feature after which it counts as lost and seen again, in the same passage and in a later
+one, m: a walking camera shows a point for less than 2 m."""
 AGAIN = RecogniseParams(inlier=0.04)
 """Limits of the one motion on which features that are seen again agree: a tilt of 1 deg moves them by 3 cm."""
-FEWEST, SHARE, RATIO, TURNED = 6, 0.3, 0.85, 0.3
-"""Features that agree on it, at least, as a number and as a part; look of the nearest over that of the second at most;
-turn of the motion against the heading of the pose, rad, at most."""
+LOOSE, FIRM = (6, 0.3), (12, 0.5)
+"""Features that agree on it, at least, as a number and as a part: in general, and where they may lie anywhere within
+more than `AMBIGUOUS`, so that a floor that repeats agrees on a wrong motion as well."""
+AMBIGUOUS = 0.15
+"""Slack of a feature's place from which on a motion has to be firm, m."""
+RATIO, TURNED = 0.85, 0.3
+"""Look of the nearest over that of the second at most; turn of the motion against the heading of the pose, rad, at
+most."""
 SEEN_BEFORE = 3
 """Images that a feature was seen in before it can be seen again."""
 RECENT = 10
@@ -78,13 +84,14 @@ def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
     return (np.unpackbits(descriptors, axis=1) if kind == "orb" else descriptors).astype(np.float64)
 
 
-def track(looks: list[FloorLook], kind: Kind, drift: float) -> tuple[Tracks, Index]:
+def track(looks: list[FloorLook], kind: Kind, drift: float, later: bool = True) -> tuple[Tracks, Index]:
     """Return the features of images, and the index of the feature of each sighting in order, (sightings,).
 
     Args:
         looks: features and poses of the images of a walk, in order.
         kind: of the descriptors.
         drift: part of the way by which its poses drift, one standard deviation; 0 = they are exact.
+        later: features of poses that drift are recognised in later passages as well.
     """
     kept, total = Tracks.none(kind), 0
     ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
@@ -96,7 +103,8 @@ def track(looks: list[FloorLook], kind: Kind, drift: float) -> tuple[Tracks, Ind
                        y + s * look.places[:, 0] + c * look.places[:, 1]), axis=1)  # fmt: skip
         known = kept.part(total)
         since = ways[frame] - ways[known.last]
-        mine = _assigned(at, look, known, SAME + 3.0 * drift * since, since > PASSAGE if drift else None)
+        slack = np.where((since > PASSAGES[1]) & (not later), -1.0, SAME + 3.0 * drift * since)
+        mine = _assigned(at, look, known, slack, since if drift else None)
         new = np.flatnonzero(mine < 0)
         mine[new] = total + np.arange(len(new))
         total += len(new)
@@ -104,7 +112,7 @@ def track(looks: list[FloorLook], kind: Kind, drift: float) -> tuple[Tracks, Ind
             kept = kept.grown(2 * total)
         before, gap = kept.count[mine], at - kept.positions[mine]
         # where poses drift the last passage counts: a mean of two would lie where neither sees the feature
-        again = drift > 0.0 and ways[frame] - ways[kept.last[mine]] > PASSAGE
+        again = drift > 0.0 and ways[frame] - ways[kept.last[mine]] > PASSAGES[0]
         share = np.where((before == 0) | again, 1.0, 1.0 / (before.clip(1, RECENT if drift else None) + 1))
         kept.positions[mine] += gap * share[:, None]
         kept.scatter[mine] += np.where(before == 0, 0.0, (gap**2).sum(axis=1))
@@ -117,7 +125,7 @@ def track(looks: list[FloorLook], kind: Kind, drift: float) -> tuple[Tracks, Ind
     return kept.part(total), np.concatenate(numbered) if numbered else np.zeros(0, dtype=np.int64)
 
 
-def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, again: NDArray[np.bool_] | None) -> Index:
+def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, since: Array | None) -> Index:
     """Return the track of each sighting, (n,), -1 = a new one; each track at most once.
 
     Args:
@@ -125,8 +133,8 @@ def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, again: ND
         look: features of the image, the n sightings.
         found: tracks so far.
         slack: largest distance of a sighting from each track, (tracks,) m.
-        again: tracks that were out of sight for long, (tracks,) bool: they count only where many agree on one motion;
-            None = each counts.
+        since: way since each track was seen, (tracks,) m; those that were out of sight for long count only where many
+            of the same passage agree on one motion; None = each counts.
     """
     mine = np.full(len(at), -1, dtype=np.int64)
     if not len(found.count) or not len(at):
@@ -134,15 +142,19 @@ def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, again: ND
     reach = float(slack.max())
     low, high = at.min(axis=0) - reach, at.max(axis=0) + reach
     inside = ((found.positions >= low) & (found.positions <= high)).all(axis=1)
-    if again is not None:
-        inside &= ~again | (found.count >= SEEN_BEFORE)
+    if since is not None:
+        inside &= (since <= PASSAGES[0]) | (found.count >= SEEN_BEFORE)
     near = np.flatnonzero(inside)
     gap = at[:, None] - found.positions[near][None]
     apart = distances(found.kind, look.descriptors, found.looks[near])
     apart[np.hypot(gap[..., 0], gap[..., 1]) > slack[near][None]] = np.inf
     limit = LOOK * KINDS[found.kind].like
-    if again is not None:
-        apart = _of_one_motion(apart, limit, near, look, found, again[near])
+    if since is not None:
+        passage = np.searchsorted(PASSAGES, since[near])
+        for number in range(1, len(PASSAGES) + 1):
+            again = passage == number
+            wanted = FIRM if slack[near[again]].max(initial=0.0) > AMBIGUOUS else LOOSE
+            apart = _of_one_motion(apart, limit, near, look, found, again, wanted)
     pairs = np.argwhere(apart <= limit)
     taken: set[int] = set()
     for i, j in pairs[np.argsort(apart[pairs[:, 0], pairs[:, 1]], kind="stable")].tolist():
@@ -153,8 +165,14 @@ def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, again: ND
 
 
 def _of_one_motion(
-    apart: Array, limit: float, near: Index, look: FloorLook, found: Tracks, again: NDArray[np.bool_]
-) -> Array:  # fmt: skip
+    apart: Array,
+    limit: float,
+    near: Index,
+    look: FloorLook,
+    found: Tracks,
+    again: NDArray[np.bool_],
+    wanted: tuple[int, float],
+) -> Array:
     """Return the distances of looks, infinite where a feature comes again without one motion that many agree on.
 
     Args:
@@ -163,7 +181,8 @@ def _of_one_motion(
         near: numbers of the tracks, (m,).
         look: of the sightings.
         found: all tracks.
-        again: near tracks that were out of sight for long, (m,) bool.
+        again: near tracks of one passage that were out of sight for long, (m,) bool.
+        wanted: number and part of the features that agree on the motion, at least.
 
     Returns:
         Distances, (n, m): bits of ORB, Euclidean of SIFT.
@@ -178,10 +197,11 @@ def _of_one_motion(
     good = np.flatnonzero((best <= limit) & (best <= RATIO * seen.min(axis=1)))
     left = apart.copy()
     left[:, old] = np.inf
-    if len(good) >= FEWEST:
+    fewest, share = wanted
+    if len(good) >= fewest:
         here, there = look.places[good], found.positions[near[old[first[good]]]]
         agree, _ = consensus(here, there, AGAIN, (look.pose[2], TURNED))
-        if agree.sum() >= max(FEWEST, SHARE * len(good)):
+        if agree.sum() >= max(fewest, share * len(good)):
             i, j = good[agree], old[first[good[agree]]]
             left[i, j] = apart[i, j]
     return left

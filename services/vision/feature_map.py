@@ -53,6 +53,9 @@ class FeatureMap:
     source: str = ""
     opencv: str = ""
     """Version of OpenCV that made the descriptors."""
+    drift: float = 0.0
+    """Largest distance of a place from where it is against the first pose of the walk, one standard deviation, m; 0 =
+    the poses were known. Places beside each other are known by `sd`."""
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -122,6 +125,7 @@ def merged(a: FeatureMap, b: FeatureMap) -> FeatureMap:
     return replace(
         a, positions=np.vstack((positions, new.positions)), descriptors=np.vstack((a.descriptors, new.descriptors)),
         seen=np.concatenate((seen, new.seen)), sd=np.concatenate((sd, new.sd)), version=max(a.version, b.version) + 1,
+        drift=max(a.drift, b.drift),
         source=a.source if a.source == b.source else f"{a.source} and {b.source}",
     )  # fmt: skip
 
@@ -135,6 +139,7 @@ def save(world: FeatureMap, path: str | Path) -> Path:
             version=np.asarray(world.version), source=np.asarray(world.source), content=np.asarray(CONTENT),
             kind=np.asarray(world.kind), looks=world.descriptors, seen=world.seen, sd=world.sd,
             pixel=np.asarray(world.pixel), camera=np.asarray(world.camera), opencv=np.asarray(world.opencv),
+            drift=np.asarray(world.drift),
         )  # fmt: skip
     return target
 
@@ -160,6 +165,7 @@ def load(path: str | Path) -> FeatureMap:
         regular_size(source)
         with source.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             table: dict[str, Any] = {name: archive[name] for name in names}
+            table["drift"] = archive.get("drift", 0.0)
     except OSError as error:
         raise Refusal("not_found", f"{source} cannot be read: {error.strerror or error}", "map") from None
     except KeyError:
@@ -182,10 +188,14 @@ def _checked(table: dict[str, Any], name: str) -> FeatureMap:
         raise Refusal("malformed", f"{name}: arrays of {shapes} do not make a map of {kind} features", "map")
     if looks.dtype != nothing(cast(Kind, kind)).descriptors.dtype:
         raise Refusal("malformed", f"{name}: descriptors of {looks.dtype} are none of {kind}", "map")
-    if not np.isfinite(table["positions"]).all() or not np.isfinite(table["sd"]).all():
+    if (
+        not np.isfinite(table["positions"]).all()
+        or not np.isfinite(table["sd"]).all()
+        or not np.isfinite(table["drift"])
+    ):
         raise Refusal("malformed", f"{name}: places are not finite", "map")
     return FeatureMap(
         cast(Kind, kind), table["positions"].astype(np.float64), looks, table["seen"].astype(np.int64),
         table["sd"].astype(np.float64), float(table["pixel"]), str(table["camera"]), int(table["version"]),
-        str(table["source"]), str(table["opencv"]),
+        str(table["source"]), str(table["opencv"]), float(table["drift"]),
     )  # fmt: skip

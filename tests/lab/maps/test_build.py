@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
-from surefoot.lab.maps.build import BuildOptions, associate, build_map, estimated_look_noise
+from surefoot.lab.maps.build import associate, build_map, estimated_look_noise
+from surefoot.lab.maps.equations import BuildOptions
 from surefoot.lab.maps.sightings import Sightings, read_sightings
 from surefoot.lab.maps.summary import copied
 from surefoot.record.recording import RecordingWriter

@@ -46,7 +46,7 @@ def off(looks: list[FloorLook], truth: list[FloorLook]) -> float:
 def test_a_drift_and_a_tilt_are_told_apart_by_the_floor_that_is_seen_again(tilt, longer, bend):
     truth, *_ = walk((*tilt, *LEVEL[2:]), WAY)
     drifted = stated(truth, longer, bend)
-    found = closed(drifted, "orb", 3)
+    found, _ = closed(drifted, "orb", 3)
     assert off(found, truth) < 0.02
     assert off(drifted, truth) > 0.02 or longer == bend == 0.0
     level, *_ = walk(LEVEL, WAY)
@@ -75,3 +75,51 @@ def test_features_come_again_where_many_agree_on_one_motion(together, features):
     found, tracks = track(walked, "orb", 0.02)
     assert len(found.count) == features
     assert len(tracks) == 80
+
+
+def seen_at(way: list[float], shown: dict[int, FloorLook]) -> list[FloorLook]:
+    """Return looks along x, m, of blank images but those that are given by number, from the poses of the way."""
+    blank = FloorLook((0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros((0, 32), np.uint8))
+    return [shown.get(k, blank)._replace(pose=(x, 0.0, 0.0)) for k, x in enumerate(way)]
+
+
+def some(n: int, seed: int) -> FloorLook:
+    """Return a look of n features whose descriptors and places are drawn from a seed."""
+    rng = np.random.default_rng(seed)
+    looks = rng.integers(0, 256, (n, 32)).astype(np.uint8)
+    return FloorLook((0.0, 0.0, 0.0), rng.uniform((0.4, -0.4), (1.0, 0.4), (n, 2)), looks)
+
+
+def both(a: FloorLook, b: FloorLook) -> FloorLook:
+    """Return the look that shows the features of two."""
+    return a._replace(places=np.vstack((a.places, b.places)), descriptors=np.vstack((a.descriptors, b.descriptors)))
+
+
+def test_features_of_one_passage_do_not_vouch_for_one_of_another():
+    late, old = some(8, 3), some(1, 4)
+    far = [0.0] * 3 + [0.3 * k for k in (1, 2, 3, 4, 5, 4, 3, 2, 1)]
+    near = [0.0] * 3 + [0.2, 0.4, 0.2, 0.0]
+    shown = {0: old, 1: old, 2: old, 12: late, 13: late, 14: late}
+    moved = old._replace(places=old.places + np.array([0.03, 0.02]))
+    found, _ = track(seen_at(far + near, {**shown, 18: both(late, moved)}), "orb", 0.02)
+    assert len(found.count) == 10
+    assert (found.count == 4).sum() == 8
+
+
+@pytest.mark.parametrize(("features", "again"), [(9, False), (14, True)])
+def test_few_features_do_not_close_a_loop_that_may_be_far_off(features, again):
+    look, far = some(features, 5), [0.0] * 3 + [0.3 * k for k in (1, 2, 3, 4, 5, 4, 3, 2, 1)] + [0.0]
+    moved = look._replace(places=look.places + np.array([0.1, 0.05]))
+    found, _ = track(seen_at(far, {0: look, 1: look, 2: look, 12: moved}), "orb", 0.02)
+    assert len(found.count) == (features if again else 2 * features)
+    near, _ = track(seen_at(far, {0: look, 1: look, 2: look, 12: look}), "orb", 0.01)
+    assert len(near.count) == features
+
+
+def test_a_way_without_a_floor_that_is_seen_again_states_its_drift():
+    there = [(0.03 * k, 0.0, 0.0) for k in range(60)]
+    truth, *_ = walk(LEVEL, there)
+    found, drift = closed(stated(truth, 0.02, 0.02), "orb", 3)
+    _, known = closed(stated(walk(LEVEL, WAY)[0], 0.02, 0.02), "orb", 3)
+    assert off(found, truth) < 2.5 * drift
+    assert 0.0 < known < drift < 0.1
