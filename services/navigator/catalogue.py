@@ -25,9 +25,11 @@ def act_of(name: str, action: ActionModel, model: NavigationModel) -> Act:
 def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:
     """Return the errors that the landmarks of a frame share, with the sway of the body unless it is measured."""
     sight = model.sight
+    standing = None if sight.standing_tilt_keep is None else fade_of(sight.standing_tilt_keep)
     return CommonErrors(
         math.radians(sight.tilt_sd_deg), math.radians(sight.pitch_deg), sight.sway_sd if sway else 0.0,
         tilt_fade=fade_of(sight.tilt_keep), sway_fade=fade_of(sight.sway_keep), height=sight.camera_height,
+        standing_tilt_fade=standing,
     )  # fmt: skip
 
 

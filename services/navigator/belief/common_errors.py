@@ -44,6 +44,8 @@ class CommonErrors:
     """Time constant of the sway, s."""
     height: float = 0.45
     """Height of the camera over the floor, m."""
+    standing_tilt_fade: float | None = None
+    """Time constant of the tilt of a robot that stands, s; None = that of one that moves."""
 
     @property
     def any(self) -> bool:
@@ -54,9 +56,10 @@ class CommonErrors:
         """Standard deviations of pitch and roll of the camera, rad, and of the body beside its path, m, (3,)."""
         return np.array([self.tilt, self.tilt, self.sway])
 
-    def kept(self, dt: float) -> tuple[float, float, float]:
+    def kept(self, dt: float, *, standing: bool = False) -> tuple[float, float, float]:
         """Return the shares, 0 to 1, of the errors of pitch, roll and sway that are left after dt s."""
-        tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (self.tilt_fade, self.sway_fade))
+        long = self.tilt_fade if self.standing_tilt_fade is None or not standing else self.standing_tilt_fade
+        tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (long, self.sway_fade))
         return (tilt, tilt, sway)
 
     def widen(self, noise: SightNoise) -> SightNoise:

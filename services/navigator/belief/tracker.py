@@ -227,7 +227,7 @@ class PoseTracker:
         """
         if self.world is None or not len(seen):
             return FrameResult(len(seen), 0, 0.0)
-        self._fade(time)
+        self._fade(time, standing)
         noise = self.standing if standing else self.noise
         self.frames += 1
         found = match(self.mean, self.cov, seen, self.world, noise, self.limits, seed=self.frames)
@@ -278,9 +278,9 @@ class PoseTracker:
         bearing = ukf.wrap(math.atan2(dy, dx) - float(self.mean[2]))
         fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
 
-    def _fade(self, time: float) -> None:
+    def _fade(self, time: float, standing: bool) -> None:
         if self.n > STATES:
-            self._keeps[:] = self.shared.kept(max(0.0, time - self._faded_at))
+            self._keeps[:] = self.shared.kept(max(0.0, time - self._faded_at), standing=standing)
             self._faded_at = time
             fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)
 

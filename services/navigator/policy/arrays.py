@@ -108,7 +108,8 @@ def row_of(model: NavigationModel, action: ActionModel) -> Record:
     row.sd_range, row.sd_share = share * sight.range_sd, share * sight.range_sd_share
     row.sd_bearing = share * math.radians(sight.bearing_sd_deg)
     apart = action.duration / action.frames
-    row.tilt_keep = sight.tilt_keep ** (apart / 0.1) if sight.tilt_keep > 0 else 0.0
+    keep = sight.tilt_keep if moving or sight.standing_tilt_keep is None else sight.standing_tilt_keep
+    row.tilt_keep = keep ** (apart / 0.1) if keep > 0 else 0.0
     row.late = min(action.frames, math.ceil(model.decision_delay / apart - 1e-9))
     return row
 

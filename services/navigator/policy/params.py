@@ -89,6 +89,7 @@ class SightModel(ModelPart):
     tilt_sd_deg: NotNegative = Field(default=0.0, description="deg, roll and pitch error common to a frame; 0 = none")
     pitch_deg: float = Field(default=0.0, ge=-20, le=20, description="deg, error of pitch in the mean, downwards")
     tilt_keep: Share = Field(default=0.0, description="share of the tilt error that the next frame of 0.1 s has again")
+    standing_tilt_keep: Share | None = Field(default=None, description="the same while standing; none = no difference")
     sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the commanded path")
     sway_keep: Share = Field(default=0.72, description="share of the sway that the next frame of 0.1 s has again")
     camera_height: Positive = Field(default=0.45, description="m above the floor")
@@ -195,6 +196,8 @@ class NavigationModel(ModelPart):
     def sha256(self) -> str:
         """Hash of every value that a policy depends on: not names, odometry, conduct and course of the drift."""
         left_out: Any = {"name": True, "extends": True, "odometry": True, "conduct": True, "drift": {"course"}}
+        if self.sight.standing_tilt_keep is None:  # hashes from before this field stay valid
+            left_out["sight"] = {"standing_tilt_keep"}
         content = self.model_dump(mode="json", exclude=left_out)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
