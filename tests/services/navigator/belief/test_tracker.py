@@ -19,7 +19,9 @@ STEP = Motion(
 )  # a tenth of a second of a walking Nao
 
 
-def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float = 20.0) -> tuple[float, float]:
+def walk(
+    seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float = 20.0, *, standing: bool = False
+) -> tuple[float, float]:
     """Walk with a drift past landmarks; return NEES of the pose at the end and the distance of the estimate, m."""
     rng = np.random.default_rng(seed)
     places, looks = rng.uniform((-1.0, -1.5), (3.0, 1.5), (480, 2)), rng.standard_normal((480, 8))
@@ -30,7 +32,7 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
     drift, error, keep = (
         0.4 * rng.standard_normal(),
         tilted.array() * rng.standard_normal(3),
-        np.array(tilted.kept(0.1)),
+        np.array(tilted.kept(0.1, standing=standing)),
     )
     gain = np.zeros((2, 3))
     for k in range(round(seconds / 0.1)):
@@ -54,7 +56,7 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
         frame = Detections(
             np.maximum(ranges, 0.0), np.array(bearings), looks[seen] + 0.05 * rng.standard_normal((len(seen), 8))
         )
-        tracker.look(frame, 0.1 * (k + 1), standing=False)
+        tracker.look(frame, 0.1 * (k + 1), standing=standing)
     e = tracker.mean[:3] - (x, y, theta)
     e[2] = math.remainder(e[2], 2.0 * math.pi)
     return float(e @ np.linalg.solve(tracker.cov[:3, :3], e)), math.hypot(e[0], e[1])
@@ -229,3 +231,13 @@ def test_sights_left_of_one_landmark_are_as_of_an_exact_filter() -> None:
         gain = cov @ h / (h @ cov @ h + v)
         cov = cov - np.outer(gain, h @ cov)
         assert variance == pytest.approx(cov[0, 0], rel=1e-5)
+
+
+@pytest.mark.parametrize(("fade", "right"), [(10.0, True), (None, False)])
+def test_a_robot_that_stands_is_as_sure_as_a_tilt_that_lasts_lets_it_be(fade: float | None, right: bool) -> None:
+    lasting = CommonErrors(math.radians(1.0), tilt_fade=0.3, standing_tilt_fade=10.0)
+    believed = CommonErrors(math.radians(1.0), tilt_fade=0.3, standing_tilt_fade=fade)
+    nees = np.mean([walk(seed, lasting, believed, 6.0, standing=True)[0] for seed in range(RUNS)])
+    low, high = band(0.999)
+    assert (low < nees < high) == right
+    assert right or nees > high
