@@ -99,10 +99,11 @@ def fitted(
     poses = (seen.poses if start is None else start).copy()
     places = _first_places(replace(seen, poses=poses), track)
     common = np.zeros(len(options.bend_sds) + 1 + len(poses) * len(options.sway_sds))
-    for _ in range(options.rounds):
-        move, factor = _improve(seen, track, poses, places, common, options)
+    move, factor = _improve(seen, track, poses, places, common, options)
+    for _ in range(options.rounds - 1):
         if move < 1e-5:
             break
+        move, factor = _improve(seen, track, poses, places, common, options)
     drift = drift_of(factor, len(poses))
     seen = seen.straightened(*errors_of(common, options))
     residual = residuals(seen, track, poses, places, options)
