@@ -25,6 +25,8 @@ Index = NDArray[np.int64]
 
 FEWEST_AGREE = 3
 """Matches that agree on a motion, at least: two always do."""
+PLACE, PITCHED = 0.005, 0.03
+"""Noise of a place, m, and stretch across the heading by a pitch of 1 deg, one standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -240,8 +242,25 @@ def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: A
 
 
 def _fit(here: Array, there: Array) -> tuple[float, float, float]:
-    """Return cosine and sine of the turn that fits `here` onto `there`, (n, 2) m, best, and the scale (1 for n < 3)."""
+    """Return cosine and sine of the turn that fits `here` onto `there`, (n, 2) m, best, and the scale (1 for n < 3).
+
+    A pitch that is wrong stretches what lies ahead twice as much along x as along y. It is found beside the scale, so
+    that a robot whose tilt is believed wrong is not one whose focal length is.
+    """
     a, b = here - here.mean(axis=0), there - there.mean(axis=0)
     c, s = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
-    size, spread = math.hypot(c, s), float((a * a).sum())
-    return c / size, s / size, (size / spread if len(here) >= 3 and spread > 0.0 else 1.0)
+    size, spread = math.hypot(c, s), (a * a).sum(axis=0)
+    if len(here) < 3 or not spread.min() > 0.0:
+        return c / size, s / size, 1.0
+    back = np.stack((c * b[:, 0] + s * b[:, 1], c * b[:, 1] - s * b[:, 0]), axis=1) / size
+    along, across = ((a * back).sum(axis=0) / spread - 1.0).tolist()
+    x, y = spread.tolist()
+    # least squares of stretches 1 + e + 2 k along x and 1 + e + k along y, weights x, y, and w for k = 0
+    w = (PLACE / PITCHED) ** 2
+    normal = (x + y, 2.0 * x + y, 4.0 * x + y + w)
+    right = (x * along + y * across, 2.0 * x * along + y * across)
+    return (
+        c / size,
+        s / size,
+        1.0 + (normal[2] * right[0] - normal[1] * right[1]) / (normal[0] * normal[2] - normal[1] ** 2),
+    )

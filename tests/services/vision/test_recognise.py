@@ -1,6 +1,7 @@
 """Recognition among made-up features: gate, ratio, common motion, refusals."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,3 +93,13 @@ def test_other_descriptors_and_too_many_features_are_refused():
     many = 100_001
     with pytest.raises(Refusal, match="at most 100000"):
         recognise(np.zeros((many, 2)), np.zeros((many, 32), np.uint8), made(2), None, PARAMS)
+
+
+@pytest.mark.parametrize(("pitch", "zoom"), [(0.02, 1.0), (-0.02, 1.0), (0.0, 1.08), (0.015, 0.92)])
+def test_a_wrong_pitch_is_no_wrong_scale(pitch: float, zoom: float) -> None:
+    rng, height = np.random.default_rng(4), 0.45
+    there = rng.uniform((0.5, -0.3), (1.0, 0.3), (60, 2))
+    x, y = there.T
+    here = zoom * (there + pitch * np.stack((height + x * x / height, x * y / height), axis=1))
+    _, scale = consensus(here + 0.002 * rng.standard_normal(here.shape), there, replace(PARAMS, inlier=0.1))
+    assert scale == pytest.approx(1.0 / zoom, abs=0.012)
