@@ -48,8 +48,7 @@ def summary_of(path: Path, radius: float = 0.15) -> Summary:
     world = load_features(path)
     more = {
         "features": world.kind, "seen_each": float(np.mean(world.seen)), "place_sd_m": float(np.mean(world.sd)),
-        "drift_m": world.drift,
-        "pixel_m": world.pixel, "camera": world.camera, "opencv": world.opencv,
+        "drift_m": world.drift, "pixel_m": world.pixel, "camera": world.camera, "opencv": world.opencv,
     }  # fmt: skip
     return Summary(found.facts | more, found.problems)
 

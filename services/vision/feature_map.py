@@ -28,6 +28,8 @@ SAME_PLACE = 0.03
 """Distance, m, within which features of two maps that look alike are one."""
 DENSITY_CELL = 0.25
 """Edge of the cells in which the density of features is limited, m."""
+NUMBERS = {"positions": 2, "seen": 1, "sd": 1, "pixel": 0, "version": 0, "drift": 0}
+"""Arrays of numbers in a file, and their axes."""
 PLACE_GRID = 1e-4
 """Step, m, to which the places that a code is drawn from are rounded."""
 
@@ -182,18 +184,19 @@ def _checked(table: dict[str, Any], name: str) -> FeatureMap:
     if str(table["content"]) != CONTENT or kind not in KINDS:
         text = f"{name} holds {str(table['content'])[:40]!r} of {kind[:20]!r}, allowed are {CONTENT!r} of "
         raise Refusal("malformed", text + ", ".join(KINDS), "map")
+    for key, axes in NUMBERS.items():
+        found = np.asarray(table[key])
+        if found.ndim != axes or found.dtype.kind not in "fiu" or not np.isfinite(found).all():
+            text = f"{name}: {key} is {found.dtype} of {found.ndim} axes, allowed are finite numbers of {axes}"
+            raise Refusal("malformed", text, "map")
+        if axes == 0 and found < 0:
+            raise Refusal("malformed", f"{name}: {key} is {found}, allowed is >= 0", "map")
     n, looks = len(table["positions"]), table["looks"]
     shapes = (table["positions"].shape, looks.shape, table["seen"].shape, table["sd"].shape)
     if shapes != ((n, 2), (n, KINDS[cast(Kind, kind)].length), (n,), (n,)) or not 1 <= n <= MOST_COMPARED:
         raise Refusal("malformed", f"{name}: arrays of {shapes} do not make a map of {kind} features", "map")
     if looks.dtype != nothing(cast(Kind, kind)).descriptors.dtype:
         raise Refusal("malformed", f"{name}: descriptors of {looks.dtype} are none of {kind}", "map")
-    if (
-        not np.isfinite(table["positions"]).all()
-        or not np.isfinite(table["sd"]).all()
-        or not np.isfinite(table["drift"])
-    ):
-        raise Refusal("malformed", f"{name}: places are not finite", "map")
     return FeatureMap(
         cast(Kind, kind), table["positions"].astype(np.float64), looks, table["seen"].astype(np.int64),
         table["sd"].astype(np.float64), float(table["pixel"]), str(table["camera"]), int(table["version"]),

@@ -244,8 +244,9 @@ def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: A
 def _fit(here: Array, there: Array) -> tuple[float, float, float]:
     """Return cosine and sine of the turn that fits `here` onto `there`, (n, 2) m, best, and the scale (1 for n < 3).
 
-    A pitch that is wrong stretches what lies ahead twice as much along x as along y. It is found beside the scale, so
-    that a robot whose tilt is believed wrong is not one whose focal length is.
+    A camera at height h, pitched by p rad too far, stretches the floor about the distance x ahead by 2 x p / h along
+    the heading and by x p / h across it. Such a stretch is found beside the scale, so that a robot whose tilt is
+    believed wrong is not taken for one whose focal length is.
     """
     a, b = here - here.mean(axis=0), there - there.mean(axis=0)
     c, s = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
@@ -259,8 +260,5 @@ def _fit(here: Array, there: Array) -> tuple[float, float, float]:
     w = (PLACE / PITCHED) ** 2
     normal = (x + y, 2.0 * x + y, 4.0 * x + y + w)
     right = (x * along + y * across, 2.0 * x * along + y * across)
-    return (
-        c / size,
-        s / size,
-        1.0 + (normal[2] * right[0] - normal[1] * right[1]) / (normal[0] * normal[2] - normal[1] ** 2),
-    )
+    scale = (normal[2] * right[0] - normal[1] * right[1]) / (normal[0] * normal[2] - normal[1] ** 2)
+    return c / size, s / size, 1.0 + scale

@@ -57,7 +57,7 @@ class CommonErrors:
         return np.array([self.tilt, self.tilt, self.sway])
 
     def kept(self, dt: float, *, standing: bool = False) -> tuple[float, float, float]:
-        """Return the shares, 0 to 1, of the errors of pitch, roll and sway that are left after dt s."""
+        """Return the shares, 0 to 1, of the errors of pitch, roll and sway left after dt s, moving or standing."""
         long = self.tilt_fade if self.standing_tilt_fade is None or not standing else self.standing_tilt_fade
         tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (long, self.sway_fade))
         return (tilt, tilt, sway)

@@ -89,7 +89,9 @@ class SightModel(ModelPart):
     tilt_sd_deg: NotNegative = Field(default=0.0, description="deg, roll and pitch error common to a frame; 0 = none")
     pitch_deg: float = Field(default=0.0, ge=-20, le=20, description="deg, error of pitch in the mean, downwards")
     tilt_keep: Share = Field(default=0.0, description="share of the tilt error that the next frame of 0.1 s has again")
-    standing_tilt_keep: Share | None = Field(default=None, description="the same while standing; none = no difference")
+    standing_tilt_keep: Share | None = Field(
+        default=None, description="share of the tilt error that is left after 0.1 s of standing; none = tilt_keep"
+    )
     sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the commanded path")
     sway_keep: Share = Field(default=0.72, description="share of the sway that the next frame of 0.1 s has again")
     camera_height: Positive = Field(default=0.45, description="m above the floor")

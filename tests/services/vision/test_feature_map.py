@@ -56,3 +56,22 @@ def test_what_is_no_map_of_features_is_refused(tmp_path):
             with pytest.raises(Refusal, match=f"{name}.npz"):
                 load(tmp_path / f"{name}.npz")
     assert not has_features(tmp_path / "absent.npz")
+
+
+@pytest.mark.parametrize("key", ["positions", "seen", "sd", "pixel", "version", "drift"])
+@pytest.mark.parametrize("value", [np.asarray("x"), np.full((3, 3), np.inf), np.asarray(1j), np.asarray(-1.0)])
+def test_a_map_whose_numbers_are_none_is_refused(tmp_path, key, value):
+    path = save(made(10), tmp_path / "whole.npz")
+    with np.load(path) as archive:
+        content = {name: archive[name] for name in archive} | {key: value}
+    np.savez(tmp_path / "odd.npz", **content)
+    with pytest.raises(Refusal, match=r"odd\.npz"):
+        load(tmp_path / "odd.npz")
+
+
+def test_a_map_from_before_drift_was_kept_has_none(tmp_path):
+    path = save(replace(made(10), drift=0.2), tmp_path / "whole.npz")
+    assert load(path).drift == 0.2
+    with np.load(path) as archive:
+        np.savez(tmp_path / "old.npz", **{name: archive[name] for name in archive if name != "drift"})
+    assert load(tmp_path / "old.npz").drift == 0.0
