@@ -3,7 +3,7 @@
 WAIT (no joints) -> RISE -> STAND <-> START -> STEP ...; FOLD -> FALLEN when all is lost. The plan is open loop in odom:
 footsteps, a ZMP reference with double support, preview control, CoM iteration over all links, closed-form legs,
 compensation of the servos' sag and lag. Feedback: the trunk's rate at the standing ankles, and its unplanned tilt,
-which shortens the next step.
+which sets the swinging foot down and shortens the next step.
 """
 
 import math

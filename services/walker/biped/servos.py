@@ -1,5 +1,5 @@
-"""Set-points of a biped's servos from the plan of a tick: the posture of all links, sag and lag of the servos, and
-the trunk's rate at the standing ankles.
+"""Set-points of a biped's servos from the plan of a tick: the posture of all links, sag and lag of the servos, the
+trunk's rate at the standing ankles and its lean at the swinging one.
 """
 
 import numpy as np
@@ -12,6 +12,7 @@ from surefoot.schemas.topics import TICK_S
 
 from . import posture
 from .ik import LegGeometry
+from .landing import set_down
 from .params import BipedParams
 from .plan import between, smooth
 from .state import BipedState, Mode
@@ -55,6 +56,7 @@ class SetPoints:
         """
         s.trunk[2] = between(soles)[2]
         s.trunk[3] = self.height
+        soles, turns = set_down(s, p, soles, double)
         q = s.q.copy()
         _, reachable, rot = posture.place_com(self.robot.model, self.geometry, q, soles, s.trunk, self._tilt, s.x[0])
         s.unreachable = 0 if reachable else 1
@@ -72,8 +74,8 @@ class SetPoints:
             + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / TICK_S, -p.lag_limit, p.lag_limit)
         )
         joints = self.geometry.joints
-        command[joints[:, 5]] += p.gyro_s * share * s.rate[0]
-        command[joints[:, 4]] += p.gyro_s * share * s.rate[1]
+        command[joints[:, 5]] += p.gyro_s * share * s.rate[0] - turns[:, 0]
+        command[joints[:, 4]] += p.gyro_s * share * s.rate[1] - turns[:, 1]
         s.q = q
         if s.mode is Mode.RISE and s.rise_from is not None:
             part = smooth(s.clock * TICK_S / p.rise_s)

@@ -34,6 +34,19 @@ class AcceptedCommand:
 
 
 @dataclass(eq=False)
+class Touchdown:
+    """Changes of the foot that swings, or that landed last, beside the plan."""
+
+    leg: int = 0
+    turn: Array = field(default_factory=lambda: np.zeros(2))
+    """Roll and pitch by which its sole is turned back, (2,) rad."""
+    height: float = 0.0
+    """At which it touched before its time, m; 0 if it did not."""
+    clock: int = 0
+    """Ticks since it landed by plan."""
+
+
+@dataclass(eq=False)
 class BipedState:
     """State of the gait of a biped; frame odom.
 
@@ -61,6 +74,7 @@ class BipedState:
     """Phase of the present swing, 0..1."""
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     """Roll and pitch beyond the plan, rad."""
+    landing: Touchdown = field(default_factory=Touchdown)
     begin: Array = field(default_factory=lambda: np.zeros(3))
     """Place of the swinging foot at lift-off, (3,) x, y, yaw."""
     feet: Array = field(default_factory=lambda: np.zeros((2, 3)))
