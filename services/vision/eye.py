@@ -23,8 +23,10 @@ Counts = NDArray[np.int64]
 FEW_FEATURES = 12
 """Features of an image that shows a floor without any detail, or less."""
 SCALES, SCALED = 8, 0.04
-"""Images over which the scale is watched, and its largest deviation from 1."""
-SCALE_FROM = 6
+"""Images over which the scale is watched, and the largest deviation of its median from 1."""
+SOON, FAR = 3, 0.1
+"""Images in a row that need no more beside them if each is off by so much to one side."""
+SCALE_FROM = 5
 """Least landmarks of an image whose scale counts."""
 BLIND_IMAGES, BLIND_SHARE, KNOWN_SHARE = 4, 0.025, 0.06
 """Images, 0.2 s apart, in which no larger part of the features with a candidate is recognised on an unknown floor, and
@@ -116,7 +118,7 @@ class Eye:
             self._scales.append(seen.scale)
         self._blind = 0 if len(seen.features) else self._blind + 1
         flags = (*flags, *self._unknown(seen), *self._half_blind(image, base, belief, places))
-        if len(self._scales) == SCALES and abs(median(self._scales) - 1.0) > SCALED:
+        if self._scaled():
             return Seen(*NONE, count, seen.compared, 0, seen.anywhere, (*flags, "scale"))
         return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.agreed, seen.anywhere, flags)
 
@@ -125,6 +127,12 @@ class Eye:
         if "frozen" not in flags:
             self._halves.clear()
         return Seen(*NONE, count, 0, 0, False, flags)
+
+    def _scaled(self) -> bool:
+        """Return whether the floor looks larger or smaller than its map."""
+        off = [scale - 1.0 for scale in self._scales]
+        far = len(off) >= SOON and (min(off[-SOON:]) > FAR or max(off[-SOON:]) < -FAR)
+        return far or (len(off) == SCALES and abs(median(off)) > SCALED)
 
     def _unknown(self, seen: Recognised) -> tuple[str, ...]:
         """Return the flag that the floor seen is not that of the map, if it is so."""
