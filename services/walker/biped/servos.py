@@ -11,6 +11,7 @@ from surefoot.robot.description import Robot
 from surefoot.schemas.topics import TICK_S
 
 from . import posture
+from .feedback import felt_rate
 from .ik import LegGeometry
 from .landing import set_down
 from .params import BipedParams
@@ -74,8 +75,9 @@ class SetPoints:
             + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / TICK_S, -p.lag_limit, p.lag_limit)
         )
         joints = self.geometry.joints
-        command[joints[:, 5]] += p.gyro_s * share * s.rate[0] - turns[:, 0]
-        command[joints[:, 4]] += p.gyro_s * share * s.rate[1] - turns[:, 1]
+        rate = felt_rate(s)
+        command[joints[:, 5]] += p.gyro_s * share * rate[0] - turns[:, 0]
+        command[joints[:, 4]] += p.gyro_s * share * rate[1] - turns[:, 1]
         s.q = q
         if s.mode is Mode.RISE and s.rise_from is not None:
             part = smooth(s.clock * TICK_S / p.rise_s)

@@ -74,3 +74,10 @@ def test_turning_in_a_circle_takes_the_steps_of_the_plan(seed, sign):
     plant.until(standing)
     assert not plant.fallen
     assert plant.out.steps in (16, 17)  # the last one closes
+
+
+def test_a_robot_that_stands_does_not_tremble():
+    """Its ankles answered to every rate, so that it trembled in pitch for good, and no rest showed the gyro's bias."""
+    plant = Plant("nao", 600, level=1.0).stand()
+    plant.run(200)
+    assert plant.estimator.estimate().standing
