@@ -25,7 +25,8 @@ FEW_FEATURES = 12
 SCALES, SCALED = 8, 0.04
 """Images over which the scale is watched, and the largest deviation of its median from 1."""
 SOON, FAR = 3, 0.1
-"""Images in a row that need no more beside them if each is off by so much to one side."""
+"""Number of last images whose scale counts that show a wrong scale without the median, and the deviation, to one side,
+that each of them then has."""
 SCALE_FROM = 5
 """Least landmarks of an image whose scale counts."""
 BLIND_IMAGES, BLIND_SHARE, KNOWN_SHARE = 4, 0.025, 0.06

@@ -41,7 +41,7 @@ class Touchdown:
     turn: Array = field(default_factory=lambda: np.zeros(2))
     """Roll and pitch by which its sole is turned back, (2,) rad."""
     height: float = 0.0
-    """At which it touched before its time, m; 0 if it did not."""
+    """Height over the floor by plan at which it touched before its time, m; 0 if it did not."""
     clock: int = 0
     """Ticks since it landed by plan."""
 

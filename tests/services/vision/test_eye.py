@@ -151,6 +151,23 @@ def test_a_wrong_focal_length_is_noticed_by_the_scale():
     assert len(seen.landmarks) == 0
 
 
+@pytest.mark.parametrize(
+    ("scales", "flagged"),
+    [((0.8, 0.82, 0.79), True), ((1.2, 1.17, 1.11), True), ((1.2, 0.8, 1.2), False), ((0.8, 0.82, 0.95), False)],
+)
+def test_three_images_far_off_to_one_side_are_a_wrong_scale(monkeypatch, scales, flagged):
+    """The median of eight images came too late where a strong zoom left few matches."""
+    found, mine = iter(scales), eye()
+    some = np.arange(5)
+    monkeypatch.setattr(mine, "_recognised", lambda *_: Recognised(some, some, False, 60, 200, next(found)))
+    for _ in scales[1:]:
+        assert "scale" not in mine.look(shot(POSES[0]), base(), None).flags
+        mine._before = None
+    seen = mine.look(shot(POSES[0]), base(), None)
+    assert ("scale" in seen.flags) is flagged
+    assert (len(seen.landmarks) == 0) is flagged
+
+
 def test_conditions_of_pixels():
     assert conditions(np.full((1, 1), 90, np.uint8), None) == ()
     rng = np.random.default_rng(0)

@@ -42,10 +42,9 @@ def test_a_leaning_trunk_sets_a_foot_down_level_and_on_the_floor(tilt, yaw):
     lean = matrix_from_axis_angle(np.array([0.0, 1.0, 0.0]), tilt[1]) @ matrix_from_axis_angle(
         np.array([1.0, 0.0, 0.0]), tilt[0]
     )
-    for part, height in ((0.0, soles[LEFT, 3]), (1.0, soles[LEFT, 3] + (moved[LEFT, 3] - soles[LEFT, 3]) / HEIGHT)):
-        away = heading.T @ np.array([*(soles[LEFT, :2] - soles[RIGHT, :2]), height])
-        if part:
-            assert (lean @ away)[2] == pytest.approx(soles[LEFT, 3], abs=5e-5)
+    whole = soles[LEFT, 3] + (moved[LEFT, 3] - soles[LEFT, 3]) / HEIGHT
+    away = heading.T @ np.array([*(soles[LEFT, :2] - soles[RIGHT, :2]), whole])
+    assert (lean @ away)[2] == pytest.approx(soles[LEFT, 3], abs=5e-5)
     normal = lean @ matrix_from_axis_angle(np.array([0.0, 1.0, 0.0]), -turns[LEFT, 1])
     normal = normal @ matrix_from_axis_angle(np.array([1.0, 0.0, 0.0]), -turns[LEFT, 0])
     assert math.acos(min(1.0, normal[2, 2])) < 1e-3
