@@ -187,7 +187,8 @@ def _checked(table: dict[str, Any], name: str) -> FeatureMap:
     for key, axes in NUMBERS.items():
         found = np.asarray(table[key])
         if found.ndim != axes or found.dtype.kind not in "fiu" or not np.isfinite(found).all():
-            text = f"{name}: {key} is {found.dtype} of {found.ndim} axes, allowed are finite numbers of {axes}"
+            what = f"{found.dtype} of {found.ndim} axes" if found.ndim else repr(str(found)[:20])
+            text = f"{name}: {key} is {what}, allowed are finite numbers of {axes} axes"
             raise Refusal("malformed", text, "map")
         if axes == 0 and found < 0:
             raise Refusal("malformed", f"{name}: {key} is {found}, allowed is >= 0", "map")
