@@ -27,10 +27,11 @@ BENCH = Bench("lockstep")
 SCENARIO = "rough-terrain"
 
 
-def zenoh_run(folder: Path, *flags: str, listen: str = "") -> dict[str, Any]:
+def zenoh_run(folder: Path, *flags: str, listen: str = "", shared: bool = False) -> dict[str, Any]:
     """Return the result of one `surefoot run` as a user types it."""
     command = [sys.executable, "-m", "surefoot.lab.cli.main", "run", SCENARIO, "--seed", "0", "--json", *flags]
     environment = dict(os.environ, SUREFOOT_LISTEN=listen or free_address(), XDG_STATE_HOME=str(folder / "state"))
+    environment["SUREFOOT_SHARED_MEMORY"] = str(int(shared))
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if not done.stdout.strip().startswith("{"):
         raise RuntimeError(f"{' '.join(command)} printed no JSON: {done.stderr[-2000:]}")
@@ -54,6 +55,8 @@ VARIANTS: tuple[tuple[str, Callable[[Path], dict[str, Any]]], ...] = (
     ("one process delay", lambda folder: local_run(strict=False)),
     ("zenoh delay", lambda folder: zenoh_run(folder)),
     ("zenoh delay, no recording", lambda folder: zenoh_run(folder, "--no-record")),
+    ("zenoh delay, shared memory", lambda folder: zenoh_run(folder, shared=True)),
+    ("zenoh strict, shared memory", lambda folder: zenoh_run(folder, "--strict", shared=True)),
     ("zenoh strict", lambda folder: zenoh_run(folder, "--strict")),
     ("one process strict", lambda folder: local_run(strict=True)),
 )
@@ -88,6 +91,8 @@ def rounds(rounds: int = 5, /) -> None:
         for ours, base, least in (
             ("zenoh delay", "one process delay", 0.65), ("zenoh strict", "one process strict", 0.45),
             ("zenoh delay", "zenoh delay, no recording", 0.90),
+            ("zenoh delay, shared memory", "one process delay", 0.85),
+            ("zenoh strict, shared memory", "one process strict", 0.70),
         ):  # fmt: skip
             ratios = [a / b for a, b in zip(rtf[ours], rtf[base], strict=True)]
             goal(f"{ours} / {base}, median of neighbours", statistics.median(ratios), ">=", least)

@@ -3,6 +3,7 @@
 # pyright: reportUnknownMemberType=false
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import zenoh
 
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, any_port, checked_namespace, is_secure, settings_file
+from surefoot.errors import ConfigError
 
 DEFAULT_FLEET = "surefoot"
 LEASE_MS = 1000
@@ -21,6 +23,21 @@ of two the third message within 1 ms is dropped when that thread waits for a pro
 DROP_AFTER_US = 20_000
 """Time for which a message waits once for room on a link before it and those after it are dropped, until there is room
 again: longer than a busy machine holds up a thread that sends, shorter than a robot feels."""
+
+SHARED_FROM = 512
+"""Bytes of the smallest message that travels by shared memory, where that is on."""
+
+
+def shares_memory() -> bool:
+    """Return whether messages between processes of one host travel by shared memory: SUREFOOT_SHARED_MEMORY is 1.
+
+    Raises:
+        ConfigError: another value than 1, 0 or nothing.
+    """
+    found = os.environ.get("SUREFOOT_SHARED_MEMORY", "")
+    if found not in ("", "0", "1"):
+        raise ConfigError("invalid", f"SUREFOOT_SHARED_MEMORY: got {found!r}, allowed: 1, 0", "SUREFOOT_SHARED_MEMORY")
+    return found == "1"
 
 
 @dataclass(frozen=True)
@@ -62,8 +79,9 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
         "transport/link/tx/queue/size/data": QUEUE_BATCHES,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": DROP_AFTER_US,
         # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
-        # is given back when that peer is gone: 20 MB in every survivor for each restart.
-        "transport/shared_memory/enabled": False,
+        # is given back when that peer is gone: 20 MB in every survivor for each restart. Therefore off by default.
+        "transport/shared_memory/enabled": shares_memory(),
+        "transport/shared_memory/transport_optimization/message_size_threshold": SHARED_FROM,
     }
     if endpoint.mode != "client":
         settings["scouting/gossip/autoconnect_strategy"] = {

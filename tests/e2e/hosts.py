@@ -1,14 +1,23 @@
 """Hosts of one network on this machine: network namespaces at a bridge, made and removed by the test."""
 
+import itertools
+import json
 import os
 import shutil
 import subprocess
+import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import pytest
+
+from tests.processes import running
+
+ROOT = Path(__file__).parents[2]
 
 
 def run_ip(*words: str) -> None:
@@ -16,11 +25,15 @@ def run_ip(*words: str) -> None:
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True, timeout=20.0)
 
 
+_MADE = itertools.count(step=1001)
+"""What each network of this process adds to its number."""
+
+
 class Hosts:
     """Namespaces with an address each on a network that this process joins; a context manager that removes them."""
 
     def __init__(self, count: int) -> None:
-        number = os.getpid() % 10_000
+        number = (os.getpid() + next(_MADE)) % 10_000
         self.bridge, self.network = f"sfbr{number}", f"10.213.{number % 250}"
         self.here = f"{self.network}.1"
         self.names = tuple(f"sf{number}h{n}" for n in range(count))
@@ -62,16 +75,43 @@ class Hosts:
             run_ip("link", "set", self._link(number), "up")
 
     @contextmanager
-    def bad_link(self, number: int, delay: str, loss: str) -> Iterator[None]:
-        """Delay and lose packets on their way to a host."""
-        rule = ["qdisc", "add", "dev", self._link(number), "root", "netem", "delay", delay, "loss", loss]
-        done = subprocess.run(["tc", *rule], capture_output=True, text=True, timeout=20.0)
-        if done.returncode != 0:
-            pytest.skip(f"delay and loss need the kernel module sch_netem: {done.stderr.strip()}")
+    def bad_link(self, number: int, *words: str) -> Iterator[Counter[str]]:
+        """Put a relay that delays, loses and doubles frames between a host and all others.
+
+        Args:
+            number: of the host.
+            words: options of `tests.e2e.relay`.
+
+        Yields:
+            What became of the frames, by name; filled at the end.
+        """
+        counts = Counter[str]()
+        taps = tuple(f"{self._link(number)}{side}" for side in "ab")
+        aside = f"{self.bridge}x"
         try:
-            yield
+            for tap in taps:
+                run_ip("tuntap", "add", "dev", tap, "mode", "tap")
+        except subprocess.CalledProcessError as error:
+            self._drop(*taps)
+            pytest.skip(f"delay and loss need /dev/net/tun: {error.stderr.strip()}")
+        try:
+            run_ip("link", "add", aside, "type", "bridge")
+            for link, bridge in ((self._link(number), aside), (taps[0], aside), (taps[1], self.bridge)):
+                run_ip("link", "set", link, "master", bridge, "up")
+            run_ip("link", "set", aside, "up")
+            command = [sys.executable, "-m", "tests.e2e.relay", *taps, *words]
+            with running(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as relay:
+                yield counts
+                relay.terminate()
+                counts.update(json.loads(relay.communicate(timeout=20.0)[0]))
         finally:
-            subprocess.run(["tc", "qdisc", "del", *rule[2:5]], check=True, capture_output=True, timeout=20.0)
+            run_ip("link", "set", self._link(number), "master", self.bridge)
+            self._drop(*taps, aside)
+
+    @staticmethod
+    def _drop(*links: str) -> None:
+        for link in links:
+            subprocess.run(["ip", "link", "del", link], capture_output=True, timeout=20.0)
 
     def _link(self, number: int) -> str:
         return f"{self.names[number]}v"

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, settings_file, to_connect
+from surefoot.bus.options import ZenohOptions, zenoh_config
 from surefoot.errors import ConfigError
 from tests.surefoot.expect import expect_error
 
@@ -28,3 +29,17 @@ def test_settings_of_an_identity_that_has_none(tmp_path: Path, monkeypatch: pyte
     monkeypatch.delenv("SUREFOOT_IDENTITY", raising=False)
     with expect_error(ConfigError, "not_found", text="`surefoot security init`"):
         settings_file("surefoot/ragno", "walker")
+
+
+@pytest.mark.parametrize(("value", "shared"), [("", False), ("0", False), ("1", True)])
+def test_memory_is_shared_where_the_environment_asks_for_it(
+    value: str, shared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SUREFOOT_SHARED_MEMORY", value)
+    assert zenoh_config(ZenohOptions()).get_json("transport/shared_memory/enabled") == str(shared).lower()
+
+
+def test_a_word_for_shared_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SUREFOOT_SHARED_MEMORY", "yes")
+    with expect_error(ConfigError, "invalid", text="'yes', allowed: 1, 0"):
+        zenoh_config(ZenohOptions())

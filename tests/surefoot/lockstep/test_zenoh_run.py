@@ -9,6 +9,7 @@ import pytest
 import zenoh
 
 from surefoot.bus.publish import FRAME
+from surefoot.bus.zenoh import ZenohBus
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.local import node_of
@@ -58,6 +59,41 @@ def test_run_over_zenoh_is_the_in_memory_run_in_any_order_and_misses_no_first_me
         assert system.wait() == run(ticks=60)[0]
         assert [tick for tick, _ in system.observer.seen] == list(range(61))
         assert set(system.observer.seen[0][1]) == {"hw/imu", "state/velocity", "state/gait"}
+
+
+def test_run_over_shared_memory_is_the_in_memory_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tests.surefoot.lockstep.test_lockstep import run
+
+    monkeypatch.setenv("SUREFOOT_SHARED_MEMORY", "1")
+    net = Net()
+    try:
+        with Threads(net, (0, 1, 2, 3), ticks=60) as system:
+            assert system.wait() == run(ticks=60)[0]
+    finally:
+        net.close()
+
+
+class Own(Net):
+    """The same network for a robot with a namespace of its own."""
+
+    def __init__(self, net: Net, namespace: str) -> None:
+        self.net, self.namespace = net, namespace
+
+    def open(self, mode: str = "peer", namespace: str | None = None, identity: str = "") -> ZenohBus:
+        return self.net.open(mode, namespace or self.namespace, identity)
+
+
+def test_ten_robots_on_one_network_walk_as_if_each_were_alone(net: Net) -> None:
+    from tests.surefoot.lockstep.test_lockstep import run
+
+    with ExitStack() as stack:
+        robots = [
+            stack.enter_context(Threads(Own(net, f"test/{number}"), (0, 1, 2, 3), ticks=40)) for number in range(10)
+        ]
+        alone = run(ticks=40)[0]
+        for robot in robots:
+            assert robot.wait() == alone
+            assert [tick for tick, _ in robot.observer.seen] == list(range(41))
 
 
 def test_live_node_answers_its_health_and_refuses_what_strangers_send(net: Net) -> None:
