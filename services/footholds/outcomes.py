@@ -43,7 +43,7 @@ def sample_at(
     return StanceSample(
         trial=trial, leg=leg, step=step,
         k1=float(found.k1[0, 0]), k2=float(found.k2[0, 0]), cos_k3=float(found.cos_k3[0, 0]),
-        k4=math.sqrt(sum((a - b) ** 2 for a, b in zip(planned, nominal, strict=True))),
+        k4=math.sqrt(math.fsum((a - b) ** 2 for a, b in zip(planned, nominal, strict=True))),
         stroke=stroke, sliding=sliding, displacement=sliding if displacement is None else displacement, load=load,
         friction=math.nan, cell=surface.cell, smooth=ground.smooth, foot_radius=ground.foot_radius,
         robot="", robot_hash="", source="",

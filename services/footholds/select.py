@@ -173,7 +173,7 @@ def select_leg(
 
 def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) -> Placement | None:
     """Return a leg and its base as arrays; None if the quaternion is no rotation."""
-    norm = math.sqrt(sum(value * value for value in base.quat_wxyz))
+    norm = math.sqrt(math.fsum(value * value for value in base.quat_wxyz))
     if not (norm > 1e-6 and math.isfinite(norm)):
         return None
     rot = matrix_from_quat(np.array(base.quat_wxyz) / norm)

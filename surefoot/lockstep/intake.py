@@ -134,7 +134,7 @@ class Intake:
         while self._imu and self._imu[0][0] <= end:
             rows.append(self._imu.popleft())
         if rows:
-            mean = [sum(row[i] for _, row in rows) / len(rows) for i in range(6)]
+            mean = [math.fsum(row[i] for _, row in rows) / len(rows) for i in range(6)]
             gyro, acc = (mean[0], mean[1], mean[2]), (mean[3], mean[4], mean[5])
             self._up.append(acc)
             out.append(DueSample(HW_IMU, Imu(acc=acc, gyro=gyro), rows[-1][0], tick))
@@ -164,11 +164,11 @@ class Intake:
         self._force = (None,) * self.robot.nlegs
         if not self._up:
             return
-        acc = [sum(row[i] for row in self._up) for i in range(3)]
-        up = [sum(row[i] * acc[i] for i in range(3)) for row in self._rot]
-        length = math.sqrt(sum(x * x for x in up)) or 1.0
+        acc = [math.fsum(row[i] for row in self._up) for i in range(3)]
+        up = [math.fsum(row[i] * acc[i] for i in range(3)) for row in self._rot]
+        length = math.sqrt(math.fsum(x * x for x in up)) or 1.0
         feet = foot_positions(self.robot.model, np.array(joints.position)).tolist()
-        height = [sum(x * u for x, u in zip(foot, up, strict=True)) / length for foot in feet]
+        height = [math.fsum(x * u for x, u in zip(foot, up, strict=True)) / length for foot in feet]
         self._touch = tuple(h < min(height) + LOW_M for h in height)
 
     def _place(self, kind: str, stamp_ns: int, row: tuple[float, ...], size: int) -> int | None:

@@ -4,6 +4,7 @@ All angles in rad, all positions in m. Frame of everything without another frame
 Arrays are C-contiguous float64; treat them as read-only (kernels are compiled for plain arrays).
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -224,7 +225,7 @@ class Robot:
         put(self, "joint_upper", np.array([j.upper for j in self.joints]))
         put(self, "neutral", np.array([j.neutral for j in self.joints]))
         put(self, "foot_radii", np.array([leg.foot.radius for leg in self.legs]))
-        put(self, "mass", float(sum(link.mass for link in self.links)))
+        put(self, "mass", math.fsum(link.mass for link in self.links))
 
     @property
     def nj(self) -> int:

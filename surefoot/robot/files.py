@@ -22,7 +22,7 @@ from surefoot.tables import (
 
 
 def _unit(values: list[float]) -> list[float]:
-    length = math.sqrt(sum(x * x for x in values))
+    length = math.sqrt(math.fsum(x * x for x in values))
     if abs(length - 1.0) > UNIT_SLACK:
         raise refused("value", f"got {values} of length {length:.6g}, expected length 1")
     return values

@@ -75,7 +75,7 @@ class StanceSample:
     @property
     def length(self) -> float:
         """Length |f| of the stroke, the movement of the foot relative to the body in stance, m."""
-        return math.sqrt(sum(value * value for value in self.stroke))
+        return math.sqrt(math.fsum(value * value for value in self.stroke))
 
     @property
     def slip(self) -> float:

@@ -119,7 +119,9 @@ class LearnedModel:
     def name(self) -> str:
         """Name and number of samples, and of rounds of re-learning."""
         rounds = round(self.choice.get(ROUNDS, 0.0))
-        return f"{self.title}/{round(sum(each.count for each in self.bins.values()))}{f'+{rounds}' * (rounds > 0)}"
+        return (
+            f"{self.title}/{round(math.fsum(each.count for each in self.bins.values()))}{f'+{rounds}' * (rounds > 0)}"
+        )
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
         """Return the reason why the model does not hold on a map, empty if it does."""
@@ -201,8 +203,8 @@ class LearnedModel:
 
     @cached_property
     def _c2(self) -> float:
-        freedom = sum((each.count - 1.0) * each.mean**2 for each in self.bins.values() if each.count > 1.0)
-        return sum(each.m2 for each in self.bins.values()) / max(1e-12, freedom)
+        freedom = math.fsum((each.count - 1.0) * each.mean**2 for each in self.bins.values() if each.count > 1.0)
+        return math.fsum(each.m2 for each in self.bins.values()) / max(1e-12, freedom)
 
     def _near(self, x: Array) -> Array:
         """Return the number of samples about points x (n, 3) on the lattice's axes, (n,), between centres of bins."""
@@ -226,7 +228,7 @@ class LearnedModel:
         steps = [[axis[0], (len(axis) - 1) / (axis[-1] - axis[0])] for axis in axes]
         with np.errstate(over="ignore"):
             found = self.exact(points).reshape(NODES).astype(np.float32)
-        rise = sum(self.base[1:]) if self.relief else -1.0
+        rise = math.fsum(self.base[1:]) if self.relief else -1.0
         return found, np.array(steps, dtype=np.float32), np.array(self.ranges, dtype=np.float32), rise
 
     def exact(self, x: Array) -> Array:

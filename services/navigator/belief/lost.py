@@ -256,9 +256,12 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
     most = model.most + far * (model.most_apart - model.most)
     usual = shares_of(state, model)
     odds = [share * misfit / right for share, misfit, right in zip(usual, model.misfit, model.right, strict=True)]
-    strained = (odds[0] / sum(odds), odds[1] / sum(odds), odds[2] / sum(odds))
-    right = _log_likelihood(usual, frame) + sum(_nis_log(value, model.scale, model) for value in frame.nis)
-    misfit = _log_likelihood(strained, frame) + sum(_nis_log(value, model.misfit_scale, model) for value in frame.nis)
+    whole = math.fsum(odds)
+    strained = (odds[0] / whole, odds[1] / whole, odds[2] / whole)
+    nis, strange_nis = (
+        math.fsum(_nis_log(value, scale, model) for value in frame.nis) for scale in (model.scale, model.misfit_scale)
+    )
+    right, misfit = _log_likelihood(usual, frame) + nis, _log_likelihood(strained, frame) + strange_nis
     flat = -len(frame.nis) * math.log(model.gate)
     others = (_displaced_log(frame, model) + flat, _log_likelihood(model.off_map, frame) + flat, misfit)
     factors = [math.exp(max(-most, min(most, other - right))) for other in others]
@@ -277,7 +280,7 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
 
 def shares_of(state: LostState, model: LostModel) -> Shares:
     """Return the shares of a right pose: those of the model, or fewer elsewhere and strange as far as was seen."""
-    total = model.weight + sum(state.usual)
+    total = model.weight + math.fsum(state.usual)
     found = [(model.weight * share + count) / total for share, count in zip(model.right, state.usual, strict=True)]
     away = min(model.right[1], max(model.fewest[0], found[1]))
     strange = min(model.right[2], max(model.fewest[1], found[2]))

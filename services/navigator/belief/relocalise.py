@@ -213,7 +213,7 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
     logs = [math.log1p(-limits.elsewhere) + float(value) for value in places[:, EVIDENCE]]
     top = max(chance, logs[0])
     weights = [math.exp(value - top) for value in logs]
-    whole = sum(weights) + math.exp(chance - top)
+    whole = math.fsum(weights) + math.exp(chance - top)
     first, second = weights[0] / whole, weights[1] / whole if len(weights) > 1 else 0.0
     best = places[0]
     cov = best[COV:].reshape(3, 3).copy()
@@ -230,7 +230,7 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
     found = Relocation(None if reason else pose, cov, first, reason, known)
     least = ALIKE * weights[0]
     fit = [k for k in range(len(weights)) if weights[k] > least and places[k, EXPLAINED] >= limits.least]
-    held = sum(weights[k] for k in fit) / whole
+    held = math.fsum(weights[k] for k in fit) / whole
     if found.pose is not None or held < LIKELY or len(fit) > MOST_ALIKE:
         return found
     return replace(found, alike=tuple((float(x), float(y), float(a)) for x, y, a in places[fit, :3]))
