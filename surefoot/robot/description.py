@@ -4,7 +4,6 @@ All angles in rad, all positions in m. Frame of everything without another frame
 Arrays are C-contiguous float64; treat them as read-only (kernels are compiled for plain arrays).
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -225,7 +224,8 @@ class Robot:
         put(self, "joint_upper", np.array([j.upper for j in self.joints]))
         put(self, "neutral", np.array([j.neutral for j in self.joints]))
         put(self, "foot_radii", np.array([leg.foot.radius for leg in self.legs]))
-        put(self, "mass", math.fsum(link.mass for link in self.links))
+        # one after another: the same bits in every version of Python, which the built-in sum has not
+        put(self, "mass", float(np.cumsum([link.mass for link in self.links])[-1]))
 
     @property
     def nj(self) -> int:
