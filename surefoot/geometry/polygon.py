@@ -15,6 +15,12 @@ MISSED = math.nan
 
 
 @row_kernel
+def _turn(a: Array, b: Array, c: Array) -> float:
+    """Return twice the signed area of a triangle of points (2,), in their unit squared; positive where c lies left."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+@row_kernel
 def hull(points: Array) -> Array:
     """Return the convex hull of points (n, 2), any unit: vertices (m, 2), counter-clockwise (Andrew's monotone chain).
 
@@ -47,12 +53,7 @@ def hull(points: Array) -> Array:
         base = m
         for step in range(n):
             i = order[step] if side == 0 else order[n - 1 - step]
-            while m - base >= 2:
-                cross = (chain[m - 1, 0] - chain[m - 2, 0]) * (points[i, 1] - chain[m - 2, 1]) - (
-                    chain[m - 1, 1] - chain[m - 2, 1]
-                ) * (points[i, 0] - chain[m - 2, 0])
-                if cross > floor:
-                    break
+            while m - base >= 2 and _turn(chain[m - 2], chain[m - 1], points[i]) <= 0.0:
                 m -= 1
             if m - base == 1:
                 dx, dy = points[i, 0] - chain[m - 1, 0], points[i, 1] - chain[m - 1, 1]
@@ -60,6 +61,14 @@ def hull(points: Array) -> Array:
                     continue
             chain[m, 0], chain[m, 1] = points[i, 0], points[i, 1]
             m += 1
+        # only now: the points of an upright edge are sorted by the rounding of x, up and down; with a tolerance above
+        # one that lies back along the edge would take the end of the edge away
+        kept = min(base + 1, m)
+        for k in range(base + 1, m):
+            if k == m - 1 or _turn(chain[kept - 1], chain[k], chain[k + 1]) > floor:
+                chain[kept, 0], chain[kept, 1] = chain[k, 0], chain[k, 1]
+                kept += 1
+        m = kept
         m -= 1  # the end of one chain begins the other
     return chain[: max(m, 1)].copy()
 

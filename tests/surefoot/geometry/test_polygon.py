@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
 
 from surefoot.geometry.polygon import area, clip, half_planes, hull, ray, signed_distance
 
@@ -29,6 +30,27 @@ def test_hull_is_convex_counter_clockwise_and_holds_all_points(seed: int) -> Non
     assert np.all(turns > 0.0)
     assert {tuple(c) for c in corners} <= {tuple(p) for p in points}
     assert all(signed_distance(corners, x, y) > -1e-9 for x, y in points)
+
+
+def scattered(rng: np.random.Generator, noise: float) -> np.ndarray:
+    """Return corners of a polygon, some of them at the same x or y, each several times, apart by a noise."""
+    angle = np.sort(rng.uniform(0.0, 2.0 * math.pi, rng.integers(3, 12)))
+    corners = np.round(np.column_stack((np.cos(angle), np.sin(angle))) * rng.uniform(0.05, 0.2), 1)
+    points = np.repeat(corners, rng.integers(1, 5), axis=0)
+    return rng.permutation(points + noise * rng.standard_normal(points.shape))
+
+
+@pytest.mark.parametrize("noise", [1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-9])
+def test_hull_of_points_that_differ_by_rounding_is_that_of_qhull(noise: float) -> None:
+    """Corners on an upright edge are sorted by the rounding of x; none may be lost."""
+    rng = np.random.default_rng(7)
+    compared = 0
+    while compared < 300:
+        points = scattered(rng, noise)
+        if np.linalg.matrix_rank(points - points[0], tol=1e-3) < 2:
+            continue
+        compared += 1
+        assert area(hull(points)) == pytest.approx(ConvexHull(points, qhull_options="QJ").volume, rel=1e-6)
 
 
 def test_hull_of_little() -> None:
