@@ -103,7 +103,7 @@ def model_reply(
     if isinstance(model, LearnedModel):
         facts = {
             "robot": model.conditions.robot, "cell": model.conditions.cell, "terms": len(model.terms.weights),
-            "samples": round(math.fsum(each.count for each in model.bins.values())), "error": model.choice.get("error"),
+            "samples": model.size, "error": model.choice.get("error"),
             "provenance": model.provenance,
         }  # fmt: skip
     return ModelReply(

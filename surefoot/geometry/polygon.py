@@ -68,8 +68,7 @@ def hull(points: Array) -> Array:
             if k == m - 1 or _turn(chain[kept - 1], chain[k], chain[k + 1]) > floor:
                 chain[kept, 0], chain[kept, 1] = chain[k, 0], chain[k, 1]
                 kept += 1
-        m = kept
-        m -= 1  # the end of one chain begins the other
+        m = kept - 1  # the end of one chain begins the other
     return chain[: max(m, 1)].copy()
 
 

@@ -119,9 +119,12 @@ class LearnedModel:
     def name(self) -> str:
         """Name and number of samples, and of rounds of re-learning."""
         rounds = round(self.choice.get(ROUNDS, 0.0))
-        return (
-            f"{self.title}/{round(math.fsum(each.count for each in self.bins.values()))}{f'+{rounds}' * (rounds > 0)}"
-        )
+        return f"{self.title}/{self.size}{f'+{rounds}' * (rounds > 0)}"
+
+    @property
+    def size(self) -> int:
+        """Number of samples that the model was learned from, rounded."""
+        return round(math.fsum(each.count for each in self.bins.values()))
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
         """Return the reason why the model does not hold on a map, empty if it does."""

@@ -258,10 +258,8 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
     odds = [share * misfit / right for share, misfit, right in zip(usual, model.misfit, model.right, strict=True)]
     whole = math.fsum(odds)
     strained = (odds[0] / whole, odds[1] / whole, odds[2] / whole)
-    nis, strange_nis = (
-        math.fsum(_nis_log(value, scale, model) for value in frame.nis) for scale in (model.scale, model.misfit_scale)
-    )
-    right, misfit = _log_likelihood(usual, frame) + nis, _log_likelihood(strained, frame) + strange_nis
+    right = _log_likelihood(usual, frame) + _nis_logs(frame.nis, model.scale, model)
+    misfit = _log_likelihood(strained, frame) + _nis_logs(frame.nis, model.misfit_scale, model)
     flat = -len(frame.nis) * math.log(model.gate)
     others = (_displaced_log(frame, model) + flat, _log_likelihood(model.off_map, frame) + flat, misfit)
     factors = [math.exp(max(-most, min(most, other - right))) for other in others]
@@ -345,12 +343,11 @@ def _log_likelihood(shares: Shares, frame: FrameEvidence) -> float:
     return frame.here * here + frame.elsewhere * elsewhere + frame.strange * strange
 
 
-def _nis_log(nis: float, scale: float, model: LostModel) -> float:
-    """Return the log density of a match's normalised innovation squared in the gate, within ln 3 of the uniform one.
+def _nis_logs(nis: tuple[float, ...], scale: float, model: LostModel) -> float:
+    """Return the sum of the log densities of matches' normalised innovations squared in the gate, no unit.
 
-    `scale`: mean of half of it under the hypothesis.
+    Each is within ln 3 of the uniform one. `scale`: mean of half of an innovation squared under the hypothesis.
     """
     s = 2.0 * scale
-    density = -math.log(s * (1.0 - math.exp(-model.gate / s))) - nis / s
-    flat = -math.log(model.gate)
-    return flat + max(-math.log(3.0), min(math.log(3.0), density - flat))
+    whole, flat, most = -math.log(s * (1.0 - math.exp(-model.gate / s))), -math.log(model.gate), math.log(3.0)
+    return math.fsum(flat + max(-most, min(most, whole - value / s - flat)) for value in nis)

@@ -9,7 +9,6 @@ import pytest
 import zenoh
 
 from surefoot.bus.publish import FRAME
-from surefoot.bus.zenoh import ZenohBus
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.local import node_of
@@ -22,12 +21,12 @@ from tests.surefoot.toys import toys
 class Threads:
     """The toys of the in-memory tests as threads with a Zenoh session each, in a given order."""
 
-    def __init__(self, net: Net, order: tuple[int, ...], ticks: int) -> None:
+    def __init__(self, net: Net, order: tuple[int, ...], ticks: int, namespace: str | None = None) -> None:
         self.driver, services = toys()
         self.observer: Any = services[3]
         self.stack = ExitStack()
         for place in order:
-            node = node_of(services[place], net.open(identity=services[place].name))
+            node = node_of(services[place], net.open(namespace=namespace, identity=services[place].name))
             node.start()
             if isinstance(node, DriverNode):
                 node.begin(("estimator", "walker", "recorder"), "lockstep", 0.0, 1, "hold", 0)
@@ -73,22 +72,12 @@ def test_run_over_shared_memory_is_the_in_memory_run(monkeypatch: pytest.MonkeyP
         net.close()
 
 
-class Own(Net):
-    """The same network for a robot with a namespace of its own."""
-
-    def __init__(self, net: Net, namespace: str) -> None:
-        self.net, self.namespace = net, namespace
-
-    def open(self, mode: str = "peer", namespace: str | None = None, identity: str = "") -> ZenohBus:
-        return self.net.open(mode, namespace or self.namespace, identity)
-
-
 def test_ten_robots_on_one_network_walk_as_if_each_were_alone(net: Net) -> None:
     from tests.surefoot.lockstep.test_lockstep import run
 
     with ExitStack() as stack:
         robots = [
-            stack.enter_context(Threads(Own(net, f"test/{number}"), (0, 1, 2, 3), ticks=40)) for number in range(10)
+            stack.enter_context(Threads(net, (0, 1, 2, 3), 40, namespace=f"test/{number}")) for number in range(10)
         ]
         alone = run(ticks=40)[0]
         for robot in robots:
