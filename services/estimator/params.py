@@ -17,6 +17,10 @@ GAP_PUSH = 1.0
 """Unseen acceleration in a gap of inertial samples, m/s^2."""
 UNKNOWN_SPEED = 1.0
 """Standard deviation of an unknown velocity, m/s."""
+UNKNOWN_TURN = 1.0
+"""Standard deviation of the turn about the vertical of a robot that was knocked over unseen, rad."""
+UNKNOWN_WAY = 0.3
+"""Standard deviation of its way meanwhile on each axis, m."""
 
 
 class StartPose(NamedTuple):

@@ -26,7 +26,7 @@ from .rest import learn_end_of_rest, learn_gyro_bias
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .start import rests, start_at_rest, start_moving
 from .state import BestState, Felt, felt_variance, forget_levels, forget_velocity, predict, rotation
-from .tilt import check_start, check_tilt
+from .tilt import check_rest, check_start, check_tilt
 from .update import follow, persistence, remember_slides, take_points
 
 Stamps = NDArray[np.int64]
@@ -77,13 +77,20 @@ def forget(state: BestState, d: float) -> None:
 
 
 @kernel
-def _cross_gap(state: BestState, d: float, limits: BestLimits) -> float:
-    """Widen the covariance over a gap of d s between inertial samples, in place; return the step to predict, s."""
+def _cross_gap(state: BestState, d: float, before: Array, after_it: Array, limits: BestLimits) -> float:
+    """Widen the covariance over a gap of d s between inertial samples, in place; return the step to predict, s.
+
+    `before`, `after_it`: gyro at its ends, IMU axes, (3,) rad/s. A robot that turned there, as one that is knocked over
+    faster than its gyro can measure, may have turned on or not.
+    """
     cov = state.cov
     if d <= limits.gap_s:
         return d
+    turn = GAP_TURN**2
     for i in range(3):
-        cov[E.rot + i, E.rot + i] += (GAP_TURN * min(d, 1.0)) ** 2
+        turn += 0.25 * (before[i] ** 2 + after_it[i] ** 2)
+    for i in range(3):
+        cov[E.rot + i, E.rot + i] += turn * min(d, 1.0) ** 2
         cov[E.vel + i, E.vel + i] += (GAP_PUSH * min(d, 1.0)) ** 2
     if d <= limits.forget_s:
         return d
@@ -269,7 +276,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
     gap = 1e-9 * (stamps[at] - now)
     if gap > setting.limits.gap_s:
         collapse(state, setting.geometry.foot)
-    if _cross_gap(state, gap, setting.limits) < gap:
+    if _cross_gap(state, gap, rows[max(at - 1, 0), ROW_W:ROW_Q], w, setting.limits) < gap:
         now = stamps[at]
     lost = _lost_until(stamps, at)
     if lost > now:
@@ -290,8 +297,9 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
             w[:], q[:] = rows[at, ROW_W : ROW_W + 3], rows[at, ROW_Q : ROW_Q + 3]
     state.memory[M.age] += gap
     grow_pose(state, gap, noise)
-    if settled(state) and state.memory[M.phase] != STARTED:  # it stays so
-        state.memory[M.phase] = STARTED if state.memory[M.age] > FIXED.fresh_age else CERTAIN
+    if settled(state) and state.memory[M.phase] != STARTED:  # it stays so; one that was doubted keeps its pose in a rest
+        old = state.memory[M.phase] == DOUBTED or state.memory[M.age] > FIXED.fresh_age
+        state.memory[M.phase] = STARTED if old else CERTAIN
     return next_foot
 
 
@@ -312,6 +320,8 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
     if resting:
         collapse(state, setting.geometry.foot)
         memory[M.lag : M.lag + 3] = 0.0
+        if memory[M.phase] != WAITING and memory[M.rest] % limits.samples == 1.0:
+            check_rest(state, samples.imu[at + 1 - limits.samples : at + 1], setting)
     moving = memory[M.phase] == MOVING or memory[M.phase] == CERTAIN
     fresh = moving and memory[M.age] < FIXED.fresh_age
     if resting and (fresh or not settled(state)) and memory[M.phase] != DOUBTED:

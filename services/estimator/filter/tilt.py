@@ -1,4 +1,4 @@
-"""Correction of a tilt that the walk contradicts: in the first steps after a rest, or when the velocity is lost."""
+"""Correction of a tilt that a rest contradicts, or the first steps after it, or a velocity that is lost."""
 
 import math
 
@@ -6,40 +6,32 @@ import numpy as np
 
 from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
-from surefoot.geometry.linear_kernels import times
+from surefoot.geometry.linear_kernels import times, turned
 from surefoot.kernels.jit import kernel
 
-from ..params import UNKNOWN_SPEED
+from ..params import UNKNOWN_SPEED, UNKNOWN_TURN, UNKNOWN_WAY
 from .hypotheses import collapse, likeliest
-from .layout import DOUBTED, LONG_AGO, E, M, P, S, X
+from .layout import DOUBTED, LONG_AGO, STARTED, E, M, P, S, X
 from .noise import FIXED, BestSetting
 from .point import lift
-from .state import BestState, forget_velocity, isolate, rotation, set_rotation, turn_matrix
+from .samples import ROW_Q
+from .state import BestState, forget_levels, forget_velocity, isolate, rotation, set_rotation, turn_matrix
 
 
 @kernel
-def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, up: float, time: float) -> bool:
-    """Turn the attitude so that a change of the velocity by the inertial unit alone points up, in place.
+def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, up: float, sd: float) -> None:
+    """Turn the attitude so that a vector in odom, of any length and unit, points up, in place.
 
-    False: nothing was turned.
-
-    Tilt and accelerometer bias are unknown again, up to what a walk accelerates, and the feet are believed. Heading,
-    position and gyro bias stay. A robot that falls loses its velocity, too: its specific force is not that of one that
-    stands, and its tilt by the gyro is right.
+    Tilt and accelerometer bias are unknown again, and the feet are believed. Heading, position and gyro bias stay, but
+    how a robot turned that was knocked over unseen, and where it rolled to, is not known.
 
     Args:
-        ahead: along x of odom, m/s.
+        ahead: of the vector along x of odom.
         side: along y.
         up: along z.
-        time: in which it changed, s.
+        sd: standard deviation of the new tilt, rad.
     """
-    memory, up = state.memory, up + GRAVITY * time
-    level = math.sqrt(ahead * ahead + side * side)
-    force, upright = math.sqrt(level * level + up * up) / time, 0.0
-    for i in range(3):
-        upright += state.x[X.rot + 6 + i] * setting.geometry.rot_base_from_imu[2, i]
-    if abs(force - GRAVITY) > FIXED.falling * GRAVITY or upright < FIXED.upright:
-        return False
+    memory, level = state.memory, math.sqrt(ahead * ahead + side * side)
     angle = math.atan2(level, up)
     turn = turn_matrix(np.array([side / level * angle, -ahead / level * angle, 0.0]))
     rot = times(turn, rotation(state.x))
@@ -50,10 +42,66 @@ def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, 
     for i in range(3):
         state.x[X.acc_bias + i] = 0.0
     isolate(state.cov, E.acc_bias, 3, setting.limits.acc_bias_sd**2)
-    isolate(state.cov, E.rot, 2, FIXED.tilted_sd**2)
+    isolate(state.cov, E.rot, 2, sd**2)
+    if math.cos(angle) < FIXED.upright:  # it was knocked over unseen
+        state.cov[E.rot + 2, E.rot + 2] += UNKNOWN_TURN**2
+        for i in range(3):
+            state.cov[E.pos + i, E.pos + i] += UNKNOWN_WAY**2
     memory[M.phase], memory[M.age], memory[M.excess] = DOUBTED, 0.0, 1.0
     memory[M.lost_for] = memory[M.woke] = LONG_AGO
+
+
+@kernel
+def _turn_by_change(
+    state: BestState, setting: BestSetting, ahead: float, side: float, up: float, time: float
+) -> bool:
+    """Turn the attitude so that a change of the velocity by the inertial unit alone points up, in place.
+
+    False: nothing was turned. A robot that falls loses its velocity, too: its specific force is not that of one that
+    stands, and its tilt by the gyro is right.
+
+    Args:
+        ahead: along x of odom, m/s.
+        side: along y.
+        up: along z.
+        time: in which it changed, s.
+    """
+    up += GRAVITY * time
+    force, upright = math.sqrt(ahead * ahead + side * side + up * up) / time, 0.0
+    for i in range(3):
+        upright += state.x[X.rot + 6 + i] * setting.geometry.rot_base_from_imu[2, i]
+    if abs(force - GRAVITY) > FIXED.falling * GRAVITY or upright < FIXED.upright:
+        return False
+    _turn_up(state, setting, ahead, side, up, FIXED.tilted_sd)
     return True
+
+
+@kernel
+def check_rest(state: BestState, rows: Array, setting: BestSetting) -> None:
+    """Correct a tilt that the accelerometer of a robot at rest contradicts, in place.
+
+    A robot that was knocked over faster than its gyro can measure lies still, and no foot shows its tilt. The bias of
+    the accelerometer is not taken off: it may have taken the tilt up.
+
+    Args:
+        rows: samples of the rest, gyro rad/s and accelerometer m/s^2, IMU axes, (n, 6).
+    """
+    limits, mean = setting.limits, np.zeros(3)
+    for r in range(rows.shape[0]):
+        for i in range(3):
+            mean[i] += rows[r, ROW_Q + i] / rows.shape[0]
+    force = turned(rotation(state.x), mean)
+    length = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
+    level = math.sqrt(force[0] ** 2 + force[1] ** 2)
+    most = math.sqrt(FIXED.tilted**2 + (FIXED.contradiction * limits.acc_bias_sd) ** 2)
+    if abs(length - GRAVITY) > FIXED.falling * GRAVITY or (force[2] > 0.0 and level < most):
+        return
+    if level == 0.0:  # upside down
+        force[0] = level = 1e-9
+    _turn_up(state, setting, force[0], force[1], force[2], limits.acc_bias_sd / GRAVITY)
+    forget_velocity(state, FIXED.good_speed)
+    forget_levels(state.memory)
+    state.memory[M.phase] = STARTED
 
 
 @kernel
@@ -84,7 +132,7 @@ def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
         ahead, side = ahead - state.x[X.vel] - memory[M.ran], side - state.x[X.vel + 1] - memory[M.ran + 1]
         up, time = up - state.x[X.vel + 2] - memory[M.ran + 2], time - FIXED.tilted_for
     if time >= FIXED.tilted_for and ahead * ahead + side * side >= (FIXED.tilted * time) ** 2:
-        _turn_up(state, setting, ahead, side, up, time)
+        _turn_by_change(state, setting, ahead, side, up, time)
 
 
 @kernel
@@ -128,5 +176,5 @@ def check_start(state: BestState, contact: Array, dt: float, setting: BestSettin
     if grown > max((FIXED.woken_speed * wrong[2] / time) ** 2, FIXED.woken_straight * wrong[2] * wrong[3]):
         collapse(state, foot)
         memory[M.woke] = LONG_AGO
-        if _turn_up(state, setting, ahead, side, 0.0, 1.0):
+        if _turn_by_change(state, setting, ahead, side, 0.0, 1.0):
             forget_velocity(state, UNKNOWN_SPEED)

@@ -51,6 +51,7 @@ TIMELY_NS = 25_000_000  # by which the feet may be older than the gyro
 LONGEST_TURN_NS = 200_000_000  # between two samples of the feet that are compared
 NO_SLOPE, OTHER_SLOPE = 0.1, -0.25  # slopes below which the gyro is in deg/s, has the other sign
 OTHER_WAY = -0.4  # correlation below which the feet turn against the gyro
+ABOVE = 0.5  # cosine between up and the way to the feet beyond which the feet are above: not of a robot on its side
 SMALLEST = 1e-4  # m^2, spread of points that are compared
 
 GOOD, IN_G, ACC_SIGN, IN_DEG, GYRO_SIGN = range(5)
@@ -267,12 +268,17 @@ def check_units(
         place: of each in its foot, (K, 3) m.
     """
     marks, numbers, last = check.marks, check.numbers, check.points
-    along = 0.0
-    for f in range(contact.size):
-        if contact[f] >= 0.5:
-            for i in range(3):
-                along += position[f, i] * numbers[MEAN_Q + i]
-    marks[WRONG_SIDE] = min(marks[WRONG_SIDE] + 1, 2 * UNIT_ROWS) if along > 0.0 else max(marks[WRONG_SIDE] - 1, 0)
+    along, away, force = 0.0, 0.0, 0.0
+    for i in range(3):
+        to_feet = 0.0
+        for f in range(contact.size):
+            if contact[f] >= 0.5:
+                to_feet += position[f, i]
+        along += to_feet * numbers[MEAN_Q + i]
+        away += to_feet**2
+        force += numbers[MEAN_Q + i] ** 2
+    above = along > ABOVE * math.sqrt(away * force)
+    marks[WRONG_SIDE] = min(marks[WRONG_SIDE] + 1, 2 * UNIT_ROWS) if above else max(marks[WRONG_SIDE] - 1, 0)
     y, _ = points_of(foot, place, position, rot)
     timely = abs(marks[TURN_NS] - stamp_ns) < TIMELY_NS
     if timely:

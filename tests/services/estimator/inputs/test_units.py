@@ -35,3 +35,16 @@ def test_a_robot_that_falls_over_is_no_reason_to_refuse_its_gyro():
         if k % 3 == 0:
             estimator.feet((k + 1) * TICK, feet.position + 1e-4 * np.sin(k), feet.rot, np.ones(2))
     assert estimator.check.unit == ""
+
+
+@pytest.mark.parametrize("degrees", [0.0, 80.0, 100.0, 110.0, 180.0])
+def test_the_sign_of_the_accelerometer_is_known_by_feet_that_are_above(degrees):
+    """A robot on its side, whose feet still show contact, has a right accelerometer; on its head it seems wrong."""
+    estimator, feet, random = make(), walk().feet[0], np.random.default_rng(1)
+    lean = np.radians(degrees)
+    up = GRAVITY * np.array([np.sin(lean), 0.0, np.cos(lean)])
+    for k in range(400):
+        estimator.imu((k + 1) * TICK, 1e-3 * random.standard_normal(3), up + 0.01 * random.standard_normal(3))
+        if k % 3 == 0:
+            estimator.feet((k + 1) * TICK, feet.position, feet.rot, np.ones(2))
+    assert ("other sign" in estimator.check.unit) == (degrees == 180.0)
