@@ -79,6 +79,7 @@ def test_links_lead_somewhere(path: Path) -> None:
             continue
         file = (path.parent / target).resolve() if target else path
         assert file.exists(), link
+        assert path.parent == ROOT or file.is_relative_to(ROOT / "docs"), f"{link}: the site has pages of docs/ only"
         assert not anchor or anchor in anchors(file), link
 
 

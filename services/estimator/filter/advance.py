@@ -297,7 +297,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
             w[:], q[:] = rows[at, ROW_W : ROW_W + 3], rows[at, ROW_Q : ROW_Q + 3]
     state.memory[M.age] += gap
     grow_pose(state, gap, noise)
-    if settled(state) and state.memory[M.phase] != STARTED:  # it stays so; one that was doubted keeps its pose in a rest
+    if settled(state) and state.memory[M.phase] != STARTED:  # it stays so; whoever was doubted keeps its pose
         old = state.memory[M.phase] == DOUBTED or state.memory[M.age] > FIXED.fresh_age
         state.memory[M.phase] = STARTED if old else CERTAIN
     return next_foot
