@@ -52,9 +52,7 @@ def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, 
 
 
 @kernel
-def _turn_by_change(
-    state: BestState, setting: BestSetting, ahead: float, side: float, up: float, time: float
-) -> bool:
+def _turn_by_change(state: BestState, setting: BestSetting, ahead: float, side: float, up: float, time: float) -> bool:
     """Turn the attitude so that a change of the velocity by the inertial unit alone points up, in place.
 
     False: nothing was turned. A robot that falls loses its velocity, too: its specific force is not that of one that
