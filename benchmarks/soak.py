@@ -49,10 +49,14 @@ with zenoh.open(config) as session:
 
 @contextmanager
 def busy(count: int, nice: int = 0) -> Iterator[None]:
-    """Keep `count` processes computing inside the context, with a nice value."""
+    """Keep `count` processes computing inside the context, with a nice value.
+
+    Each has a session of its own, as each service has: Linux shares a processor among sessions first.
+    """
     with ExitStack() as stack:
         for _ in range(count):
-            _set_nice(stack.enter_context(running([sys.executable, "-c", SPIN])).pid, nice)
+            spin = running([sys.executable, "-c", SPIN], start_new_session=True)
+            _set_nice(stack.enter_context(spin).pid, nice)
         yield
 
 
