@@ -64,14 +64,10 @@ class ZenohPublisher(Generic[M]):
         self.topic = topic
         encoding = encoding_of(topic.model)
         self._publisher = _declare(session, topic.key, encoding, *_QOS[topic.kind])
-        self._all: list[zenoh.Publisher | _Undeclared] = [self._publisher]
-        if not apart(topic):
-            return
-        qos = _TO_PARTICIPANTS[topic.kind]
-        if topic.kind is not Kind.LATCHED:
-            self._all.append(_declare(session, participants_key(topic, instance), encoding, *qos))
-        elif instance:
-            self._all.append(_Undeclared(session, participants_key(topic, instance), encoding, *qos))
+        self._all = [self._publisher]
+        if apart(topic) and (instance or topic.kind is not Kind.LATCHED):
+            key = participants_key(topic, instance)
+            self._all.append(_declare(session, key, encoding, *_TO_PARTICIPANTS[topic.kind]))
 
     def put(self, message: M) -> tuple[bytes, bytes | None]:
         token = encode(message)
@@ -85,26 +81,6 @@ class ZenohPublisher(Generic[M]):
     def prime(self) -> None:
         for publisher in self._all:
             publisher.put(b"")
-
-
-class _Undeclared:
-    """Publisher of a key that a process has for itself without a declaration.
-
-    Of each such key that was declared a router keeps about 2 KB for good when the process is killed.
-    """
-
-    def __init__(
-        self, session: zenoh.Session, key: str, encoding: str, congestion: Any, priority: Any, express: bool
-    ) -> None:
-        self._session, self._key, self._encoding = session, zenoh.KeyExpr(key), encoding
-        self._qos = (congestion, priority, express)
-
-    def put(self, payload: bytes, attachment: bytes | None = None) -> None:
-        congestion, priority, express = self._qos
-        self._session.put(
-            self._key, payload, encoding=self._encoding, congestion_control=congestion, priority=priority,
-            express=express, attachment=attachment,
-        )  # fmt: skip
 
 
 class Framer:
