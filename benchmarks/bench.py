@@ -17,6 +17,8 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
+from surefoot.errors import SurefootError
+
 COMMON = {
     "seeds": "count, or first:end",
     "results": "file to continue with, one line a run; runs that it holds are not repeated",
@@ -163,6 +165,14 @@ def finite_number(text: str) -> float:
 def words_of(text: str) -> tuple[str, ...]:
     """Return the words of a list with commas; an empty text has none."""
     return tuple(word.strip() for word in text.split(",")) if text else ()
+
+
+def numbers_of(text: str) -> tuple[float, ...]:
+    """Return the numbers of a list with commas; raise SurefootError for a word that is none."""
+    try:
+        return tuple(float(word) for word in words_of(text))
+    except ValueError:
+        raise SurefootError("invalid", f"got {text!r}, must be numbers, by commas") from None
 
 
 def cell(value: object) -> str:

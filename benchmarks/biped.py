@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, cast
 import mujoco
 import numpy as np
 
-from benchmarks.bench import Bench, microseconds, table, words_of
+from benchmarks.bench import Bench, microseconds, numbers_of, table, words_of
 from surefoot.geometry import rotations
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.polygon import hull, signed_distance
@@ -362,8 +362,8 @@ def walks(
     if push:
         short = replace(setting, robot=robot, distance=0.3 if robot == "bioloid" else 0.5)
         chosen = [
-            (seed, replace(short, push=(float(force), 45.0 * way, phase)))
-            for force in words_of(forces) for seed in seeds_of(seeds) for way in range(8)
+            (seed, replace(short, push=(force, 45.0 * way, phase)))
+            for force in numbers_of(forces) for seed in seeds_of(seeds) for way in range(8)
             for phase in (0.0, 0.25, 0.5, 0.75)
         ]  # fmt: skip
     results.parent.mkdir(parents=True, exist_ok=True)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from benchmarks.bench import Bench, table, words_of
+from benchmarks.bench import Bench, numbers_of, table
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.lab.statistics import middle_and_ends
 from surefoot.lab.studies import seeds_of
@@ -27,13 +27,13 @@ def over(robot: str = "bioloid", /, *, forces: str = "30,35,40,45,50,60", seeds:
         seeds: of the world.
     """
     rows: list[tuple[object, ...]] = []
-    for force in words_of(forces):
+    for force in numbers_of(forces):
         errors: list[list[float]] = [[] for _ in LOOKS_S]
         silent, known, accused = list[float](), 0, 0
         for seed in seeds_of(seeds):
             plant = Plant(robot, seed=seed).stand()
             way = 1.1 * seed
-            plant.world.push((float(force) * math.sin(way), float(force) * math.cos(way), 0.0), PUSH_S)
+            plant.world.push((force * math.sin(way), force * math.cos(way), 0.0), PUSH_S)
             wrong, unit, found = 0, False, list[float]()
             for _ in range(round(100.0 * LOOKS_S[-1])):
                 plant.tick()

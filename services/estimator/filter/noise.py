@@ -320,11 +320,11 @@ class FixedNumbers(NamedTuple):
     moving_tilt: float = 0.52
     """Standard deviation of the first tilt of a robot in motion, rad: 30 deg."""
     contradiction: float = 4.0
-    """Standard deviations by which the accelerometer may differ from the stated slope."""
+    """Standard deviations by which the accelerometer at rest may differ from the stated slope, or from the tilt."""
     plane_point: float = 5e-4
     """Distance of a foot of an assembled robot from its model, m."""
     tilted: float = 0.7
-    """Mean horizontal acceleration during losses of the velocity that shows a wrong tilt, m/s^2: 4 deg."""
+    """Mean level acceleration, m/s^2, that shows a wrong tilt of 4 deg at rest or where the velocity is lost."""
     most_noise: float = 1.6
     """Largest stated noise of an inertial sensor that counts, noises of a rest's noisiest axis. Clean logs: 1.56."""
     more_noise: float = 1.3

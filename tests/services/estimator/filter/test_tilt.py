@@ -12,8 +12,11 @@ from tests.services.estimator.test_stream import TICK, make, walk
 
 
 def lie_down(angle, lost=60):
-    """Return an estimator of a robot that stood for a second, turned by an angle (rad, a vector) while its gyro was at
-    the end of its range for so many ticks, and lies still since, its feet in the air; and its estimates since."""
+    """Return the estimates, each with its pose, of a robot that lies still with its feet in the air.
+
+    It stood for a second, and then turned by an angle (a vector, rad) while its gyro was at the end of its range for so
+    many ticks.
+    """
     estimator, random, feet = make(names=(BEST,)), np.random.default_rng(0), walk().feet[0]
     up, found = np.array([0.0, 0.0, GRAVITY]), []
     turned = Rotation.from_rotvec(angle).inv().apply(up)
