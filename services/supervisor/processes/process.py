@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -48,8 +48,11 @@ class Child:
         return self._process.poll()
 
     def starved_s(self) -> float:
-        """Return the seconds its main thread has waited for a processor since its start."""
-        return starved_s(self.pid)
+        """Return the seconds that its threads and those of this process have waited for a processor.
+
+        A sign of life passes several threads of both, most of them of the network library.
+        """
+        return starved_s(self.pid) + starved_s(os.getpid())
 
     def terminate(self) -> None:
         """Ask the process and its children to end."""
@@ -92,12 +95,12 @@ def resolve_command(command: Sequence[str]) -> list[str]:
 
 
 def starved_s(pid: int) -> float:
-    """Return the seconds a process's main thread has waited for a processor; 0 where the kernel does not count."""
-    try:
-        with open(f"/proc/{pid}/schedstat", encoding="ascii") as stat:
-            return int(stat.read().split()[1]) * 1e-9
-    except (OSError, ValueError, IndexError):
-        return 0.0
+    """Return the seconds that the threads of a process have waited for a processor; 0 where the kernel does not count."""
+    waited = 0
+    for thread in Path(f"/proc/{pid}/task").glob("*/schedstat"):
+        with suppress(OSError, ValueError, IndexError):  # the thread has ended
+            waited += int(thread.read_text(encoding="ascii").split()[1])
+    return waited * 1e-9
 
 
 def busy_s(pids: Iterable[int]) -> float:

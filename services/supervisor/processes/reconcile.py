@@ -14,6 +14,7 @@ BACKOFF_FACTOR = 2.0  # each further restart waits this much longer
 BACKOFF_MAX_S = 10.0  # s
 MAX_FAILURES = 8  # ends in a row after which the reconciler gives up (0.1 s .. 10 s: about 23 s of trying)
 STABLE_S = 10.0  # s of health after which earlier failures are forgotten
+LEAST_SILENCE = 0.1  # of the time without a sign of life counts, however busy the machine is: a hang is found at last
 
 Phase = Literal["absent", "running", "exited"]
 Verb = Literal["start", "stop", "kill", "wait", "give_up"]
@@ -100,28 +101,36 @@ class Signs:
     Attributes:
         since: when the process was started.
         progress: its last sign that it gets on: start, heartbeat of any state, tick.
-        starved: seconds it had waited for a processor until `progress`.
+        starved: seconds waited for a processor until its silence was noticed; None while it is not silent.
         well: a heartbeat or a tick showed that it is ready for work.
         hidden: when its liveliness token was lost, None while it is visible.
     """
 
     since: float
     progress: float
-    starved: float = 0.0
+    starved: float | None = None
     well: bool = False
     hidden: float | None = None
 
-    def heard(self, now: float, starved: float, *, well: bool) -> "Signs":
+    def heard(self, now: float, *, well: bool) -> "Signs":
         """Return the signs of life of a process after a heartbeat or a tick."""
-        return replace(self, progress=now, starved=starved, well=self.well or well)
+        return replace(self, progress=now, starved=None, well=self.well or well)
 
     def seen(self, now: float, *, visible: bool) -> "Signs":
         """Return the signs after the liveliness token appeared or vanished."""
         return replace(self, hidden=None if visible else now)
 
+    def quiet(self, now: float) -> float:
+        """Return the time since the last sign of progress, s."""
+        return max(0.0, now - self.progress)
+
     def silence(self, now: float, starved: float) -> float:
-        """Return the time since the last sign of progress in which the process had a processor, s."""
-        return max(0.0, now - self.progress - max(0.0, starved - self.starved))
+        """Return the time since the last sign of progress in which one could have come, s.
+
+        Several threads wait at once, so a tenth of the time counts however much they waited.
+        """
+        waited = max(0.0, starved - self.starved) if self.starved is not None else 0.0
+        return max(self.quiet(now) - waited, LEAST_SILENCE * self.quiet(now))
 
     def words(self, now: float) -> str:
         """Return the losses in words, heartbeat and liveliness apart."""

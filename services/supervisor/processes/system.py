@@ -27,6 +27,7 @@ from .rundir import RunFolder
 
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
+NOTICED_S = 1.25  # s without a sign of life (heartbeats come each second): has the process got a processor at all?
 LAST_LINES = 50  # of a log, among which its last words are looked for
 PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine was suspended
 
@@ -46,7 +47,7 @@ class Process(Protocol):
         """End the process at once (SIGKILL)."""
 
     def starved_s(self) -> float:
-        """Seconds it has waited for a processor since its start."""
+        """Seconds that its threads, and those that hear it, have waited for a processor."""
         ...
 
 
@@ -110,11 +111,10 @@ class System:
                 self._signs[service] = signs.seen(self._clock(), visible=visible)
 
     def _note(self, service: str, *, well: bool) -> None:
-        process = self._processes.get(service)
         with self._noting:
             signs = self._signs.get(service)
-            if signs is not None and process is not None:
-                self._signs[service] = signs.heard(self._clock(), process.starved_s(), well=well)
+            if signs is not None:
+                self._signs[service] = signs.heard(self._clock(), well=well)
 
     def step(self, *, shutdown: bool = False) -> tuple[ProcessAction, ...]:
         """Look at every process once and carry out the actions of the reconciler."""
@@ -206,9 +206,8 @@ class System:
             failures = failures_after(state, now)
             told = state.stopping_since
             return Observed(phase="exited", since=now, exit_code=code, failures=failures, stopping_since=told)
-        signs, starved = self._signs[name], self._processes[name].starved_s()
-        check = self._services[name].healthcheck
-        silence = signs.silence(now, starved)
+        signs, check = self._signs[name], self._services[name].healthcheck
+        silence = self._silence(name, now)
         well = check is None or (signs.well and silence <= check.interval_s * check.retries)
         if not well and not state.healthy:
             return replace(state, progress=now - silence, why=signs.words(now))
@@ -218,10 +217,24 @@ class System:
             return replace(state, healthy=True, healthy_since=now, unhealthy_since=None, why="")
         return replace(state, healthy=False, unhealthy_since=now, why=signs.words(now))
 
+    def _silence(self, name: str, now: float) -> float:
+        """Return the time in which a process could have given a sign of life and gave none, s.
+
+        What was waited is read only of a process that is silent: there are some thirty threads to each.
+        """
+        if self._signs[name].quiet(now) < NOTICED_S:
+            return self._signs[name].quiet(now)
+        starved = self._processes[name].starved_s()
+        with self._noting:
+            signs = self._signs[name]
+            if signs.starved is None and signs.quiet(now) >= NOTICED_S:
+                self._signs[name] = signs = replace(signs, starved=starved)
+        return signs.silence(now, starved)
+
     def _forgive_silence(self, now: float) -> None:
         """Count silence from now on: while this process slept, no sign of life could reach it."""
         with self._noting:
-            self._signs = {name: replace(signs, progress=now) for name, signs in self._signs.items()}
+            self._signs = {name: replace(signs, progress=now, starved=None) for name, signs in self._signs.items()}
 
     def _act(self, action: ProcessAction, now: float) -> bool:
         """Carry out one action; True when the set of processes changed."""
@@ -240,7 +253,7 @@ class System:
                     ended = Observed(phase="exited", since=now, exit_code=127, failures=state.failures + 1)
                     self._observed[name] = ended
                     return False
-                self._signs[name] = Signs(now, now)
+                self._signs[name] = Signs(now, now, self._processes[name].starved_s())
                 self._observed[name] = Observed(phase="running", since=now, failures=state.failures)
             case "stop":
                 self._processes[name].terminate()

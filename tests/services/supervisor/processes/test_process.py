@@ -6,13 +6,14 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from surefoot.services.supervisor.processes.identity import await_end, end, identify
 from surefoot.services.supervisor.processes.logs import tail
 from surefoot.services.supervisor.processes.ports import _LOOPBACK, owner_of, port_of, ports_of
-from surefoot.services.supervisor.processes.process import Child, busy_s, resolve_command
+from surefoot.services.supervisor.processes.process import Child, busy_s, resolve_command, starved_s
 from tests.processes import GRACE_S, run_process, running, running_child
 
 SLEEP = [sys.executable, "-c", "import time; print('up', flush=True); time.sleep(60)"]
@@ -154,3 +155,26 @@ def test_addresses_of_loopback_are_known_as_the_kernel_writes_them():
     others = ("00000000", f"{0:032}", "0100A8C0", "B80D01200000000000000000" + "0100007F", "0000007E")
     assert all(_LOOPBACK.fullmatch(address) for address in local)
     assert not any(_LOOPBACK.fullmatch(address) for address in others)
+
+
+WORKS = """
+import os, threading, time
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+def work():
+    while True:
+        pass
+threading.Thread(target=work, daemon=True).start()
+print("up", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="the kernel does not count what waits")
+def test_what_any_thread_waits_for_a_processor_counts():
+    """Two processes on one processor: a thread of each works while its main thread sleeps."""
+    works = [sys.executable, "-c", WORKS]
+    with running(works) as first, running(works):
+        before, deadline = starved_s(first.pid), time.monotonic() + GRACE_S
+        while starved_s(first.pid) < before + 0.1:
+            assert time.monotonic() < deadline
+    assert starved_s(first.pid) == 0.0

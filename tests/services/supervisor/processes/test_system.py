@@ -169,6 +169,23 @@ def test_time_spent_waiting_for_a_processor_is_no_silence(healthy):
     assert ("stop", "first") in healthy.log
 
 
+def test_a_hang_is_found_on_the_busiest_machine(healthy):
+    """However long its threads wait together, a tenth of the time is silence: 3 s after 30 s."""
+    for _ in range(310):
+        healthy.processes["first"].starved += 0.5
+        healthy.step(0.1, well=["second"])
+    assert ("stop", "first") in healthy.log
+
+
+def test_the_waiting_of_a_process_is_read_only_while_it_is_silent(healthy, monkeypatch):
+    reads = []
+    monkeypatch.setattr(Fake, "starved_s", lambda self: reads.append(self.pid) or 0.0)
+    healthy.steps(50, 0.1, well=BOTH)
+    assert not reads
+    healthy.steps(20, 0.1, well=["second"])
+    assert set(reads) == {healthy.processes["first"].pid}
+
+
 @pytest.mark.parametrize("sign", ["starved", "compiling"])
 def test_a_start_that_gets_on_is_not_ended(world, sign):
     """Its limit of 5 s counts progress and processor time."""
