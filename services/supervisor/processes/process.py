@@ -95,7 +95,7 @@ def resolve_command(command: Sequence[str]) -> list[str]:
 
 
 def starved_s(pid: int) -> float:
-    """Return the seconds that the threads of a process have waited for a processor; 0 where the kernel does not count."""
+    """Return the seconds that a process's threads have waited for a processor; 0 where the kernel does not count."""
     waited = 0
     for thread in Path(f"/proc/{pid}/task").glob("*/schedstat"):
         with suppress(OSError, ValueError, IndexError):  # the thread has ended

@@ -27,7 +27,7 @@ from .rundir import RunFolder
 
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
-NOTICED_S = 1.25  # s without a sign of life (heartbeats come each second): has the process got a processor at all?
+NOTICED_S = 1.25  # s without a sign of life (heartbeats come each second): its waiting for a processor is read
 LAST_LINES = 50  # of a log, among which its last words are looked for
 PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine was suspended
 
@@ -47,7 +47,7 @@ class Process(Protocol):
         """End the process at once (SIGKILL)."""
 
     def starved_s(self) -> float:
-        """Seconds that its threads, and those that hear it, have waited for a processor."""
+        """Seconds that its threads, and those of this process, have waited for a processor."""
         ...
 
 
