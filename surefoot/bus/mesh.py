@@ -3,7 +3,8 @@
 A peer of Zenoh learns of others when it joins, and never again: two processes that lose each other for longer than the
 lease, as in a partition of half a second, stay apart as long as the router sees both, and it forwards nothing between
 them. A session that joins anew is introduced to all by the router, and all of them to each other by that session; so
-one is opened for a moment.
+one is opened for a moment. It is a burden: all link to it, and a link too many that a busy machine makes then is not
+always closed by Zenoh. Therefore the router is asked first whether who is missing lives.
 """
 # pyright: reportUnknownMemberType=false
 
@@ -17,8 +18,10 @@ from surefoot.bus.unread import LinkTrouble
 
 INTRODUCE_S = 1.0
 """Time for which the session that introduces stays; processes of one machine or network link in some milliseconds."""
+ROUTER_S = 1.0
+"""Limit on the wait for the router, s; it answers in some milliseconds, and is asked again at the next look."""
 LOOKS = 5
-"""Introductions in a row that do not see a process after which it has ended, however little they saw."""
+"""Answers of the router in a row that lack a process after which it has ended, however little they hold."""
 
 
 class Mesh:
@@ -27,17 +30,18 @@ class Mesh:
     Args:
         linked: returns the names of the peers with a link to this one.
         visible: returns the names of the processes that show it a token of liveliness.
-        introduce: has all processes linked to all, and returns the names of those that show a token, this one among
-            them; fewer on a busy machine. It takes a while, and ends early when the event is set that it gets.
+        alive: returns the names of those that show one to the router, this one among them; fewer where it is starved.
+        introduce: has all processes linked to all. It takes a while, and ends early when the event is set that it gets.
     """
 
     def __init__(
         self,
         linked: Callable[[], set[str]],
         visible: Callable[[], set[str]],
-        introduce: Callable[[threading.Event], set[str]],
+        alive: Callable[[], set[str]],
+        introduce: Callable[[threading.Event], None],
     ) -> None:
-        self._linked, self._visible, self._introduce = linked, visible, introduce
+        self._linked, self._visible, self._alive, self._introduce = linked, visible, alive, introduce
         self._before, self._known, self._lost = set[str](), set[str](), set[str]()
         self._named: list[str] = []
         self._looks = 0
@@ -62,7 +66,7 @@ class Mesh:
     def settle(self) -> None:
         """Wait until the last check of the links has its result."""
         if self._busy is not None:
-            self._busy.join(2 * INTRODUCE_S)
+            self._busy.join(INTRODUCE_S + ROUTER_S)
 
     def close(self) -> None:
         """End what is under way: a thread that is in the network library when the interpreter ends aborts it."""
@@ -74,11 +78,13 @@ class Mesh:
             self._known |= self._visible() & linked
             before, self._lost = self._lost, self._known - linked
             if again := before & self._lost:
-                alive = self._introduce(self._over)
+                alive = self._alive()
                 self._looks = self._looks + 1 if again - alive else 0
                 if self._looks >= LOOKS or (alive and self._known & self._linked() <= alive):
                     self._known -= again - alive  # else it saw too little to know who has ended
                     self._looks = 0
+                if again & alive:
+                    self._introduce(self._over)
                 self._named = sorted(again & alive)
 
 

@@ -18,7 +18,7 @@ from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
-from surefoot.bus.mesh import INTRODUCE_S, Mesh, linked_to, visible_to
+from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, visible_to
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
 from surefoot.bus.options import why_not_open, zenoh_config
@@ -112,7 +112,8 @@ class ZenohBus:
         self._pours: list[threading.Thread] = []
         self._asking = Asking(self.session, endpoint.namespace)
         self._unread = Unread(self.session)
-        self._mesh = Mesh(partial(linked_to, self.session), partial(self._visible, self.session), self._introduce)
+        visible = partial(self._visible, self.session)
+        self._mesh = Mesh(partial(linked_to, self.session), visible, self._alive, self._introduce)
         self._framers: dict[str, Framer] = {}
 
     def publisher(
@@ -256,11 +257,16 @@ class ZenohBus:
     def _visible(self, session: zenoh.Session) -> set[str]:
         return visible_to(session, f"{LIVE}/*/*", TOKENS_S)
 
-    def _introduce(self, over: threading.Event) -> set[str]:
-        listen = tuple(f"{place.rpartition(':')[0]}:0" for place in self.endpoint.listen)
-        with zenoh.open(zenoh_config(replace(self.endpoint, listen=listen))) as session:
-            over.wait(INTRODUCE_S)
+    def _alive(self) -> set[str]:
+        config = zenoh_config(replace(self.endpoint, mode="client", listen=()))
+        config.insert_json5("connect/timeout_ms", str(round(1000 * ROUTER_S)))
+        with zenoh.open(config) as session:
             return self._visible(session)
+
+    def _introduce(self, over: threading.Event) -> None:
+        listen = tuple(f"{place.rpartition(':')[0]}:0" for place in self.endpoint.listen)
+        with zenoh.open(zenoh_config(replace(self.endpoint, listen=listen))):
+            over.wait(INTRODUCE_S)
 
     def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE if ready else STARTS}/{service}/{instance}"))

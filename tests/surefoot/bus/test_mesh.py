@@ -4,7 +4,9 @@ import threading
 
 import pytest
 
-from surefoot.bus.mesh import LOOKS, Mesh
+from surefoot.bus.mesh import LOOKS, Mesh, linked_to
+from surefoot.bus.zenoh import ZenohBus
+from tests.surefoot.net import Net, wait_until
 
 
 class Network:
@@ -16,17 +18,21 @@ class Network:
     """
 
     def __init__(self, names: str, *, heals: bool = True) -> None:
-        self.linked, self.alive, self.heals, self.introduced = set(names), set(names), heals, 0
+        self.linked, self.alive, self.heals = set(names), set(names), heals
+        self.asked, self.introduced = 0, 0
         self.unseen = set[str]()
-        """Processes whose tokens an introduction does not get in time."""
-        self.mesh = Mesh(lambda: set(self.linked), lambda: self.alive & self.linked, self.introduce)
+        """Processes whose tokens do not come from the router in time."""
+        self.mesh = Mesh(lambda: set(self.linked), lambda: self.alive & self.linked, self.ask, self.introduce)
         self.look()
 
-    def introduce(self, over: threading.Event) -> set[str]:
+    def ask(self) -> set[str]:
+        self.asked += 1
+        return self.alive - self.unseen
+
+    def introduce(self, over: threading.Event) -> None:
         self.introduced += 1
         if self.heals:
             self.linked |= self.alive
-        return self.alive - self.unseen
 
     def look(self, times: int = 1) -> list[list[str]]:
         """Return the results of looks, whose threads have ended before the next."""
@@ -43,7 +49,7 @@ def test_a_whole_mesh_is_left_alone() -> None:
     assert network.look(3) == [[]] * 3
     network.linked -= {"x"}
     assert network.look(3) == [[]] * 3
-    assert network.introduced == 0
+    assert (network.asked, network.introduced) == (0, 0)
 
 
 def test_a_lost_link_is_made_anew_at_the_second_look_and_named_at_the_third() -> None:
@@ -55,22 +61,22 @@ def test_a_lost_link_is_made_anew_at_the_second_look_and_named_at_the_third() ->
     assert network.introduced == 1
 
 
-def test_a_process_that_ended_is_asked_for_once() -> None:
+def test_a_process_that_ended_is_asked_for_once_and_nobody_is_introduced() -> None:
     network = Network("abc")
     network.linked -= {"b"}
     network.alive -= {"b"}
     assert network.look(6) == [[]] * 6
-    assert network.introduced == 1
+    assert (network.asked, network.introduced) == (1, 0)
 
 
 @pytest.mark.parametrize("unseen", ["abc", "bc"])
-def test_an_introduction_that_is_starved_forgets_nobody(unseen: str) -> None:
-    network = Network("abc", heals=False)
+def test_a_router_that_is_starved_has_nobody_forgotten(unseen: str) -> None:
+    network = Network("abc")
     network.linked -= {"b"}
     network.unseen = set(unseen)
     network.look(3)
-    assert network.introduced == 2
-    network.heals, network.unseen = True, set()
+    assert (network.asked, network.introduced) == (2, 0)
+    network.unseen = set()
     network.look()
     assert network.linked == set("abc")
 
@@ -80,7 +86,7 @@ def test_a_process_that_ended_is_forgotten_though_another_shows_no_token() -> No
     network.linked -= {"b"}
     network.unseen = {"b", "c"}
     network.look(20)
-    assert network.introduced == LOOKS
+    assert (network.asked, network.introduced) == (LOOKS, 0)
 
 
 def test_a_link_that_stays_away_is_asked_for_until_it_is_back() -> None:
@@ -96,12 +102,11 @@ def test_a_link_that_stays_away_is_asked_for_until_it_is_back() -> None:
 def test_the_end_waits_for_no_introduction() -> None:
     linked, ended = {"a", "b"}, threading.Event()
 
-    def introduce(over: threading.Event) -> set[str]:
+    def introduce(over: threading.Event) -> None:
         assert over.wait(60.0)
         ended.set()
-        return {"a", "b"}
 
-    mesh = Mesh(lambda: set(linked), lambda: {"a", "b"}, introduce)
+    mesh = Mesh(lambda: set(linked), lambda: {"a", "b"}, lambda: {"a", "b"}, introduce)
     for _ in range(2):
         mesh.look()
         mesh.settle()
@@ -109,3 +114,34 @@ def test_the_end_waits_for_no_introduction() -> None:
     mesh.look()
     mesh.close()
     assert ended.is_set()
+
+
+def test_over_the_network_a_peer_that_ends_has_nobody_introduced(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its end is the router's word: an introduction of all to all, for each death, leaves links behind."""
+    introduced, asked = list[str](), list[set[str]]()
+    alive = ZenohBus._alive
+
+    def ask(bus: ZenohBus) -> set[str]:
+        asked.append(alive(bus))
+        return asked[-1]
+
+    monkeypatch.setattr(ZenohBus, "_alive", ask)
+    monkeypatch.setattr(ZenohBus, "_introduce", lambda bus, over: introduced.append(bus.new_instance()))
+    first, second, third = (net.open() for _ in range(3))
+    for name, bus in (("first", first), ("second", second), ("third", third)):
+        bus.announce(name, bus.new_instance())
+    names = {bus.new_instance() for bus in (second, third)}
+    wait_until(lambda: names <= linked_to(first.session) and names <= first._visible(first.session))
+    first.look_at_links()
+    first._mesh.settle()
+    third.close()
+    wait_until(lambda: third.new_instance() not in linked_to(first.session))
+
+    def looked() -> bool:
+        first.look_at_links()
+        first._mesh.settle()
+        return bool(asked)
+
+    wait_until(looked)
+    assert asked[0] == {bus.new_instance() for bus in (first, second)}
+    assert not introduced
