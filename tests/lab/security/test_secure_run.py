@@ -85,6 +85,14 @@ def test_people_ask_what_their_role_may_ask(secure: Net) -> None:
                     bus.call(SIM_JOIN, JoinRequest(service="viewer", instance="x"), 0.5)
 
 
+def test_a_service_asks_the_router_by_its_own_certificate_who_lives(secure: Net) -> None:
+    """A link that was lost differs from a process that has ended in that."""
+    buses = {name: secure.open(identity=name) for name in ("walker", "estimator")}
+    for name, bus in buses.items():
+        bus.announce(name, bus.new_instance())
+    wait_until(lambda: buses["walker"]._alive() == {bus.new_instance() for bus in buses.values()})
+
+
 def test_without_a_certificate_the_remedy_is_named(folder: Path) -> None:
     with expect_error(ConfigError, "not_found", text="surefoot security init"):
         settings_file(NAMESPACE, "stranger")
