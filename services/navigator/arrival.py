@@ -1,4 +1,4 @@
-"""Arrival at a goal: the robot surely lies within the goal's tolerances, or it does not."""
+"""Arrival at a goal: tests whether the estimated pose lies within the goal's tolerances with deviations to spare."""
 
 import math
 
@@ -19,9 +19,10 @@ def spread(cov: Array) -> float:
 
 
 def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
-    """Return the distance from the last waypoint, m, and the error of the heading that is asked for, rad (0 = none).
+    """Return the distance of a pose from a goal's last waypoint, m, and the turn to the goal's heading, rad.
 
-    `mean`: believed x, y (m), heading (rad) in the map first, (n,).
+    The turn is left positive, 0 where the goal asks for no heading. `mean`: believed x, y (m), heading (rad) in the
+    map first, (n,).
     """
     gx, gy = goal.route[-1]
     turned = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
@@ -29,9 +30,10 @@ def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
 
 
 def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
-    """Return the distance of the estimate from the last waypoint at which the walk ends, m: the surer, the farther.
+    """Return the distance between estimate and last waypoint at which the walk ends, m: larger for a certain estimate.
 
-    `cov`: of x, y (m) and heading (rad) first, (n, n); `sure`: standard deviations to spare.
+    It is 0.5 to 0.75 of the goal's tolerance. `cov`: of x, y (m) and heading (rad) first, (n, n); `sure`: standard
+    deviations of the position to spare.
     """
     tolerance = goal.xy_tolerance
     return min(REACH[1] * tolerance, max(REACH[0] * tolerance, tolerance - sure * spread(cov)))
@@ -48,7 +50,7 @@ def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> 
 def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
     """Return True if the heading lies within the goal's tolerance with `sure` standard deviations to spare.
 
-    A goal that asks for no heading is always turned. mean, cov: believed x, y (m) and heading (rad) in the map first,
+    It is True for a goal that asks for no heading. mean, cov: believed x, y (m) and heading (rad) in the map first,
     (n,), and their covariance, (n, n).
     """
     if goal.yaw is None:
@@ -57,23 +59,26 @@ def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) ->
 
 
 def sure_of_place(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return True if looking would not help: the robot is surely there, and turned as asked for or about to turn.
+    """Return True if the robot need not stand for a camera frame, because its pose at the goal is certain enough.
 
-    mean, cov: believed x, y (m) and heading (rad) in the map first, (n,), and their covariance, (n, n); sure: standard
-    deviations to spare.
+    The position lies within the tolerance with deviations to spare, and so does the heading, or it is off by more than
+    half of its tolerance, so that the robot turns first. mean, cov: believed x, y (m) and heading (rad) in the map
+    first, (n,), and their covariance, (n, n); sure: standard deviations to spare.
     """
     turning = abs(beside(goal, mean)[1]) > 0.5 * goal.yaw_tolerance
     return surely_there(goal, mean, cov, sure) and (turning or surely_turned(goal, mean, cov, sure))
 
 
 def arrival(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> End:
-    """Return the end of a goal for a robot that stands at its last waypoint by the estimate.
+    """Return the outcome of a goal for a robot whose estimate is at the last waypoint: state, error code, message.
+
+    It succeeds if position and heading lie within the tolerances with `sure` deviations to spare, else it fails.
 
     Args:
         goal: the goal with its tolerances.
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
         cov: its covariance, (3, 3) or larger.
-        sure: standard deviations that fit between estimate and tolerance.
+        sure: standard deviations that have to fit between estimate and tolerance.
     """
     distance, turned = beside(goal, mean)
     heading = "" if goal.yaw is None else f" and {math.degrees(abs(turned)):.0f} deg"

@@ -1,4 +1,4 @@
-"""A way for a lost robot whose sights fit several places: to where the map differs between these."""
+"""Short walk of a lost robot whose detections fit several poses: to where the landmarks around these poses differ."""
 
 import math
 
@@ -28,9 +28,10 @@ FROM = 0.2
 
 
 def leading(localiser: Localiser, maps: Maps) -> Aside:
-    """Return a function without arguments that returns the way of a lost robot to where its candidate poses differ.
+    """Return a function without arguments that returns a walk which helps a lost robot to single out one pose.
 
-    It uses sights and maps as they are at the call. The way is x, y in the robot's axes, m; None = there is none.
+    It takes candidate poses and maps as they are at the call. The walk is `way_aside`: x, y of its end in the robot's
+    axes, m, or None.
     """
 
     def lead() -> Point | None:
@@ -41,16 +42,18 @@ def leading(localiser: Localiser, maps: Maps) -> Aside:
 
 
 def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise, costs: Costs | None) -> Point | None:
-    """Return a straight way to where landmarks differ between places, free at each: x, y in the robot's axes, m.
+    """Return the end of a straight walk to where landmarks differ between the candidate poses of a lost robot.
+
+    The walk is free of obstacles from each of these poses.
 
     Args:
-        alike: poses that the sights fit, m and rad, frame map.
+        alike: candidate poses, x, y (m) and heading (rad), frame map.
         world: landmarks.
         noise: of the camera; that of the descriptors counts.
         costs: obstacles; None = there is no map of them.
 
     Returns:
-        The way; None = there is none, or the places do not differ.
+        x, y of the end in the robot's axes, m; None = no such walk, or fewer than two candidates.
     """
     if len(alike) < 2:
         return None

@@ -1,4 +1,4 @@
-"""Places from which a camera sees what differs between poses that its sights so far fit alike."""
+"""Count of landmarks that distinguish the candidate poses of a lost robot, for the ends of possible walks."""
 
 import math
 
@@ -20,7 +20,7 @@ MOST_COMPARED = 256
 
 @row_kernel
 def alone(places: Array, looks: Array, positions: Array, others: Array, look: float) -> Flags:
-    """Return True, (m,), for each landmark where no landmark of the map that looks alike stands in its place.
+    """Return True, (m,), for each landmark with no landmark of similar descriptor in the map within `FAR` of its place.
 
     Args:
         places: where the landmarks would stand, (m, 2) m, frame map.
@@ -40,16 +40,16 @@ def alone(places: Array, looks: Array, positions: Array, others: Array, look: fl
 
 
 def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
-    """Return how many landmarks around each end of a way differ between the first pose and the one most like it.
+    """Return how many landmarks around each end of a walk distinguish the first pose from the most similar other one.
 
     Args:
         poses: x, y (m) and heading (rad), frame map, (p, 3), p >= 2.
-        ends: in the axes of the robot, (e, 2) m.
+        ends: of the walks, in the axes of the robot, (e, 2) m.
         world: landmarks.
         look: largest distance of two descriptors of one landmark.
 
     Returns:
-        Numbers, (e,): landmarks at either pose that do not stand at the other.
+        Numbers, (e,): landmarks within `AROUND` of the end that would stand there at one of the two poses only.
     """
     least = np.full(len(ends), np.inf)
     for other in poses[1:]:

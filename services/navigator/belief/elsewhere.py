@@ -1,13 +1,13 @@
 """Odds that a robot is at another place than believed, by landmarks that agree on that place.
 
-A landmark that belongs elsewhere is soon a false one; two or more that lie to each other as they do at one other place
-hardly are. The last frames are searched for places as those of a lost robot are (`places`). With E_p the evidence of
-place p, for a robot that may be anywhere, N the normal density of its way from the believed pose, Sigma the covariances
-of both, and L the evidence of the sightings one by one at the believed pose,
+A single detection that fits another place is often false; two or more in the arrangement that landmarks have at one
+other place hardly are. The last frames are searched for such places as those of a lost robot are (`places`). With E_p
+the evidence of place p for a robot that may be anywhere, N the normal density of its offset from the believed pose,
+Sigma the sum of the covariances of both, and L the evidence of the sightings one by one at the believed pose,
 
     odds of the frames = sum_p E_p / max(sum_p E_p 2 pi area N(p - pose; Sigma), L)
 
-A sighting that looks like m landmarks is a false one with the odds `false` view m / area: chance puts it where it fits.
+A sighting similar to m landmarks is false with the odds `false` view m / area, view the area that the camera overlooks.
 Frames are kept while they favour another place, for `KEPT_S` at most.
 """
 
@@ -65,12 +65,12 @@ class OtherPlaces:
         return odds / (1.0 + odds)
 
     def look(self, seen: Detections, sight: Sight, after: Pose) -> None:
-        """Take a frame of the camera.
+        """Update the evidence with one frame of the camera.
 
         Args:
             seen: its detections.
-            sight: believed pose before the frame corrected it, and its circumstances.
-            after: believed pose after it, x, y (m) and heading (rad), frame map.
+            sight: believed pose before the frame corrected it, with its covariance, noise and time.
+            after: believed pose after the correction, x, y (m) and heading (rad), frame map.
         """
         if self._frames is None or sight.time - self._first > KEPT_S:
             self._frames, self._log = Relocaliser(self.world, self.noise, self.limits), 0.0

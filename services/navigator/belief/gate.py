@@ -202,7 +202,7 @@ def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate:
 
 @row_kernel
 def apart2(a: Array, b: Array, enough: float) -> float:
-    """Return the squared distance of two descriptors (k,), no unit, or a part of it that is >= `enough`."""
+    """Return the squared distance of two descriptors (k,), no unit; the sum ends early once it is >= `enough`."""
     total = 0.0
     for i in range(a.size):
         d = a[i] - b[i]
@@ -238,7 +238,7 @@ def nearest_look(
     noise: SightNoise,
     limits: MatchLimits,
 ) -> tuple[int, int, float, float]:
-    """Return the landmark in the gate of one detection that looks most like it.
+    """Return the landmark in the gate of one detection with the most similar descriptor.
 
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
@@ -250,7 +250,7 @@ def nearest_look(
         noise, limits: standard deviations of range, bearing and descriptor; limits of gate and likeness.
 
     Returns:
-        Landmark or -1, fate (MATCHED, FAR, UNLIKE or AMBIGUOUS), normalised innovation squared, squared gap of looks.
+        Landmark or -1; MATCHED, FAR, UNLIKE or AMBIGUOUS; normalised innovation squared; squared descriptor distance.
     """
     r, b = variances(distance, noise)
     gate, alike = limits.gate, limits.look_sds * noise.look_sd * math.sqrt(look.size)

@@ -1,4 +1,4 @@
-"""Map of landmarks on the floor: place and look of each, and an index of places."""
+"""Map of landmarks on the floor: position and descriptor of each, and an index of the positions."""
 
 import hashlib
 import math

@@ -1,4 +1,4 @@
-"""Check of the believed pose: a filter over five hypotheses, fed with the fates of the detections and with echoes.
+"""Check of the believed pose: a filter over five hypotheses, updated with matched detections and ranger echoes.
 
 The robot is where it is believed to be ("right"), elsewhere on the map ("displaced"), on a map that does not fit the
 floor ("misfit": stretched, or a belief surer than its errors), where the map does not reach ("off_map"), or nothing is
@@ -160,7 +160,7 @@ class LostState:
 
     @property
     def words(self) -> str:
-        """Likeliest of the hypotheses that the belief is wrong, in words, however likely it is."""
+        """Text on the likeliest of the hypotheses that the belief is wrong, whatever its probability."""
         here, elsewhere, strange = (round(value) for value in self.recent)
         total = here + elsewhere + strange
         texts = {
@@ -277,7 +277,9 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
 
 
 def shares_of(state: LostState, model: LostModel) -> Shares:
-    """Return the shares of a right pose: those of the model, or fewer elsewhere and strange as far as was seen."""
+    """Return the shares of detections here, elsewhere and strange (see the module) that a right pose leads to.
+
+    Those of elsewhere and strange are the model's, or less where detections of a right pose have shown less."""
     total = model.weight + math.fsum(state.usual)
     found = [(model.weight * share + count) / total for share, count in zip(model.right, state.usual, strict=True)]
     away = min(model.right[1], max(model.fewest[0], found[1]))
@@ -298,14 +300,14 @@ def _counted(state: LostState, frame: FrameEvidence, model: LostModel) -> Shares
 def echoed(
     state: LostState, distance: float, expected: tuple[float, float], slack: float, model: LostModel
 ) -> LostState:
-    """Return the state after an echo; one that comes too soon after the last does not count.
+    """Return the state of the check after one echo of the ranger; one within `echo_s` of the last is ignored.
 
     Args:
-        state: before.
+        state: before the echo.
         distance: of the echo, or the end of the reach, m.
         expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
-        slack: difference that is none, m.
-        model: shares.
+        slack: difference from these that still counts as agreement, m.
+        model: shares of echoes.
     """
     if state.echo[1] < model.echo_s:
         return state

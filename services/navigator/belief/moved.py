@@ -1,9 +1,9 @@
-"""Landmarks that stand elsewhere than the map has them.
+"""Landmarks that have moved since the map was made, so that they stop counting as evidence against the believed pose.
 
-A robot that is sure of its pose and sees a landmark of the map at another place remembers that place. Seen there again
-a second later, the landmark has moved: it counts no more as one that belongs elsewhere, which a displaced robot sees
-everywhere. A displaced robot sees it at a third place, where it counts. Both frames show more landmarks here than
-elsewhere: one that was just displaced is sure still, but has chance matches only.
+While the pose is certain, a landmark of the map that is detected at another place is remembered with that place. If it
+is detected there again a second later, it has moved, and its detections there count as outliers. A displaced robot
+detects it at a third place, where it still counts. Both frames need more matches than landmarks at other places: just
+after a displacement the pose still seems certain, but all matches are by chance.
 """
 
 import math
@@ -41,7 +41,7 @@ class Sight(NamedTuple):
 
 
 class SeenElsewhere(NamedTuple):
-    """Place where a landmark of the map is seen, other than its own."""
+    """Detection of a landmark of the map at another place than its own."""
 
     detection: int
     """Index of the detection in its frame."""
@@ -56,7 +56,7 @@ class SeenElsewhere(NamedTuple):
 
 
 class MovedLandmarks:
-    """Places where landmarks were seen that are elsewhere in the map."""
+    """Memory of the places at which landmarks were detected away from their place in the map."""
 
     def __init__(self, world: FloorLandmarks) -> None:
         self.world = world
@@ -70,8 +70,8 @@ class MovedLandmarks:
         Args:
             matches: of the frame at the believed pose.
             seen: its detections.
-            sight: its circumstances.
-            sure: the pose is certain: other places are remembered.
+            sight: believed pose, its covariance, noise of the camera and time at the frame.
+            sure: the pose is certain, so that other places are remembered.
         """
         away = np.flatnonzero((matches.fates == FAR) | (matches.fates == UNLIKE)).tolist()
         places = [place for place in (self._place(seen, d, sight) for d in away) if place is not None]

@@ -122,7 +122,7 @@ def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
         chosen: landmark of each sighting, (s,), below 0 = unexplained.
 
     Returns:
-        Covariance of the pose (3, 3), and the logarithm of its determinant (inf: it does not follow from these).
+        Covariance of the pose (3, 3), and the logarithm of its determinant (inf: these do not determine the pose).
     """
     c, s = math.cos(pose[HEADING]), math.sin(pose[HEADING])
     a, v, jx, jy, spread = np.zeros((3, 3)), np.zeros(3), np.empty(3), np.empty(3), seen.spread
@@ -341,7 +341,7 @@ def _advance(cursor: Ints, few: Ints, starts: Ints) -> None:
 
 @row_kernel
 def search(seen: Evidence, found: PlaceList, cursor: Ints, tries: int, work: int) -> bool:
-    """Go on with finding the places of a map from which the sightings would look as they did.
+    """Continue the search for the places of a map that explain the sightings, by a bounded amount of work.
 
     Args:
         seen: sightings and their candidates.

@@ -41,7 +41,7 @@ them, or chance explains them as well; ambiguous: another place explains them as
 
 @dataclass(frozen=True)
 class RelocaliseLimits:
-    """Conditions under which a pose is returned."""
+    """Conditions under which the search for a lost robot's pose returns one."""
 
     sure: float = 0.999
     """Least probability of the best place."""
@@ -88,14 +88,20 @@ class Relocation:
 
 
 def between(pose: Pose, odom: Pose) -> Pose:
-    """Return the pose of odom in map for the pose of the robot in both, m and rad."""
+    """Return the pose of frame odom in frame map, x, y (m) and heading (rad).
+
+    `pose`, `odom`: pose of the robot in map and in odom.
+    """
     turn = float(wrap(pose[2] - odom[2]))
     c, s = math.cos(turn), math.sin(turn)
     return (pose[0] - c * odom[0] + s * odom[1], pose[1] - s * odom[0] - c * odom[1], turn)
 
 
 def placed(frame: Pose, pose: Pose) -> Pose:
-    """Return a pose given in a frame, in the parent of that frame; `frame` is its pose there, m and rad."""
+    """Return in the parent of a frame a pose that is given in the frame, x, y (m) and heading (rad).
+
+    `frame`: pose of the frame in its parent.
+    """
     c, s = math.cos(frame[2]), math.sin(frame[2])
     return (
         frame[0] + c * pose[0] - s * pose[1],
@@ -120,13 +126,13 @@ class Relocaliser:
         self._search: PlaceSearch | None = None
 
     def add(self, seen: Detections, pose: Pose, time: float, noise: SightNoise | None = None) -> None:
-        """Enter a frame.
+        """Add the detections of one frame to the sightings.
 
         Args:
             seen: its detections.
             pose: of base_link then, x, y (m) and heading (rad), in a frame that moves with no odometry.
-            time: s.
-            noise: of the camera in this frame; None = as stated.
+            time: of the frame, s.
+            noise: of the camera in this frame; None = that of the constructor.
 
         Raises:
             DetectionError: descriptors of another length than the map's.
@@ -136,7 +142,7 @@ class Relocaliser:
         self._fresh = self._fresh or len(seen) > 0
 
     def step(self, here: Pose, work: int) -> Relocation | None:
-        """Go on with the search; begin one if new frames came since the last.
+        """Continue the search by a bounded amount of work; start one if frames were added since the last began.
 
         Args:
             here: pose of base_link now, in the frame of `add`; that of the result if a search begins and ends now.
@@ -160,7 +166,10 @@ class Relocaliser:
         return replace(result, reference=found.here)
 
     def begun(self, here: Pose) -> "PlaceSearch":
-        """Return a search for the pose of the robot's frame `here` from the sightings so far."""
+        """Return a new search for the robot's pose in the map by the sightings so far.
+
+        `here`: pose of base_link now, in the frame of `add`, x, y (m) and heading (rad).
+        """
         world, limits = self.world, self.limits
         place, spread, looks, count, total = self.sightings.seen_from(here, limits.sightings)
         look = MatchLimits().look(self.noise, world.descriptor_length)

@@ -122,7 +122,9 @@ def gather(
 
 @row_kernel
 def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Ints, Ints]:
-    """Return the landmarks that each sighting may be of: those about as alike as the most alike one; none if too many.
+    """Return the landmarks of the map that each sighting may show: those about as similar as the most similar one.
+
+    A sighting with more than `most` of them gets none.
 
     Args:
         looks: mean descriptor of each of s sightings, (s, k), no unit.
@@ -154,7 +156,7 @@ def candidates(looks: Array, columns: Array, look: float, ratio: float, most: in
 
 
 class SightingMemory:
-    """Memory of the frames of a lost robot.
+    """Memory of the sightings of a lost robot, each averaged over several frames.
 
     Args:
         noise: of the camera, with the errors that are common to a frame.
@@ -178,7 +180,7 @@ class SightingMemory:
             pose: of base_link then, x, y in m and heading in rad, frame of the memory; nothing is entered where
                 it is not finite.
             time: of the frame, s.
-            noise: of the camera in this frame; None = as stated.
+            noise: of the camera in this frame; None = that of the constructor.
         """
         shortest, longest = MatchLimits().shortest, MatchLimits().longest
         good = np.isfinite(seen.ranges) & np.isfinite(seen.bearings) & np.isfinite(seen.looks).all(axis=1)
@@ -200,7 +202,7 @@ class SightingMemory:
 
         Returns:
             Places (s, 2) m and their covariances (xx, xy, yy) (s, 3) m^2 in the axes of the pose, descriptors (s, k),
-            detections of each (s,), and of all sightings of the memory.
+            number of detections of each (s,), and of all sightings of the memory.
         """
         t, (c, s) = self.tables, (math.cos(pose[2]), math.sin(pose[2]))
         order = np.argsort(-t.times, kind="stable")[: min(most, int((t.times > 0).sum()))]

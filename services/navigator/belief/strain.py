@@ -104,7 +104,7 @@ class FrameLines(NamedTuple):
 
 @row_kernel
 def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height: float, lines: FrameLines) -> None:
-    """Write the equations of the matches of a frame.
+    """Write the linear equations by which the matches of a frame show strain, turn and displacement.
 
     Args:
         places: of the landmarks, (k, 2) m, frame map.
@@ -112,7 +112,7 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height:
         pose: believed x, y, m, and heading, rad, frame map, (3,).
         noise: of the camera.
         height: of the camera, m.
-        lines: result, 2 k of them.
+        lines: result, 2 k equations: along and across the ray of each match.
     """
     c, s, gain = math.cos(pose[2]), math.sin(pose[2]), np.zeros((2, 3))
     for k in range(places.shape[0]):
@@ -166,7 +166,10 @@ def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> 
 
 @row_kernel
 def carried(mean: Array, cov: Array, x: float, y: float) -> None:
-    """Add the effect of a wrong heading over a way x, y m, map, to mean (12,) and cov (12, 12), in place."""
+    """Add the offset of position that an error of heading causes over a way x, y m (frame map), in place.
+
+    `mean` (12,), `cov` (12, 12): state u of a case, and its covariance.
+    """
     n, heading = mean.size, mean[POSE + 2]
     mean[POSE] -= y * heading
     mean[POSE + 1] += x * heading
@@ -182,7 +185,8 @@ def carried(mean: Array, cov: Array, x: float, y: float) -> None:
 def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float) -> float:
     """Correct a filter, mean (12,), cov (12, 12), with the equations of a frame, in place; return their log likelihood.
 
-    An equation counts with the probability that its match is not one of the share `wrong`, even over `width` m.
+    An equation is weighted with the probability that its match is right. The share `wrong` of matches is wrong, with
+    residuals spread evenly over `width` m.
     """
     n, total = mean.size, 0.0
     reach = np.empty(n)
@@ -210,7 +214,7 @@ def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float
 
 @dataclass
 class MapStrain:
-    """Probabilities that the map is right, strained, seen by a camera tilted or turned aside, or the robot displaced.
+    """Check of map and camera: is the map strained, the camera tilted or aside, the robot displaced, or all right?
 
     Attributes:
         shared: errors that the landmarks of a frame share; their tilt fades.
@@ -238,16 +242,16 @@ class MapStrain:
         self._logs, self._at, self._placed = np.array([0.0] * 4 + [-math.inf]), 0.0, False
 
     def place(self) -> None:
-        """Begin at the next frame with the covariance of the believed pose, stated or found: it is not displaced."""
+        """Record that the pose was stated or found: no displacement, with the covariance of the believed pose."""
         self._placed, self._logs[DISPLACED] = False, -math.inf
 
     def moved(self, way: tuple[float, float], along: float, heading: float) -> None:
-        """Follow a motion.
+        """Predict all cases over a motion of the robot.
 
         Args:
             way: along x and y, m, frame map.
-            along: variance of it, of each axis, m^2.
-            heading: variance of the heading after it, rad^2.
+            along: variance of the way along each axis, m^2.
+            heading: variance that the motion adds to the heading, rad^2.
         """
         for case in self._cases:
             carried(case.mean, case.cov, way[0], way[1])
@@ -256,14 +260,14 @@ class MapStrain:
             case.cov[POSE + 2, POSE + 2] += heading
 
     def corrected(self, change: Array) -> None:
-        """Follow a change of the believed pose by a frame, (3,): x, y in m, frame map, heading in rad."""
+        """Subtract a correction of the believed pose, x, y (m), heading (rad), (3,), map, from all displacements."""
         for case in self._cases:
             case.mean[POSE:] -= change
 
     def look(
         self, seen: Detections, world: FloorLandmarks, pose: Pose, cov: Array, noise: SightNoise, time: float
     ) -> None:
-        """Take a frame.
+        """Update the probabilities with one frame of the camera; one with fewer than `LEAST` matches is ignored.
 
         Args:
             seen: its detections.
@@ -327,13 +331,13 @@ class MapStrain:
 
     @property
     def strain(self) -> tuple[float, float, float]:
-        """E_xx, E_yy, E_xy of the case that the map is strained: 0.1 = the map is a tenth too long."""
+        """Strain E_xx, E_yy, E_xy of the map, no unit, in the case that it is strained: 0.1 = a tenth too long."""
         xx, yy, xy = self._cases[STRAINED].mean[:TURN].tolist()
         return (xx, yy, xy)
 
     @property
     def sure_turn(self) -> Turn | None:
-        """Pitch, roll and sideways turn s of the camera, rad, as far as believed and known; None = they are not."""
+        """Pitch, roll and sideways turn of the camera, rad, 0 for each that is small or not certain; None = all."""
         probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
         for number, parts, small in ((TILTED, (0, 1), self.model.small[1]), (ASIDE, (2,), self.model.small[2])):
             case = self._cases[number]
@@ -347,20 +351,20 @@ class MapStrain:
 
     @property
     def reason(self) -> str:
-        """Strain or displacement in words, if it is believed; else empty."""
+        """Text on the strain of the map or the displacement of the robot if either is probable, else empty."""
         strained, displaced = self.probabilities[STRAINED], self.probabilities[DISPLACED]
         return self.words if strained >= self.model.sure else self.way if displaced >= self.model.sure else ""
 
     @property
     def way(self) -> str:
-        """Displacement of the map in words, whatever its probability."""
+        """Text on the displacement of the robot, whatever its probability."""
         x, y, heading = self._cases[DISPLACED].mean[POSE:].tolist()
         off = f"{math.hypot(x, y):.2f} m and {math.degrees(abs(heading)):.0f} deg"
         return f"the landmarks seen lie together as seen from {off} beside the believed pose"
 
     @property
     def words(self) -> str:
-        """Strain of the map in words, whatever its probability."""
+        """Text on the strain of the map, whatever its probability."""
         xx, yy, xy = self.strain
         middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
         along = math.degrees(0.5 * math.atan2(2.0 * xy, xx - yy)) + (0.0 if middle >= 0.0 else 90.0)
@@ -370,7 +374,10 @@ class MapStrain:
 
 
 def turned_back(seen: Detections, turn: Turn, height: float) -> Detections:
-    """Return detections as a camera at a height, m, sees them that is not turned by `turn`: pitch, roll, s, rad."""
+    """Return the detections of a turned camera as they would be without its turn.
+
+    `turn`: its pitch, roll and sideways turn, rad; `height`: of the camera above the floor, m.
+    """
     if turn == (0.0, 0.0, 0.0) or not len(seen):
         return seen
     back = matrix_from_rotvec(np.array([-turn[1], turn[0], 0.0])).tolist()

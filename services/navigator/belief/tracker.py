@@ -49,7 +49,7 @@ class Motion:
     """Variance of the drift, rad^2 per m^2."""
 
     def part(self, share: float) -> "Motion":
-        """Return the first part of the motion; variances grow in proportion."""
+        """Return a share of the motion (1 = all of it), with variances in proportion."""
         return Motion(*(share * value for value in vars(self).values()))
 
 
@@ -80,7 +80,7 @@ class FrameResult:
 
 
 class PoseTracker:
-    """Belief of the pose.
+    """Estimator of the robot's pose in the map: motions predict it, landmarks correct it.
 
     Args:
         start: uncertainty of a stated pose.
@@ -123,12 +123,12 @@ class PoseTracker:
         self.place((0.0, 0.0, 0.0))
 
     def place(self, pose: tuple[float, float, float], cov: Array | None = None, *, keep_drift: bool = False) -> None:
-        """Begin anew at a stated pose.
+        """Restart the estimate at a stated pose.
 
         Args:
             pose: x, y in m, heading in rad, frame map.
             cov: its covariance, (3, 3); None = as in `start`.
-            keep_drift: the drift stays: the robot is the same at another place.
+            keep_drift: the estimated drift of the heading, rad per m walked, is kept.
         """
         drift, variance = float(self.mean[3]), float(self.cov[3, 3])
         self.mean[:], self.cov[:] = 0.0, 0.0
@@ -156,7 +156,7 @@ class PoseTracker:
         self._lose(before)
 
     def loosen(self, tilt: float, aside: float) -> None:
-        """Allow for a camera that was tilted and turned aside by these angles, rad, unnoticed."""
+        """Enlarge the covariance of the pose for a camera that was tilted and turned aside by these angles, rad."""
         h, before = self.shared.height, log_variances(self.cov)
         self.cov[[0, 1], [0, 1]] += (tilt * (h * h + TYPICAL**2) / h) ** 2
         self.cov[2, 2] += aside**2
@@ -200,7 +200,7 @@ class PoseTracker:
             self.strain.moved(way, max(motion.along, motion.across), heading)
 
     def after(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the belief after a motion; the tracker keeps its own.
+        """Return the belief as it would be after a motion; the tracker does not change.
 
         Returns:
             Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).
@@ -286,9 +286,9 @@ class PoseTracker:
 
 
 def of_sight(variance: float, common: float, n: float) -> float:
-    """Return the variance to take for sight n of a landmark whose place in the map is wrong alike in every sight.
+    """Return the measurement variance of the n-th sight of a landmark, whose error in the map is common to all sights.
 
-    n sights with variance v of their own and c in common know it to v / n + c: the one that is new adds the information
+    n sights with a variance v each and c in common have the variance v / n + c: the newest adds the information
     n / (v + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
     """
     if common == 0.0 or variance == 0.0:
@@ -297,11 +297,11 @@ def of_sight(variance: float, common: float, n: float) -> float:
 
 
 def held(n: float, ratio: float, lost: float) -> float:
-    """Return the number of sights that hold what is left of the information of n.
+    """Return the number of sights with as much information as the belief still has of n sights of a landmark.
 
-    n sights hold n / (1 + n c) in units of one sight, c = `ratio` the variance in common over that of one sight. A
-    variance of the belief grown by a factor leaves that share of it: for one landmark alone, a variance q added between
-    two sights leaves 1 / (1 / n + q), as exact.
+    n sights have n / (1 + n c) in units of one sight, c = `ratio` the variance in common over that of one sight. Growth
+    of the belief's variance by a factor leaves 1 / factor of it: for one landmark alone, a variance q added between two
+    sights leaves 1 / (1 / n + q), as exact.
 
     Args:
         n: sights.
