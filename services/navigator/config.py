@@ -8,7 +8,7 @@ from surefoot.lockstep.config import ServiceConfig
 
 
 class NavigatorConfig(ServiceConfig):
-    """Start, maps and policy of the navigator."""
+    """Settings of the navigator service: start pose, maps, policy."""
 
     params: str = Field(default="nao", max_length=256, description="model of the robot: a shipped name or a .toml file")
     set: tuple[str, ...] = Field(

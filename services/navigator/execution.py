@@ -54,17 +54,17 @@ class Execution:
         self.pieces.append(Piece(motion, start + self.lag, end + self.lag))
 
     def correct(self, now: float, ends_in: float | None) -> None:
-        """Record at time `now`, s, that the last foot lands in `ends_in` s, None = unknown: a slow step ends later."""
+        """Set the end of the last action to the landing of its last foot, `ends_in` s after `now`; None = no change."""
         if self.pieces and ends_in is not None:
             last = self.pieces[-1]
             last.end = max(now + ends_in + self.lag, last.start + 1e-3)
 
     def cut(self, now: float, ends_in: float | None) -> None:
-        """Record that the walker obeys a stop: the rest after its last landing is not walked.
+        """Shorten the last action of a walker that obeys a stop: what is left of it after the last landing is dropped.
 
         Args:
             now: s.
-            ends_in: time until that landing, s; None = not published: it is that of the step under way.
+            ends_in: time until that landing, s; None = not published: half of `LANDING_S` is assumed.
         """
         if not self.pieces:
             return
@@ -80,7 +80,7 @@ class Execution:
             self.pieces[-1] = Piece(motion, reached, end)
 
     def settle(self, now: float) -> None:
-        """Record that the walker stands: every action has landed, though its duration may not be over."""
+        """Record that the walker stands: all actions end after the lag at the latest, whatever their durations."""
         for piece in self.pieces:
             piece.end = min(piece.end, max(now + self.lag, piece.start + 1e-3))
             piece.start = min(piece.start, now)

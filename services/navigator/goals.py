@@ -124,11 +124,11 @@ class NavigationGoal:
 
     @property
     def place(self) -> int:
-        """Index of the place that the present waypoint leads to; their number behind the last one."""
+        """Index of the goal's place that the present waypoint leads to; after the last place the number of places."""
         return sum(end < self.index for end in self.ends)
 
     def give_up(self, now: float) -> None:
-        """Leave the present place out; the waypoint behind it becomes the present one."""
+        """Skip the place that is walked to, and count it as missed; the waypoint after it becomes the present one."""
         self.missed.append(self.place)
         self.index = self.ends[self.place]
         self.least, self.least_at = FAR, now
@@ -148,7 +148,9 @@ class NavigationGoal:
         self.nearest, self.nearest_at = math.inf, now
 
     def stalled(self, left: float, now: float, progress: float) -> float:
-        """Return the time since the way that is left became shorter, s, without that of detours at `DETOUR_PACE`.
+        """Return the time without progress, s: since the way left was last shortened, less that of detours.
+
+        A detour takes its additional way over `DETOUR_PACE`.
 
         Args:
             left: way over the waypoints that are left, m.
@@ -161,7 +163,7 @@ class NavigationGoal:
         return now - self.least_at - self.detour / DETOUR_PACE
 
     def off_route(self, x: float, y: float) -> float:
-        """Return the distance of a place from the present leg of the route, m."""
+        """Return the distance of a place, m, frame map, from the leg of the route to the present waypoint, m."""
         end = self.waypoint
         begin = self.route[self.index - 1] if 0 < self.index < len(self.route) else self.start or end
         dx, dy = end[0] - begin[0], end[1] - begin[1]
@@ -199,7 +201,7 @@ class NavigationGoal:
         return self.route[min(self.index, len(self.route) - 1)]
 
     def left(self, x: float, y: float) -> float:
-        """Return the way from a place over the waypoints that are left, m."""
+        """Return the length of the way from a place, m, frame map, over the waypoints that are left, m."""
         total = 0.0
         for px, py in self.route[self.index :]:
             total += math.hypot(px - x, py - y)

@@ -67,7 +67,7 @@ future, beyond two ticks, would stop the clock of the belief."""
 
 
 class Localiser:
-    """Belief of the pose, fed with messages from the bus.
+    """Estimator of the robot's pose in the map, updated with messages from the bus.
 
     Args:
         config: start pose, m and rad, frame map, and what moves the belief: commands or odometry.
@@ -121,9 +121,9 @@ class Localiser:
         """Number of times that the pose was found again."""
 
     def place(self, pose: Pose, cov: Array | None = None) -> None:
-        """Begin anew at a stated pose; the drift stays.
+        """Restart the estimate at a stated pose; the estimated drift, heading error per way walked, stays.
 
-        `pose`: x, y (m), heading (rad), frame map; `cov`: its covariance, (3, 3); None = that of a start.
+        `pose`: x, y (m), heading (rad), frame map; `cov`: its covariance, (3, 3); None = that of the start.
         """
         self._take_odometry(self._taken_at, force=True)
         self.tracker.place(pose, cov, keep_drift=True)
@@ -159,7 +159,7 @@ class Localiser:
     # -- odometry ----------------------------------------------------------------------------------------------
 
     def odometry(self, message: Odometry, now: float) -> None:
-        """Use a pose in odom of time `now`, s; a correction of the past moves the odometry, and not the robot."""
+        """Update the pose by an odometry message at `now`, s; one that corrects the past moves odom, not the robot."""
         before, self._message = self._message, message
         was, self.odom = self.odom, (*message.position[:2], message.yaw)
         if self._taken is None:
@@ -194,7 +194,7 @@ class Localiser:
     # -- sight -------------------------------------------------------------------------------------------------
 
     def look(self, frame: LandmarkDetections, gait: GaitView, now: float, match: float | None = None) -> None:
-        """Use a frame of the camera.
+        """Correct and check the believed pose with one frame of the camera.
 
         Args:
             frame: landmarks; its stamp is the end of the exposure.
@@ -323,7 +323,7 @@ class Localiser:
         Args:
             distance: of the echo, or the end of the reach, m.
             expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
-            slack: difference that is none, m.
+            slack: difference from these that still counts as agreement, m.
             now: simulated time, s.
         """
         if self.tracker.world is None or self.lost.lost:
@@ -338,7 +338,7 @@ class Localiser:
         self._relocaliser.add(seen, self.tracker.pose, time)
 
     def search(self, *, standing: bool) -> None:
-        """Spend the share of a tick on the search for a lost pose; call in every tick."""
+        """Do one tick's share of the search for a lost pose, if the robot stands; a pose found is taken over."""
         relocaliser, here = self._relocaliser, self.tracker.pose
         if relocaliser is None or not standing or not self.lost.lost:
             return
@@ -356,7 +356,7 @@ class Localiser:
 
     @property
     def alike(self) -> tuple[Pose, ...]:
-        """Poses of a lost robot now that its sights fit alike, m and rad; empty = no such poses stand out."""
+        """Candidates for the pose of a lost robot now, about equally likely, m and rad; empty = there are none."""
         if self._found is None or not self.lost.lost:
             return ()
         moved = _relative(self.tracker.pose, self._found.reference)

@@ -45,7 +45,7 @@ class Maps:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the maps from the bus: a new epoch brings its own."""
+        """Drop the maps received from the bus, as new ones follow a reset; maps from files stay."""
         self.landmarks: FloorLandmarks | None = self._marked
         self.grid: FloorGrid | None = self._filed
         self._costs: Costs | None = None
@@ -108,14 +108,14 @@ class Maps:
         self._seen.take(seen, at, unsure, now)
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return True if no obstacle was seen, beside those of the map, on the next part of a route that begins `here`.
+        """Return True if the ranger saw no obstacle, beside those of the map, on the next part of a route from `here`.
 
         here, route: x, y in m, frame map.
         """
         return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius)
 
     def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
-        """Return the waypoints to each place, around what was seen; straight ways where there is no map.
+        """Return the waypoints to each place, around obstacles of map and ranger; straight ways where there is no map.
 
         Args:
             here: where the robot is, x, y in m, frame map.

@@ -1,6 +1,7 @@
 """Memory of the last goal in a file, so that a navigator that was killed and started again goes on with it.
 
-The file belongs to one run (its folder); contents of another epoch, or of a later tick than now, are ignored.
+The file belongs to one run (its folder); contents from before the last reset (of another epoch), or of a later tick
+than now, are ignored.
 """
 
 from typing import Any
@@ -72,6 +73,6 @@ class GoalMemory(RunMemory):
         self.write(epoch, tick, {**vars(kept), "goal": goal, "planned": planned})
 
     def recall(self, epoch: int, tick: int) -> Kept | None:
-        """Return the state that was kept in this epoch, not after this tick, or None."""
+        """Return the state kept since the last reset (in this epoch) and not after this tick, None = there is none."""
         found = self.read(_StoredGoal, epoch, tick)
         return found and Kept.model_construct(**{name: getattr(found, name) for name in Kept.model_fields})

@@ -14,7 +14,7 @@ from .pilot import Pilot
 
 @dataclass(frozen=True)
 class LostView:
-    """Check of the belief against the landmarks seen."""
+    """Result of the check of the believed pose against the landmarks seen."""
 
     lost: bool = False
     """True if the belief is wrong."""
@@ -28,7 +28,7 @@ class LostView:
 
 
 def order_message(pilot: Pilot) -> MotionOrder:
-    """Return the present order; the walker obeys each number once."""
+    """Return the present order as a message; the walker obeys each order number once."""
     return MotionOrder(number=0 if pilot.orders.order is None else pilot.orders.number, command=pilot.orders.order)
 
 
@@ -111,12 +111,12 @@ def _bearing(place: tuple[float, float], pose: Pose) -> float:
 
 
 def fresh_of(seen: SeenLandmarks | None) -> SeenLandmarks | None:
-    """Return what vision published of a new image; None = there was none, or vision is no part of the system."""
+    """Return the landmarks that vision found, if they are of a new image; None = no new image, or no vision service."""
     return seen if seen is not None and seen.fresh else None
 
 
 def camera_words(turn: Pose) -> str:
-    """Return what is logged of a camera that is pitched, rolled and turned aside by these angles, rad."""
+    """Return the log text on a camera that is pitched, rolled and turned aside by these angles, rad."""
     pitch, roll, aside = (math.degrees(angle) for angle in turn)
     return (
         f"the landmark camera is pitched by {pitch:.1f} deg, rolled by {roll:.1f} deg and turned aside by {aside:.1f} "

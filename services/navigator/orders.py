@@ -1,4 +1,4 @@
-"""Orders of the navigator to the walker: given once each, reminded of, and taken up."""
+"""Orders of the navigator to the walker: numbered, recorded once the walker starts them, repeated if it does not."""
 
 from surefoot.schemas.cmd import WalkCommand
 
@@ -10,7 +10,7 @@ REMIND_S = 1.0
 
 
 class Orders:
-    """Orders of the navigator to the walker in one epoch, repeated until the walker takes them up.
+    """Orders of the navigator to the walker between two resets, and the actions that the walker has started by them.
 
     Args:
         lag: delay between a foot's landing and the trunk reaching its place, s.
@@ -32,13 +32,13 @@ class Orders:
         """Simulated time since which the walker has not taken up the order, s."""
 
     def give(self, order: WalkCommand, act: Act | None) -> None:
-        """Give the next order; `act` is the action that it begins, None = a stop."""
+        """Set the next order, under a new number; `act` is the action that it begins, None = a stop."""
         self.given, self.order, self._stops = act, order, order.action == "stop"
         self.number += 1
         self._walk_id = self._given_at = None
 
     def take_up(self, now: float, gait: GaitView) -> None:
-        """Record what the walker took up, and its forecast of the end."""
+        """Record from the walker's state that it has started the last order, and when its last step will land."""
         given = self.given
         if self._stops and gait.order == self.number:
             self._stops = False
@@ -53,9 +53,9 @@ class Orders:
             self.execution.correct(now, gait.ends_in)
 
     def remind(self, now: float, gait: GaitView) -> None:
-        """Repeat an order that a standing walker has not taken up: walker or navigator was started again.
+        """Repeat an order that a standing walker has not started within `REMIND_S`, as after a restart of the walker.
 
-        A navigator that was started again has no order to repeat and decides anew.
+        A restarted navigator has no order to repeat: it goes on from the walker's order number and decides anew.
         """
         if self._given_at is None:
             self._given_at = now
@@ -67,7 +67,7 @@ class Orders:
                 self.give(self.order, self.given)
 
     def failure(self, gait: GaitView) -> tuple[str, str] | None:
-        """Return error code and message where no order would be obeyed or another client commands, else None."""
+        """Return error code and message if the walker obeys no order or another client commands it, else None."""
         if gait.state == "refused":
             return "fallen", gait.reason or "the robot has fallen"
         if gait.order == self.number and gait.refused:

@@ -1,7 +1,7 @@
-"""Conduct of goals without a bus: decides in time, orders actions of the walker, recovers, ends.
+"""Conduct of goals, apart from the bus: chooses actions in time, orders them from the walker, recovers, ends goals.
 
 An action is decided while the one before still runs, on the belief predicted to the landing of its last step, so that
-the walker goes on without a halt. A walker that does not publish its end is waited for.
+the walker goes on without a halt. Where the walker does not publish the end of its action, the pilot waits for it.
 """
 
 import math
@@ -36,7 +36,7 @@ class Pilot:
         conduct: times, tolerances and recoveries; None = the defaults of `Conduct`.
         ways: obstacles; None = routes stay as they are.
         record: called once for every goal that ends, with its end.
-        aside: way of a lost robot to where places differ that its sights fit.
+        aside: finds a walk of a lost robot to where its candidate poses differ.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Pilot:
     # -- ticks -------------------------------------------------------------------------------------------------
 
     def follow(self, now: float, gait: GaitView, tracker: PoseTracker) -> None:
-        """Record the orders that the walker took up, and move the belief where commands are the control.
+        """Record the orders that the walker has started, and predict the belief by them if odometry does not.
 
         Args:
             now: simulated time, s.
@@ -148,15 +148,15 @@ class Pilot:
         self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool, lost: bool = False,
         suspected: bool = False,
     ) -> None:  # fmt: skip
-        """Decide, if it is time.
+        """Conduct the goal for one tick: check its limits, search a lost pose, order the next action when it is due.
 
         Args:
             now: simulated time, s.
             gait: state of the walker.
             tracker: belief now.
             blocked: something is too near ahead to walk.
-            lost: the belief is wrong: the robot stands and looks, then turns and looks, until it is right again.
-            suspected: it may be wrong: the robot stands and looks likewise, but not as often.
+            lost: the belief is wrong: the robot stands for camera frames and turns by turns, until it is right again.
+            suspected: it may be wrong: the robot stands and turns likewise, but not as often.
         """
         goal = self.goal
         if goal is None or not self.under_way:
@@ -259,7 +259,7 @@ class Pilot:
         return False
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
-        """Lead a goal anew from a place; return the reason why no way leads there, empty = one does.
+        """Plan the rest of a goal's route anew from a place; return why that is not possible, empty = it is.
 
         Args:
             goal: its waypoints are replaced.
@@ -274,7 +274,7 @@ class Pilot:
         return ""
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
-        """Return the belief after the actions under way, by the motion that is expected of them.
+        """Return the belief predicted to the end of the actions under way, by their expected motion.
 
         Returns:
             Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).

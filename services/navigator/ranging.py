@@ -1,4 +1,4 @@
-"""Use of the ranger: an obstacle close ahead forbids to walk, and one that the map does not know is remembered."""
+"""Use of ranger readings: an obstacle close ahead allows only turns, and one that is not in the map is remembered."""
 
 import math
 
@@ -16,10 +16,10 @@ ECHO_SLACK = 0.25
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:
-    """Enter a reading into the local map; return True if only turns are allowed (the rule of Osswald et al.).
+    """Enter a ranger reading into the local map; return True if an obstacle ahead allows only turns (Osswald et al.).
 
     Args:
-        reach: the reading.
+        reach: reading of the ranger.
         localiser: belief of the pose; while it is lost, nothing is entered.
         maps: obstacles.
         conduct: distances, m.

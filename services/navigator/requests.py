@@ -22,7 +22,7 @@ Log = Callable[[str, str], None]
 
 
 class Requests:
-    """Handlers of the requests to the navigator in one epoch.
+    """Handlers of the requests to the navigator between two resets of the simulation.
 
     Args:
         catalogue: policies by name.

@@ -1,4 +1,4 @@
-"""Search of a robot that is or may be lost: it stands and looks, turns and looks, and walks to where places differ."""
+"""Search for a pose that is or may be lost: the robot stands for camera frames, turns, walks to where poses differ."""
 
 import math
 from collections.abc import Callable
@@ -15,7 +15,7 @@ Aside = Callable[[], Point | None]
 
 
 def no_way() -> Point | None:
-    """Return no way around: the default where there is no map."""
+    """Return None: no walk helps to find the pose (the default, where there is no map)."""
     return None
 
 
@@ -39,13 +39,13 @@ class Moves(Protocol):
         ...
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
-        """Lead a goal anew from a place, m, frame map; return why no way leads there, empty = one does."""
+        """Plan a goal's route anew from a place, m, frame map; return why that is not possible, empty = it is."""
         ...
 
 
 @dataclass
 class Look:
-    """State of a search for landmarks that is under way."""
+    """State of a search for the pose: stands for camera frames, turns and walks so far."""
 
     until: float = math.inf
     """End of the present look at the surroundings, s; inf = the look has not begun."""
@@ -65,7 +65,7 @@ class Search:
     Args:
         body: its motions, and the end of its goal.
         conduct: times and numbers.
-        aside: way to where places differ that the sights fit.
+        aside: finds a walk to where the candidate poses differ.
     """
 
     def __init__(self, body: Moves, conduct: Conduct, aside: Aside) -> None:
@@ -73,7 +73,7 @@ class Search:
         self.begin()
 
     def begin(self) -> None:
-        """Forget the search of an earlier goal: nothing is searched for."""
+        """Drop the search of an earlier goal; no search is under way."""
         self.look: Look | None = None
         self._suspects_from = -math.inf
         """Simulated time from which a suspicion makes the robot look, s."""
@@ -82,7 +82,7 @@ class Search:
         self, goal: NavigationGoal, now: float, gait: GaitView, here: Point, *, blocked: bool, lost: bool,
         suspected: bool,
     ) -> bool:  # fmt: skip
-        """Halt while the robot is or may be lost, look and turn in alternation, once around if it is.
+        """Order the next motion of a search while the pose is or may be wrong: stop, stand for the camera, turn, walk.
 
         Args:
             goal: under way.
@@ -91,7 +91,7 @@ class Search:
             here: believed place, x, y in m, frame map.
             blocked: something is too near ahead to walk.
             lost: the belief is wrong.
-            suspected: it may be.
+            suspected: the belief may be wrong.
 
         Returns:
             True while the search is under way: nothing else is to be decided.

@@ -236,7 +236,7 @@ def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) 
 
 @row_kernel
 def move(scene: Record, action: Record, share: float, rng: Stream, truth: Array) -> None:
-    """Carry the truth over a share of an action, in place; a wall stops it.
+    """Move the true pose over a share of an action, in place; walls bound its position.
 
     Args:
         scene: the scene, a record SCENE, SI, angles in rad.
@@ -299,7 +299,7 @@ def _frames_of(scene: Record, action: Record, state: EpisodeState, room: Episode
 
 @row_kernel
 def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeState, room: EpisodeRoom) -> float:
-    """Do one action, in place; return the reward, no unit: minus its seconds, or the bonus at the goal.
+    """Simulate one action, in place; return the reward, no unit: minus its seconds, or the bonus at the goal.
 
     Args:
         model: actions and scene.

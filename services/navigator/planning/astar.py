@@ -245,7 +245,7 @@ def _settle_rest(g: Ints32) -> int:
 
 @row_kernel
 def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> int:
-    """Settle cells from the start on until the goal is.
+    """Run A* from the start: settle cells in the order of their cost until the goal is settled.
 
     Args:
         weight: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
@@ -301,7 +301,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
 
 @row_kernel
 def cost_of(entry: int) -> int:
-    """Return the cost of a cell by its entry in the costs of `search`, settled or seen; UNSEEN of others."""
+    """Return the cost of a cell from its entry in the array `g` of `search`, settled or seen; UNSEEN of others."""
     return -entry - 1 if entry < 0 else entry
 
 

@@ -34,10 +34,10 @@ AHEAD = 2.0
 def expected_echo(
     grid: FloorGrid, at: Pose, half: tuple[float, float], longest: float, obstacle: int
 ) -> tuple[float, float]:
-    """Return the distance of the nearest obstacle of a map in a cone, m; `longest` where there is none.
+    """Return least and largest distance, m, at which the nearest obstacle of a map in a cone may lie; `longest`: none.
 
-    It is between the two returned however the heading errs within `half[1]`: one is that of the cone wider by it, which
-    holds all these cones, the other that of the narrower one, which all of them hold.
+    The heading of the cone errs by up to `half[1]`. The least is the distance in the cone wider by that, which contains
+    all possible cones, the largest that in the narrower one, which all possible cones contain.
 
     Args:
         grid: map of obstacles.
@@ -80,7 +80,7 @@ class SeenObstacles:
         """Number that changes with the set of marked cells."""
 
     def take(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
-        """Enter one reading.
+        """Update the marked cells with one reading of the ranger.
 
         Args:
             seen: the reading.

@@ -52,7 +52,7 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
 
 @row_kernel
 def pull(weight: Bytes, path: Ints32, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints32:
-    """Return the positions in a path (n,) of its corners after straight lines replaced parts that they make no dearer.
+    """Return the indices in a path (n,) of the corners left after straight lines of no higher cost replace its parts.
 
     From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
     halving the way. The first corner is the start, at (r_start, c_start) cells, the last one the goal. `weight`: factor

@@ -203,7 +203,7 @@ def _top4(mean: Array, cov: Array, work: Array) -> None:
 
 @row_kernel
 def after_sight(heading: float, shown: Array, work: Array) -> None:
-    """Split the covariance P (4, 4) of a belief into the parts that a stand removes and leaves, in place.
+    """Split the covariance P (4, 4) of a belief into the parts that a stand (pause for the camera) removes and leaves.
 
     With S = P[:3, :3] + shown, turned into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move, and
     P+ is left.

@@ -175,12 +175,13 @@ def by_rule(name: str, world: Arrays) -> Policy | None:
 
 
 def planner_numbers(world: Arrays) -> Array:
-    """Return the planner's numbers, (NUMBERS,), no unit, as simulated episodes chose them.
+    """Return the parameters by which the planner allows for uncertainty, (NUMBERS,), no unit, tuned in simulation.
 
-    They are the shares of the belief's standard deviations over which values are averaged, and the weight of the sight
-    of a stand. Averaging over the full belief turns too late, because each value supposes that the pose will be known
-    after one action. A look serves more than the next decision: more so on arcs, and most where switching makes looks
-    rare. They were chosen on random stream 1 with the paper's robot, drift 0 to 8 deg, normal and blurred.
+    They are the shares of the belief's standard deviations over which values are averaged, and the weight of what a
+    stand (pause for the camera) gains. Averaging over the full belief turns too late, because each value supposes that
+    the pose is known after one action. A stand serves more than the next decision: more so on arcs, and most where
+    switching makes stands rare. They were chosen on random stream 1 with the paper's robot, drift 0 to 8 deg, normal
+    and blurred.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0

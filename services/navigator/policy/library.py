@@ -17,7 +17,7 @@ NAMES = ("hand", "tuned", "steer", "planner", "sarsa")
 
 
 def known() -> tuple[str, ...]:
-    """Return the names of the policies that `find` takes beside files."""
+    """Return the names of policies that `find` accepts, those of shipped files included."""
     return (*NAMES, *shipped())
 
 

@@ -1,8 +1,9 @@
 """Value iteration for a robot with a drift on its way to a goal, pose and drift known.
 
 V(d, phi, b) = max_a { -dt_a + mean_k [s'_k not in the goal] V(s'_k) }, s'_k the state after action a with noise sample
-k; d and phi as in (4) and (5), b the drift. V is kept for each kind of last action that makes a difference, because
-stopping and starting take time. Only b >= 0 is computed: (d, phi, b) and (d, -phi, -b) are mirror images.
+k; d and phi as in (4) and (5) of Osswald et al., b the drift. V is kept for each kind of last action that makes a
+difference, because stopping and starting take time. Only b >= 0 is computed: (d, phi, b) and (d, -phi,
+-b) are mirror images.
 """
 
 import math
@@ -205,7 +206,7 @@ def _guess(world: Arrays, d: Array, nphi: int) -> Array:
 
 
 def shown_by_standing(world: Arrays) -> Array:
-    """Return the covariance (3, 3) of the pose that one stand shows, robot axes, m and rad.
+    """Return the covariance (3, 3) of a pose measured by the camera frames of one stand, robot axes, m and rad.
 
     Information of the landmarks that are recognised on average: density * match * integral of H^T R^-1 H over the
     footprint, times the frames that arrive before the decision; scaled down where more would be seen than are used.
