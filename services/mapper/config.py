@@ -10,7 +10,7 @@ _PARAMS = MapParams()
 
 
 class MapperConfig(ServiceConfig):
-    """Size of the map, and what is taken into it."""
+    """Settings of the mapper: size of the map, and limits of the depths and images that it uses."""
 
     cell_m: float = Field(default=_PARAMS.cell, ge=0.002, le=0.1, description="edge of a cell, m")
     cells: int = Field(default=_PARAMS.cells, ge=3, le=301, description="cells along an edge of the map")

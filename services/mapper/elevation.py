@@ -106,7 +106,7 @@ def around(grid: Grid, n: int, x: float, y: float) -> Grid:
 
 
 def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
-    """Return the layers, (n, n) each, of a map whose grid has moved by whole cells; what leaves it is forgotten."""
+    """Return the layers, (n, n) each, of a map whose grid has moved by whole cells; cells outside are dropped."""
     n, rows, cols = layers.height.shape[0], new.row - old.row, new.col - old.col
     if rows == 0 and cols == 0:
         return layers
@@ -122,7 +122,7 @@ def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
 def lay(
     layers: Elevation, grid: Grid, plane: tuple[float, float, float], half: Array, variance: float, drift: OdometryDrift
 ) -> None:
-    """Take the unseen cells near the middle of a map for a plane, in place.
+    """Set the unseen cells near the middle of a map to the heights of a plane, in place.
 
     Args:
         layers: of the map, (n, n) each.
@@ -207,7 +207,7 @@ def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tup
 
 @kernel
 def fuse(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> int:
-    """Take the means of one image into the map; return how many cells they lie in."""
+    """Fuse the means of one image into the map, in place; return how many cells the image shows."""
     seen = 0
     for i in range(layers.height.shape[0]):
         for j in range(layers.height.shape[1]):

@@ -1,4 +1,4 @@
-"""Place of the trunk by its legs alone, while the estimator begins anew: feet that stand have not moved.
+"""Pose of the trunk by its standing feet alone, which do not move, while the state estimator restarts.
 
 With the places a_i of the feet in base_link before and b_i after, and their means A and B, the trunk has turned by
 
@@ -21,7 +21,7 @@ LEAST_FEET = 2
 
 
 class TrunkOverFeet:
-    """Pose of base_link that is followed by the standing feet alone, while there is no odometry.
+    """Pose of base_link, updated by the standing feet alone while there is no odometry.
 
     Attributes:
         position: (3,) m, in the frame of the last odometry.
@@ -34,7 +34,7 @@ class TrunkOverFeet:
         self._down: NDArray[np.bool_] | None = None
 
     def step(self, feet: Array, down: NDArray[np.bool_]) -> None:
-        """Take the feet of a tick in base_link, (n, 3) m, and which of them stand, (n,)."""
+        """Update the pose by the feet of a tick in base_link, (n, 3) m; `down`: which of them stand, (n,)."""
         if self._feet is not None and self._down is not None:
             both = self._down & down
             if both.sum() >= LEAST_FEET:
@@ -45,7 +45,10 @@ class TrunkOverFeet:
 
 
 def trunk_moved(before: Array, after: Array) -> tuple[Array, float]:
-    """Return the movement, (3,) m in axes before, and turn, rad, of the trunk over feet, (n, 3) m in base_link each."""
+    """Return movement, (3,) m, axes of base_link before it, and turn, rad, of a trunk over standing feet.
+
+    before, after: the feet in base_link, (n, 3) m.
+    """
     a, b = before.mean(axis=0), after.mean(axis=0)
     p, q = before - a, after - b
     turn = math.atan2(

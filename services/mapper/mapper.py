@@ -69,7 +69,7 @@ UNKNOWN_TILT = 0.01**2
 
 @dataclass(frozen=True)
 class MapParams:
-    """Size of the map and what is taken into it."""
+    """Settings of the map: its size, and limits of the depths and images that it uses."""
 
     cell: float = 0.005
     """Edge of a cell of the elevation map, m."""
@@ -102,10 +102,10 @@ class MapPose(NamedTuple):
         return max(0.5 * float(self.covariance[3, 3] + self.covariance[4, 4]), 0.0)
 
     def free(self) -> Array:
-        """Return the variances of z, of x and y, m^2, and of yaw, rad^2, (3,), if the rotation were known.
+        """Return the variances of z and of x, y, m^2, as if the rotation were known, and that of yaw, rad^2, (3,).
 
-        With c = P_zr (2,) the covariances of z with roll and pitch and P_rr theirs it is P_zz - c P_rr^-1 c; so for x
-        and y with yaw. Errors of rotation move the frame as a whole about the robot, and are counted as such.
+        With c = P_zr (2,) the covariance of z with roll and pitch and P_rr that of these it is P_zz - c P_rr^-1 c; so
+        for x and y with yaw. Errors of rotation are left out, as they turn the whole map about the robot.
         """
         p = self.covariance
         a, b, c, u, w = p[3, 3], p[3, 4], p[4, 4], p[2, 3], p[2, 4]
@@ -138,10 +138,10 @@ class DepthView(NamedTuple):
 
 @dataclass
 class Mapper:
-    """Elevation map that a run measures, with counts of what it took and refused.
+    """Elevation map built from depth images and odometry, with counts of images used and refused.
 
     Attributes:
-        params: its size and limits.
+        params: size and limits of the map.
         refused: images refused, by reason, and single depths, as `depth`.
         images: number of images in the map.
         error: of the camera, as found; images are corrected by it.
@@ -166,7 +166,7 @@ class Mapper:
 
     @property
     def pose(self) -> MapPose | None:
-        """Newest pose in the map; None before the first, and after a jump."""
+        """Newest pose of base_link, frame of the map; None before the first."""
         return self._poses[-1] if self._poses else None
 
     def placed(self, pose: MapPose) -> MapPose:
@@ -180,9 +180,9 @@ class Mapper:
         return pose._replace(position=product(turn, pose.position) + shift, rot=product(turn, pose.rot))
 
     def lay(self, pose: MapPose, trunk: TrunkOverFeet) -> None:
-        """Place the frame of an odometry that has begun anew in the map, so that base_link is where the legs put it.
+        """Align the frame of an odometry that has restarted with the map, so that base_link is where its feet put it.
 
-        The variances of the map grow by the uncertainty of that.
+        The variances of the map grow by the uncertainty of this alignment.
 
         Args:
             pose: of base_link now, in the new frame of the odometry.
@@ -194,9 +194,10 @@ class Mapper:
         self._top = pose.free()
 
     def moved(self, pose: MapPose) -> bool:
-        """Take the pose of a tick; return False for a jump, which empties the map.
+        """Record the pose of a tick; return False for a jump by more than `JUMP`, which empties the map.
 
-        What a variance grows beyond its top so far adds to the drift. After a fix the way up counts again.
+        Growth of a variance beyond its largest value so far adds to the drift. Where the variance falls by the share
+        `FIX` (a fix of the pose), growth counts from the lower value on.
         """
         pose, last = self.placed(pose), self.pose
         jumped = last is not None and not np.abs(pose.position - last.position).max() <= JUMP
@@ -213,7 +214,7 @@ class Mapper:
         return not jumped
 
     def begin(self, feet: Array) -> None:
-        """Take unseen ground about the robot for the plane through its feet, (n, 3) m, n >= 3, odometry frame."""
+        """Fill unseen cells about the robot with the plane through its feet, (n, 3) m, n >= 3, odometry frame."""
         pose, p = self._poses[-1], self.params
         layers = self._here(pose)
         x, y, z = feet.T
@@ -225,11 +226,12 @@ class Mapper:
         lay(layers, self.grid, (mz - gx * mx - gy * my, gx, gy), half, p.start_deviation**2, self._drift)
 
     def look(self, view: DepthView, now_ns: int, feet: Array = NOWHERE) -> int:
-        """Take an image into the map; return the number of cells it shows.
+        """Fuse an image into the map; return the number of cells it shows.
 
-        An image that contradicts the map is refused, unless it is the second in a row that one turn of the camera
-        explains, or one scale of its depths while the feet carry the map: images are corrected by it from then on.
-        Where the feet contradict the map, too, or all images have done so for long, the map begins anew.
+        An image that contradicts the map is refused, unless it and the image before show the same turn of the camera,
+        or the same scale of its depths while the ground under the feet agrees with the map. Images are corrected by
+        that turn or scale from then on. Where the feet contradict the map, too, or `MOST_DOUBTFUL` images in a row
+        were refused, the map begins anew.
 
         Args:
             view: the image.

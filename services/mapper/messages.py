@@ -1,4 +1,4 @@
-"""Between the messages on the bus and the map."""
+"""Conversion between messages on the bus and the elevation map."""
 
 import math
 from base64 import b64decode, b64encode
@@ -20,7 +20,7 @@ from .mapper import UNKNOWN_TILT, DepthView, Mapper, MapPose
 
 
 def map_pose(odometry: Odometry) -> MapPose:
-    """Return the pose of an odometry; without a covariance of its rotation the tilt is taken to be unsure."""
+    """Return the pose and covariance of an odometry message; missing variances of the tilt are `UNKNOWN_TILT`."""
     if odometry.pose_covariance is not None:
         covariance = np.array(odometry.pose_covariance).reshape(6, 6)
     else:
@@ -55,7 +55,7 @@ def depth_view(image: DepthImage) -> DepthView:
 
 
 def depth_words(turned: float, scale: float) -> str:
-    """Return what is logged of a camera that is turned by an angle, rad, with depths `scale` times the true ones."""
+    """Return the log text on a camera that is turned by an angle, rad, with depths `scale` times the true ones."""
     angle, off = round(math.degrees(turned), 1), round(100.0 * (scale - 1.0))
     parts = [f"turned by {angle:.1f} deg"] * (angle != 0.0) + [f"depths {off:+d} % off"] * (off != 0)
     if not parts:
@@ -64,7 +64,7 @@ def depth_words(turned: float, scale: float) -> str:
 
 
 def elevation_message(mapper: Mapper, refused: Mapping[str, int]) -> ElevationMap:
-    """Return the map as it is now; before anything was seen, one unknown cell."""
+    """Return the map as a message; before anything was seen, it has one unknown cell."""
     found = mapper.heights()
     heights, variances = found or (np.full((1, 1), np.nan), np.full((1, 1), np.nan))
     return ElevationMap(

@@ -37,7 +37,7 @@ class MapperService(Service[MapperConfig]):
         rehearse(self.config.params())
 
     def on_reset(self) -> None:
-        """Begin an epoch with an empty height map and no image counted as refused."""
+        """Start after a reset with an empty height map and no image counted as refused."""
         self.mapper = Mapper(self.config.params())
         self._logged: set[str] = set()
         self._began = False

@@ -1,4 +1,4 @@
-"""Turn of a depth camera that was knocked aside, and scale of its depths: what lays its points onto the map.
+"""Turn of a depth camera that was knocked aside, and scale of its depths, found by fitting its points to the map.
 
 A point p at a = p - c from the camera c lies e above the map, whose slope there is g. A small turn w about the level
 axes through the camera changes that by w . J, so that each step of Gauss and Newton is
@@ -76,7 +76,10 @@ def _residuals(height: Array, grid: Grid, arm: Array, camera: Array, level: bool
 
 
 def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
-    """Return the rotation (3, 3) about a camera, (3,) m, that lays its points, (n, 3) m, onto a map, (ny, nx) m."""
+    """Return the rotation (3, 3) about a camera by which its points fit a height map best.
+
+    `height` (ny, nx) m: map, with its `grid`; `place` (n, 3) m: points; `camera` (3,) m: its position.
+    """
     arm, rot = place[:: 1 + len(place) // MOST_POINTS] - camera, np.eye(3)
     for step in range(STEPS):
         a, g, off, share = _residuals(height, grid, product(arm, rot.T), camera, 2 * step < STEPS)
@@ -91,7 +94,10 @@ def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
 
 
 def scale_onto(height: Array, grid: Grid, place: Array, camera: Array) -> float:
-    """Return the factor of the ways from a camera, (3,) m, that lays its points, (n, 3) m, onto a map, (ny, nx) m."""
+    """Return the factor of the distances of points from a camera by which they fit a height map best, no unit.
+
+    `height` (ny, nx) m: map, with its `grid`; `place` (n, 3) m: points; `camera` (3,) m: its position.
+    """
     arm, scale = place[:: 1 + len(place) // MOST_POINTS] - camera, 1.0
     for step in range(STEPS):
         a, g, off, share = _residuals(height, grid, scale * arm, camera, 2 * step < STEPS)
