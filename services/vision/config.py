@@ -13,7 +13,7 @@ _PATCH, _LIMITS = Patch(), RecogniseParams()
 
 
 class VisionConfig(ServiceConfig):
-    """Map, features, and part of the floor that is looked at."""
+    """Settings of the vision service: map, features, and part of the floor that it evaluates."""
 
     live = ("late_s",)
 

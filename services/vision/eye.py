@@ -1,4 +1,4 @@
-"""From one image to the landmarks of a map: condition, picture from above, features, recognition."""
+"""Recognition of a map's landmarks in one image: faults of the image, picture from above, features, matches."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ NONE = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
 
 
 class Seen(NamedTuple):
-    """Features and matches found in one image."""
+    """Result of one image: recognised landmarks, counts of features and matches, faults."""
 
     places: Array
     """Recognised landmarks in heading axes of base_link at the middle of the exposure, (k, 2) m."""
@@ -63,7 +63,7 @@ class Seen(NamedTuple):
 
 @dataclass
 class Eye:
-    """Reader of the images of one camera; remembers what it needs to see that something is wrong.
+    """Recogniser of landmarks in the images of one camera, with a memory of the last images to detect faults.
 
     Attributes:
         extractor: of features.
@@ -89,7 +89,7 @@ class Eye:
     """Features found and mapped in the halves of the last images."""
 
     def features(self, image: CameraImage, base: FloorPose) -> tuple[FoundFeatures, tuple[str, ...]]:
-        """Return the features of an image, in pixels of the picture from above, and what is wrong with it.
+        """Return the features of an image, in pixels of the picture from above, and the faults of the image by name.
 
         Raises:
             Refusal: what came is no image, or the camera does not look at the floor.
@@ -102,7 +102,7 @@ class Eye:
         return found, flags if len(found.pixels) > FEW_FEATURES else (*flags, "featureless")
 
     def look(self, image: CameraImage, base: FloorPose, belief: Believed | None) -> Seen:
-        """Return the landmarks in an image; `belief` None = lost. What cannot be used is a flag, not an error."""
+        """Return the landmarks recognised in an image; `belief`: pose, None = lost. Faults are flags, not errors."""
         try:
             found, flags = self.features(image, base)
         except Refusal as error:

@@ -1,8 +1,8 @@
-"""Map of the features of a floor: place, look, and how often each was seen.
+"""Map of the features of a floor: place, descriptor, and number of images that showed each.
 
-The file is a landmark map of the navigator (`.npz`, places and descriptors) with further arrays. The navigator knows a
-landmark by its *code*: a unit vector that is drawn from the place of the feature, so that equal maps have equal codes,
-and that a recognised feature carries exactly.
+The file is a landmark map of the navigator (`.npz`, places and descriptors) with further arrays. The navigator
+identifies a landmark by its *code*, a unit vector drawn at random from the place of the feature, so that equal maps
+have equal codes; a recognised feature is published with exactly this code.
 """
 
 import hashlib
@@ -79,13 +79,13 @@ class FeatureMap:
         )  # fmt: skip
 
     def pruned(self, least: int, per_m2: float) -> "FeatureMap":
-        """Return the features that were seen `least` times, at most `per_m2` of each square metre, the most seen."""
+        """Return the map of features seen in `least` images or more, of these the most seen, about `per_m2` per m^2."""
         kept = np.flatnonzero(self.seen >= least)
         return self.chosen(kept[spread(self.positions[kept], self.seen[kept], per_m2)])
 
 
 def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[np.int64]:
-    """Return the indices of the features seen most in each cell of 0.25 m, in order, (k,).
+    """Return rising indices, (k,), of the features to keep: in each square of 0.25 m those seen in most images.
 
     Args:
         positions: on the floor, (n, 2) m.
@@ -104,7 +104,7 @@ def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[
 
 
 def merged(a: FeatureMap, b: FeatureMap) -> FeatureMap:
-    """Return the union of two maps of one frame; features of the same place and look become one.
+    """Return the union of two maps of one frame; features of the same place with similar descriptors become one.
 
     Raises:
         Refusal: features of different kind or scale.

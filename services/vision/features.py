@@ -43,11 +43,11 @@ KINDS: dict[Kind, FeatureKind] = {
 
 
 class Extractor:
-    """Finder of features.
+    """Detector of ORB or SIFT features in a picture.
 
     Args:
-        count: most of one picture, the strongest.
-        contrast: least strength of a feature: contrast of SIFT, 1 = that of OpenCV; ORB's corners likewise.
+        count: largest number of features of one picture; the strongest are kept.
+        contrast: threshold for a feature over OpenCV's default: of contrast (SIFT), or of corners (ORB).
     """
 
     def __init__(self, kind: Kind, count: int, contrast: float = 0.5) -> None:
@@ -68,7 +68,7 @@ class Extractor:
 
 
 def nothing(kind: Kind) -> FoundFeatures:
-    """Return features of this kind of an image in which none was found."""
+    """Return an empty set of features of a kind."""
     return FoundFeatures(np.zeros((0, 2)), np.zeros((0, KINDS[kind].length), np.uint8 if kind == "orb" else np.float32))
 
 
@@ -78,7 +78,7 @@ def distances(kind: Kind, a: NDArray[Any], b: NDArray[Any]) -> Array:
     `a` (n, d), `b` (m, d): bytes (orb), else float32.
 
     Raises:
-        Refusal: more than `MOST_COMPARED` of them, or descriptors of another kind.
+        Refusal: more than `MOST_COMPARED` in `a` or `b`, or descriptors of different kinds.
     """
     if max(len(a), len(b)) > MOST_COMPARED:
         raise Refusal("too_many", f"at most {MOST_COMPARED} features are compared, got {max(len(a), len(b))}")

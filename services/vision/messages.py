@@ -1,4 +1,4 @@
-"""Between what an image showed and the message on the bus."""
+"""Conversion between the result of an image and messages on the bus."""
 
 import math
 
@@ -20,7 +20,7 @@ UNSURE = (0.5, 0.6)
 
 
 def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:
-    """Return the belief of the navigator at the time of an image; None = lost, or too unsure to restrict a search."""
+    """Return the navigator's belief of the pose at the time of an image; None = lost, or too uncertain to be of use."""
     if message is None or message.lost:
         return None
     covariance = np.array(message.covariance).reshape(3, 3)

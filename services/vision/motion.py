@@ -1,4 +1,4 @@
-"""Motion of the robot in the last seconds: where the camera was at the time of an image, and what has moved since."""
+"""Motion of the robot in the last seconds: its pose at the time of an image, and its movement since."""
 
 import math
 from bisect import bisect_right
@@ -53,7 +53,7 @@ class MotionHistory:
     )
 
     def moved(self, odometry: Odometry) -> None:
-        """Record the odometry of a tick; a correction of the past moves what is kept, for the robot did not move."""
+        """Record the odometry of a tick; one that corrects the past shifts all kept poses: the robot did not move."""
         if not odometry.initialised:
             return
         c, s = math.cos(odometry.yaw), math.sin(odometry.yaw)

@@ -1,9 +1,9 @@
-"""Recognition: features of a picture that are features of the map, by look, by place and together.
+"""Recognition of map features in a picture: by descriptor, by place, and by a motion common to the matches.
 
-1. Gate: with a believed pose of covariance P only map features within sqrt(chi2 P_xy) + 3 r sigma_theta + slack of a
-   feature's place are candidates; without a belief all are.
-2. Ratio test: the nearest candidate by look is at most `ratio` as far as the second (one beside the first, which is
-   the same feature found twice, does not count).
+1. Gate: with a believed pose only map features within sqrt(chi2 (v + r^2 sigma_theta^2)) + slack of a feature's place
+   at distance r are candidates, v the largest variance of the position; without a belief all are.
+2. Ratio test: the candidate of nearest descriptor is at most `ratio` as far as the second (one beside the first, which
+   is the same feature found twice, does not count).
 3. One rigid motion robot -> map explains the matches (RANSAC, Fischler & Bolles 1981, of pairs of matches).
 """
 
@@ -94,7 +94,7 @@ class Recognised(NamedTuple):
 def recognise(
     places: Array, descriptors: NDArray[Any], world: FeatureMap, belief: Believed | None, params: RecogniseParams
 ) -> Recognised:
-    """Return the map features in a picture.
+    """Return the features of the map that are recognised in a picture.
 
     Args:
         places: of the picture's features, heading axes of base_link, (n, 2) m.

@@ -14,7 +14,7 @@ DOWN = (0.27059805, -0.65328148, 0.65328148, -0.27059805)
 
 
 def rehearse(eye: Eye) -> None:
-    """Let the reader of images read a made-up image, so that all it needs is loaded."""
+    """Process a made-up image, so that all that `eye` needs is loaded."""
     greys = np.random.default_rng(0).integers(0, 255, (96, 128)).astype(np.uint8)
     image = CameraImage(
         width=128, height=96, format="gray8", pixels=b64encode(greys.tobytes()).decode(), focal=150.0,

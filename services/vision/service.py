@@ -28,7 +28,7 @@ SILENT_NS = 900_000_000
 
 
 class ImageJob(NamedTuple):
-    """Image on its way through a worker thread."""
+    """Image that the worker thread processes: its result to come, its time, ns, and odometry then."""
 
     result: Future[Seen]
     stamp_ns: int
@@ -36,7 +36,7 @@ class ImageJob(NamedTuple):
 
 
 class VisionService(Service[VisionConfig]):
-    """Finds the landmarks of a map in images, which a thread of its own reads: no tick in paced time waits for it."""
+    """Service that recognises a map's landmarks in images on a worker thread; ticks wait for it in lockstep only."""
 
     name = "vision"
     Config = VisionConfig
@@ -57,7 +57,7 @@ class VisionService(Service[VisionConfig]):
         self.on_reset()
 
     def use(self, world: FeatureMap) -> None:
-        """Recognise the features of a map from the next reset on; warn of other pixels or another OpenCV."""
+        """Set the map for recognition from the next reset on; log a warning if its pixels or OpenCV version differ."""
         self.world, self._codes = world, world.codes
         if world.pixel != self.patch.pixel:
             self.log("warning", f"the map's pixels are {world.pixel:g} m, these {self.patch.pixel:g} m: few will match")
@@ -132,7 +132,7 @@ class VisionService(Service[VisionConfig]):
         return flags
 
     def on_stop(self) -> None:
-        """End without waiting for the image that is being read."""
+        """Stop the worker thread without waiting for the image that it processes."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
 

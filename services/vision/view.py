@@ -1,4 +1,4 @@
-"""From an image to a picture of the floor as seen from straight above.
+"""Picture of the floor from straight above, computed from a camera image.
 
 With p and R the camera's pose over the floor (position m and rot_floor_from_camera in heading axes below base_link,
 origin on the floor) a point of the floor (x, y, 0) is seen at K R^T ((x, y, 0) - p): a homography, linear in (x, y, 1).
@@ -28,7 +28,7 @@ EDGE = 9
 
 
 class FloorPose(NamedTuple):
-    """Pose of base_link over the floor, without its place and heading."""
+    """Roll, pitch and height of base_link over the floor."""
 
     rot: Array
     """Roll and pitch: rot_heading_from_base, (3, 3)."""
@@ -38,9 +38,9 @@ class FloorPose(NamedTuple):
 
 @dataclass(frozen=True)
 class Patch:
-    """Part of the floor that is looked at, in heading axes of base_link, m.
+    """Part of the floor that is evaluated, in heading axes of base_link, m.
 
-    It begins and ends so far ahead of the robot, and reaches so far to each side.
+    It reaches from `nearest` to `farthest` ahead of the robot, and by `beside` to each side.
     """
 
     nearest: float = 0.3
@@ -111,7 +111,9 @@ def homography(image: CameraImage, base: FloorPose, patch: Patch) -> Array:
 
 
 def in_image(image: CameraImage, base: FloorPose, patch: Patch, places: Array) -> Array:
-    """Return where an image shows points of the floor, heading axes of base_link, (n, 2) m; (n, 2) px.
+    """Return the pixels (column, row) at which an image shows points of the floor, (n, 2) px.
+
+    `places`: the points, heading axes of base_link, (n, 2) m.
 
     Raises:
         Refusal: the camera does not look down on the floor.
