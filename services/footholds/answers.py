@@ -1,4 +1,4 @@
-"""Answer to a request of the scored ground."""
+"""Answer to a request of `footholds/assess`: layers of the ground with slip, cost and reasons."""
 
 from surefoot.errors import Refusal
 from surefoot.robot.description import Robot
@@ -14,7 +14,7 @@ from .select import SelectParams, placement
 def assess_answer(
     request: AssessRequest, ground: FootholdGround, model: SlipModel, robot: Robot, params: SelectParams
 ) -> AssessReply:
-    """Return layers of a window or of the whole map.
+    """Return the reply to a request: the layers it names, of a window or of the whole map.
 
     Raises:
         Refusal: a window that cannot be, an unknown leg, or a leg without a base or with one that is no pose.

@@ -1,4 +1,4 @@
-"""Layers of the scored ground, as the choice of footholds uses them: for people and planners."""
+"""Layers of a terrain map by which footholds are chosen (slip, cost, reasons), for people and planners."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

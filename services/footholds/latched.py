@@ -12,7 +12,7 @@ from .ground import FootholdGround, build_ground, updated_ground
 
 
 class LatchedGround:
-    """Ground of the last map.
+    """Terrain map that was received last, prepared for the choice of footholds.
 
     Args:
         key: topic that the maps come on, which a refusal names.
@@ -35,10 +35,10 @@ class LatchedGround:
         self._message: HeightMapMessage | ElevationMap | None = None
 
     def take(self, message: HeightMapMessage | ElevationMap | None) -> bool:
-        """Prepare the ground of a map and return True; False: it is the same as before, or none.
+        """Prepare the ground of a new map and return True; False: `message` is the last one again, or None.
 
         Raises:
-            HeightMapError: it is no map; then there is no ground.
+            HeightMapError: the message holds no map; then there is no ground.
         """
         if message is None or message is self._message:
             return False
@@ -72,7 +72,7 @@ class LatchedGround:
         return build_ground(heights, self._foot_radius, self._smooth, np.where(sure, variance, np.float32(np.nan)))
 
     def known(self) -> FootholdGround:
-        """Return the ground (raises Refusal `not_ready`: there is none)."""
+        """Return the prepared map (raises Refusal `not_ready`: there is none)."""
         if self.ground is None:
             raise Refusal("not_ready", f"no usable map has come on {self._key} yet")
         return self.ground

@@ -24,7 +24,7 @@ Rotation = tuple[float, float, float, float, float, float, float, float, float]
 
 
 class Reason(IntFlag):
-    """Bits of a mask; the names are those of the replies."""
+    """Reasons why a cell is no foothold, as bits of a mask; replies use the same names."""
 
     REACH = 1
     """The leg does not reach the cell with margin, at landing or at the end of the stroke."""

@@ -1,4 +1,4 @@
-"""Slip models of a service: the one that was asked for, the one in force, and those that are learned meanwhile."""
+"""Slip models of the foothold service: the one asked for, the one in use, and those learned while it runs."""
 
 import hashlib
 from collections import Counter
@@ -23,7 +23,7 @@ Log = Callable[[str, str], None]
 
 
 class SlipModels:
-    """Store of the slip models of a service."""
+    """Store of the slip models of the foothold service."""
 
     def __init__(self, config: FootholdsConfig, robot: Robot, log: Log) -> None:
         self.config, self.robot, self.log = config, robot, log
@@ -51,7 +51,7 @@ class SlipModels:
         return self.hand_made if name == "hand-made" or path is None else self._load(path)
 
     def fit(self, ground: FootholdGround | None) -> None:
-        """Compare the chosen model with a map; the hand-made score replaces one that does not hold there."""
+        """Use the chosen model if it holds on a map, else the hand-made score."""
         self.ground = ground
         self.unfit = "" if ground is None else self.chosen.unfit(ground.surface.cell, ground.smooth, ground.foot_radius)
         self.active = self.hand_made if self.unfit else self.chosen
@@ -59,7 +59,7 @@ class SlipModels:
             self.log("warning", f"slip model {self.chosen.name} is not used: {self.unfit}")
 
     def answer(self, request: ModelRequest, weight: float | None) -> ModelReply:
-        """Put another model in force, if one is named, and report the one in force.
+        """Switch to another model, if the request names one, and report the model in use.
 
         Raises:
             ModelError: the named model cannot be used; the old one stays.
@@ -74,13 +74,13 @@ class SlipModels:
         return model_reply(self.active, weight, self.unfit, self.learner, self.refused)
 
     def take_learned(self) -> None:
-        """Put the model in force that a job has learned for it, if there is one."""
+        """Switch to the model of a finished learning job, if there is one to be used."""
         learned = self.job.take()
         if learned is not None:
             self._use(learned)
 
     def take_outcomes(self, request: SelectRequest, ground: FootholdGround) -> None:
-        """Take the outcomes of a request, and the model that was learned from earlier ones, if it is due."""
+        """Pass the stance outcomes of a request to re-learning, and switch to a re-learned model if one is due."""
         if self.learner is None:
             return
         for each in request.outcomes:
@@ -94,7 +94,7 @@ class SlipModels:
             self._use(made)
 
     def reset(self) -> None:
-        """Forget the map and what a job of the past epoch was to put in force; end a round of re-learning."""
+        """Drop the map and models of jobs before the reset; finish re-learning under way and use its model."""
         self.ground = None
         self.job.forget()
         made = None if self.learner is None else self.learner.close()
@@ -102,7 +102,7 @@ class SlipModels:
             self._use(made)
 
     def close(self) -> None:
-        """End the learning job and a round of re-learning that is under way."""
+        """Cancel the learning job, and wait for re-learning that is under way."""
         self.job.close()
         if self.learner is not None:
             self.learner.close()

@@ -18,7 +18,7 @@ STROKE = (-0.03, 0.0, 0.0)
 
 
 def made_up_map(robot: Robot) -> HeightMap:
-    """Return a map under the neutral stance of a robot."""
+    """Return a flat height map with a stone and a hole, under the feet of a robot in neutral stance."""
     half = int(np.abs(foot_positions(robot.model, robot.neutral)[:, :2]).max() / MAP_CELL) + 12
     z = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
     z[half, half], z[half + 3, half + 3] = 0.02, np.nan
@@ -26,7 +26,7 @@ def made_up_map(robot: Robot) -> HeightMap:
 
 
 def made_up_ground(robot: Robot, smooth: bool) -> FootholdGround:
-    """Return ground under the neutral stance of a robot, changed in a corner after it was built.
+    """Return `made_up_map` prepared for the choice of footholds, with a corner changed after that.
 
     `smooth`: with the median filter.
     """

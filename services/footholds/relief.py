@@ -96,10 +96,10 @@ def update_relief(z: Layer, cell: float, scale: int, out: Relief, part: tuple[in
 
 
 def blur_relief(relief: Relief, variance: Layer, cell: float, scale: int) -> None:
-    """Raise the deviation of slopes where cells are less sure than those beside them.
+    """Raise the standard deviation of slopes where heights are less certain than those of cells beside them.
 
-    What the heights of neighbours have in common moves no slope, so it is the variance above the least of a plane's
-    cells that counts; unseen cells count as their least sure neighbour.
+    An error that neighbouring heights have in common changes no slope, so only the variance above the least of a
+    plane's cells counts; unseen cells count as their least certain neighbour.
 
     Args:
         relief: planes of the map; `unsure` is overwritten.

@@ -86,7 +86,7 @@ class Footholds(Service[FootholdsConfig]):
                 other.assess(each)
 
     def on_reset(self) -> None:
-        """Forget the map, and the model that a job of the past epoch was to put in force."""
+        """Drop the map, and the models of learning jobs started before the reset."""
         self._now, self._choices = None, 0
         self.latched.forget()
         self.models.reset()
@@ -106,7 +106,7 @@ class Footholds(Service[FootholdsConfig]):
             self.log("error", f"{self._maps.key} refused: {error}")
 
     def use_model(self, request: ModelRequest) -> ModelReply:
-        """Put another slip model in force, if one is named, and report the one in force."""
+        """Answer `footholds/model`: switch to the named slip model, if any, and report the one in use."""
         return self.models.answer(request, self.params.distance_weight)
 
     def choose(self, request: SelectRequest) -> SelectReply:
@@ -133,11 +133,11 @@ class Footholds(Service[FootholdsConfig]):
         )  # fmt: skip
 
     def assess(self, request: AssessRequest) -> AssessReply:
-        """Return layers of a window or of the whole map."""
+        """Answer `footholds/assess`: return layers of a window or of the whole map."""
         return assess_answer(request, self.latched.known(), self.models.active, self.robot, self.params)
 
     def batch(self, request: FootholdsBatchRequest) -> Future[FootholdsBatchReply]:
-        """Return the footholds of many steps, later."""
+        """Answer `footholds/batch`: return a future of the footholds of many steps."""
         return self.steps.answer(request, self.latched.known(), self.models.active, self.params)
 
 

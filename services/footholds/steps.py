@@ -31,7 +31,7 @@ class PlannedSteps:
     def answer(
         self, request: FootholdsBatchRequest, ground: FootholdGround, model: SlipModel, params: SelectParams
     ) -> Future[FootholdsBatchReply]:
-        """Return the answer to come, from the ground and the model as they are now.
+        """Return a future of the footholds of all steps, on the ground and with the model of this moment.
 
         Raises:
             Refusal: a leg that the robot does not have, or too many batches wait.

@@ -1,4 +1,4 @@
-"""From samples to a slip model: bins, terms fitted to their means, and the choice of size by folds of whole trials."""
+"""From samples to a slip model: bins, terms fitted to their means, and cross-validation of the settings of the fit."""
 
 import hashlib
 import math
@@ -62,13 +62,13 @@ CANDIDATES = (
 
 
 def candidates(terms: int | None = None) -> tuple[Candidate, ...]:
-    """Return the candidates of a number of terms, or of several; the folds choose among them."""
+    """Return the settings that cross-validation compares, with `terms` terms each; None = of several numbers."""
     return CANDIDATES if terms is None else tuple(replace(each, terms=terms) for each in CANDIDATES[1:])
 
 
 @dataclass(frozen=True, slots=True)
 class LearnOptions:
-    """Options of learning, and facts that the model keeps."""
+    """Options of learning a slip model, and facts that are stored with it."""
 
     title: str = "learned"
     candidates: Sequence[Candidate] = CANDIDATES
@@ -89,7 +89,7 @@ class LearnOptions:
 
 
 def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda share: True) -> LearnedModel:
-    """Return the slip model of the candidate that orders stances best on ground held back.
+    """Return the slip model of the candidate that ranks stances by slip best in cross-validation.
 
     Args:
         samples: stances of one robot, cell, filter and foot.
@@ -105,7 +105,7 @@ def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda sha
 def learn_and_compare(
     samples: SampleSet, options: LearnOptions, report: Report = lambda share: True
 ) -> tuple[LearnedModel, HeldOutFigures]:
-    """Return the model of the candidate that orders stances best on ground held back, and how it compares there.
+    """Return the slip model that ranks stances best in cross-validation, and its figures beside simple rules.
 
     Args:
         samples: samples of one robot, cell, filter and foot.
@@ -155,7 +155,7 @@ def identities(samples: SampleSet) -> tuple[str, ...]:
 
 
 def identity(sample: StanceSample) -> str:
-    """Return what names the trial of a sample: a hash of robot and trial."""
+    """Return the identity of a sample's trial: a hash of robot and trial, hexadecimal."""
     return hashlib.sha256(f"{sample.robot_hash}/{sample.trial}".encode()).hexdigest()[:IDENTITY]
 
 
@@ -172,7 +172,7 @@ def built(
     options: LearnOptions, conditions: Conditions, bins: Bins, ranges: tuple[tuple[float, float], ...],
     candidate: Candidate, figures: Mapping[str, float], sources: Sequence[str],
 ) -> LearnedModel:  # fmt: skip
-    """Return the model of bins with the terms of one candidate."""
+    """Return the slip model of binned samples, with terms fitted by the settings of one candidate."""
     return LearnedModel(
         title=options.title,
         conditions=conditions,
@@ -197,7 +197,7 @@ def built(
 
 
 def base_rule(lattice: Lattice, bins: Bins) -> tuple[float, ...]:
-    """Return the weights >= 0 of the simple rule (`rule_columns`) of bins, by least squares of relative errors."""
+    """Return the weights >= 0 of the simple rule (`rule_columns`), fitted to bins by least squares, relative errors."""
     from scipy.optimize import nnls
 
     columns = rule_columns(lattice.centres(bins)[:, 1])

@@ -18,7 +18,7 @@ MAX_SAMPLE_BYTES = 2_000_000_000
 
 @dataclass(eq=False)
 class LearnJob:
-    """Learning job of a service: started, read and cancelled from its thread, run on another."""
+    """Learning job of the foothold service, which runs on a thread of its own."""
 
     number: int = 0
     state: LearnReply = field(default_factory=lambda: LearnReply(state="idle"))
@@ -30,7 +30,7 @@ class LearnJob:
     """Number of the last job whose model is no longer wanted in force."""
 
     def answer(self, request: LearnRequest) -> LearnReply:
-        """Start or cancel the job if the request does so; returns the state of the job.
+        """Start or cancel the job if the request asks for it; return the state of the job.
 
         Raises:
             Refusal: start while a job runs, without a file of samples; cancel of nothing.
@@ -50,13 +50,13 @@ class LearnJob:
             return self.state
 
     def take(self) -> LearnedModel | None:
-        """Return the model that is to be put in force, once; None if there is none."""
+        """Return the model of a finished job that is to be used from now on, once; None = there is none."""
         with self._lock:
             found, self._finished = self._finished, None
         return found
 
     def forget(self) -> None:
-        """Keep models of jobs up to now out of force, as their epoch is over; they still write their files."""
+        """Drop the models of all jobs started so far, as after a reset; the jobs still write their files."""
         with self._lock:
             self._past, self._finished = self.number, None
 

@@ -9,7 +9,7 @@ from .fit import Candidate, LearnError, LearnOptions, built
 
 
 def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel:
-    """Return the model of both sample sets; size of fit, weight k of the distance and landing error are those of `a`.
+    """Return the model of both sample sets; fit settings, weight k of the distance and landing error are `a`'s.
 
     With weight 1 the bins are those of all samples, to the byte; less lets the second set count for less.
 
@@ -47,7 +47,7 @@ def refitted(
     model: LearnedModel, bins: Bins, ranges: Sequence[tuple[float, float]], sources: Sequence[str],
     trials: tuple[str, ...],
 ) -> LearnedModel:  # fmt: skip
-    """Return a model with terms fitted to other bins; its size of fit, k and landing error stay.
+    """Return a model with terms fitted to other bins; its fit settings, distance weight and landing error stay.
 
     Args:
         model: the old model.
@@ -57,7 +57,7 @@ def refitted(
         trials: identities of the trials of all outcomes, sorted.
 
     Raises:
-        LearnError: the model does not record its size of fit.
+        LearnError: the model does not record its fit settings.
     """
     options = LearnOptions(
         title=model.title, seed=model.seed, distance_weight=model.distance_weight, landing_error=model.landing_error,
@@ -69,7 +69,7 @@ def refitted(
 
 
 def candidate_of(model: LearnedModel) -> Candidate:
-    """Return the size of fit that a model was made with."""
+    """Return the fit settings (number of terms, width, ridge, warp) that a model was made with."""
     c = model.choice
     try:
         return Candidate(int(c["terms"]), c["width"], c["ridge"], "asinh" if c["asinh"] else "identity", model.enough)

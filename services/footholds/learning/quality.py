@@ -1,4 +1,4 @@
-"""Quality of slip models on stances they were not made of: order, warnings, intervals, beside simple rules."""
+"""Quality of slip models on stances not used for learning: ranking, warnings, intervals, beside simple rules."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -134,7 +134,7 @@ def auc(score: Array, positive: NDArray[np.bool_]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PredictorFigures:
-    """Figures of one predictor on grounds that it was not made of."""
+    """Figures of one predictor of slip on ground not used for its fit."""
 
     name: str
     r2: float
@@ -149,7 +149,7 @@ class PredictorFigures:
 
 @dataclass(frozen=True, slots=True)
 class HeldOutFigures:
-    """A learned model beside the hand-made score, the flattest cell and nominal landings, on ground held back."""
+    """Figures of a learned model, the hand-made score, the flattest cell and nominal landings, on ground held back."""
 
     rows: tuple[PredictorFigures, ...]
     """learned, hand-made, min-K2, nominal."""
@@ -177,12 +177,12 @@ def _terrain(sample: StanceSample) -> str:
 
 
 def compared(samples: SampleSet, fold: NDArray[np.int64], p: Array, held: float, by: str) -> HeldOutFigures:
-    """Return how a model predicts slips beside simple rules: the hand-made score, the flattest cell, nominal landings.
+    """Return figures of a model's slip predictions and of three rules: hand-made score, flattest cell, nominal landing.
 
     Args:
         samples: all of them.
         fold: fold of each, (n,).
-        p: slip per stroke that the model predicts which was made without the sample's fold, (n,), no unit.
+        p: slip per stroke predicted by the model that was fitted without the sample's fold, (n,), no unit.
         held: share of slips within the model's intervals.
         by: what folds are made of.
     """

@@ -8,7 +8,7 @@ and the counted one, in which a sample weighs the same whenever it came (c = 1: 
 
     r_b <- (N_old r_old + c N_new r_new) / (N_old + c N_new),   N_b <- N_old + c N_new
 
-The terms are fitted anew to the bins, with the size of fit of the model.
+The terms are fitted anew to the bins, with the fit settings of the model.
 """
 
 from collections.abc import Sequence

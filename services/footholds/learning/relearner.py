@@ -1,8 +1,8 @@
-"""Re-learning while the robot walks: a round of outcomes makes a new model, in force from a choice fixed beforehand.
+"""Re-learning while the robot walks: every so many stances (a round) a new slip model is fitted on a thread.
 
-A round begins at the choice whose outcomes complete it and runs on a thread. Its model is in force from the `LAG`-th
-choice after that, however long the fit took: a choice that comes before the fit has ended waits for it. So equal
-requests get equal replies at any speed of the machine.
+The fit begins at the choice of footholds whose outcomes complete the round. Its model is used from the `LAG`-th choice
+after that, however long the fit took: a choice that comes before the fit has ended waits for it. So equal requests get
+equal replies at any speed of the machine.
 """
 
 import threading
@@ -54,7 +54,7 @@ class Relearner:
     _problems: list[tuple[str, str]] = field(default_factory=list)
 
     def take(self, samples: Sequence[StanceSample]) -> None:
-        """Take outcomes; those that cannot be learned from are counted."""
+        """Add outcomes of stances to the next round; those that cannot be learned from are only counted."""
         for each in samples:
             problem = each.problem or ("too_many" if len(self._waiting) >= MOST else "")
             problem = problem or ("twice" if each.trial in self._known else "")
@@ -72,10 +72,10 @@ class Relearner:
         self.refused[reason] = self.refused.get(reason, 0) + 1
 
     def chosen(self, model: LearnedModel | None) -> LearnedModel | None:
-        """Count a choice; returns the model that is in force from this choice on, None if that does not change.
+        """Count a choice of footholds; return the model to use from this choice on, None if it does not change.
 
         Args:
-            model: model in force; None: it cannot be learned again.
+            model: model in use; None: it cannot be learned again.
         """
         if self._thread is not None:
             self._due -= 1
@@ -88,7 +88,7 @@ class Relearner:
         return None
 
     def close(self) -> LearnedModel | None:
-        """End a round that is under way and drop waiting outcomes; returns the model of the round, or None."""
+        """Wait for a fit that is under way and drop waiting outcomes; return the model of the fit, or None."""
         self._waiting.clear()
         return None if self._thread is None else self._finish()
 

@@ -22,7 +22,7 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
 
 
 def stack(columns: Array, y: Array, w: Array, ridge: float) -> tuple[Array, Array]:
-    """Return W V over sqrt(ridge) I, (n + m, m), no unit, and W y over zeros, (n + m,), in the unit of y (n,).
+    """Return the matrix [W V; sqrt(ridge) I], (n + m, m), no unit, and the vector [W y; 0], (n + m,), unit of y (n,).
 
     V = `columns` (n, m), W = diag(w), weights w (n,), no unit.
     """

@@ -24,7 +24,7 @@ class Basis(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """Gaussian terms (15): phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2), and a constant term if wanted."""
+    """Gaussian terms phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2), (15) of Walas & Belter, and a constant if wanted."""
 
     centres: Array
     """Centres of the Gaussians in the space of the inputs, (m, d)."""

@@ -152,7 +152,7 @@ def merged(a: Bins, b: Bins, weight: float = 1.0) -> dict[Key, Bin]:
 
 
 def faded(a: Bins, b: Bins, c: float) -> dict[Key, Bin]:
-    """Return re-learned bins after equation (19): r <- (r_old + c r_new) / (1 + c), without regard to counts.
+    """Return re-learned bins by (19) of Walas & Belter: r <- (r_old + c r_new) / (1 + c), without regard to counts.
 
     Bins of the old set only stay, those of the new set only are added. Counts are those of the old set.
 

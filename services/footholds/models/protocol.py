@@ -25,7 +25,7 @@ class SlipModel(Protocol):
     def landing_error(self) -> float:
         """Standard deviation of landings about the chosen cell, m.
 
-        P is averaged over it; with 0 over the free cells of the 3 x 3 block.
+        The predicted slip P is averaged over landings of this error; where it is 0, over the free cells of 3 x 3.
         """
         ...
 
