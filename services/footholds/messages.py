@@ -98,7 +98,7 @@ def _mask_counts(counts: tuple[int, ...]) -> MaskCounts:
 def model_reply(
     model: SlipModel, weight: float | None, unfit: str, learner: Relearner | None, refused: Mapping[str, int]
 ) -> ModelReply:
-    """Return the slip model in force, the outcomes that re-learning has taken, and what was refused, by reason."""
+    """Return the reply on the slip model in use, the number of outcomes for re-learning, and refusals by reason."""
     facts: dict[str, Any] = {}
     if isinstance(model, LearnedModel):
         facts = {

@@ -32,7 +32,7 @@ from .steps import PlannedSteps
 
 
 class Footholds(Service[FootholdsConfig]):
-    """Chooses a foothold on the latched map for each leg of a request."""
+    """Service that chooses a foothold on the last terrain map for each leg of a request."""
 
     name = "footholds"
     Config = FootholdsConfig

@@ -180,7 +180,7 @@ class Mapper:
         return pose._replace(position=product(turn, pose.position) + shift, rot=product(turn, pose.rot))
 
     def lay(self, pose: MapPose, trunk: TrunkOverFeet) -> None:
-        """Align the frame of an odometry that has restarted with the map, so that base_link is where its feet put it.
+        """Align the frame of an odometry that has restarted with the map, so that base_link is where `trunk` puts it.
 
         The variances of the map grow by the uncertainty of this alignment.
 

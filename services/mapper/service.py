@@ -20,7 +20,7 @@ from .rehearsal import rehearse
 
 
 class MapperService(Service[MapperConfig]):
-    """Maps the ground ahead while the robot walks; the map moves along with it."""
+    """Service that maps the ground about the robot while it walks; the map moves along with it."""
 
     name = "mapper"
     Config = MapperConfig

@@ -150,7 +150,7 @@ class NavigationGoal:
     def stalled(self, left: float, now: float, progress: float) -> float:
         """Return the time without progress, s: since the way left was last shortened, less that of detours.
 
-        A detour takes its additional way over `DETOUR_PACE`.
+        The time of a detour is its additional way divided by `DETOUR_PACE`.
 
         Args:
             left: way over the waypoints that are left, m.

@@ -338,7 +338,7 @@ class Localiser:
         self._relocaliser.add(seen, self.tracker.pose, time)
 
     def search(self, *, standing: bool) -> None:
-        """Do one tick's share of the search for a lost pose, if the robot stands; a pose found is taken over."""
+        """Do one tick's share of the search for a lost pose, if the robot stands; a pose found becomes the estimate."""
         relocaliser, here = self._relocaliser, self.tracker.pose
         if relocaliser is None or not standing or not self.lost.lost:
             return

@@ -28,7 +28,7 @@ BLOCKED_SHARE = 0.25
 
 
 class Pilot:
-    """Leads the robot to one goal at a time: chooses actions by a policy and orders them from the walker.
+    """Conductor of one goal at a time, which chooses actions by a policy and orders them from the walker.
 
     Args:
         acts: the actions of the policy.
@@ -155,7 +155,7 @@ class Pilot:
             gait: state of the walker.
             tracker: belief now.
             blocked: something is too near ahead to walk.
-            lost: the belief is wrong: the robot stands for camera frames and turns by turns, until it is right again.
+            lost: the belief is wrong: the robot alternately stands for camera frames and turns, until it is right.
             suspected: it may be wrong: the robot stands and turns likewise, but not as often.
         """
         goal = self.goal

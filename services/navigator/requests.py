@@ -96,7 +96,7 @@ class Requests:
             self.pilot.fail("unreachable", why)
 
     def decider(self, goal: NavigationGoal) -> Decider:
-        """Return the decider of a goal; by the default policy if the file of its own has gone since it was kept."""
+        """Return the decider of a goal: by its own policy, or by the default one if that can no longer be used."""
         try:
             return self.catalogue.decider(goal.asked)
         except Refusal as refusal:

@@ -131,7 +131,7 @@ def from_above(image: CameraImage, pixels: Greys, base: FloorPose, patch: Patch)
         image: message of the image, with the camera's place.
         pixels: its greys, (height, width).
         base: pose of base_link over the floor.
-        patch: part of the floor that is looked at.
+        patch: part of the floor that the picture shows.
 
     Raises:
         Refusal: the camera does not look down on the floor.

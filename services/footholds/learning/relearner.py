@@ -24,7 +24,7 @@ LAG = 4
 
 @dataclass(frozen=True, slots=True)
 class RelearnParams:
-    """Form, weight, length of a round and file of re-learning a slip model from the stances of a walk."""
+    """Settings of re-learning a slip model from the stances of a walk: form, weight, length of a round, file."""
 
     form: Form = "counted"
     weight: float = 1.0
@@ -37,7 +37,7 @@ class RelearnParams:
 
 @dataclass(eq=False)
 class Relearner:
-    """Collects outcomes of stances and learns the slip model again from them, round by round."""
+    """Collector of stance outcomes that learns the slip model again from them, round by round."""
 
     params: RelearnParams
     log: Callable[[str], None]

@@ -62,5 +62,5 @@ class SlipModel(Protocol):
         ...
 
     def support_of(self, features: Features, cell: float) -> Layer:
-        """Return how much of P was learned, (ny, nx) float32: 1 from stances alike, 0 by the simple rule; NaN as P."""
+        """Return the share, 0 to 1, of P that was learned from similar stances, (ny, nx) float32; NaN where P is."""
         ...

@@ -41,7 +41,7 @@ class AnywhereModel:
         return ""
 
     def spread(self, features: Features, cell: float) -> Layer:
-        """Return NaN for every cell, (ny, nx) float32: the model knows no spread."""
+        """Return NaN for every cell, (ny, nx) float32: the model has no spread."""
         return np.full(features.k1.shape, np.nan, dtype=np.float32)
 
     def support_of(self, features: Features, cell: float) -> Layer:

@@ -165,7 +165,7 @@ def likeness(look: Array, columns: Array, out: Array) -> None:
 
 @row_kernel
 def look_alikes(looks: Array, columns: Array, look: float) -> Ints:
-    """Return the number of landmarks that each detection looks like, (m,).
+    """Return the number of landmarks of similar descriptor for each detection, (m,).
 
     Args:
         looks: descriptors of the detections, (m, k), no unit.

@@ -100,7 +100,7 @@ class FloorLandmarks:
 
     @classmethod
     def from_bytes(cls, data: bytes, count: int, length: int, version: int = 0, source: str = "") -> "FloorLandmarks":
-        """Return the map of `to_bytes`.
+        """Return the landmark map of the rows that `to_bytes` returns.
 
         Args:
             data: the rows.

@@ -8,7 +8,7 @@ landmark does). The hypotheses give them different shares; a frame multiplies th
 
     p_h <- p_h prod_d share_h(d) prod_matches f_h(nis),    and p <- p exp(rates dt) between frames.
 
-With m landmarks of a look on A m^2 and a gate of G m^2, chance puts one into the gate of a displaced robot with
+With m similar landmarks on A m^2 and a gate of G m^2, chance puts one into the gate of a displaced robot with
 c = 1 - exp(-m G / A): its share of here is `least + (whole - least) c`. f_right is an exponential density (chi^2_2 with
 `scale`), f_misfit a wider one, f of the others uniform over the gate. The likelihood ratio of a frame is bounded,
 because errors are common to a frame; frames far apart share fewer. With E landmarks expected to be recognised,
@@ -189,8 +189,8 @@ def evidence_of(
 ) -> FrameEvidence:
     """Return the evidence of a frame for and against the believed pose.
 
-    A detection with several alike landmarks in its gate counts as here; one that no rigid motion explains does not
-    count.
+    A detection with several similar landmarks in its gate counts as here (see the module); one that no rigid motion
+    explains does not count.
 
     Args:
         matches: of the frame at the believed pose.
@@ -279,7 +279,8 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
 def shares_of(state: LostState, model: LostModel) -> Shares:
     """Return the shares of detections here, elsewhere and strange (see the module) that a right pose leads to.
 
-    Those of elsewhere and strange are the model's, or less where detections of a right pose have shown less."""
+    Those of elsewhere and strange are the model's, or less where detections of a right pose have shown less.
+    """
     total = model.weight + math.fsum(state.usual)
     found = [(model.weight * share + count) / total for share, count in zip(model.right, state.usual, strict=True)]
     away = min(model.right[1], max(model.fewest[0], found[1]))

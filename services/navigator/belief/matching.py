@@ -117,7 +117,7 @@ def check_length(seen: Detections, world: FloorLandmarks) -> None:
 
 
 def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise) -> Array:
-    """Return the number of landmarks of the map that each detection looks like, (m,); at least 1 for a match.
+    """Return the number of landmarks of the map of similar descriptor for each detection, (m,); at least 1 for a match.
 
     The limit of likeness is the default of `MatchLimits`.
 

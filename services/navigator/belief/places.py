@@ -1,4 +1,4 @@
-"""Places of a map from which sightings would look as they did; kernels of relocalisation.
+"""Places of a map that explain the sightings (averaged detections) of a lost robot; kernels of relocalisation.
 
 Sightings come from several frames, poses from pairs of sightings, and every pose gets the evidence for it. A sighting i
 lies at a_i (reference frame of the robot) with covariance C_i. At a pose (t, theta) it is explained by one of its

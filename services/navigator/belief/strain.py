@@ -214,7 +214,7 @@ def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float
 
 @dataclass
 class MapStrain:
-    """Check of map and camera: is the map strained, the camera tilted or aside, the robot displaced, or all right?
+    """Check by probabilities whether the map is strained, the camera tilted or aside, the robot displaced, or none.
 
     Attributes:
         shared: errors that the landmarks of a frame share; their tilt fades.
@@ -337,7 +337,7 @@ class MapStrain:
 
     @property
     def sure_turn(self) -> Turn | None:
-        """Pitch, roll and sideways turn of the camera, rad, 0 for each that is small or not certain; None = all."""
+        """Pitch, roll and sideways turn of the camera, rad, 0 for each small or uncertain one; None = all are."""
         probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
         for number, parts, small in ((TILTED, (0, 1), self.model.small[1]), (ASIDE, (2,), self.model.small[2])):
             case = self._cases[number]

@@ -93,7 +93,7 @@ class FloorGrid:
     def from_bytes(
         cls, data: bytes, rows: int, cols: int, cell: float, origin: tuple[float, float], source: str = ""
     ) -> "FloorGrid":
-        """Return the grid of `to_bytes` (raises GridError: another number of bytes, or content that is no grid)."""
+        """Return the grid of the bytes of `to_bytes` (raises GridError: too few bytes, too many, or no grid)."""
         if rows < 1 or cols < 1 or len(data) != rows * cols:
             raise GridError("bad_grid", f"{rows} x {cols} cells need {rows * cols} bytes, got {len(data)}", "data")
         return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
