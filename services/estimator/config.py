@@ -14,7 +14,7 @@ from .stream import BEST, Estimator
 
 
 class EstimatorConfig(ServiceConfig):
-    """Estimate that is published as ``state/velocity``, and start pose of the robot."""
+    """Settings of the estimator service: estimator behind ``state/velocity``, gyro bias, start pose, start ground."""
 
     live = ("mode",)
 
@@ -42,7 +42,7 @@ class EstimatorConfig(ServiceConfig):
     )
 
     def estimator(self, robot: Robot) -> Estimator:
-        """Return the estimator of this configuration."""
+        """Return a new estimator for a robot with these settings."""
         return Estimator.for_robot(
             robot,
             StartPose(self.start_x, self.start_y, self.start_yaw, self.start_ground),

@@ -1,4 +1,4 @@
-"""From estimates to the messages `state/velocity` and `state/odometry`."""
+"""Conversion of estimates to the messages `state/velocity` and `state/odometry`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -44,7 +44,7 @@ def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
 
 
 def sample_of(m: ExternalMotion) -> ExternalSample:
-    """Return the motion that another estimator published as a sample for the filter."""
+    """Return the pose, heading and velocity in a message of another estimator as a sample for the filter."""
     return ExternalSample(m.position, m.position_covariance, m.yaw, m.yaw_variance, m.velocity, m.velocity_covariance)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of the estimators. Every switch is separate; the paper's value is noted where ours differs."""
+"""Parameters of the estimators of Wawrzynski et al. and of `best`; the paper's value is noted where it differs."""
 
 import math
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ UNKNOWN_WAY = 0.3
 
 
 class StartPose(NamedTuple):
-    """Pose of base_link in map when the robot starts; it lays odom over map."""
+    """Pose of base_link in map when the robot starts: odom begins there, so that odom and map agree."""
 
     x: float = 0.0
     """x of base_link when the robot starts, m, frame map."""

@@ -31,7 +31,7 @@ VARIANTS = {
 
 
 class EstimatorService(Service[EstimatorConfig]):
-    """Velocity, gravity and odometry by `best`, and the four estimators of Wawrzynski et al. beside it."""
+    """Service that publishes velocity, tilt and odometry, by `best` and by the estimators of Wawrzynski et al."""
 
     name = "estimator"
     Config = EstimatorConfig

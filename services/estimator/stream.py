@@ -100,7 +100,7 @@ class Estimator:
         return cls(foot_mount(robot), params, start, names, contact_points(robot) if params.soles else None)
 
     def reset(self, stated: bool = True) -> None:
-        """Drop all state: a new epoch.
+        """Drop all state and counters, and begin again as before the first sample.
 
         Args:
             stated: start pose and level ground still hold. False after a restart in the middle of a walk, which begins
@@ -212,7 +212,7 @@ class Estimator:
                 group.restart_clock()
 
     def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int, joint: bool = False) -> LogRows:
-        """Take inputs of a log by `best` alone, as `imu` and `feet` would one by one, to the bit.
+        """Run the `best` filter over inputs of a log; the same to the bit as calls of `imu` and `feet` one by one.
 
         Args:
             log: all inertial rows and samples of the feet, SI, IMU axes.
@@ -259,7 +259,7 @@ class Estimator:
         """Return the present estimate of one estimator.
 
         Raises:
-            KeyError: it is not one of those that run.
+            KeyError: no estimator of this name runs.
         """
         e = self._estimate_of_best() if name == BEST else self._estimate_of_paper(name)
         return e._replace(inputs_ok=False, sensors_ok=False) if self.silent else e

@@ -199,7 +199,7 @@ def _height(rot: Array, y: Array) -> float:
 
 @kernel
 def by_height(rot: Array, y: Array, radius: Array, contact: Array) -> Array:
-    """Return probabilities of contact (K,); of points without a sensor (NaN) by the height over the lowest one.
+    """Return the probability of contact of each point, (K,): by its sensor, else by its height over the lowest point.
 
     Args:
         rot: rot_odom_from_imu, (3, 3).

@@ -67,5 +67,5 @@ class LegFaults:
 
 
 def leg_faults(robot: Robot) -> LegFaults:
-    """Return what finds failing encoders and foot switches of a robot's legs, before its first sample."""
+    """Return a new detector of failing encoders and foot switches for the legs of a robot."""
     return LegFaults(tuple(tuple(leg.joints) for leg in robot.legs), robot.nj)

@@ -98,7 +98,7 @@ def _turned(
 
 
 class FootWays(NamedTuple):
-    """Way of each foot within its stance, from sample to sample."""
+    """Path of each of L feet over its present stance, updated from sample to sample."""
 
     slip: Array
     """Slip of the present stance, (L,) m; 0 in swing."""

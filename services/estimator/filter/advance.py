@@ -36,8 +36,8 @@ Stamps = NDArray[np.int64]
 def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
     """Correct with the height of the standing points over a ground that is level everywhere, in place.
 
-    p_z + r_z = ground + radius (K,) m for each, with a standard deviation of `sd` m per sample; feet that are about to
-    lift, edges and dust repeat themselves, so it is to be several times what a foot is off.
+    p_z + r_z = ground + radius (K,) m for each, with a standard deviation of `sd` m per sample; errors by
+    lifting feet, edges and dust last for several samples, so `sd` is to be several times the error of one foot.
     """
     cov, points = state.cov, state.points
     n = cov.shape[0]
@@ -100,7 +100,7 @@ def _cross_gap(state: BestState, d: float, before: Array, after_it: Array, limit
 
 @kernel
 def settled(state: BestState) -> bool:
-    """Return True if the estimate can be used: started at rest, or in motion and meanwhile certain."""
+    """Return True if the estimate can be used: the filter started at rest, or in motion and is certain by now."""
     memory, cov = state.memory, state.cov
     if memory[M.phase] == WAITING or memory[M.phase] == STARTED or memory[M.phase] == CERTAIN:
         return bool(memory[M.phase] != WAITING)
@@ -339,7 +339,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
 
 @kernel
 def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSetting) -> None:
-    """Take the inertial rows from `begin` on, and the feet between them, in place.
+    """Advance the filter over the inertial rows from `begin` on and the other samples between them, in place.
 
     Args:
         state: as after row `begin` - 1.

@@ -26,7 +26,7 @@ from .summary import QUAT, R, condition, summary
 
 
 class BestOutput(NamedTuple):
-    """The estimate at the newest inertial sample; `settled`: it can be used."""
+    """Estimate of the `best` filter at the newest inertial sample, with covariances; `settled`: it can be used."""
 
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes
@@ -50,7 +50,7 @@ class BestOutput(NamedTuple):
 
 
 class ExternalUse(NamedTuple):
-    """Counts of the samples from elsewhere, and the frame of their poses."""
+    """Counts of the poses and velocities of other sources, e.g. a camera, and the turn of their frame against odom."""
 
     used: int
     left_out: int  # since they contradicted the estimate
@@ -85,7 +85,7 @@ def report(
 
 @kernel
 def condition_now(box: KernelBox[FilterParts]) -> Condition:
-    """Return the condition of a filter whose state has been brought up to the newest sample."""
+    """Return the numbers from which flags and reasons follow; the filter is at its newest sample already."""
     parts = box.parts
     feet = parts.check.feet.shape[0]
     rows, more, covariance, _ = summary(parts.state, parts.setting.geometry, parts.clock.w, feet)
@@ -117,7 +117,7 @@ class BestFilter:
         self.outdate()
 
     def outdate(self) -> None:
-        """Compute output and condition anew at their next request, after a sample was taken or refused."""
+        """Drop the stored output and condition after a sample, so that their next request computes them anew."""
         self._output: BestOutput | None = None
         self._condition: Condition | None = None
 
@@ -204,7 +204,7 @@ class BestFilter:
 
     @property
     def externals(self) -> ExternalUse:
-        """Counts of the samples from elsewhere, and the frame of their poses."""
+        """Counts of the poses and velocities of other sources, and the turn of their frame against odom."""
         _ = self.output  # brings the state up
         memory, x = self.parts.state.memory, self.parts.state.x
         left_out = int(memory[M.externals_out])

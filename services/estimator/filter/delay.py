@@ -1,4 +1,4 @@
-"""Samples of the feet that come with late stamps, by their motion beside that of the inertial unit.
+"""Delay of the stamps of the feet, from the motion of the feet compared with that of the inertial unit.
 
 The joints show the velocity p = v + R (w x y) of the trunk beside its own turning, odom axes, y the foot seen from the
 IMU. Stamped late by t, they show it as it was, so that the velocity u of the trunk by a standing foot is off by
@@ -21,9 +21,9 @@ from .noise import FIXED
 
 @kernel
 def lift_delay(row: Array, share: float) -> None:
-    """Fade what a foot that does not stand has shown of late stamps by the factor `share` (0 to 1), in place.
+    """Fade the sums that show the delay of a foot's stamps by the factor `share` (0 to 1) while it is off the ground.
 
-    `row`: numbers of this foot, one row of `BestState.sensors`, (columns,), mixed units as in `SensorLayout`.
+    `row`: numbers of this foot, one row of `BestState.sensors`, (columns,), as in `SensorLayout`; changed in place.
     """
     row[S.delay + L.stood] = 0.0
     for i in range(4):
@@ -32,12 +32,14 @@ def lift_delay(row: Array, share: float) -> None:
 
 @kernel
 def learn_delay(row: Array, trunk: Array, gained: Array, swung: Array, dt: float, share: float) -> None:
-    """Learn from two samples of one foot that stands, in place; from the third in a row on they are compared.
+    """Learn the delay of the stamps from two successive samples of one standing foot, in place.
+
+    Samples count from the third in a row on.
 
     Args:
         row: of the foot in `BestState.sensors`.
         trunk: velocity of the trunk, u, (3,) m/s.
-        gained: its change between them by the inertial unit, (3,) m/s.
+        gained: its change between the samples by the inertial unit, (3,) m/s.
         swung: R (w x y), (3,) m/s.
         dt: time between them, s.
         share: exp(-dt / `delay_s`).

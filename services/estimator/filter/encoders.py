@@ -33,7 +33,7 @@ def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
 
 @kernel
 def unknown(feet: Array, row: int, f: int) -> bool:
-    """Return True if foot f had no finite position in a row of feet (N, L, 3) m, where such a foot stands as zeros."""
+    """Return True if the position of foot f was not finite, which is stored as zeros in a row of feet (N, L, 3) m."""
     return bool(feet[row, f, 0] == 0.0 and feet[row, f, 1] == 0.0 and feet[row, f, 2] == 0.0)
 
 
@@ -96,16 +96,16 @@ def _bend(samples: SampleStore, row: int, f: int) -> float:
 def jumped(samples: SampleStore, row: int, f: int, point: int, leap: float) -> float:
     """Return by how far the encoders of foot f jumped between the last two rows before `row`, m; 0: they did not.
 
-    Steps are alike. Slow samples show jumps of feet that stand alone, for one that lands may be thrown. Below 0 the
-    switch changed in that step, as it does where a model of a leg makes its foot land.
+    A jump is found only among samples at equal steps, and in slow samples only of feet that stand, for a foot that
+    lands may be thrown. A value below 0: the switch changed in that step, as where a model of a leg lands its foot.
 
     Args:
         samples: filled rows.
         row: of the feet.
-        f: the foot whose encoders are those of it.
+        f: the foot.
         point: one of its contact points.
-        leap: distance by which it usually jumps as its switch changes, m. One that does is looked at in the step of
-            the jump alone, and not in those beside it.
+        leap: distance by which the foot usually jumps as its switch changes, m. If that is far, only the step of the
+            jump is examined, and not those beside it.
     """
     stamps, feet, contact, off = samples.feet_stamps, samples.feet, samples.contact, 0.0
     if row < 3 or unknown(feet, row - 1, f) or unknown(feet, row - 2, f):
@@ -147,7 +147,7 @@ def learn_repeats(sensors: Array, samples: SampleStore, row: int, contact: Array
         row: of the feet, 1 at least.
         contact: probability that each foot touches the ground, (L,).
         turn: rate of the IMU without its bias, rad/s.
-        beside: its rate beside its usual one, rad/s.
+        beside: difference of the rate of the IMU from its mean of the last second, rad/s.
     """
     count, together = samples.feet.shape[1], True
     step = min(1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1]), FIXED.longest_repeat)

@@ -58,8 +58,8 @@ def expected(
     Args:
         part: `POSITION`, `YAW` or `VELOCITY`.
         row: the sample, (26,) as `ExternalLayout`: m, rad, m/s and their squares.
-        w: gyro since, (3,) rad/s, IMU axes.
-        q: accelerometer since, (3,) m/s^2, IMU axes.
+        w: gyro since the sample, (3,) rad/s, IMU axes.
+        q: accelerometer since the sample, (3,) m/s^2, IMU axes.
         age: time since the sample, s, less than an inertial period.
         rot_base_from_imu: (3, 3).
     """

@@ -1,8 +1,8 @@
-"""Heading of the `best` filter: by the gyro where the feet part, by gyro and feet where they stand firmly.
+"""Heading of the `best` filter: by the gyro where the distance between standing feet changes, else by gyro and feet.
 
-Only the difference of both is seen: a gyro with the bias b about the vertical looks like feet that turn at -b. Feet
-that creep, roll, or stand on legs of other lengths than stated turn step after step, and they part or close up by as
-much, which no bias does.
+Only the difference of gyro and feet is observed: a gyro with the bias b about the vertical looks like feet that turn at
+-b. Feet that creep, roll, or stand on legs of other lengths than stated turn step after step, and the distance between
+them changes by as much, which a gyro bias does not cause.
 """
 
 import math
@@ -23,7 +23,7 @@ Feet = NDArray[np.int64]
 
 @kernel
 def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> None:
-    """Learn the rate at which standing feet part or close up, in place; no turn of the robot changes a distance.
+    """Learn the rate at which the distance between standing feet changes, in place; a turn of the robot leaves it.
 
     While the same points of two or more feet stand, their mean square distance m from their middle stays. A standing of
     t s, `least_stood` or longer, shows
@@ -31,9 +31,9 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
         rate = log(m/m_0)/(2 t),   parting += min(t/T, 1) (rate^2 - parting),   T = `parting_s`
 
     Args:
-        state: the state; it and its hypotheses remember the same.
+        state: the state; the rate is stored in its hypotheses as well.
         y: the points, (K, 3) m, IMU axes.
-        contact: whether each stands, (K,), from one half on.
+        contact: probability that each stands, (K,); from one half on a point counts as standing.
         foot: the foot of each.
     """
     memory, stands, count, feet, last = state.memory, 0, 0, 0, -1
@@ -76,9 +76,9 @@ def gyro_share(memory: Array) -> float:
 
 @kernel
 def trusted_share(state: BestState) -> float:
-    """Return the share of the gyro in the heading, 0 to 1: none before the first rest if its bias cannot be 0.
+    """Return the share of the gyro in the heading, 0 to 1; 0 before the first rest if the gyro bias is not near 0.
 
-    Until a rest shows it, the gyro's own bias is taken to be 0; feet that part claim less than `FIXED.own_unknown`.
+    Until the first rest the gyro bias is taken to be 0, unless its estimate is larger than `FIXED.own_unknown`.
     """
     memory, own, size_sq = state.memory, M.own_bias, 0.0
     if memory[own] == 0.0 and memory[own + 1] == 0.0 and memory[own + 2] == 0.0:
@@ -89,10 +89,10 @@ def trusted_share(state: BestState) -> float:
 
 @kernel
 def keep_heading(state: BestState, d: float) -> None:
-    """Let the heading follow the gyro as of the last rest instead of the feet over a step of d s, in place.
+    """Turn the heading so that it follows the gyro with its bias at the last rest over a step of d s, in place.
 
-    The estimate b of the gyro bias is right for the velocity whichever of both errs. With the share s of the gyro, the
-    vertical u, and the bias b_0 at the last rest the heading turns by s u^T (b - b_0) d.
+    The angle is s u^T (b - b_0) d with the share s of the gyro, the vertical u, the present estimate b of the gyro bias
+    and the bias b_0 at the last rest. b itself stays: the velocity needs it, whether the gyro or the feet err.
     """
     x, share, angle = state.x, trusted_share(state), 0.0
     if share > 0.0:
@@ -105,7 +105,7 @@ def keep_heading(state: BestState, d: float) -> None:
 
 @kernel
 def take_back(state: BestState, before: Array) -> None:
-    """Undo the share (0 to 1) of a turn of the heading by the feet that belongs to the gyro instead, in place.
+    """Undo a part of the turn of the heading by a sample of the feet, in place: the share of the gyro (0 to 1).
 
     Args:
         state: the state after a sample of the feet.

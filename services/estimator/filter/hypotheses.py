@@ -41,7 +41,7 @@ MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag
 
 
 def modes_of(feet: int) -> int:
-    """Return the number of hypotheses of a robot with so many feet; 0: its points are mixed one by one."""
+    """Return the number of hypotheses about sliding feet, 2^feet; 0 above `FIXED.most_feet`: points are mixed alone."""
     return 1 << feet if feet <= FIXED.most_feet else 0
 
 
@@ -57,7 +57,7 @@ def mode(state: BestState, h: int) -> BestState:
 
 @kernel
 def likeliest(state: BestState) -> int:
-    """Return the hypothesis of the largest weight, -1 if there are none."""
+    """Return the number of the hypothesis with the largest weight, -1 if there are no hypotheses."""
     best = -1
     for h in range(state.weight.size):
         if state.weight[h] > 0.0 and (best < 0 or state.weight[h] > state.weight[best]):
@@ -137,7 +137,7 @@ def mean_of(state: BestState, shares: Array, out: BestState) -> None:
 
 @kernel
 def publish_mean(state: BestState, foot: Feet) -> None:
-    """Bring the state itself up to the mean of its hypotheses, with the probability that each foot slides, in place."""
+    """Write the mean of the hypotheses, and the probability that each foot slides, into the state itself, in place."""
     if likeliest(state) < 0:
         return
     kept = state.memory.copy()
@@ -161,7 +161,7 @@ def collapse(state: BestState, foot: Feet) -> None:
 
 @kernel
 def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
-    """Mix the hypotheses before a sample of the feet by what may have begun or ended since the last, in place.
+    """Mix the hypotheses before a sample of the feet, in place: a foot may have begun or stopped sliding meanwhile.
 
     Args:
         state: the state; without hypotheses it becomes the one in which nothing slides.

@@ -240,10 +240,10 @@ def _even_out(state: BestState, likely: BestState, geometry: BestGeometry, f: in
 
 @kernel
 def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None:
-    """Look for the level under each foot that has come down, and correct with it, in place.
+    """Correct the height by a known level of the ground under each foot that has just come down, in place.
 
     Args:
-        state: the state after a sample of the feet, dt s after the last; it and its hypotheses know the same levels.
+        state: the state after a sample of the feet, dt s after the last; its hypotheses hold the same levels.
         dt: time since the last sample of the feet, s.
     """
     memory, foot, at = state.memory, geometry.foot, likeliest(state)

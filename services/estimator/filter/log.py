@@ -43,7 +43,7 @@ class LogInputs(NamedTuple):
 
 
 class LogRows(NamedTuple):
-    """Estimates at n inertial rows."""
+    """Estimates after each of n inertial samples of a log, one row each."""
 
     vectors: Array  # (n, 8, 3) see `summary.RowLayout`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot
@@ -59,7 +59,7 @@ class LogRows(NamedTuple):
 
 
 def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
-    """Return room for the estimates at n rows, L = `feet`; `joint`: with the covariance of all but the pose."""
+    """Return zeros for n estimates of a robot with `feet` feet; `joint`: with the covariance of all but the pose."""
     return LogRows(
         np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),

@@ -69,7 +69,7 @@ def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
 
 @kernel
 def judge_noise(state: BestState, stated: float) -> None:
-    """Bound the stated noise of a contact point, m, by that which the feet show, in place."""
+    """Lower the stated noise of a contact point, `stated` m, to the noise that the feet show, in place."""
     memory = state.memory
     if memory[M.legs + 1] < FIXED.least_legs_s:
         return
@@ -243,11 +243,11 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
 
 @kernel
 def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Array:
-    """Return the contacts (K,) of a row of the feet, NaN for feet whose switch is wrong, 0 for those that are left out.
+    """Return the probability of contact of each point (K,) in a row of the feet, as the checks of the sensors leave it.
 
-    All are unknown while the robot shows its weight and no switch is closed: their thresholds are too high. Left out
-    are feet whose encoders stand still, and feet whose samples hardly fit, until the mistrust in them has faded, in
-    place. A wrong switch explains why a foot did not fit.
+    NaN (unknown): the switch of the foot is wrong, or all switches have been open for too long while the robot shows
+    its weight. 0 (left out): the encoders of the foot stand still, or its samples do not fit. A wrong switch explains
+    why samples do not fit. The mistrust in each point, from which this follows, is changed in place.
     """
     contact, at = rewired(samples.contact[row], state.sensors, foot), likeliest(state)
     points = state.points if at < 0 else state.mode_points[at]

@@ -78,7 +78,7 @@ class BestNoise(NamedTuple):
 
 
 class BestLimits(NamedTuple):
-    """Start and rest of the filter, SI."""
+    """Settings of the start of the filter and of its detection of rest, SI."""
 
     samples: int
     """Inertial samples of a rest."""
@@ -388,7 +388,7 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
 
 
 def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:
-    """Return start and rest; `stated`: pose and slope at the start are known."""
+    """Return the limits of start and rest of the filter; `stated`: pose and slope at the start are known."""
     return BestLimits(
         samples=params.standstill_samples, travel=params.standstill_travel, max_speed=params.max_speed,
         gyro_variance=params.standstill_gyro_sd**2, acc_variance=params.standstill_acc_sd**2,

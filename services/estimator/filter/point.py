@@ -1,6 +1,6 @@
 """Corrections of the `best` filter by one contact point.
 
-A contact point that stays is seen by the encoders at y (IMU axes): R y - r = xi-free up to its noise, so the innovation
+A contact point that stays is measured by the encoders at y (IMU axes): R y - r is zero up to noise, so the innovation
 z = R_hat y - r_hat has the matrix H = -I at the point's own rows. A point that slides is a second hypothesis: its place
 has moved by N(0, Q), Q = (slide dt)^2. With the innovation covariances S_0 = P_rr + N and S_1 = S_0 + Q, and the prior
 probability of sliding pi,
@@ -27,7 +27,7 @@ from .state import BestState, isolate, rotation, set_rotation, turn_matrix
 
 @kernel
 def lift(state: BestState, k: int) -> None:
-    """Forget contact point k of the state, in place."""
+    """Mark contact point k as off the ground and its place as unknown, in place."""
     isolate(state.cov, E.points + 3 * k, 3, FIXED.free)
     for column in range(P.closed):
         state.points[k, column] = 0.0

@@ -26,7 +26,7 @@ XX, XY, YY, XT, YT, TT, ZZ = range(M.pose_extra, M.pose_extra + 7)
 
 @kernel
 def grow_pose(state: BestState, d: float, noise: BestNoise) -> None:
-    """Add the growth over an inertial step of d s to the covariance that the pose has beside the filter, in place."""
+    """Let Q, the covariance that the published pose has beside the filter's, grow over a step of d s, in place."""
     best, m = likeliest(state), state.memory
     memory, x = (m, state.x) if best < 0 else (state.mode_memory[best], state.mode_x[best])
     a, b = -d * x[X.vel + 1], d * x[X.vel]

@@ -82,7 +82,7 @@ def _go_back(replay: Replay, state: BestState) -> None:
 
 @kernel
 def clear(replay: Replay, state: BestState) -> None:
-    """Forget all samples and snapshots but the state itself, in place."""
+    """Forget all samples and snapshots, in place; the state becomes the first snapshot."""
     marks = replay.marks
     marks[IMU_END] = marks[FEET_END] = marks[EXTERNAL_END] = marks[FIRST] = marks[COUNT] = 0
     marks[DONE_NS], marks[DIRTY_NS] = -1, NOTHING
@@ -123,7 +123,7 @@ def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
 
 @kernel
 def restart_clock(replay: Replay, state: BestState) -> None:
-    """Keep what is known but for velocity and feet when stamps begin anew, in place."""
+    """Forget all samples, velocity and feet because stamps begin anew, in place; the rest of the state stays."""
     state.weight[:] = 0.0
     forget(state, 1.0)
     clear(replay, state)
@@ -131,7 +131,7 @@ def restart_clock(replay: Replay, state: BestState) -> None:
 
 @kernel
 def step_clock(replay: Replay, state: BestState, stamp_ns: int) -> None:
-    """Go on with the newest inertial sample at another stamp when stamps step back, in place."""
+    """Move the newest inertial sample to `stamp_ns`, ns, because stamps step back, in place; forget the others."""
     marks, samples = replay.marks, replay.samples
     row = samples.imu[marks[IMU_END] - 1].copy()
     clear(replay, state)

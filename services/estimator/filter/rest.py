@@ -49,10 +49,12 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
 
 @kernel
 def learn_end_of_rest(state: BestState, rows: Array, at: int, noise: BestNoise, limits: BestLimits) -> None:
-    """Learn the gyro bias from what is left of a rest that ended before row `at`, in place.
+    """Learn the gyro bias from the last samples of a rest that ended before row `at`, in place.
 
-    While it lasts each sample waits until it is as old as the window of a rest; of those that wait when it ends the
-    last fifth may be of the first motion. `rows`: gyro rad/s and accelerometer m/s^2, IMU axes, (n, 6).
+    In a rest each sample is used once it is as old as the window of a rest. When the rest ends, the samples of one
+    window are still unused; those of its last fifth may belong to the first motion and are left out.
+
+    `rows`: gyro rad/s and accelerometer m/s^2, IMU axes, (n, 6).
     """
     waiting = min(int(state.memory[M.rest]) - 1, limits.samples - 1)
     count = waiting - limits.samples // 5

@@ -68,7 +68,7 @@ class SampleStore(NamedTuple):
 
 
 def new_samples(feet: int, points: int) -> SampleStore:
-    """Return room for samples of so many feet and contact points."""
+    """Return an empty store for samples of so many feet and contact points."""
     n = CAPACITY
     return SampleStore(
         np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros(n, dtype=np.int64), np.zeros((n, feet, 3)),

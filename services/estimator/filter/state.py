@@ -32,7 +32,7 @@ from .noise import FIXED, BestNoise
 
 
 class Felt(NamedTuple):
-    """Variances of one inertial sample beyond the noise of its sensors, by the jerk of the moment."""
+    """Variances that shocks and jerk add to the noise of the sensors in one inertial sample."""
 
     gyro: float
     """Variance of the gyro's sample about level axes, (rad/s)^2."""
@@ -287,7 +287,7 @@ def _set_cross(by: Array, column: int, x: float, y: float, z: float) -> None:
 
 @kernel
 def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt) -> None:
-    """Carry the state over d s, in place.
+    """Predict state and covariance over a step of d s by one inertial sample, in place.
 
     Args:
         w: gyro, (3,) rad/s, IMU axes, mean over the step.
@@ -348,7 +348,7 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
 
 @kernel
 def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
-    """Return the variances that the changes since the last inertial sample add to its noise; keep this one.
+    """Return the variances that the change since the last inertial sample adds to its noise, and store the sample.
 
     A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
     mean over its period; the sensors' own noise changes by 6 sigma^2 on average. A bend turns the IMU back again, so

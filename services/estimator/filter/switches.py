@@ -54,9 +54,9 @@ def judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies
         sensors: numbers of each foot, see `SensorLayout`.
         size: logarithm of what each foot shows beside the inertial unit, (L,); NaN: not known.
         contact: probability that each foot touches the ground, (L,).
-        dt: time since it was looked at last, s.
+        dt: time since the last sample of the feet that was compared, s.
         flies: the robot shows no weight, so that no foot stands whose switch is open.
-        aloft: it shows its weight, and no switch is closed, so that one is wrong: half of the contradiction names it.
+        aloft: the robot shows its weight while no switch is closed, so one is wrong: half the contradiction suffices.
     """
     for f in range(size.size):
         # one that stands is compared with the middle of two means: of all others, and of those of them that stand
@@ -126,9 +126,9 @@ def _learn_height(own: Array, over: float, closed: int, dt: float) -> float:
 def judge_heights(own: Array, sensors: Array, over: float, contact: Array, dt: float, shows: bool) -> None:
     """Learn which switches of two feet contradict the height of one over the other, in place.
 
-    Feet that stand together keep it, whatever the ground. A foot that rises over the other does not stand: its switch
-    hangs if both are closed, that of the other if both are open while the robot shows its weight. If only that of the
-    foot above is closed, and the other has not been above since it opened, they are swapped.
+    While both stand, that height does not change, whatever the ground. A foot that rises over the other does not
+    stand: its switch hangs if both are closed, that of the other if both are open while the robot shows its weight. If
+    only the upper foot has its switch closed, and the other has not been above since it opened, they are swapped.
 
     Args:
         own: memory of this function, (HEIGHTS,), mixed units as in `HeightLayout`.

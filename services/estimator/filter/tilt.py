@@ -1,4 +1,4 @@
-"""Correction of a tilt that a rest contradicts, or the first steps after it, or a velocity that is lost."""
+"""Correction of the tilt where a rest, the first steps after a rest, or a lost velocity contradict it."""
 
 import math
 
@@ -78,8 +78,8 @@ def _turn_by_change(state: BestState, setting: BestSetting, ahead: float, side: 
 def check_rest(state: BestState, rows: Array, setting: BestSetting) -> None:
     """Correct a tilt that the accelerometer of a robot at rest contradicts, in place.
 
-    A robot that was knocked over faster than its gyro can measure lies still, and no foot shows its tilt. The bias of
-    the accelerometer is not taken off: it may have taken the tilt up.
+    A robot that was knocked over faster than its gyro can measure lies still, and no foot shows its tilt. The
+    estimated bias of the accelerometer is not subtracted: it may contain the error of the tilt.
 
     Args:
         rows: samples of the rest, gyro rad/s and accelerometer m/s^2, IMU axes, (n, 6).

@@ -86,15 +86,15 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
 
 @kernel
 def follow(state: BestState, before: Array, noise: BestNoise) -> None:
-    """Let the velocity follow the position: after a sample of the feet that moved it from `before` (3,) m, in place.
+    """Learn the lag of the velocity from the way by which a sample of the feet moved the position, in place.
 
     Errors of the accelerometer that come with every step push velocity and position the same way again and again, and
     the feet take them out again. Corrections of the position that do not cancel are a velocity that was missed:
 
         lag' = -lag/T + R^T sum_k delta_k/T,   v_out = v + R lag
 
-    with the correction delta_k of sample k, at most `most_lag` points' noises long, and T = `lag_s`. The integral of
-    v_out is the position.
+    with the correction delta_k of the position by sample k, at most `most_lag` points' noises long, and T = `lag_s`.
+    The integral of v_out is the position. `before`: position before the sample, (3,) m.
     """
     rot, delta, length = rotation(state.x), np.empty(3), 0.0
     for i in range(3):

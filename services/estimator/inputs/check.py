@@ -95,7 +95,7 @@ class Faults(NamedTuple):
 
 
 def new_check(feet: int, points: int) -> CheckState:
-    """Return what a check of inputs remembers before the first sample, of so many feet and contact points."""
+    """Return the state of a check of inputs before the first sample, for so many feet and contact points."""
     marks, numbers = np.zeros(SHOWN_LATE_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
     marks[LIGHT_NS] = FOR_EVER

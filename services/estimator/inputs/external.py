@@ -18,7 +18,7 @@ LARGEST = {"position": 1e7, "yaw": 1e3, "velocity": 1e3}
 
 @dataclass(frozen=True)
 class ExternalSample:
-    """Report of another source, such as a camera, about one moment; None = it does not report that.
+    """Pose, heading or velocity from another source, such as a camera, at one moment; None = not in this sample.
 
     Args:
         position: of the IMU in the frame of the source, z up, (3,) m, with its covariance, (3, 3) or (9,) m^2.

@@ -47,7 +47,7 @@ def has_room(stamps: Stamps, at: int, period_ns: float) -> bool:
 
 @kernel
 def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
-    """Return the row of the feet (n, L, 3) from which stamps (n,) are late, and by what, ns; 0: they are not."""
+    """Return the row from which the stamps (n,) of feet (n, L, 3) m are late, and by how many ns; (0, 0) if none is."""
     for span_ns in SPANS_NS:
         row, late = _late_over(stamps, feet, span_ns)
         if late > 0:

@@ -1,4 +1,4 @@
-"""The estimators of the paper behind one protocol, and the table of them: a new one is one class and one row."""
+"""The estimators of Wawrzynski et al. behind one protocol, and their table: a new one is one class and one row."""
 
 from collections.abc import Callable
 from typing import Protocol

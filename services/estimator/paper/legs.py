@@ -1,4 +1,4 @@
-"""Velocity of the IMU by the legs, from two successive samples of the feet.
+"""Velocity of the IMU by the legs, from two successive samples of the feet; equation numbers of Wawrzynski et al.
 
 p_f, rot_f = position and orientation of the foot in IMU axes. With D the time between the samples, w the MEAN gyro over
 it and p the mean of both positions, a foot that does not slide gives (identity proved in the tests against `chain`)

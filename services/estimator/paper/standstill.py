@@ -1,4 +1,4 @@
-"""Standstill of the robot, and the biases that it shows (equation (1)).
+"""Standstill of the robot, and the sensor biases that a standstill shows (equation (1) of Wawrzynski et al.).
 
 At rest the gyro reads its bias and the accelerometer reads g plus its bias.
 """
@@ -71,8 +71,8 @@ class Standstill:
         acc_sd: largest standard deviation of an accelerometer axis at rest, m/s^2.
         travel: largest move of a foot in the IMU frame within `length` IMU samples at rest, m.
 
-    A slow turn of the trunk looks like rest at first. What may be learned from a rest is therefore `settled`: the
-    sample of `length` ago, once the rest has lasted from `length` before it until now.
+    A slow turn of the trunk looks like rest at first. Biases are therefore learned from `settled` alone: the
+    sample that is `length` samples old, once the rest has lasted since `length` samples before that.
     """
 
     length: int
@@ -146,7 +146,7 @@ def _refined(
 
 @dataclass
 class GyroBias:
-    """Mean gyro over all rest: b <- b + (w - b)/n, variance sigma^2/n + walk.
+    """Bias of the gyro, its mean over all samples at rest: b <- b + (w - b)/n, variance sigma^2/n + walk.
 
     Attributes:
         sigma: noise of one sample, rad/s.
@@ -168,7 +168,7 @@ class GyroBias:
         self._against = 0
 
     def interrupt(self) -> None:
-        """Take note that the robot moves: contradictions of two rests do not add up."""
+        """Reset the count of contradictions because the robot moves: those of two rests do not add up."""
         self._against = 0
 
     def start(self, mean: Array, samples: int) -> None:
@@ -180,7 +180,7 @@ class GyroBias:
         """Take one more sample at rest.
 
         A window that contradicts the bias shows a slow turn of the robot, which is left out; a rest that does so for
-        `PATIENCE` windows shows that the bias was learned in one, and gives a new bias.
+        `PATIENCE` windows shows that the old bias was learned in such a turn, and gives a new bias.
 
         Args:
             mean: of the gyro over the last `length` samples, (3,) rad/s.
