@@ -1,4 +1,4 @@
-"""Answers of the domain as messages, and the handlers of the queries."""
+"""Handlers of the queries of the stability service, and conversion of its results to messages."""
 
 import math
 from typing import Any
@@ -47,14 +47,14 @@ from .sensing.state import Status, WatchParams
 
 
 def region_reply(request: RegionRequest, own: Robot) -> RegionReply:
-    """Return the reply to `stability/region`; `own` is the robot when the request names none."""
+    """Return the reply to `stability/region`, a support region; `own` is the robot when the request names none."""
     asked = region_question(request, own)
     found = in_common(regions_in(asked.mode, asked.contacts, asked.wanted))
     return RegionReply(**_region_fields(found, request.certificates, polygons=True))
 
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
-    """Return the reply to `stability/check`; `own` is the robot when the request names none."""
+    """Return the reply to `stability/check`, margins of a planned movement; `own`: robot if the request names none."""
     asked = check_question(request, own)
     found = check_movement(asked.movement)
     check, (x, y), after, shift = found.check, asked.movement.com.tolist(), found.check.com_after, asked.movement.shift
@@ -78,7 +78,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
 
 
 def whatif_reply(request: WhatifRequest) -> WhatifReply:
-    """Return the reply to `stability/whatif`: margins after each contact is lifted."""
+    """Return the reply to `stability/whatif`: margins now, without each contact, and with each candidate added."""
     contacts, candidates = contacts_of(request.contacts), contacts_of(request.candidates, "candidates")
     found = variants(what_if(contacts, within(request.com, "com"), candidates))
     n = len(contacts)
@@ -110,7 +110,7 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
 
 
 def com_reply(request: ComRequest, own: Robot) -> ComReply:
-    """Return the answer to `stability/com`; `own` is the robot when the request names none."""
+    """Return the reply to `stability/com`, the CoM of a posture; `own` is the robot when the request names none."""
     robot = named_robot(request.robot) if request.robot is not None else own
     stands = posed(robot, request.joints, request.base)
     joints, base, rot = stands.joints, stands.base, stands.rot
@@ -263,7 +263,7 @@ def _length(extent: Extent | None) -> float | None:
 
 
 def variants(found: Variants) -> tuple[Variant, ...]:
-    """Return the answers about many contact sets as messages."""
+    """Return status and margin of many contact sets as messages."""
     status, margin, stable = found.status.tolist(), found.margin.tolist(), found.stable.tolist()
     return tuple(
         Variant(status=STATUSES[s], margin=None if m != m else m, stable=ok)

@@ -8,7 +8,7 @@ from .sensing.state import WatchParams
 
 
 class StabilityConfig(ServiceConfig):
-    """Assumptions about the ground, and accuracy of the status."""
+    """Settings of the stability service: friction of the ground, and accuracy of the status that is published."""
 
     live = ("mu", "tolerance_m", "directions", "measured_com")
 
@@ -20,5 +20,5 @@ class StabilityConfig(ServiceConfig):
     measured_com: bool = Field(default=True, description="work out the CoM from joint torques when they are measured")
 
     def watch(self) -> WatchParams:
-        """Parameters of the continuous status."""
+        """Return the parameters of the status that is published while the robot walks."""
         return WatchParams(mu=self.mu, tolerance=self.tolerance_m, directions=self.directions)

@@ -1,4 +1,4 @@
-"""Requests of the service as objects of the domain, checked once."""
+"""Conversion of requests to the stability service to checked contact sets, modes and postures."""
 
 import math
 import re
@@ -34,7 +34,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class RegionQuestion(NamedTuple):
-    """Region that a request asks for: gravity, contacts, directions, posture."""
+    """Content of a request for a region: gravity, contacts, directions, posture."""
 
     mode: Mode
     """Mode of the robot: at rest, moving, tilted, or held by its servos."""
@@ -48,7 +48,7 @@ class RegionQuestion(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CheckQuestion:
-    """Check of a planned movement that a request to `stability/check` asks for."""
+    """Content of a request to `stability/check`: a planned movement, and the legs that stand."""
 
     movement: Movement
     """Movement whose margins are asked for."""
@@ -59,7 +59,7 @@ class CheckQuestion:
 
 
 def region_question(request: RegionRequest | CheckRequest, own: Robot) -> RegionQuestion:
-    """Read what a request asks of a region; `own` is the robot when the request names none.
+    """Return the checked content of a request for a region; `own` is the robot when the request names none.
 
     Raises:
         StabilityError: a field that cannot be used.
@@ -83,7 +83,7 @@ def region_question(request: RegionRequest | CheckRequest, own: Robot) -> Region
 
 
 def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
-    """Read a request for a check; `own` is the robot when the request names none.
+    """Return the checked content of a request for a check of a movement; `own`: robot if the request names none.
 
     Raises:
         StabilityError: a field that cannot be used.
@@ -147,7 +147,7 @@ def named_robot(name: str, field: str = "robot") -> Robot:
 
 
 def packed_sets(request: BatchRequest) -> PackedSets:
-    """Read a batch: as sets, or as counts and raw numbers.
+    """Return the contact sets of a batch, which gives them as sets, or as counts and raw numbers.
 
     Raises:
         StabilityError: a field that cannot be used.
@@ -176,7 +176,7 @@ def packed_sets(request: BatchRequest) -> PackedSets:
 
 @dataclass(frozen=True, slots=True)
 class EquilibriumQuestion:
-    """Forces that a request asks for, in the frame along the effective gravity."""
+    """Content of a request for contact forces, turned into the frame along the effective gravity."""
 
     contacts: ContactSet
     """Contacts that may carry the robot, frame world."""
@@ -189,7 +189,7 @@ class EquilibriumQuestion:
 
 
 def equilibrium_question(request: EquilibriumRequest) -> EquilibriumQuestion:
-    """Read a request for forces.
+    """Return the checked content of a request for the contact forces that hold the robot.
 
     Raises:
         StabilityError: a field that cannot be used, or the robot would fly.

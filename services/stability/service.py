@@ -65,7 +65,7 @@ class Stability(Service[StabilityConfig]):
         rehearse_rare(self.robot)
 
     def on_reset(self) -> None:
-        """Begin a new epoch: forget joints, contacts, tilt."""
+        """Forget joints, contacts and tilt, because time begins anew (a new epoch)."""
         self._joints: JointState | None = None
         self._contacts: FootContacts | None = None
         self._velocity: VelocityEstimate | None = None

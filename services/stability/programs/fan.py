@@ -45,7 +45,7 @@ ANSWER, ENCLOSE, APPROACH = 0, 1, 2
 
 
 class FanGoal(NamedTuple):
-    """Goal for which directions are added: ANSWER, ENCLOSE or APPROACH; lengths in the scaled frame of `reduced`."""
+    """Goal of further directions: ANSWER (none), ENCLOSE (close polygons), APPROACH (nearest edge); scaled lengths."""
 
     kind: int
     tolerance: float
@@ -220,7 +220,8 @@ def near_arcs(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tu
     """Find min over unit directions a of h(a) - a'p: the distance of p to the border inside, minus that outside.
 
     Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs
-    whose bound is below the best value are split there: `pick` (8, 2). Outlook: best value, bound, its index.
+    whose bound is below the best value are split there. Return the number of directions written to `pick` (8, 2), at
+    most `room`, and the best value, its lower bound and its index.
     """
     rank, best, arg, wanted = np.empty(LANES), math.inf, 0, 0
     for s in range(count):
@@ -310,8 +311,8 @@ def heights(fan: Fan, count: int) -> Array:
 def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
     """Return whether the smallest h(a) - a'p is found: as near to its lower bound as the solver is exact.
 
-    Also where all directions are used (the middle of a circle: all are equally near); not where the solver gave up on a
-    direction in between.
+    True also where all directions are used (the middle of a circle: all are equally near); not where the solver gave up
+    on a direction in between.
     """
     if count == fan.value.size:
         return True
@@ -337,7 +338,7 @@ def explore(
         batch: at most so many at once, <= 8: fewer use what the last ones showed, more are quicker.
 
     Returns:
-        Number of directions that have an answer, whether all given ones are solved, and what is known about the goal.
+        Number of directions that have an answer, whether all given ones are solved, and the progress towards the goal.
     """
     pick, fine, outlook = np.empty((LANES, 2)), False, Outlook(math.inf, -math.inf, 0)
     while True:

@@ -90,8 +90,8 @@ def outline(r: Reduced, position: Array, first: Array, goal: FanGoal, limit: int
 def edge_normals(corners: Array) -> Array:
     """Return outward unit normals (e, 2) of the hull `corners` (e, 2) m of 3 to 8 contacts, else the axes.
 
-    On mild ground these are the normals of the region's edges. The axes for a needle, too: its normals are hardly less
-    than half a turn apart, and the support lines between them cross nowhere near.
+    On mild ground these are the normals of the region's edges. A very thin hull gets the axes, too: its normals are
+    hardly less than half a turn apart, and the support lines between them cross nowhere near.
     """
     n = corners.shape[0]
     if n < 3 or n > 8:

@@ -52,9 +52,10 @@ class Subspace(NamedTuple):
 
 @row_kernel
 def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, Array, float, float]:
-    """Return a (n, 3, 4), h (n, 3, 2), origin (3,), unit of length, largest horizontal distance from the origin, m.
+    """Return the matrices a (n, 3, 4) and h (n, 3, 2) of n contacts, and their scaled frame.
 
-    Of contacts: position (n, 3) m, unit normal (n, 3), friction mu (n,).
+    The frame: origin (3,) m, unit of length, m, largest horizontal distance from the origin, m. Contacts: position
+    (n, 3) m, unit normal (n, 3), friction mu (n,).
     """
     n = mu.size
     origin = np.zeros(3)

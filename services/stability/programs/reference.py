@@ -1,4 +1,4 @@
-"""clarabel, where the kernel gives up: one program, or the nearest edge of a region, direction by direction.
+"""Solutions by clarabel where the own solver gives up: one program, or the nearest edge of a region.
 
 clarabel minimises q'z subject to A z + s = b, s in cones. Here z = (v, w_z), A = -stacked a_i, b = -stacked h_i(a):
 only b depends on the direction, so one solver serves all directions of a set.

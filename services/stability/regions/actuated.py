@@ -30,7 +30,7 @@ SIXTEEN = equally_spaced(16)  # they decide between point, segment and area
 
 @dataclass(frozen=True, slots=True)
 class ServoLegs:
-    """Servos of the standing legs, world axes."""
+    """Jacobians and torques of the servos of the n standing legs, world axes, and the weight of the robot."""
 
     jacobian: Array
     """Derivatives of the contact points by the joint angles of their legs, (n, 3, 3) m/rad."""

@@ -23,7 +23,7 @@ MOST_LOAD = 100.0  # weights, on all contacts together: the harder one presses b
 
 @dataclass(frozen=True, slots=True)
 class Equilibrium:
-    """Answer to the question if contacts hold the CoM at a place."""
+    """Forces with which contacts hold the CoM at a place, or a twist that proves that none do."""
 
     held: bool
     force: Array | None
@@ -45,10 +45,11 @@ class LeastFriction:
 
 
 def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
-    """Solve sum f = e_z, sum r x f = c x e_z over the cones: six unknowns, the whole twist.
+    """Return forces in the friction cones that hold the CoM, or a twist as a proof that there are none.
 
-    Unlimited friction demands u_t = 0 of the twist, and contacts at one point or on one line leave some twists unfelt:
-    the cones are solved for in the twists that are left, free tangential forces carry the rest.
+    The balance is sum f = e_z, sum r x f = c x e_z, with a twist of six unknowns as its dual. Unlimited friction
+    demands u_t = 0 of the twist, and contacts at one point or on one line do not resist some twists: the program is
+    solved in the remaining twists, and free tangential forces carry the rest.
 
     Args:
         contacts: any.

@@ -81,7 +81,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def loaded() -> bool:
-    """Return whether the kernel is compiled, so that an answer takes no longer than its sets do."""
+    """Return whether the kernel of `assess` is compiled, so that a call does not wait for the compiler."""
     return bool(_assess.signatures)  # pyright: ignore[reportFunctionMemberAccess] - of numba's object
 
 

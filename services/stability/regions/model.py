@@ -43,7 +43,7 @@ class Support:
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Place of a leaning frame in a horizontal plane of the world: c = matrix p + zero for points p of the frame."""
+    """Map from points p of a frame along the effective gravity to a horizontal plane of the world: matrix p + zero."""
 
     matrix: Array
     """Linear part of the map from the scaled plane to the ground, (2, 2) m, determinant > 0."""
@@ -51,13 +51,13 @@ class Plane:
     """Origin of the scaled plane on the ground, (2,) m."""
 
     def back(self, c: Array) -> Array:
-        """Return the point (2,) of the leaning frame that lies at c (2,) m in the plane."""
+        """Return the point p (2,) of the frame along gravity that lies at c (2,) m in the plane: the inverse map."""
         return solve(self.matrix, (c - self.zero)[:, None])[:, 0]
 
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """Programs and fan behind a region with an inside."""
+    """Cone programs of a region that has an area, and their solutions in a fan of directions."""
 
     reduced: Reduced
     """Programs of the contacts, scaled frame."""
@@ -88,7 +88,7 @@ class Solved:
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Places where the centre of mass may be."""
+    """Places of the centre of mass at which the contacts hold the robot: polygons and support values."""
 
     contacts: ContactSet
     """Contacts of the region, in its frame."""

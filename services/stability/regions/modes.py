@@ -1,8 +1,8 @@
-"""Regions at rest, of a CoM that accelerates, of gravity that may lean, and of limited torques.
+"""Support regions in four modes: robot at rest, accelerating CoM, gravity that may lean, limited joint torques.
 
-With a constant acceleration a of the CoM the balance (20), (21) holds for g_eff = g - a in place of g. In a frame
-whose z axis points along -g_eff it is the problem of rest again, weight m |g_eff|: the region is a cylinder along
-g_eff, so where it cuts a horizontal plane depends on the height of the CoM.
+With a constant acceleration a of the CoM the balance of forces and moments at rest holds for g_eff = g - a in place of
+g. In a frame whose z axis points along -g_eff it is the problem of rest again, weight m |g_eff|: the region is a
+cylinder along g_eff, so where it cuts a horizontal plane depends on the height of the CoM.
 """
 
 import math
@@ -45,7 +45,7 @@ class Moving:
 
 @dataclass(frozen=True, slots=True)
 class Tilted:
-    """Gravity that may lean to any of eight sides, or not."""
+    """Mode of a region: gravity may lean by an angle to any of eight sides, or not at all."""
 
     angle: float
     """Largest angle between gravity and its stated direction, rad, above 0."""
@@ -57,7 +57,7 @@ class Tilted:
 
 @dataclass(frozen=True, slots=True)
 class Actuated:
-    """Servos of limited torque that hold the robot in a posture."""
+    """Mode of a region: servos of limited torque hold the robot in a posture."""
 
     legs: ServoLegs
     """Legs that stand on the contacts, with their limits of torque."""
@@ -126,7 +126,7 @@ def in_common(found: list[Region]) -> Region:
 
 @dataclass(frozen=True, slots=True)
 class Leaning:
-    """Contact set seen along the effective gravity."""
+    """Contact set in a frame along the effective gravity, and the rotation to that frame."""
 
     contacts: ContactSet
     """In the leaning frame: z against g_eff."""

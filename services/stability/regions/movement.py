@@ -19,7 +19,7 @@ STILL = 1e-12  # m; a shorter horizontal movement has no direction
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Margins of a movement over a region."""
+    """Result of the check of a movement against a region: margins, and ways to the edge."""
 
     com_after: Array
     """Centre of mass after the movement, com + movement + shift, (2,) m."""
@@ -113,7 +113,7 @@ class Movement:
 
 @dataclass(frozen=True, slots=True)
 class CheckedMovement:
-    """Answer to a planned movement."""
+    """Result of the check of a planned movement: region, margins, ways and gradient."""
 
     region: Region
     """Region after the movement."""

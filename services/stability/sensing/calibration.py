@@ -204,9 +204,9 @@ def level_from_up(up: Array) -> Array:
 
 
 def gain_of_47(moved: float, measured: Sequence[float]) -> float:
-    """Return the paper's single gain: way moved over way measured, each summed over the movements, no unit.
+    """Return the single gain of Walas & Belter 4.7: way moved over way measured, both summed over the moves, no unit.
 
-    `moved`: way of one movement, m; `measured`: way by the forces in each movement, m. The paper has 20 / 26.59 =
+    `moved`: way of one movement, m; `measured`: way by the forces in each movement, m. Theirs is 20 / 26.59 =
     0.752.
     """
     return moved / float(np.sum(measured))

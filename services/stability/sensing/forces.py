@@ -49,8 +49,8 @@ class MeasuredCom:
 def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array, torque_variance: float) -> FootForces:
     """Return the forces of the ground on the feet, F = J^-T (G(q) - tau), with the weight of the leg itself.
 
-    Equation (30) prints F = J^-T Q, which is the force of the foot on the ground and leaves the leg's weight out (20 %
-    of the load of a Ragno leg). J belongs to the point of the foot sphere that touches level ground.
+    Equation (30) of Walas & Belter is F = J^-T Q, which is the force of the foot on the ground and leaves the leg's
+    weight out (20 % of the load of a Ragno leg). J belongs to the point of the foot sphere that touches level ground.
 
     Args:
         robot: the robot; legs of three joints are read.
@@ -206,7 +206,7 @@ def _leg_forces(
 def com_from_forces(
     position: Array, force: Array, covariance: Array, floor: float = 1e-9, tilt_sd: float = 0.0
 ) -> MeasuredCom | None:
-    """CoM and weight by least squares over the six equations of rest, both free: replaces (31).
+    """Return CoM and weight by least squares over the six equations of rest; replaces (31) of Walas & Belter.
 
     Three equations must hold whatever the CoM is: sum F_x = sum F_y = 0 and no yaw moment, C F = 0. The forces are
     projected on them, F = Fm - R C'(C R C')^-1 C Fm, then W = sum F_z and c = centroid + sum(r F_z - z F) / W. (31)

@@ -1,4 +1,4 @@
-"""CoM shift in the trunk while the feet stay (second step of 4.3): r_KIN = com(q after) - com(q now)."""
+"""CoM shift in the trunk while the feet stay (Walas & Belter 4.3, second step): r_KIN = com(q after) - com(q now)."""
 
 import math
 from dataclasses import dataclass
@@ -50,8 +50,8 @@ class Shift:
 def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) -> tuple[Array, bool]:
     """Return joint angles (n,) rad that keep the stance feet (L,) in place when the trunk moves, and if they do.
 
-    It moves by `move` (3,) m, base_link axes. Newton's method from the present angles, dq = J'(J J')^-1 e: it stays on
-    the leg's own branch, and legs with more than three joints take the shortest way.
+    The trunk moves by `move` (3,) m, base_link axes. Newton's method from the present angles, dq = J'(J J')^-1 e: it
+    stays on the leg's own branch, and legs with more than three joints take the shortest way.
     """
     rot, pos = forward(model, joints)
     q, start = joints.copy(), foot_positions_of(model, rot, pos)
@@ -170,7 +170,7 @@ class PosedRobot:
 
 
 class HeldRobot(NamedTuple):
-    """Robot whose servos hold it on the contacts."""
+    """Posture of a robot on its contacts, with the legs that stand and the torque limits of its servos."""
 
     stands: PosedRobot
     """Posture, frame world."""
@@ -183,7 +183,7 @@ class HeldRobot(NamedTuple):
 
 
 def held(robot: Robot, asked: Actuation, contacts: ContactSet, names: tuple[str | None, ...]) -> HeldRobot:
-    """Read a posture with its torque limits, and the leg on each contact: its name, or None for the nearest.
+    """Return a requested posture with torque limits and the leg on each contact: that of `names`, None = the nearest.
 
     Raises:
         StabilityError: a field that cannot be used.
@@ -221,7 +221,7 @@ class SteppedRobot(NamedTuple):
 def stepped(
     stands: PosedRobot | HeldRobot, contacts: ContactSet, names: tuple[str | None, ...], way: Array
 ) -> SteppedRobot:
-    """Move the trunk by `way` (3,) m over the legs on the contacts, which are named, or None for the nearest.
+    """Return the effect of moving the trunk by `way` (3,) m over the legs on the contacts; name None: the nearest.
 
     Raises:
         StabilityError: a name is unknown or used twice.

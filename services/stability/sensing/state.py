@@ -44,8 +44,9 @@ class StandingFeet:
 
     A foot that has landed and is planned to stand is still at its place when its load vanishes for a moment (the impact
     of another foot, a stiff edge): it takes load again as soon as the trunk sinks, so it bounds the static region. A
-    switch is therefore held for `hold_s`, but only in a planned stance; a foot that is planned to swing counts while
-    its switch is closed and not longer, one that has not touched the ground since it swung does not count at all.
+    switch counts as closed for `hold_s` after it opens, but only in a planned stance; a foot that is planned to swing
+    counts while its switch is closed and not longer, one that has not touched the ground since it swung does not count
+    at all.
 
     Args:
         legs: number of feet.
