@@ -1,4 +1,4 @@
-"""Requests to other services before a step: footholds and stability; without a reply the walker's own stand-ins."""
+"""Requests for footholds and stability before a step; without a reply the walker's own substitutes decide."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -25,13 +25,13 @@ REGION_TOLERANCE_M = 1e-3
 
 
 class Call(Protocol):
-    """Request to another service that waits for the reply (raises CallError)."""
+    """Function that sends a request to another service and waits for the reply (raises CallError)."""
 
     def __call__(self, query: Any, request: Any, timeout_s: float | None = None) -> Any: ...
 
 
 class Advisors:
-    """Requests the footholds and the stability of each step of one run from other services.
+    """Client of the foothold and stability services for each step of one run.
 
     Args:
         robot: the robot.
@@ -47,7 +47,7 @@ class Advisors:
         self.begin(0, -1)
 
     def begin(self, epoch: int, tick: int) -> None:
-        """Begin a tick: its requests carry this epoch and tick."""
+        """Begin a tick: set the epoch and the tick that its requests carry."""
         self._epoch, self._tick = epoch, tick
         self.missing = ""
         """Reason why a reply of this tick is missing, in words; empty = none is."""
@@ -77,7 +77,7 @@ class Advisors:
         return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
 
     def check(self, step: StanceCheck) -> StanceVerdict:
-        """Return the verdict on a step; without a reply the hull of the standing feet decides."""
+        """Return whether a step is stable, and its margin; without a reply by the hull of the standing feet."""
         if not self._stability:
             return self._own_check(step)
         request = CheckRequest(

@@ -1,4 +1,4 @@
-"""Walk commands of a run: at once, in their tick, or by the navigator's orders; kept for a restart."""
+"""Walk commands of a run: obeyed at once, in a stated tick, or as orders of the navigator; stored for a restart."""
 
 import dataclasses
 from collections.abc import Callable
@@ -14,12 +14,12 @@ from .orders import TakenOrder
 
 
 class Commander:
-    """Commands of `cmd/walk` to a gait, kept for a restart.
+    """Receiver of the commands of `cmd/walk` for a gait, which stores them in a file for a restart.
 
     Args:
-        gait: obeys.
-        memory: keeps what a restart must not lose.
-        log: writes a level and a text.
+        gait: gait that obeys the commands.
+        memory: file for the state that a restart must not lose.
+        log: function that logs a text at a level.
     """
 
     def __init__(self, gait: Gait, memory: MemoryFile, log: Callable[[str, str], None]) -> None:
@@ -33,7 +33,7 @@ class Commander:
         self._tick, self._epoch = -1, 0
 
     def walk(self, request: WalkCommand) -> WalkReply:
-        """Accept or refuse a command; with ``at_tick`` it is kept until then."""
+        """Accept or refuse a command and return the reply; one with ``at_tick`` waits for that tick."""
         if self.stopped and request.action != "stop":
             return self._refused()
         if request.at_tick is None:
@@ -52,7 +52,7 @@ class Commander:
         return WalkReply(accepted=True, id=number)
 
     def begin(self, epoch: int, tick: int) -> None:
-        """Begin a tick: take up what an earlier process left, then the commands planned for this tick."""
+        """Begin a tick: in the first one resume what an earlier process stored; then obey the commands that are due."""
         first, self._epoch, self._tick = self._tick < 0, epoch, tick
         if first and tick > 0:
             self._recall()
@@ -67,9 +67,9 @@ class Commander:
                 self.refused = reply.reason
 
     def obey(self, order: MotionOrder) -> None:
-        """Obey a new order of the navigator, none twice; it takes effect in this tick.
+        """Obey an order of the navigator in this tick; an order that came before is ignored.
 
-        The walker does not learn from such a walk: the navigator estimates drift itself.
+        The walker does not correct its steps by such a walk: the navigator estimates drift itself.
         """
         taken, self.order = self.order, self.order.after(order)
         if self.order.number == taken.number or order.command is None:
@@ -82,7 +82,7 @@ class Commander:
             self._log("warning", f"order {order.number} ({order.command.action}) refused: {reason}")
 
     def keep(self) -> None:
-        """Write what a restart must not lose; before the first tick there is nothing."""
+        """Write the state that a restart must not lose to the file; before the first tick there is none."""
         if self._memory.path is None or self._tick < 0:
             return
         planned = tuple(item[2].model_dump() for item in self._planned)

@@ -9,7 +9,7 @@ from .memory import WalkMemory
 
 
 class Gait(Protocol):
-    """Moves one kind of robot: commands in, set-points of its joints out, one control tick at a time."""
+    """Gait of one kind of robot, which turns commands into set-points of the joints, one control tick at a time."""
 
     @property
     def walk_id(self) -> int:
@@ -25,7 +25,7 @@ class Gait(Protocol):
         ...
 
     def set_map(self, heights: HeightMap | None) -> None:
-        """Take a new terrain map, frame map; None: the ground is where the feet are. Gaits without eyes ignore it."""
+        """Take a new terrain map, frame map; None: the ground is where the feet are. A gait may ignore the map."""
         ...
 
     def kept(self) -> WalkMemory:
@@ -33,7 +33,7 @@ class Gait(Protocol):
         ...
 
     def resume(self, kept: WalkMemory) -> None:
-        """Go on after a restart with what was kept; called before the first tick."""
+        """Resume the walk of the stored state after a restart; called before the first tick."""
         ...
 
     def step(self, inputs: WalkerInputs) -> WalkerOutputs:

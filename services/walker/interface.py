@@ -120,7 +120,7 @@ def refused(code: str, field: str | None, reason: str) -> CommandReply:
 
 @dataclass(frozen=True, slots=True)
 class FootholdRequest:
-    """Request of one leg for a place to land."""
+    """Part of a request for footholds that belongs to one leg."""
 
     leg: int
     nominal: Vec3
@@ -131,7 +131,7 @@ class FootholdRequest:
 
 @dataclass(frozen=True, slots=True)
 class LandingRequest:
-    """The landings of all legs that swing together, and where the trunk will be when they land."""
+    """Request for the footholds of all legs that swing together, with the pose of the trunk when they land."""
 
     body: Vec3
     """Planned base_link position at touch-down, map frame, m."""
@@ -142,7 +142,7 @@ class LandingRequest:
 
 @dataclass(frozen=True, slots=True)
 class FootholdReply:
-    """Place to land that was chosen for one leg."""
+    """Foothold that was chosen for one leg, or the reason why there is none."""
 
     status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
     foothold: Vec3 | None = None
@@ -154,7 +154,7 @@ class FootholdReply:
 
 @dataclass(frozen=True, slots=True)
 class StanceCheck:
-    """Step before it is taken: the standing feet and the motion of the trunk over them."""
+    """Request to check a planned step for stability: standing feet, and the motion of the trunk over them."""
 
     positions: Array
     """Contact points of the stance feet, map frame, (n, 3) m."""
@@ -175,7 +175,7 @@ class StanceCheck:
 
 @dataclass(frozen=True, slots=True)
 class StanceVerdict:
-    """Answer on a planned step: whether the robot stays stable, and with which margin."""
+    """Result of the check of a planned step: whether the robot stays stable, and with which margin."""
 
     stable: bool
     margin: float | None = None

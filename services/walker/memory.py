@@ -1,6 +1,6 @@
-"""The command under way, kept in a file, so that a walker that was killed and started again goes on with it.
+"""File with the command under way, from which a walker that was killed and started again resumes it.
 
-The file belongs to one run (its folder); a command of another epoch, or of a later tick than now, is not taken up.
+The file belongs to one run (its folder); a command of another epoch, or of a later tick than now, is ignored.
 """
 
 import json
@@ -78,7 +78,7 @@ class MemoryFile(RunMemory):
             self.write(epoch, tick, asdict(kept))
 
     def forget(self) -> None:
-        """Begin a run: remove the file of an earlier one; the first state of the new one is written whatever it is."""
+        """Remove the file of an earlier run; the first state of the new run is written even if it is the same."""
         self._last = None
         super().forget()
 

@@ -1,4 +1,4 @@
-"""Between the messages on the bus and the gaits' inputs and outputs."""
+"""Conversion between messages on the bus and the inputs and outputs of gaits."""
 
 import numpy as np
 
@@ -16,7 +16,8 @@ def walker_inputs(inputs: TickInputs, estimate: tuple[VelocityEstimate, Odometry
     """Return the inputs of a gait in a tick.
 
     Args:
-        estimate: the newest; the gait checks its age. None = none came yet.
+        inputs: messages of the tick.
+        estimate: newest velocity and odometry, whose age the gait checks; None = none came yet.
     """
     velocity, odometry = estimate or (None, None)
     joints, contacts = inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
@@ -38,7 +39,7 @@ def walker_inputs(inputs: TickInputs, estimate: tuple[VelocityEstimate, Odometry
 
 
 def newest_map(inputs: TickInputs, known: object) -> HeightMapMessage | ElevationMap | None:
-    """Return the map of a tick; once the robot maps for itself, as the map known before shows, only its own."""
+    """Return the map of a tick, None if none came; only the robot's own map if that `known` before is its own."""
     own = inputs.get(STATE_ELEVATION)
     return own if own is not None or isinstance(known, ElevationMap) else inputs.get(TERRAIN_MAP)
 
@@ -51,13 +52,13 @@ def heights_of(message: HeightMapMessage | ElevationMap) -> HeightMap:
 
 
 def gait_message(out: WalkerOutputs, degraded: str, order: TakenOrder, navigated: bool) -> GaitState:
-    """Return what a gait did in a tick as a message.
+    """Return the outputs of a gait in a tick as the message `state/gait`.
 
     Args:
         out: outputs of the gait.
         degraded: reason in words that takes the place of the gait's own; empty = none.
         order: the navigator's last order.
-        navigated: a navigator is there, so the end of the walk is published.
+        navigated: a navigator gives orders, so the time until the end of the walk is published.
     """
     return GaitState(
         walk_id=out.walk_id,

@@ -1,4 +1,4 @@
-"""The navigator's order that was taken up last: none is obeyed twice, not even by a walker that is started again."""
+"""Record of the navigator's last order, by which none is obeyed twice, not even after a restart of the walker."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from surefoot.schemas.navigation import MotionOrder
 
 @dataclass(frozen=True, slots=True)
 class TakenOrder:
-    """Navigator's order that was taken up last."""
+    """Number of the navigator's last order that the walker obeyed or refused, with the reason of a refusal."""
 
     number: int = 0
     """Number of the order; 0 = none yet."""
@@ -20,7 +20,7 @@ class TakenOrder:
     """Number of the first order that such a walker saw, which counts as taken."""
 
     def after(self, order: MotionOrder) -> "TakenOrder":
-        """Return the last order once `order` has come; its number is another one if `order` is to be obeyed."""
+        """Return the record after a message with `order`, with another `number` if the order is to be obeyed."""
         if not self.known:
             return TakenOrder(self.number, seen=order.number)
         if order.number in (0, self.number, self.seen):

@@ -1,4 +1,4 @@
-"""Outcomes of footholds: each choice waits for the end of its stance and goes back with the next request."""
+"""Outcomes of chosen footholds: slip of each stance, sent to the foothold service with the next request."""
 
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 
@@ -8,7 +8,7 @@ Choice = tuple[LegRequest, tuple[float, float]]
 
 
 class Outcomes:
-    """Choices of footholds by leg, and slip and soundness of the stances that followed them.
+    """Chosen footholds of each leg, with the slip and the state of the sensors in the stances on them.
 
     A choice is made before its leg lifts off, so the stance that ends next is that of the choice before.
     """
@@ -40,6 +40,6 @@ class Outcomes:
         self._ended = [*self._ended, outcome][-MOST:]
 
     def take(self) -> tuple[StanceOutcome, ...]:
-        """Return the outcomes of stances since the last call."""
+        """Return the outcomes of the stances that ended since the last call, and forget them."""
         found, self._ended = tuple(self._ended), []
         return found

@@ -31,7 +31,7 @@ from .rehearsal import rehearse
 
 
 class WalkerConfig(ServiceConfig):
-    """Changes to the gait of a robot with four or six legs; null = the value of `[gait]` in the robot description."""
+    """Settings of the walker service: requests, memory file, changes to the gait of robots with four or six legs."""
 
     hip_height_m: float | None = Field(default=None, gt=0, lt=1, description="m, base_link over the ground")
     stride_m: float | None = Field(default=None, gt=0, lt=1, description="m, way of the trunk in one gait cycle")
@@ -45,7 +45,7 @@ class WalkerConfig(ServiceConfig):
 
 
 class Walker(Service[WalkerConfig]):
-    """Gait of the robot; the only one who may command its joints."""
+    """Service that walks the robot, and the only one that may command its joints."""
 
     name = "walker"
     Config = WalkerConfig
@@ -86,11 +86,11 @@ class Walker(Service[WalkerConfig]):
         self._estimate: tuple[VelocityEstimate, Odometry] | None = None
 
     def walk(self, request: WalkCommand) -> WalkReply:
-        """Accept or refuse a command; with ``at_tick`` it is kept until then."""
+        """Accept or refuse a command and return the reply; one with ``at_tick`` waits for that tick."""
         return self.commander.walk(request)
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """Take an emergency stop: the driver obeys no joint command from now on, so no walk would ever arrive."""
+        """Refuse walks after an emergency stop, from which on the driver obeys no joint command."""
         if isinstance(message, EmergencyStop):
             self.commander.stopped = message.reason or "no reason given"
 

@@ -27,9 +27,9 @@ FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot th
 
 
 def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
-    """Take the trunk's tilt and rate; return whether the robot is lost.
+    """Update the trunk's tilt and rate from the estimate; return whether the robot falls.
 
-    The unplanned tilt is what is measured less its slow mean `rest`. That mean holds the floor's slope, which turns
+    The unplanned tilt is the measured tilt less its slow mean `rest`. That mean holds the floor's slope, which turns
     with the heading, the servos' zeros and the bias of the estimate, which may wander by some degrees in a walk. A
     disturbance moves the mean by at most `slow_from_rad` of its size.
 
@@ -57,17 +57,17 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
 
 
 def felt_rate(s: BipedState) -> Array:
-    """Return the trunk's roll and pitch rate that the ankles answer, (2,) rad/s."""
+    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s; small ones are 0 at a stand."""
     if s.mode is not Mode.STAND:
         return s.rate
     return np.sign(s.rate) * np.maximum(0.0, np.abs(s.rate) - QUIET_RAD_S)
 
 
 def learn(s: BipedState, p: BipedParams, body: Array) -> None:
-    """Compare the way of a step with the odometry; the quotient of the whole walk corrects the planned steps.
+    """Correct the gain of planned steps, in place, by the quotient of measured and planned way of the whole walk.
 
     Args:
-        s: state; the step's body pose is not yet taken over.
+        s: state; its body pose is still that before the step.
         p: settings.
         body: x, y (m) and yaw (rad) of the body at the end of the step, odom, (3,).
     """
@@ -85,7 +85,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 
 
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
-    """Lower a lost robot by a tick towards bent knees with its feet where they are: a shorter fall is a softer one."""
+    """Bend the knees of a falling robot by one more tick with its feet where they are: it falls from less height."""
     s.clock += 1
     part = smooth(s.clock * TICK_S / p.fold_s)
     folded = robot.neutral.copy()

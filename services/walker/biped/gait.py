@@ -75,7 +75,7 @@ class BipedWalker:
         return refusal_of(command, abilities(self._gait_of(command, stepping)[1]), calibrated=True)
 
     def set_map(self, heights: HeightMap | None) -> None:
-        """Ignore the terrain map: the floor is taken to be level."""
+        """Ignore the terrain map: this gait takes the floor to be level."""
 
     @property
     def walk_id(self) -> int:
@@ -89,8 +89,8 @@ class BipedWalker:
     def command(self, command: MotionCommand) -> CommandReply:
         """Accept or refuse a command; an accepted one replaces the present one at the next step.
 
-        One that comes less than `LATE_TICKS` before the last landing finds the weight on its way to rest between the
-        feet: it is taken up when the robot stands.
+        A command that comes less than `LATE_TICKS` before the last landing of a walk, while the weight already moves to
+        rest between the feet, begins when the robot stands.
         """
         s = self.state
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
@@ -128,7 +128,7 @@ class BipedWalker:
                 self._stand()
 
     def kept(self) -> WalkMemory:
-        """Return the state that a restart must not lose; a step that is not finished has to be done again."""
+        """Return the state that a restart must not lose; a step that is not finished counts as not begun."""
         s = self.state
         if s.late is not None:
             walking = s.late.route is not None
@@ -138,7 +138,7 @@ class BipedWalker:
         return WalkMemory(s.walk_id, left and replace(left, learn=s.learning), None, s.began)
 
     def resume(self, kept: WalkMemory) -> None:
-        """Go on after a restart: to the stance, a closing step, then what is left; before the first tick."""
+        """Resume the stored walk after a restart, before the first tick: stance, closing step, rest of the walk."""
         s = self.state
         s.walk_id, s.began, s.recovering = kept.walk_id, kept.began, True
         if kept.command is not None:

@@ -1,4 +1,4 @@
-"""The swinging foot set down on the floor as the trunk really stands over it, and not where a level trunk would put it.
+"""Landing of the swinging foot, corrected for the estimated tilt of the trunk, so that the sole meets the floor flat.
 
 A trunk that leans by roll r and pitch p puts a sole that is a ahead and l left of the standing one down slanted and
 l r - a p too high. It strikes with an edge before its time, the leg goes on stretching and kicks the trunk to the other
@@ -26,7 +26,7 @@ TOUCH = 0.6
 
 
 def set_down(s: BipedState, p: BipedParams, soles: Array, double: int) -> tuple[Array, Array]:
-    """Return the soles of this tick with the height of the swinging or landed foot changed, and the turn of each.
+    """Return the soles of this tick, the swinging or landed one corrected for the tilt of the trunk, and their turns.
 
     Args:
         s: state; its landing is updated.

@@ -1,4 +1,4 @@
-"""Footsteps of a biped, the ZMP reference they give and the path of the swinging foot. Frame: odom, z up.
+"""Footsteps of a biped, the ZMP reference through them, and the path of the swinging foot. Frame: odom, z up.
 
 A foot is (x, y, yaw) of the point under its ankle. A step lasts T; in its first part d T both feet stand and the ZMP
 moves from the foot that will swing to the other, then it rests there while the foot swings.

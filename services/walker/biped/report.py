@@ -13,7 +13,7 @@ from .state import BipedState, Mode
 
 
 def walk_state(s: BipedState) -> WalkState:
-    """Return the state as published; a fallen robot is `refused`, with the fall as the reason."""
+    """Return the state of the walk to publish; that of a fallen robot is `refused`, with the fall as the reason."""
     if s.mode in (Mode.FOLD, Mode.FALLEN):
         return "refused"
     if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:

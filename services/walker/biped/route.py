@@ -1,4 +1,4 @@
-"""Rest of a walk command, and the footsteps it leads to."""
+"""Remaining route of a walk command of a biped, and the footsteps along it."""
 
 import math
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ class Standing(NamedTuple):
 
 @dataclass(frozen=True)
 class BipedRoute:
-    """Rest of a command: straight, arc or turn on the spot."""
+    """Remaining part of a walk command: straight line, arc or turn on the spot, with the size of a step."""
 
     forward: float
     """Way still to go, m, negative = backward; inf = until another command."""
@@ -72,7 +72,7 @@ class BipedRoute:
         return max(1, math.ceil(part - LITTLE)) if math.isfinite(part) else math.inf
 
     def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
-        """Return the part of the route that is left as a command that leads to the same steps."""
+        """Return a command for the remaining route that leads to the same steps."""
         if self.turning:
             return MotionCommand("turn", angle=self.turn, gait=gait, duration=duration)
         distance = self.forward if math.isfinite(self.forward) else None
@@ -82,8 +82,8 @@ class BipedRoute:
     def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
         """Return way (m) and turn (rad) of the next step, and the route after it; `scale`, 0 to 1, shortens the step.
 
-        After shortened steps a rest of less than `LITTLE` steps is left: the last step takes it along where it may be
-        so long, else it is given up, for it would cost the time of a whole step.
+        After shortened steps a rest of less than `LITTLE` steps is left: the last step includes it if it may be so
+        long, else the rest is dropped, for it would cost the time of a whole step.
         """
         rest = 0.0
         if abs(self.step) > 0.0:
@@ -101,7 +101,7 @@ class BipedRoute:
 
 
 def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> BipedRoute:
-    """Return equal steps that end exactly where the command does."""
+    """Return the route of a command, in equal steps that end exactly where the command does."""
     most = params.max_step_m, params.max_turn_rad
     if command.action == "turn":
         angle = command.angle or 0.0

@@ -20,7 +20,7 @@ from .state import BipedState, Mode
 
 
 class SetPoints:
-    """Holds the trunk where the centre of mass of the plan wants it, and the servos against their load.
+    """Set-points of the servos that hold the trunk for the planned centre of mass and compensate the servos' load.
 
     Args:
         robot: the robot.

@@ -35,7 +35,7 @@ class AcceptedCommand:
 
 @dataclass(eq=False)
 class Touchdown:
-    """Changes of the foot that swings, or that landed last, beside the plan."""
+    """Deviation from the plan of the foot that swings or landed last: turn of its sole, and height of touch-down."""
 
     leg: int = 0
     turn: Array = field(default_factory=lambda: np.zeros(2))

@@ -1,6 +1,6 @@
-"""Place of the plan in the map: laid under measured joints at the start, laid anew over the estimate at each step.
+"""Pose of the planned trunk and feet in the map: from measured joints at the start, from the estimate at each step.
 
-Laying the plan anew moves trunk and feet together, so the feet keep their place in the trunk frame and no joint moves.
+Placing the plan anew moves trunk and feet together, so the feet keep their place in the trunk frame and no joint moves.
 """
 
 import math
@@ -26,7 +26,7 @@ MAX_TILT_OFFSET = 0.06  # rad; an accelerometer bias of 3 sigma (ADIS16365: 16 m
 
 
 def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
-    """Lay the plan under the measured joints; feet without contact will be lowered first."""
+    """Set planned trunk and feet by measured joints and estimate; feet without contact will be lowered first."""
     s = state
     assert s.measured is not None
     rot = rotations.matrix_from_rpy(inputs.roll, inputs.pitch, inputs.yaw)
@@ -43,7 +43,7 @@ def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
 
 
 def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, inputs: WalkerInputs) -> None:
-    """Lay the whole plan over the estimated position, heading and tilt, and part of the way over the map's heights."""
+    """Move planned trunk and feet to the estimated pose and tilt, and part of the way to the heights of the map."""
     s, limit = state, params.level_limit_rad
     old = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
     roll, pitch = tilt(s, inputs)
@@ -94,10 +94,11 @@ def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> No
 
 
 def placed(state: WalkerState, inputs: WalkerInputs) -> WalkerInputs:
-    """Return the inputs with the odometry's pose in the map.
+    """Return the inputs with the pose of the odometry expressed in the map.
 
-    An estimator that was started anew begins at the start pose, wherever the robot is. It does so at rest, so the robot
-    stands where the plan has it: from then on the odometry is laid there. What was learned of its tilt is void.
+    An estimator that is started again begins at the start pose, wherever the robot is. The robot rests meanwhile, so it
+    stands where the plan has it: that pose defines the new offset of odom in the map. The learned error of the tilt is
+    reset.
     """
     s = state
     if not s.calibrated:

@@ -85,13 +85,13 @@ def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
 
 
 def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: StanceVerdict) -> bool:
-    """React to a step of small margin; return whether it may be taken as it is.
+    """React to the check of a step, e.g. to a small margin; return whether the step may be taken as planned.
 
     Args:
-        state: gets the new goal of the trunk, gait or scale, and the reason in words.
+        state: a new goal of the trunk, gait or scale, and the reason in words, are written to it.
         frame: robot, settings, ground.
-        begin: the trunk now.
-        reply: verdict on the step.
+        begin: pose of the trunk now.
+        reply: result of the check of the step.
     """
     s, p = state, frame.params
     margin = reply.margin if reply.margin is not None else -math.inf
@@ -144,10 +144,10 @@ def _head_for(state: WalkerState, goal: Array) -> None:
 
 
 def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], place: BodyPose) -> BodyPose:
-    """Return where the trunk carries its centre of mass over the feet that stand while `legs` swing.
+    """Return the pose of the trunk whose centre of mass is over the feet that stand while `legs` swing.
 
-    It is the nearest pose to that with the present lean whose centre of mass has `lean_margin_m` in the hull of these
-    feet, or a part of it where the hull has no room.
+    It is the pose nearest to the present lean at which the centre of mass has the margin `lean_margin_m` in the hull of
+    these feet, or a part of that margin where the hull has no room.
 
     Args:
         frame: robot, settings, ground.
@@ -173,7 +173,7 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
 
 
 def upright(state: WalkerState, place: BodyPose) -> bool:
-    """Give a trunk that leans its place in the gait as the goal; return whether it leans."""
+    """Return whether the trunk leans to one side; if so, set its `place` in the gait as its next goal."""
     leans = math.hypot(state.lean[0], state.lean[1]) >= LEAST_SHIFT
     if leans:
         _head_for(state, np.array([place.x, place.y]))
@@ -206,7 +206,10 @@ def shift(state: WalkerState, reach: float) -> None:
 
 
 def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: tuple[float, float]) -> str | None:
-    """Give the standing trunk a goal, m forward and left of the middle of its feet; return the reason against it."""
+    """Set a goal for the standing trunk, `shift` m forward and left of the middle of its feet.
+
+    Return the reason of a refusal in words; None: the goal is set.
+    """
     s = state
     if s.stage is not Stage.STAND or s.route is not None or s.closing or s.recovering:
         return "the trunk is moved over its feet only while the robot stands"
@@ -220,7 +223,7 @@ def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: t
 
 
 def lagging(state: WalkerState, frame: PlanningContext) -> int:
-    """Return the group of the gait that swings first: feet far from neutral, and not those that have just landed."""
+    """Return the index of the group that swings first: that farthest from neutral; feet just landed count 0."""
     off = state.footholds[:, :2] - state.body[:2] - planning.rotated(state.yaw, frame.neutral)
     far = np.hypot(off[:, 0], off[:, 1])
     far[list(state.swung)] = 0.0
@@ -228,7 +231,7 @@ def lagging(state: WalkerState, frame: PlanningContext) -> int:
 
 
 def relax(state: WalkerState, frame: PlanningContext) -> None:
-    """Return from the careful gait to that of the command once a whole cycle has been walked."""
+    """Switch from the careful gait back to that of the command after a whole cycle; called after each step."""
     s = state
     s.shifts = 0
     if s.gait is s.usual:

@@ -45,7 +45,7 @@ class LeggedWalker:
         robot: description; a hexapod's legs in the order LF LM LH RF RM RH.
         params: settings; None = the robot's own.
         select: chooses the footholds of all legs of a step.
-        check: returns the verdict on a step before it is taken; None = hull of the standing feet.
+        check: returns whether a planned step is stable; None = by the hull of the standing feet.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class LeggedWalker:
         return WalkMemory(s.walk_id, route.command, route.start, route.began, s.offset)
 
     def resume(self, kept: WalkMemory) -> None:
-        """Go on after a restart: feet down, to neutral, then the rest of the route; before the first tick."""
+        """Resume the stored walk after a restart, before the first tick: feet down, to neutral, then the rest."""
         s = self.state
         route = None if kept.command is None else LeggedRoute(kept.command, kept.start, kept.walk_id, kept.began)
         s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True

@@ -112,7 +112,7 @@ def face_normal(z: Heights, cell: float, x0: float, y0: float, x: float, y: floa
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Terrain layers the walker looks at; built once per map version."""
+    """Height layers of the terrain for the walker: filtered ground and foot centres; built once per map version."""
 
     surface: HeightMap
     """Filtered ground heights."""
@@ -122,7 +122,7 @@ class Ground:
 
     @classmethod
     def build(cls, heights: HeightMap, foot_radius: float, smooth: bool = True) -> "Ground":
-        """Filter a map by a 3 x 3 median (noise of single cells, edges stay), fill holes, dilate by the foot."""
+        """Return the layers of a map: 3 x 3 median (edges stay), holes filled, dilated by the foot sphere."""
         surface = heights.smoothed(1) if smooth else heights
         for _ in range(FILL_ROUNDS):
             unknown = np.isnan(surface.z)

@@ -24,7 +24,7 @@ HEIGHT_TRIALS = tuple(0.005 * k for n in range(9) for k in ((n, -n) if n else (0
 
 @dataclass(frozen=True, eq=False)
 class PlanningContext:
-    """Robot, settings and ground for planning; fixed over a step."""
+    """Inputs of the planning of a step that do not change during it: robot, settings, ground, neutral feet."""
 
     robot: Robot
     params: WalkerParams
@@ -96,7 +96,7 @@ def foothold_request(
 
     Args:
         legs: numbers of the n legs that swing.
-        nominal: places where their foot centres would land without it, frame odom, (n, 3) m.
+        nominal: nominal landings of their foot centres, frame odom, (n, 3) m.
         end: pose of the trunk after the step.
         after: way of the trunk in each step after it.
         gait: gives the number of steps of a stance.
@@ -172,7 +172,7 @@ def end_pose(
         feet_to: foot centres at the end, (L, 3) m.
         apex: foot centres at the tops of the swings, (L, 3) m.
         shift: change of the trunk's height that the foothold service asked for, m.
-        leans: the trunk is at its end before the swing begins.
+        leans: the trunk is at its end pose before the swing begins.
     """
     limit = frame.params.trunk_step_m
     wanted = trunk_height(frame, feet_to, planar, shift)
@@ -189,7 +189,7 @@ def end_pose(
 
 
 def reaches(frame: PlanningContext, begin: BodyPose, end: BodyPose, feet: Array, part: float) -> bool:
-    """Return whether every leg reaches its foot (L, 3) m, odom, with a level trunk after a part of the step, 0..1."""
+    """Return whether all legs reach their `feet` (L, 3) m, odom, after a `part` of the step, 0..1; level trunk."""
     a, b = begin, end
     body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
     rot = rotations.matrix_from_rpy(0.0, 0.0, a.yaw + part * (b.yaw - a.yaw))
@@ -265,7 +265,7 @@ def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Ar
 
 
 def leant_request(frame: PlanningContext, plan: StepPlan, level: Array) -> StanceCheck:
-    """Return the request to the stability service for a step whose trunk is at its end before a foot lifts.
+    """Return the request to the stability service for a step whose trunk has moved to its end before a foot lifts.
 
     Args:
         frame: robot, settings, ground.

@@ -1,4 +1,4 @@
-"""From trunk pose and feet to servo set-points: closed-form leg solutions and compensation of the servos' sag."""
+"""Servo set-points from trunk pose and feet: closed-form leg solutions and compensation of the servos' sag."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Rest of a command: the next advance of the trunk, from the dead-reckoned pose."""
+"""Remaining route of a walk command, and the next advance of the trunk along it from the dead-reckoned pose."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from .params import WalkerParams
 
 @dataclass(frozen=True, slots=True)
 class LeggedRoute:
-    """A command with the pose it began at, None until its first step is planned."""
+    """Command with the pose and time at which it began; both are None until its first step is planned."""
 
     command: MotionCommand
     start: BodyPose | None
@@ -22,7 +22,7 @@ class LeggedRoute:
         return self if self.start is not None else replace(self, start=pose, began=now)
 
     def over(self, now: float) -> bool:
-        """Return whether the time of the command is up."""
+        """Return whether the duration of the command has passed at the time `now`, s."""
         limit = self.command.duration
         return limit is not None and self.began is not None and now - self.began >= limit
 

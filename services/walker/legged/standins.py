@@ -1,4 +1,4 @@
-"""Stand-ins for the replies of the foothold and stability services."""
+"""Substitutes for the replies of the foothold and stability services, computed by the walker itself."""
 
 import math
 
@@ -14,7 +14,7 @@ from ..interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdic
 
 
 def nominal_footholds(request: LandingRequest) -> tuple[FootholdReply, ...]:
-    """Return the nominal foothold of each leg of a request as the answer of a service that was not asked."""
+    """Return the nominal foothold of each leg of a request, in the form of a reply of the foothold service."""
     return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
 
 
@@ -40,7 +40,7 @@ def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
 
 
 class HullCheck:
-    """Static margin of the centre of mass over the hull of the standing feet."""
+    """Check of a planned step by the margin of the centre of mass in the convex hull of the standing feet."""
 
     def __init__(self, robot: Robot) -> None:
         self._model = robot.model

@@ -109,9 +109,9 @@ def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: 
 
 
 def bear(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
-    """Let standing feet that touch nothing go down for dt s, within the depth of a search; return True if any does.
+    """Lower standing feet without contact over dt s, by `search_m` in all at most; return True if any is lowered.
 
-    None does while fewer than three others touch: a robot that is lifted has no ground to look for.
+    None is while fewer than three others touch: a robot that is lifted has no ground below its feet.
     """
     s = state
     if s.fresh:
@@ -144,7 +144,7 @@ def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
 
 
 def settle(state: WalkerState, dt: float) -> None:
-    """Lower every foot without contact by a tick of dt s; once all stand, the robot does."""
+    """Lower every foot without contact over a tick of dt s; once all have landed, set the stage to STAND."""
     s = state
     if s.fresh:
         s.landed |= s.contacts
@@ -157,5 +157,5 @@ def settle(state: WalkerState, dt: float) -> None:
 
 
 def load(state: WalkerState, dt: float) -> None:
-    """Raise the support of feet that have landed over dt s towards 1, in place."""
+    """Raise the share in the load of feet that have landed towards 1 over dt s, in place."""
     state.support = np.minimum(1.0, state.support + state.landed * (dt / LOAD_S))
