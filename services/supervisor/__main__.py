@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.supervisor``: a mere participant; `surefoot supervise` also holds the router."""
+"""``python -m surefoot.services.supervisor``: the supervisor alone; `surefoot supervise` also runs the router."""
 
 from surefoot.lockstep.launch import main
 

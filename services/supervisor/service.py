@@ -1,4 +1,4 @@
-"""The supervisor as a participant of lockstep: sends a scenario's commands in their tick, collects what happens."""
+"""Supervisor service: takes part in lockstep, sends a scenario's commands in their ticks, stores messages."""
 
 import threading
 import time
@@ -29,9 +29,9 @@ SIGN_TICKS = 10
 
 
 class Supervisor(Service[ServiceConfig]):
-    """Service that watches the system, conducts a scenario and keeps the messages of the verdict.
+    """Service that watches the system, runs a scenario and stores the messages from which its metrics are computed.
 
-    Messages of a run are kept as they came and decoded after its end: decoding all of them would cost each tick.
+    Messages of a run are stored undecoded and decoded after its end: decoding all of them would slow each tick.
     """
 
     name = "supervisor"
@@ -82,7 +82,7 @@ class Supervisor(Service[ServiceConfig]):
         self.began = time.monotonic()
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """Keep the messages of the tick and send the orders of the scenario."""
+        """Store the messages of the tick and send the commands of the scenario that are due."""
         self.ticks, self.last = inputs.number + 1, time.monotonic()
         if self.watched is not None and inputs.number % SIGN_TICKS == 0:
             for owner in {delivery.topic.owner for delivery in inputs.messages.values()}:
@@ -100,7 +100,7 @@ class Supervisor(Service[ServiceConfig]):
             self.ended.set()
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """Pass the heartbeats of other services on; publish the supervisor's status at each of its own."""
+        """Record heartbeats of other services; publish the supervisor's status at each of its own heartbeats."""
         if isinstance(message, SimStatus):
             self.status = message
             self.late = message if message.late else self.late

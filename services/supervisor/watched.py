@@ -1,4 +1,4 @@
-"""The system around the supervisor, as far as the supervisor needs it."""
+"""Interface between the supervisor service and the processes of the system that it watches."""
 
 from typing import Protocol
 
@@ -14,7 +14,7 @@ class Watched(Protocol):
         """Record a heartbeat of a service's process; `well`: it is ready for work."""
 
     def ticked(self, owner: str) -> None:
-        """Record that a message that a service publishes came in a tick."""
+        """Record that a message of the service `owner` came in a tick."""
 
     def signal_kill(self, service: str) -> None:
         """Kill the process of a service at once (SIGKILL)."""

@@ -104,7 +104,7 @@ class ComposeModel(FileModel):
 
 
 class HealthCheck(FileModel):
-    """When a service counts as unhealthy; the state itself comes over the bus (`health/<service>`, liveliness)."""
+    """Table `healthcheck` of a service: times by which it counts as unhealthy; health itself comes over the bus."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
@@ -126,7 +126,7 @@ WATCHED = HealthCheck()
 
 
 class Need(FileModel):
-    """Condition on a service before the start of another."""
+    """Condition that a service has to meet before the start of another, an entry of `depends_on`."""
 
     condition: Condition
 
@@ -206,7 +206,7 @@ class Compose:
     robot: str
 
     def of_robot(self, robot: str) -> "Compose":
-        """Return the system with a robot, a name or a folder, in all its services; it is called as the robot."""
+        """Return a copy of the system with `robot`, a name or a folder, set for all services and as its name."""
         every = self.services.items()
         services = {n: replace(s, environment={**s.environment, "SUREFOOT_ROBOT": robot}) for n, s in every}
         return Compose(Path(robot).name, self.path, services, robot)

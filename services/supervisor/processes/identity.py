@@ -1,7 +1,7 @@
 """Identity of processes by id and start time, and their end: SIGTERM, then SIGKILL.
 
-A later process under the same id is never taken for an earlier one, and nothing is ever signalled that was not started
-from here. The module imports little, for `surefoot stop` waits for it.
+A later process under the same id is never taken for an earlier one, and only processes that a supervisor of this
+project started are signalled. The module imports little, for the import delays `surefoot stop`.
 """
 
 import os
@@ -27,13 +27,13 @@ class Identity(NamedTuple):
     boot: str
 
     def alive(self) -> bool:
-        """Report whether this very process still runs (a zombie does not)."""
+        """Return True if the process of this id and start time still runs (a zombie does not)."""
         return identify(self.pid) == self
 
     def signal_group(self, number: signal.Signals) -> bool:
-        """Signal the process and its children; False when it is gone or another process has its id.
+        """Signal the process and its children; return False when it is gone or another process has its id.
 
-        A supervisor that a script has started leads no group: it alone is signalled, and ends its own.
+        A supervisor that a script has started leads no process group: it alone is signalled, and ends its children.
         """
         if not self.alive():
             return False
@@ -80,7 +80,7 @@ def _gone_within(identity: Identity, patience_s: float) -> bool:
 
 
 def await_end(pids: Iterable[int], patience_s: float) -> bool:
-    """Wait until one of several processes has ended, by their pidfds, or the time is over; False: nothing to wait by.
+    """Wait until one of several processes has ended, at most `patience_s`; return False if none has a pidfd.
 
     A child that has ended counts until its parent has asked for its exit code; one that is gone altogether does not.
     """

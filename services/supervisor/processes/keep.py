@@ -1,4 +1,4 @@
-"""Life of a system from its start to the request for its end."""
+"""Start, supervision and stop of a system of services, in this process or in the background."""
 
 import sys
 import threading
@@ -27,15 +27,15 @@ MOST_S = 10.0 * READY_S  # s wall, whatever progress there is
 
 @dataclass(frozen=True)
 class StartOrder:
-    """Order for the simulator once all services are there.
+    """Settings of the run that the simulator begins once all services are there.
 
     Attributes:
-        world: to be built.
+        world: world to build.
         seed: of everything random.
-        rtf: pace, 0 = as fast as it goes.
+        rtf: simulated over wall time, 0 = as fast as possible.
         record: MCAP file, None = none.
         robot: name or folder, None = that of the compose file.
-        files: paths of what the recording takes with it, by name.
+        files: paths of the files that are attached to the recording, by name.
     """
 
     world: World
@@ -47,11 +47,11 @@ class StartOrder:
 
     @property
     def request(self) -> ResetRequest:
-        """Request that begins the run, but for the services to wait for."""
+        """Request that begins the run; the names of the services to wait for are not filled in yet."""
         return ResetRequest(seed=self.seed, world=self.world, mode="paced", rtf=self.rtf)
 
     def arguments(self) -> list[str]:
-        """Return the order as options of `surefoot up`."""
+        """Return these settings as command-line options of `surefoot up`."""
         words = ["--terrain", self.world.terrain, "--seed", str(self.seed), "--rtf", str(self.rtf)]
         words += ["--robot", self.robot] if self.robot is not None else []
         return [*words, "--record", str(self.record.resolve()), "--force"] if self.record is not None else words
@@ -67,7 +67,7 @@ def keep(
     notify: Callable[[str], None] = lambda text: None,
     ready: Callable[[dict[str, Any]], None] = lambda report: None,
 ) -> None:
-    """Bring a system up, look after it until `stop`, take it down.
+    """Start a system, supervise it until the event `stop` is set, and end its processes.
 
     Raises:
         RunFolderError: it is up already.

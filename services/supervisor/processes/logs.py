@@ -32,7 +32,7 @@ def tail(path: Path, lines: int) -> list[str]:
 def last_lines(paths: Mapping[str, Path], lines: int) -> list[tuple[str, str]]:
     """Return the last lines of each log as (service, line), all in the order of time.
 
-    A line that has no time, of a library or of an interpreter that ends, stays behind the one before it.
+    A line without a time, e.g. of a library or of a crash, stays behind the line before it.
     """
     found: list[tuple[str, str, str]] = []
     for name, path in paths.items():

@@ -1,4 +1,4 @@
-"""Owner of a port, from the kernel's socket tables and the open files of this user's processes."""
+"""Process that listens on a TCP port, from the kernel's socket tables and the open files of the user's processes."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""Processes that this one starts, each in a group of its own, with a log."""
+"""Child processes of the supervisor, each in a process group of its own and with a log file."""
 
 import os
 import signal
@@ -48,22 +48,22 @@ class Child:
         return self._process.poll()
 
     def starved_s(self) -> float:
-        """Return the seconds that its threads and those of this process have waited for a processor.
+        """Return the seconds for which threads of the child and of this process have waited for a processor.
 
-        A sign of life passes several threads of both, most of them of the network library.
+        A heartbeat passes several threads of both processes, most of them of the network library.
         """
         return starved_s(self.pid) + starved_s(os.getpid())
 
     def terminate(self) -> None:
-        """Ask the process and its children to end."""
+        """Send SIGTERM to the process and its children."""
         self._signal(signal.SIGTERM)
 
     def kill(self) -> None:
-        """End the process and its children at once."""
+        """Send SIGKILL to the process and its children."""
         self._signal(signal.SIGKILL)
 
     def wait(self, timeout_s: float) -> int | None:
-        """Wait for the end; None when it still runs after `timeout_s`."""
+        """Wait for the end of the process; return its exit code, None when it still runs after `timeout_s`."""
         try:
             return self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -78,12 +78,12 @@ class Child:
             return
 
     def last_words(self, lines: int = 3) -> str:
-        """Return the last lines of the log, for an error sentence."""
+        """Return the last `lines` lines of the log, for an error message."""
         return "\n".join(tail(self.log, lines)).rstrip()
 
 
 def resolve_command(command: Sequence[str]) -> list[str]:
-    """Return the command with our own programs run by this very Python, whatever PATH holds."""
+    """Return the command with this project's programs and `python` run by the present interpreter, not by PATH."""
     program, *arguments = command
     if program == "surefoot-service":
         return [sys.executable, "-m", SERVICE_MODULE, *arguments]
@@ -104,7 +104,7 @@ def starved_s(pid: int) -> float:
 
 
 def busy_s(pids: Iterable[int]) -> float:
-    """Return the processor time of processes, s; of those that are gone nothing."""
+    """Return the processor time that processes have used in sum, s; those that have ended do not count."""
     ticks = 0
     for pid in pids:
         try:

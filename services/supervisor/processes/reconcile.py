@@ -1,6 +1,6 @@
-"""Decisions about processes: wanted and observed services in, actions out. Pure: times are arguments.
+"""Decisions of the supervisor: from wanted and observed services to actions. Pure functions: times are arguments.
 
-Silence is counted in time in which a process could have reported: what it waited for a processor is not silence.
+Time in which a process waited for a processor does not count as silence, since it could not report then.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ Verb = Literal["start", "stop", "kill", "wait", "give_up"]
 
 @dataclass(frozen=True)
 class Wanted:
-    """Demands of the compose file on one service, as far as they decide.
+    """Demands of the compose file on one service that decide about actions.
 
     Attributes:
         name: name of the service.
@@ -45,7 +45,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Observed:
-    """State of one service by the process layer and the bus. Times are wall seconds of one monotonic clock.
+    """Observed state of one service, by its process and by the bus. Times are wall seconds of one monotonic clock.
 
     Attributes:
         phase: absent (never started), running or exited.
@@ -57,8 +57,8 @@ class Observed:
         killed: SIGKILL was sent.
         exit_code: of the exited process.
         failures: ends (or losses of health) in a row, this one included.
-        progress: when it last got on while starting; the start period counts from there. None: from `since`.
-        why: what is lost of an unhealthy process, in words.
+        progress: last sign of progress while starting; the start period counts from there. None: from `since`.
+        why: in words, which signs of life of an unhealthy process are missing.
     """
 
     phase: Phase = "absent"
@@ -76,7 +76,7 @@ class Observed:
 
 @dataclass(frozen=True)
 class ProcessAction:
-    """One action of the process layer.
+    """One action that the supervisor has to take on the process of a service.
 
     Attributes:
         verb: start, stop (SIGTERM), kill (SIGKILL), wait, give_up.
@@ -100,7 +100,7 @@ class Signs:
 
     Attributes:
         since: when the process was started.
-        progress: its last sign that it gets on: start, heartbeat of any state, tick.
+        progress: its last sign of progress: start, heartbeat of any state, tick.
         starved: seconds waited for a processor until its silence was noticed; None while it is not silent.
         well: a heartbeat or a tick showed that it is ready for work.
         hidden: when its liveliness token was lost, None while it is visible.
@@ -125,25 +125,25 @@ class Signs:
         return max(0.0, now - self.progress)
 
     def silence(self, now: float, starved: float) -> float:
-        """Return the time since the last sign of progress in which one could have come, s.
+        """Return the time since the last sign of progress without the time waited for a processor, s.
 
-        Several threads wait at once, so a tenth of the time counts however much they waited.
+        At least a tenth of the time counts: several threads may wait at once, so that waits add up to more than it.
         """
         waited = max(0.0, starved - self.starved) if self.starved is not None else 0.0
         return max(self.quiet(now) - waited, LEAST_SILENCE * self.quiet(now))
 
     def words(self, now: float) -> str:
-        """Return the losses in words, heartbeat and liveliness apart."""
+        """Return in words for how long heartbeat and liveliness token have been missing."""
         lost = f"no heartbeat for {now - self.progress:.1f} s"
         return lost if self.hidden is None else f"{lost}, {self.token(now)}"
 
     def token(self, now: float) -> str:
-        """Return the loss of liveliness in words, empty while the process is visible."""
+        """Return in words for how long the liveliness token has been missing; empty while the process is visible."""
         return "" if self.hidden is None else f"not visible on the bus for {now - self.hidden:.1f} s"
 
 
 def wanted_from(service: ComposeService) -> Wanted:
-    """Reduce a service of a compose file to what the reconciler needs."""
+    """Return the demands on a service that decide about actions, from its entry in a compose file."""
     check = service.healthcheck
     return Wanted(
         name=service.name,
@@ -157,7 +157,7 @@ def wanted_from(service: ComposeService) -> Wanted:
 
 
 def backoff_s(failures: int) -> float:
-    """Return the wait before the restart that follows `failures` ends in a row."""
+    """Return the wait before a restart after `failures` ends in a row, s."""
     exponent = min(max(failures, 1) - 1, 60)
     return min(BACKOFF_FIRST_S * BACKOFF_FACTOR**exponent, BACKOFF_MAX_S)
 
@@ -177,7 +177,7 @@ def plan(
         wanted: the services that should run.
         observed: what is known about each; missing ones are absent.
         now: wall time on the clock of `observed`.
-        shutdown: stop everything; a service goes before the ones it depends on.
+        shutdown: stop everything; a service stops before the ones it depends on.
 
     Returns:
         Actions in the order of `wanted`, then stops of services that are not wanted any more. No action for a service

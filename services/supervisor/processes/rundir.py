@@ -71,7 +71,7 @@ class RunFolder:
         return {path.stem: path for path in sorted((self.path / "logs").glob("*.log"))}
 
     def acquire(self) -> None:
-        """Become the supervisor of this system.
+        """Lock the run folder for this process, which becomes the supervisor of the system.
 
         Raises:
             RunFolderError: another live supervisor has it, or the folder cannot be written.
@@ -93,7 +93,7 @@ class RunFolder:
 
     @property
     def memories(self) -> dict[str, Path]:
-        """Paths of the memories that services keep over their restarts, removed with the run."""
+        """Paths, by service, of the files in which services store their state for a restart; removed with the run."""
         return {service: self.path / name for service, name in MEMORIES.items()}
 
     def release(self) -> None:
@@ -111,7 +111,7 @@ class RunFolder:
         return RunFolderError(f"system {self.name!r} is already run{by}; stop it with `surefoot down {self.name}`")
 
     def refuse_held(self) -> None:
-        """Refuse a system that is up before anything is prepared for it (raises RunFolderError)."""
+        """Raise RunFolderError if the system is up already, before anything is prepared for it."""
         if self.held():
             raise self._taken()
 
@@ -127,14 +127,14 @@ class RunFolder:
         return False
 
     def write_endpoint(self, endpoint: Endpoint) -> None:
-        """Store how to reach the system, and who supervises it."""
+        """Store the address of the system, and this process as its supervisor."""
         self._write("endpoint.json", endpoint._asdict())
         own = identify(os.getpid())
         if own is not None:
             self._write("supervisor.json", own._asdict())
 
     def endpoint(self, *, orphaned: bool = False) -> Endpoint | None:
-        """Return how to reach the system; None when it does not run. `orphaned`: also of one without supervisor."""
+        """Return the address of the system; None when it does not run. `orphaned`: also of one without supervisor."""
         content = self._read("endpoint.json") if self.held() or (orphaned and self.orphans()) else None
         try:
             return None if content is None else Endpoint(**content)
@@ -156,7 +156,7 @@ class RunFolder:
         return rows if isinstance(rows, list) else []
 
     def write_ready(self, report: dict[str, Any]) -> None:
-        """Store that everything is there, and what `surefoot up` shows of it."""
+        """Store the report of `surefoot up`, which marks the system as ready."""
         self._write("ready.json", report)
 
     def clear_ready(self) -> None:
@@ -164,11 +164,11 @@ class RunFolder:
         (self.path / "ready.json").unlink(missing_ok=True)
 
     def ready(self) -> dict[str, Any] | None:
-        """Return the report of a system that is up, None until everything is there."""
+        """Return the stored report of `surefoot up`, None until the system is ready."""
         return self._read("ready.json") if self.held() else None
 
     def touched(self) -> float:
-        """Return when this system was last taken, in wall time."""
+        """Return the wall time at which a supervisor last locked this run folder, s since 1970; 0 = never."""
         try:
             return (self.path / "lock").stat().st_mtime
         except OSError:
@@ -185,17 +185,17 @@ class RunFolder:
         return {name: identity for name, identity in found.items() if identity is not None and identity.alive()}
 
     def orphans(self) -> dict[str, Identity]:
-        """Return the processes that a supervisor which died left behind."""
+        """Return the processes, by service, that still run although their supervisor has died."""
         left = self.processes()  # before the lock: one that is ending has none when it lets go
         return {} if self.held() else left
 
     @property
     def orphaned(self) -> str:
-        """Advice about services whose supervisor has died."""
+        """Message for the user about services whose supervisor has died."""
         return f"services of {self.name} run without their supervisor; `surefoot down {self.name}` ends them"
 
     def end_leftovers(self) -> tuple[str, ...]:
-        """End what a supervisor that died left behind; return the names. Only with the lock held."""
+        """End the processes of a supervisor that died; return the names of their services. Needs the lock."""
         if self._lock is None:
             raise RunFolderError(f"run folder of {self.name!r} is not held by this process", "not_held")
         left = self.processes()

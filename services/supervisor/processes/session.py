@@ -1,4 +1,4 @@
-"""A system that is up: run folder, router, the supervisor's own node, and the processes of the others."""
+"""Running system: run folder, router, the supervisor's own node, and the processes of the other services."""
 
 import os
 import threading
@@ -188,13 +188,13 @@ class Session:
 
     @property
     def expected(self) -> tuple[str, ...]:
-        """Services that must be ready before tick 0: all but the driver."""
+        """Names of the services that must be ready before tick 0: all but the driver, i.e. simulator or hardware."""
         driver = self.driver
         return tuple(name for name in (*self.system.service_names, SELF) if name != driver)
 
     @property
     def driver(self) -> str:
-        """The service that drives, whatever its name: it is alive as `driver` too; empty while none is visible."""
+        """Name of the service that drives the ticks, which is visible as `driver` too; empty while there is none."""
         alive = dict(self._alive)
         driving = alive.pop(DRIVER, ())
         return next((name for name, found in alive.items() if any(one in driving for one in found)), "")
@@ -209,7 +209,7 @@ class Session:
         self.system.heard(service, pid, well=well)
 
     def ticked(self, owner: str) -> None:
-        """Record that outputs of a service came in a tick."""
+        """Record that outputs of the service `owner` came in a tick."""
         name = self.driver if owner == DRIVER else owner
         self.system.ticked(name)
 
@@ -218,7 +218,7 @@ class Session:
         self.system.signal_kill(service)
 
     def rows(self) -> tuple[ServiceStatus, ...]:
-        """Return the state of every service: by its process, or by the bus where the processes are not ours."""
+        """Return the state of every service: by its process, or by the bus if this session did not start it."""
         if self._spawn:
             told = self.supervisor.status is not self._before
             why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
@@ -245,7 +245,7 @@ class Session:
         return next((one for one in found if one in driving), next(iter(found), ""))
 
     def step(self) -> None:
-        """Look after the processes once.
+        """Check the processes once; restart, end or report them where needed.
 
         Raises:
             BusError: a service is not restarted any more, or the supervisor's own thread has ended.
@@ -273,7 +273,7 @@ class Session:
         self._stops.put(EmergencyStop(source=SELF, reason=self._stop))
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Look after the processes until the condition holds; False after `timeout_s`."""
+        """Check the processes until the condition holds; return False if it does not within `timeout_s`."""
         deadline = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > deadline:
@@ -283,7 +283,7 @@ class Session:
         return True
 
     def begin(self, request: ResetRequest, patience_s: float) -> ResetReply:
-        """Build the world as soon as the simulator serves; other services may still be starting.
+        """Request a new run from the simulator as soon as it answers; other services may still be starting.
 
         Args:
             request: of the run; the services that it expects are filled in.
@@ -300,12 +300,12 @@ class Session:
         return self.call(SIM_RESET, request.model_copy(update={"expect": self.expected}))
 
     def follow(self, began: float, stall_s: float, show: Callable[[int, float], None]) -> tuple[float, list[str]]:
-        """Look after the system until the last tick of a run.
+        """Check the system until the last tick of a run.
 
         Args:
             began: time of the start, s, as of `time.monotonic`.
             stall_s: wall time without a tick after which the run is given up, s.
-            show: gets ticks and their wall time, s, as they pass.
+            show: called with the number of ticks and their wall time, s, as they pass.
 
         Returns:
             Wall time from `began` to the first tick, s, and what went wrong.

@@ -26,16 +26,16 @@ def startable(
     environ: Mapping[str, str] | None = None,
     robot: str | None = None,
 ) -> Compose:
-    """Return the system of that name or path.
+    """Return the system of a name or path after a check that all of it can be started.
 
     Args:
         system: name or path of the compose file.
-        scenario: what is to happen in it, None = nothing.
+        scenario: scenario that is to run in it, None = none.
         environ: environment of the caller, which its services inherit; None = none.
         robot: name or folder of the robot; None = that of the compose file.
 
     Raises:
-        ComposeError: there is none, its file cannot be used, or a command names what is not there.
+        ComposeError: there is none, its file cannot be used, or a command names a program or module that is missing.
         ScenarioError: the scenario kills or configures a service that the system does not have, or gives one a
             field or a value that it does not take.
         ConfigError: a service would refuse a variable of the environment.

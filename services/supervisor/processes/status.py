@@ -1,4 +1,4 @@
-"""Rows of `surefoot status`: services with their live numbers, and how simulated time runs."""
+"""Rows of `surefoot status`: services with their live numbers, and the state of simulated time."""
 
 from typing import Any
 
@@ -16,5 +16,5 @@ def health_row(health: Health) -> dict[str, Any]:
 
 
 def time_row(status: SimStatus) -> dict[str, Any]:
-    """Return how simulated time runs, as numbers and in words."""
+    """Return the state of simulated time as a row of `surefoot status`, in numbers and words."""
     return {**{name: getattr(status, name) for name in TIME}, "words": pace(status)}

@@ -117,7 +117,7 @@ class System:
                 self._signs[service] = signs.heard(self._clock(), well=well)
 
     def step(self, *, shutdown: bool = False) -> tuple[ProcessAction, ...]:
-        """Look at every process once and carry out the actions of the reconciler."""
+        """Check every process once; carry out and return the actions that the reconciler decides on."""
         now = self._clock()
         if self._looked is not None and now - self._looked > PAUSE_S:
             self._forgive_silence(now)
@@ -172,7 +172,7 @@ class System:
         return not self.running()
 
     def signal_kill(self, service: str) -> None:
-        """Kill the process of a service at once: what a scenario's `kill` step asks for."""
+        """Kill the process of a service at once (SIGKILL), for a `kill` step of a scenario."""
         process = self._processes.get(service)
         if process is not None:
             process.kill()

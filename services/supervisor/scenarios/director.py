@@ -1,8 +1,8 @@
-"""Orders of a scenario, tick by tick. Pure: observations go in, orders come out.
+"""Timing of the commands of a scenario, tick by tick, from observations. Pure: nothing is sent here.
 
 The supervisor takes part in lockstep: while it works on tick t no service is further than t + ``WINDOW_TICKS``. An
-order for the tick after that reaches every service in time, and the run is the same each time. The supervisor looks at
-the ticks that it reports.
+order for the tick after that reaches every service in time, and the run is the same each time. The supervisor checks
+the scenario only at the ticks that it reports.
 """
 
 import math
@@ -29,11 +29,11 @@ RESTING = ("standing", "refused")
 
 @dataclass(frozen=True)
 class TimedOrder:
-    """A command to be sent now.
+    """Command of a scenario that is to be sent now.
 
     Attributes:
         text: description for notes and problems.
-        query: where it goes; None for `kill`.
+        query: query to which the request belongs; None for `kill`.
         request: the command with its tick.
         kill: name of the service that is to be ended at once.
         walking: the end of its walk is the moment `walk_done`.
@@ -52,7 +52,7 @@ class TimedOrder:
 
 @dataclass
 class WalkUnderWay:
-    """Walking command under way: from which tick, under which `walk_id`, what is left of it, and if its gait came."""
+    """Walk command under way: its first tick, its `walk_id`, the rest of its way, and if the walker has reported it."""
 
     command: WalkCommand
     from_tick: int
@@ -62,7 +62,7 @@ class WalkUnderWay:
 
 
 class Director:
-    """Progress of one scenario: which of its steps are due, and what came of those that were sent."""
+    """Progress of one scenario: which steps are due, and the replies to those that were sent."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -116,7 +116,7 @@ class Director:
         return orders
 
     def answered(self, order: TimedOrder, reply: Any) -> None:
-        """Record the reply to an order that was served."""
+        """Record the reply of a service to an order."""
         if not reply.accepted:
             self.problems.append(f"{order.text} was refused: {reply.reason}")
             self._waiting.clear()
@@ -129,10 +129,10 @@ class Director:
             self._goal, self._goal_ended_at = reply.goal_id, None
 
     def failed(self, order: TimedOrder, code: str, message: str) -> None:
-        """Record that an order was not served.
+        """Record that an order failed, or prepare to send it again.
 
-        In paced time a service that was away for a moment learns of an order only after its tick, and one that is
-        started anew learns of none. An order refused as ``late``, or that reached no service (``absent``), is therefore
+        In paced time a service that was away for a moment receives an order only after its tick, and one that is
+        started again receives none. An order refused as ``late``, or that reached no service (``absent``), is therefore
         sent again for a later tick, ``TRIES`` times; everything else is a problem of the run.
         """
         if code in ("late", "absent") and order.tries + 1 < TRIES:
@@ -145,7 +145,7 @@ class Director:
         self._waiting.clear()
 
     def unfinished(self) -> tuple[str, ...]:
-        """Return what a run that was ended by its time limit has left undone, in words."""
+        """Return the parts of the scenario that a run has not finished within its time limit, in words."""
         left: list[str] = []
         if self._walk is not None:
             left.append(f"the {self._walk.command.action} was not finished in time")

@@ -1,6 +1,6 @@
-"""Facts on a run that its recording carries: the scenario as run, the system, versions of what computed it.
+"""Facts on a run in its recording: the scenario as run, the system, and versions of the software.
 
-They travel to the recorder as one JSON text (`RecorderConfig.about`); each table becomes metadata of the file.
+They are sent to the recorder as one JSON text (`RecorderConfig.about`); each table becomes metadata of the file.
 """
 
 import json
@@ -39,9 +39,9 @@ def about_run(
 
     Args:
         robot, system, services: of the run.
-        request: that begins it.
+        request: request that begins the run.
         scenario: None for a system without one.
-        files: paths of what the recording takes with it, by name.
+        files: paths of the files that are attached to the recording, by name.
     """
     run = {
         "system": system, "services": " ".join(services), "robot_hash": load_robot(robot).hash, "mode": request.mode,
@@ -58,7 +58,7 @@ def about_run(
 
 
 def scenario_table(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as the content of a file that reads back to an equal one."""
+    """Return a scenario as the content of a scenario file; such a file gives an equal scenario when read."""
     plain = ("name", "description", "compose", "seed", "actuation_delay_ticks", "policy", "max_duration_s", "settle_s")
     steps: list[dict[str, Any]] = []
     for step in scenario.steps:
@@ -83,8 +83,8 @@ def recorded_scenario(metadata: dict[str, dict[str, str]], path: Path) -> Scenar
     """Return the scenario that a recording carries.
 
     Raises:
-        SurefootError: it carries none.
-        ScenarioError: it is none of this version.
+        SurefootError: the recording has no scenario.
+        ScenarioError: the scenario does not fit this version.
     """
     text = metadata.get(SCENARIO, {}).get("json")
     if text is None:

@@ -1,6 +1,6 @@
 """Scenarios: what happens in a run and what it must achieve, one TOML file each.
 
-A step is a command of the wire with a time: `do` names it, the other keys are the fields of that command
+A step is a request to a service with a time: `do` names it, the other keys are the fields of that command
 (`surefoot.schemas.cmd.WalkCommand`, `surefoot.schemas.sim.PushRequest`, ...), so nothing is listed twice. `[world]` is
 `surefoot.schemas.sim.World`, `[limits]` holds limits of `limits.LIMITS`.
 """
@@ -122,7 +122,7 @@ class Step:
 
 
 def on_wire(model: type[Req], fields: Mapping[str, Any]) -> Req:
-    """Return a model of the wire made of a table; its first complaint is raised as an error of the file."""
+    """Return a message of class `model` with the fields of a table; its first error is raised as one of the file."""
     try:
         return model.model_validate(fields)
     except ValidationError as exc:
