@@ -6,7 +6,7 @@ from surefoot.lockstep.config import ServiceConfig
 
 
 class RecorderConfig(ServiceConfig):
-    """Configuration of the recorder: file, topics, ring of the last seconds."""
+    """Settings of the recorder: file, images, buffer of the last seconds, facts on the run."""
 
     path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
     ring_s: float = Field(
@@ -23,7 +23,7 @@ class RecorderConfig(ServiceConfig):
 
     @property
     def tables(self) -> dict[str, dict[str, str]]:
-        """Return the tables of `about` by name; of a text that is none, one table with its first 200 characters."""
+        """Return the tables of the text `about` by name; of an invalid text one table with its first 200 characters."""
         try:
             found = TypeAdapter(dict[str, dict[str, str]]).validate_json(self.about) if self.about else {}
         except ValidationError:

@@ -1,4 +1,4 @@
-"""Files of the recorder: one of a whole run, or the last seconds of it when something happens."""
+"""Files of the recorder: one of a whole run, or one of the last seconds at each fall, stop or request."""
 
 import json
 import math
@@ -28,7 +28,7 @@ class Output(Protocol):
     """File that was written last; empty = none."""
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Begin an epoch; a run that has ``begun`` was recorded by an earlier process until now (raises OSError)."""
+        """Begin a run of number `epoch`; ``begun``: an earlier process recorded its first part (raises OSError)."""
         ...
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
@@ -43,7 +43,7 @@ class Output(Protocol):
         ...
 
     def save(self, reason: str) -> tuple[str, int]:
-        """Write a file at once; return its path and messages (raises OSError, Refusal)."""
+        """Write a file at once; return its path and the number of messages (raises OSError, Refusal)."""
         ...
 
 
@@ -67,7 +67,7 @@ class _Description:
 
 
 class WholeRun:
-    """One file of each epoch; what an earlier process recorded of a run is not overwritten."""
+    """Output that writes one file for each run (epoch) and overwrites none that an earlier process wrote of it."""
 
     def __init__(self, config: RecorderConfig, path: Path) -> None:
         self._description, self._path, self.path = _Description(config), path, str(path)
@@ -75,7 +75,7 @@ class WholeRun:
         self._files = 0
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Begin the file of an epoch, unless it is begun.
+        """Begin the file of a run, `epoch` its number, unless it is open already.
 
         `begun`: the run was recorded by an earlier process until now; its file is not overwritten.
         """
@@ -114,7 +114,7 @@ class _RingMessage(NamedTuple):
 
 
 class LastSeconds:
-    """The last seconds of a run, in memory; written on a fall, a stop and a request, a file each."""
+    """Output that holds the last seconds of a run in memory and writes a file at each fall, stop and request."""
 
     def __init__(self, config: RecorderConfig, path: Path) -> None:
         self._description, self._path, self.path = _Description(config), path, ""
@@ -129,7 +129,7 @@ class LastSeconds:
         self._fallen, self._stopped = False, ""
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Drop the messages that are kept if they are of another epoch; `seed` and `begun` do not matter here."""
+        """Drop the messages in memory if they are of another run (epoch); `begun` has no effect."""
         if epoch != self._epoch:
             self._begin(epoch, seed)
 
@@ -186,7 +186,7 @@ class LastSeconds:
 
 
 def output_of(config: RecorderConfig) -> Output | None:
-    """Return the destination of a recorder of this configuration; None: it writes nowhere."""
+    """Return the output for a configuration of the recorder; None: no file is written."""
     if not config.path:
         return None
     return (LastSeconds if config.ring_s else WholeRun)(config, Path(config.path))

@@ -1,4 +1,4 @@
-"""Records everything on the bus, whole or its last seconds, and computes the hash of the run."""
+"""Recorder service: records the messages on the bus, of a whole run or its last seconds, and hashes the run."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +24,7 @@ LATCHED = tuple(t for t in topics.TOPICS if t.deterministic and t.kind is Kind.L
 
 
 class Recorder(Service[RecorderConfig]):
-    """Takes every tick whole and undecoded, so nothing is lost and nothing is written twice."""
+    """Service that records the messages of each tick undecoded, so that none is lost or written twice."""
 
     name = "recorder"
     Config = RecorderConfig
