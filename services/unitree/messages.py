@@ -158,7 +158,7 @@ class Numbers(tuple[float, ...]):
 
 
 class NumbersAsSent:
-    """Decoder of LowState messages for a `Topic`: one call in C in the place of one in Python for each field."""
+    """Fast decoder of LowState messages for a `Topic`: one call in C instead of one in Python for each field."""
 
     deserialize_key = LowState.deserialize_key
 

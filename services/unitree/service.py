@@ -25,7 +25,7 @@ LEGS = ("fr", "fl", "rr", "rl")
 
 
 class UnitreeConfig(SensedConfig):
-    """Network of the robot, and the maker's order of joints and feet."""
+    """Settings of the Unitree driver: network of the robot, and the maker's order of joints and feet."""
 
     interface: str = Field(default="lo", description="network interface of the robot, e.g. eth0")
     domain: int = Field(default=0, ge=0, le=230, description="DDS domain")
@@ -50,7 +50,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
     observes = (CMD_ESTOP,)
 
     def open(self) -> None:
-        """Open the readers (raises SurefootError: DDS is not installed, or the interface is none)."""
+        """Open the DDS readers (raises SurefootError: DDS is not installed, or there is no such network interface)."""
         c = self.config
         self._joints = joint_columns(c.joints, self.robot)
         self._feet = leg_columns(c.feet, self.robot)
@@ -88,7 +88,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         return made[0], made[1]
 
     def poll(self) -> None:
-        """Move the messages that have come into the intake, which releases them tick by tick."""
+        """Read the messages that have come, for release tick by tick."""
         for state in self._readers[0].take(N=MOST):
             if isinstance(state, tuple):  # else: the writer has gone
                 self.take(state)
