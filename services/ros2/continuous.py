@@ -10,7 +10,7 @@ from surefoot.schemas.state import Odometry
 
 
 class ContinuousOdometry:
-    """Odometry of one estimator without the steps by which it corrects its past."""
+    """Converter of the odometry of one estimator to a frame in which corrections of the past cause no jumps."""
 
     def __init__(self) -> None:
         self._last: Odometry | None = None
@@ -18,7 +18,7 @@ class ContinuousOdometry:
         """Pose of the estimator's odom in the frame that is published, x, y in m and heading in rad."""
 
     def take(self, message: Odometry) -> Odometry:
-        """Return the odometry of a tick in a frame in which the robot does not jump; without a correction as it is."""
+        """Return the odometry of a tick in the continuous frame; before the first correction it is unchanged."""
         if self._last is not None and message.corrects(self._last):
             x, y, heading = self._placed(self._last)
             turn = heading - message.yaw
@@ -55,7 +55,7 @@ def turned(covariance: tuple[float, ...], turn: float) -> tuple[float, ...]:
 
     Args:
         covariance: of x, y, z (m) and yaw (rad), 16 numbers, or of x, y, z and the rotation about x, y, z, 36 numbers.
-        turn: of the axes that it was given in, seen from those of the result, rad.
+        turn: turn of the axes of `covariance` against those of the result, rad.
     """
     n = math.isqrt(len(covariance))
     rot: Array = np.eye(n)

@@ -33,7 +33,7 @@ MAP_TICKS = 100
 
 
 class Ros2Config(ServiceConfig):
-    """Names on ROS 2; an empty name = that topic is left out."""
+    """Settings of the bridge: names on ROS 2; an empty name = that topic is left out."""
 
     router: str = Field(default="tcp/127.0.0.1:7447", description="endpoint of rmw_zenohd, or of our own router")
     domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID")
@@ -78,7 +78,7 @@ class Ros2Bridge(Service[Ros2Config]):
         self.on_reset()
 
     def on_reset(self) -> None:
-        """Begin a new epoch: stand, and measure the clock anew."""
+        """Reset the bridge because a new run begins: no velocity command is under way, the clock is measured again."""
         self.steering, self._offset_ns, self._wall = Steering(), 0, WallOffset()
         self._continuous = ContinuousOdometry()
         self._twists.clear()  # velocities of before are of another run
@@ -86,7 +86,7 @@ class Ros2Bridge(Service[Ros2Config]):
         self._stance = (False,) * self.robot.nlegs
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """Publish what has come, and pass velocity commands on."""
+        """Publish the messages of the tick on ROS 2, and pass velocity commands to the walker."""
         if self.config.clock == "wall":
             self._offset_ns = self._wall.measure(inputs.tick.stamp_ns)
         c, frames = self.config, (self.config.odom_frame, self.config.base_frame)

@@ -1,4 +1,4 @@
-"""Velocity commands of ROS 2 as orders of our walker."""
+"""Conversion of velocity commands of ROS 2 to commands of the walker."""
 
 import math
 
@@ -20,7 +20,7 @@ TURN_RAD = 0.2
 
 
 class Steering:
-    """Keeps the newest velocity, and the order under way."""
+    """Converter from the newest velocity command to walk commands, which holds the command under way."""
 
     def __init__(self) -> None:
         self.arcs = True
@@ -32,7 +32,7 @@ class Steering:
         """Velocities of the order under way; None = not known, as an order was not answered."""
 
     def take(self, now_s: float, forward: float, turn: float) -> None:
-        """Take a velocity, m/s and rad/s; one that is not finite is none, and the robot shall stand."""
+        """Take a velocity command, m/s and rad/s; one that is not finite lets the robot stand."""
         if not (math.isfinite(forward) and math.isfinite(turn)):
             forward = turn = 0.0
         forward = min(max(forward, -FASTEST_MPS), FASTEST_MPS)
@@ -41,7 +41,7 @@ class Steering:
         self._wanted, self._came_s = (0.0, 0.0) if still else (forward, turn), now_s
 
     def order(self, now_s: float) -> WalkCommand | None:
-        """Return the order that is due, None = that under way holds."""
+        """Return the walk command to send now; None: the one under way still holds."""
         if now_s < self._again_s:
             return None
         wanted = self._wanted if now_s - self._came_s <= SILENT_S else (0.0, 0.0)
@@ -60,11 +60,11 @@ class Steering:
         return WalkCommand(action="walk", velocity=forward, angle=arc, duration=HORIZON_S)
 
     def refused(self, code: str) -> None:
-        """Take the refusal of the last order: an arc is tried no more, and the rest at the next renewal."""
+        """Handle the refusal of the last command: a refused arc is not tried again, others at the next renewal."""
         if code == "unsupported":
             self.arcs = False
             self._order = None
 
     def unanswered(self, now_s: float) -> None:
-        """Note that the last order may be lost: the next one is due after `AGAIN_S`, a stop too."""
+        """Record that the last command may be lost: the next one, also a stop, is due after `AGAIN_S`."""
         self._order, self._again_s = None, now_s + AGAIN_S
