@@ -1,4 +1,4 @@
-"""From a reset request to a world, with the latched messages that describe it to the other services."""
+"""Construction of a world from a reset request, with the latched messages that describe its ground."""
 
 from typing import Any, NamedTuple
 

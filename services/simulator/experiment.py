@@ -1,8 +1,8 @@
-"""Trials with ground primitives (Walas & Belter 2011, section 3.1): every stance foot on the same one, one stroke.
+"""Trials on ground primitives (Walas & Belter 2011, section 3.1): one shape under each stance foot, one stroke.
 
 Each trial has a world of its own, so the running one is not disturbed. The robot is put down with its feet over the
-primitives; with `tripod` three legs are lifted then; the trunk moves forward by the stroke and the feet stay, if they
-do. A robot that slips before the stroke begins is a result.
+primitives; with `tripod` three legs are lifted then; the trunk moves forward by the stroke, and the trial shows whether
+the feet stay. A robot that slips before the stroke begins is a result, too.
 """
 
 import math
@@ -72,7 +72,7 @@ def outcome_of(robot: Robot, trial: PrimitiveTrial) -> TrialOutcome:
 
 
 def primitive_ground(feet: Array, trial: PrimitiveTrial) -> Terrain:
-    """Return ground with the primitive of a trial under every foot; between them it changes half-way.
+    """Return ground with the primitive of a trial under every foot; each cell belongs to the nearest foot.
 
     Args:
         feet: places of the feet, (n, 2) m.

@@ -1,4 +1,4 @@
-"""Between the world's arrays and the messages on the bus."""
+"""Conversion of the simulated world's samples, state and maps to messages on the bus."""
 
 from base64 import b64encode
 from typing import Any
@@ -108,7 +108,7 @@ def depth_message(frame: DepthFrame, camera: DepthCamera) -> DepthImage:
 
 
 def lacking(sight: Senses | None, heights: HeightMapMessage | None) -> tuple[Topic[Any], ...]:
-    """Return the topics that a robot with these sensors and this map never publishes; None = no sensors, no map."""
+    """Return the topics that are never published for want of a sensor or map; None: no such sensors, no map."""
     blind = () if sight is not None and sight.landmarks is not None else (topics.HW_LANDMARKS, topics.TERRAIN_LANDMARKS)
     blind = blind if sight is not None and sight.eye is not None else (*blind, topics.HW_IMAGE)
     blind = blind if sight is not None and sight.depth is not None else (*blind, topics.HW_DEPTH)

@@ -1,4 +1,4 @@
-"""Answers of the simulator: time, worlds, disturbances and what it is."""
+"""Handlers of the simulator's queries: time, worlds, disturbances, description of robot and simulator."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -42,13 +42,13 @@ class SimulatorQueries:
         )  # fmt: skip
 
     def close(self) -> None:
-        """Drop the trials that have not begun."""
+        """Cancel the trials on ground primitives that have not begun."""
         self._trials.shutdown(wait=False, cancel_futures=True)
 
     # -- worlds ------------------------------------------------------------------------------------------------
 
     def reset(self, request: sim.ResetRequest) -> sim.ResetReply:
-        """Build the world of a request; a new epoch begins."""
+        """Build the world of a request and begin a run in it; return the reply to `sim/reset`."""
         request = request.over(self.run.request)
         self.run.build(request)
         epoch = self.run.begin()
@@ -63,7 +63,7 @@ class SimulatorQueries:
         return sim.CheckpointReply(name=request.name, tick=leader.tick, epoch=leader.epoch, sha256=saved.sha256)
 
     def restore(self, request: sim.RestoreRequest) -> sim.CheckpointReply:
-        """Go back to the state of the world that was stored under a name; a new epoch begins there."""
+        """Restore the state of the world that was stored under a name, and begin a run (a new epoch) there."""
         if request.name not in self._saved:
             known = ", ".join(sorted(self._saved)) or "none"
             raise Refusal("unknown_checkpoint", f"no checkpoint {request.name!r}; there are: {known}", "name")
@@ -74,7 +74,7 @@ class SimulatorQueries:
         return sim.CheckpointReply(name=request.name, tick=-1, epoch=self.run.begin(), sha256=saved.sha256)
 
     def experiment(self, request: sim.ExperimentRequest) -> Future[sim.ExperimentReply]:
-        """Run trials on a thread, each in a world of its own."""
+        """Run trials on ground primitives on a thread, each in a world of its own; return the future of the reply."""
         robot = self.run.robot
 
         def answer() -> sim.ExperimentReply:
@@ -86,12 +86,12 @@ class SimulatorQueries:
     # -- time --------------------------------------------------------------------------------------------------
 
     def step(self, request: sim.StepRequest) -> sim.SimReply:
-        """Let a number of ticks pass after a pause, or go on without end."""
+        """Resume simulated time after a pause, for a number of ticks or without end."""
         self.run.driver.node.resume(request.ticks)
         return self._accepted(self.run.driver.node.leader.tick)
 
     def speed(self, request: sim.SpeedRequest) -> sim.SimReply:
-        """Change the pace of a paced run."""
+        """Change the real-time factor of a run in paced mode (raises Refusal: it is in lockstep)."""
         node = self.run.driver.node
         if node.leader.mode != "paced":
             raise Refusal("refused", "this run is in lockstep: it waits for its services, not for the clock", "rtf")
@@ -106,14 +106,14 @@ class SimulatorQueries:
     # -- disturbances ------------------------------------------------------------------------------------------
 
     def push(self, request: sim.PushRequest) -> sim.SimReply:
-        """Answer `sim/push`: pull at a link with a force for a time."""
+        """Plan a push, a force on a link for a time, and return the reply to `sim/push`."""
         names = ("trunk", *(link.name for link in self.run.robot.links))
         if request.body not in names:
             raise Refusal("invalid", f"no link {request.body!r}; known are {', '.join(names)}", "body")
         return self._at(request.at_tick, lambda: self.run.world.push(request.force, request.duration, request.body))
 
     def place(self, request: sim.PlaceRequest) -> sim.SimReply:
-        """Put the standing robot elsewhere; a request for a later tick that cannot be done then is logged."""
+        """Plan to move the standing robot to another place; a failure in a later tick is logged."""
         where = (request.forward, request.left, request.turn)
         if request.at_tick is None:
             try:
@@ -134,7 +134,7 @@ class SimulatorQueries:
         return self._at(request.at_tick, lambda: self.run.world.set(request.quantity, request.value))
 
     def fault(self, request: sim.FaultRequest) -> sim.SimReply:
-        """Begin a fault of sensors, servos or feet that ends after its duration."""
+        """Plan a fault of sensors, servos or packets that ends after its duration."""
         tick = self.run.tick_of(request.at_tick)
         # The world counts ticks from its own reset: after a restore it is ahead of the lockstep tick.
         ahead = self.run.world.tick - max(0, self.run.driver.node.leader.tick)
@@ -171,7 +171,7 @@ class SimulatorQueries:
         return self.run.built.landmarks
 
     def status(self, request: StatusRequest) -> SimStatus:
-        """Return how simulated time and the run go, as `sim/status` reports them."""
+        """Return the state of simulated time and of the run, as `sim/status` reports it."""
         return self.run.status()
 
     def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:

@@ -1,4 +1,4 @@
-"""The run under way: its world, what is planned for later ticks, why it stopped or failed, and its pace."""
+"""Present run of the simulator: its world, actions planned for later ticks, reason of a stop, real-time factor."""
 
 import time
 from collections.abc import Callable
@@ -22,12 +22,12 @@ RATE_S = 0.5  # s wall, the least stretch over which the real-time factor is mea
 
 
 class SimulatedRun:
-    """Sequence of epochs, each with a world of its own.
+    """Present run of the simulator: world, planned actions and state of time; a reset begins a new run (epoch).
 
     Args:
-        driver: publishes, logs and owns the lockstep node.
+        driver: service that publishes, logs and owns the lockstep node.
         robot: the description; read only.
-        request: the world until the first reset.
+        request: request whose world is used until the first reset.
     """
 
     def __init__(self, driver: Driver[Any], robot: Robot, request: sim.ResetRequest) -> None:
@@ -63,7 +63,7 @@ class SimulatedRun:
         self.driver.lacking = self.built.lacking
 
     def begin(self) -> int:
-        """Begin a new epoch in this world; return its number."""
+        """Begin a run from tick 0 in the present world; return its number, the epoch."""
         r, node = self.request, self.driver.node
         self._clear()
         epoch = node.begin(r.expect, r.mode, r.rtf, r.actuation_delay_ticks, r.policy, r.seed)
@@ -74,7 +74,7 @@ class SimulatedRun:
     # -- time --------------------------------------------------------------------------------------------------
 
     def step(self, tick: int, command: JointCommand | None) -> None:
-        """Do what is planned for a tick, then let it pass under a command; None = the joints are held."""
+        """Do the actions planned for a tick, then advance the world by it; command None = the joints are held."""
         if self.planned:
             for item in [item for item in self.planned if item[0] <= tick]:
                 self.planned.remove(item)
@@ -92,7 +92,7 @@ class SimulatedRun:
         self.driver.publish(SIM_STATUS, self.status())
 
     def tick_of(self, at_tick: int | None) -> int:
-        """Return the tick that a request asks for, None = the next one; raise Refusal if it has passed."""
+        """Return the tick for `at_tick` of a request, None = the next one (raises Refusal: it has passed)."""
         coming = self.driver.node.leader.tick + 1
         if at_tick is None:
             return coming
@@ -101,7 +101,7 @@ class SimulatedRun:
         return at_tick
 
     def plan(self, at_tick: int | None, action: Callable[[], None]) -> int:
-        """Let an action happen at the end of a tick; return the tick."""
+        """Plan an action for the end of a tick, see `tick_of`; return the tick."""
         tick = self.tick_of(at_tick)
         self.planned.append((tick, action))
         return tick

@@ -1,4 +1,4 @@
-"""The simulator as a service: stands in for all hardware, owns simulated time, answers ``sim/*``."""
+"""Simulator service: replaces all hardware, drives simulated time, and answers the queries ``sim/*``."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ STATUS_TICKS = 100
 
 
 class SimulatorConfig(ServiceConfig):
-    """The world until the first ``sim/reset``, and how it runs."""
+    """Settings of the simulator: world, services and real-time factor of the first run, before any ``sim/reset``."""
 
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before the first run begins")
     terrain: str = Field(default="flat", description="terrain of the first run")
@@ -32,7 +32,7 @@ class SimulatorConfig(ServiceConfig):
 
 
 class Simulator(Driver[SimulatorConfig]):
-    """MuJoCo world behind the hardware contract."""
+    """Driver that publishes the hardware topics from a simulated MuJoCo world, and applies joint commands to it."""
 
     name = "simulator"
     Config = SimulatorConfig
@@ -62,7 +62,7 @@ class Simulator(Driver[SimulatorConfig]):
             self.run.begin()
 
     def on_stop(self) -> None:
-        """Drop the trials that have not begun."""
+        """Cancel the trials on ground primitives that have not begun."""
         self.queries.close()
 
     def rehearse(self) -> None:

@@ -247,7 +247,7 @@ class PhysicsWorld:
     def push(
         self, force: tuple[float, float, float], duration: float, body: str = "trunk", start_tick: int = 0
     ) -> None:
-        """Pull at the centre of mass of a link.
+        """Plan a push: a force at the centre of mass of a link.
 
         Args:
             force: N, world axes.
@@ -261,7 +261,7 @@ class PhysicsWorld:
         self.disturb.push(max(start_tick, self.tick + 1), force, duration, body)
 
     def displace(self, forward: float, left: float, turn: float, *, only_ask: bool = False) -> None:
-        """Put the robot beside where it stands, as it is (m and rad, heading axes); `only_ask`: change nothing.
+        """Move the robot in its posture by m and rad, heading axes; `only_ask`: only check whether it can stand there.
 
         Raises:
             WorldError: a foot is in the air, or the robot cannot stand there; see `placing.displacement`.
@@ -316,7 +316,7 @@ class PhysicsWorld:
         return (np.zeros(0), np.zeros(0)) if soles is None else (soles.twist.copy(), soles.last.copy())
 
     def checkpoint(self) -> Checkpoint:
-        """Return everything that decides the future, between two ticks."""
+        """Return a checkpoint of the world between two ticks, from which it continues equally to the bit."""
         state = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(self.model, self.data, state, STATE)
         meta = {
@@ -336,7 +336,7 @@ class PhysicsWorld:
         return Checkpoint(state, json.dumps(meta, sort_keys=True))
 
     def restore(self, saved: Checkpoint, *, restart: bool = False) -> None:
-        """Go back to a checkpoint of this world; the future is the same to the bit.
+        """Restore a checkpoint of this world, from which it continues equally to the bit.
 
         Args:
             saved: result of `checkpoint` of this world.

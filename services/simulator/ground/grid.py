@@ -28,7 +28,7 @@ class TerrainBox:
 
 
 class Shape(NamedTuple):
-    """Surface and physics of a kind of terrain; heights in m, (ny, nx) or broadcastable to it."""
+    """Result of a terrain's shape function: its surface, and what the physics stands on; heights in m, (ny, nx)."""
 
     surface: Array
     ground: Array | None = None

@@ -1,7 +1,8 @@
 """Shapes of the ground: one pure function per kind of terrain.
 
-A shape has two faces: `surface`, all of it on the grid, and what the physics stands on: a height field (`ground`) or
-the plane through the origin, and exact boxes. Hills, noise and stones begin behind the flat pad about the origin.
+A shape is described twice: as `surface`, all of it on the grid, and as what the physics stands on: a height field
+(`ground`) or the plane through the origin, and exact boxes. Hills, noise and stones begin behind the flat pad about the
+origin.
 """
 
 import itertools

@@ -1,7 +1,7 @@
 """Terrains as pure functions of (kind, seed, amplitude, size, cell).
 
-A terrain has two faces. `map` is the whole surface on a grid, what a mapper would measure. The physics stands on an
-endless plane or a height field (`ground`) and on exact boxes: a vertical edge would become a one-cell ramp in a
+A terrain is described twice. `map` is the whole surface on a grid, what a mapper would measure. The physics stands on
+an endless plane or a height field (`ground`) and on exact boxes: a vertical edge would become a one-cell ramp in a
 height field. All in frame `map` = the simulated world: x forward, y left, z up, metres. The robot starts on the flat
 pad about the origin.
 """
@@ -74,7 +74,7 @@ class Terrain:
 
     @property
     def name(self) -> str:
-        """Kind and seed, for tables."""
+        """Name of the terrain for tables: its kind and seed."""
         return f"{self.kind}-{self.seed}"
 
     @property
@@ -170,10 +170,10 @@ def terrain_from_map(ground: HeightMap) -> Terrain:
 
 
 def observed_map(terrain: Terrain, profile: str, seed: int) -> HeightMap:
-    """Return the map that a mapper hands to the robot.
+    """Return the height map that the robot gets: the true one, or with errors like those of a mapper.
 
     Args:
-        terrain: the true one.
+        terrain: the true ground.
         profile: `exact`; `noise`: 3 mm per cell and unknown cells; `shifted`: the whole map displaced.
         seed: of noise and shift.
 

@@ -10,7 +10,7 @@ from surefoot.arrays import Ints
 
 @dataclass(frozen=True, eq=False)
 class Addresses:
-    """Indices into MjModel and MjData, in the robot's order."""
+    """Indices of the robot's bodies, joints, motors, geoms and sensors in MjModel and MjData, in the robot's order."""
 
     trunk: int  # body id of base_link
     bodies: Ints  # (nl,) body id per link

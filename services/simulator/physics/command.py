@@ -10,7 +10,7 @@ COMMAND_SLACK = 1e-6  # rad, rounding of a command at the limit
 
 
 class CommandGuard:
-    """Refuses commands that the servos must not follow, with the reason."""
+    """Check of joint commands, which refuses those that the servos must not follow."""
 
     def __init__(self, lower: Array, upper: Array) -> None:
         self._lower: list[float] = (lower - COMMAND_SLACK).tolist()  # plain floats: quicker than numpy for a few joints
@@ -19,8 +19,7 @@ class CommandGuard:
     def refusal(self, q: Sequence[float]) -> str | None:
         """Return the reason against joint positions in the robot's order, rad; None: there is none.
 
-        It does not depend on commands before: the runtime orders them by their tick, and one that was lost on the way
-        comes after later ones.
+        The result does not depend on earlier commands: the runtime orders commands by their ticks.
 
         Returns:
             `wrong_length`, `not_finite` or `out_of_range`.

@@ -38,7 +38,7 @@ class WorldError(InvalidField):
 
 @dataclass(frozen=True)
 class Push:
-    """Force at the centre of mass of a body in the ticks start <= tick < end."""
+    """Push of the robot: force at the centre of mass of a body in the ticks start <= tick < end."""
 
     start: int
     end: int
@@ -48,7 +48,7 @@ class Push:
 
 
 class Disturbances:
-    """Pushes, settings, torque limits and faults of one run; changes the compiled model, always from the description.
+    """Pushes, settings, torque limits and faults of one run, applied to the compiled model relative to the description.
 
     Tick n is the step that ends at n x 10 ms and the samples that are released then.
     """
@@ -94,7 +94,7 @@ class Disturbances:
         self.pushes.append(Push(tick, end, int(self.address.bodies[self._links.index(name)]), (x, y, z)))
 
     def set(self, tick: int, quantity: str, value: float) -> None:
-        """Change friction, mass or servo gains now; `tick` is the present one, by which faults of servos count."""
+        """Change friction, mass or servo gains now; `tick`: present tick, which shows what servo faults are active."""
         if quantity not in QUANTITIES:
             raise WorldError("quantity", f"got {quantity!r}, known are {', '.join(QUANTITIES)}")
         if not (math.isfinite(value) and 0.0 < value <= MAX_VALUE):
@@ -109,7 +109,7 @@ class Disturbances:
             self._retune(tick)
 
     def limit_torque(self, limit: Array | None) -> None:
-        """Let the servos give no more than this, (nj,) Nm; None = what they can."""
+        """Limit the torques of the servos to `limit`, (nj,) Nm; None = to their own largest torques."""
         before = self._limit
         if limit is before or (limit is not None and before is not None and np.array_equal(limit, before)):
             return
@@ -128,7 +128,7 @@ class Disturbances:
     # --- effects ------------------------------------------------------------------------------------------------
 
     def before_step(self, tick: int, data: mujoco.MjData, command: ServoCommand | None) -> ServoCommand | None:
-        """Apply what is due in a tick; the command that gets through to the servos is returned."""
+        """Apply the pushes and faults of a tick; return the command that reaches the servos, None = none does."""
         if self.pushes:
             self._push(tick, data)
         if not self.faults:
@@ -215,7 +215,7 @@ class Disturbances:
     # --- checkpoint ---------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Return everything that is planned and set, as plain JSON values."""
+        """Return all planned pushes and faults and all settings, as plain JSON values."""
         pushes = [[push.start, push.end, push.body, list(push.force)] for push in self.pushes]
         limit = None if self._limit is None else self._limit.tolist()
         return {

@@ -59,7 +59,7 @@ class Fault:
 
 
 class FaultBank:
-    """Faults of a run, their random streams and held values."""
+    """Faults of a run, with their random streams and the sensor values and packets that they store."""
 
     def __init__(
         self, joints: tuple[str, ...], legs: tuple[str, ...], sensors: tuple[str, ...] = (*SENSORS, IMAGE)
@@ -77,7 +77,7 @@ class FaultBank:
         return bool(self.faults)
 
     def equip(self, sensors: tuple[str, ...]) -> None:
-        """Set the sensors of the robot, of `SENSORS` and `IMAGE`: faults of others are refused."""
+        """Set which of the sensors in `SENSORS` and `IMAGE` the robot has: faults of others are refused."""
         self._sensors = sensors
         self._names["sensor"] = tuple(name for name in SENSORS if name in sensors)
 
@@ -110,7 +110,7 @@ class FaultBank:
 
     @property
     def packets(self) -> bool:
-        """True if a fault of a line was ever planned."""
+        """True if a fault that loses or delays packets was ever planned."""
         return any(f.kind.startswith("packet") or f.kind == "sensor_delayed" for f in self.faults)
 
     def _indices(self, fault: Fault) -> list[int]:
@@ -263,9 +263,9 @@ class FaultBank:
     # --- packets ------------------------------------------------------------------------------------------------
 
     def packet(self, tick: int, channel: str, content: dict[str, Any] | None) -> dict[str, Any] | None:
-        """Pass one packet through a bad line.
+        """Return the packet that arrives in a tick over a faulty line.
 
-        Lost packets are counted. Late ones wait here; when several arrive in one tick the last one counts and the
+        Lost packets are counted. Late ones wait in a queue; when several arrive in one tick the last one counts and the
         others are lost, as one key carries one sample a tick. `packet_reorder` delays each packet by a random time.
 
         Args:
@@ -307,7 +307,7 @@ class FaultBank:
     # --- checkpoint ---------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Return faults, their random streams and what they hold, as plain JSON values."""
+        """Return faults, their random streams, stored values and queues, as plain JSON values."""
         return {
             "faults": [asdict(f) for f in self.faults],
             "random": [rng.bit_generator.state for rng in self._random],

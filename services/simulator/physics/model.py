@@ -45,7 +45,7 @@ class Physics:
 
 @dataclass(frozen=True, eq=False)
 class Perturbation:
-    """Differences of the simulated robot from its description; scalars or one value per joint."""
+    """Differences of the simulated robot and floor from the description; scales and offsets, some one per joint."""
 
     trunk_mass_scale: float = 1.0
     trunk_com_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m

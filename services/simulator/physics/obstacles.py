@@ -1,7 +1,7 @@
 """Obstacles that no map shows: boxes that stand or cross the floor, for a while or for the whole run.
 
-They are bodies that physics carries along and cannot push. All of their state is their places, which belong to the
-state of the physics: a checkpoint holds them.
+They are bodies that no contact moves. All of their state is their places, which are part of the state of the physics:
+a checkpoint contains them.
 """
 
 # mujoco has no type stubs for its compiled modules:
@@ -32,7 +32,7 @@ class Obstacles:
 
     Args:
         spec: of the world, before it is compiled; each obstacle becomes a body of it.
-        boxes: which.
+        boxes: place, size and movement of each obstacle.
         physics: contact settings.
     """
 
@@ -53,7 +53,7 @@ class Obstacles:
         self._geoms = np.array([model.geom(name).id for name in names], dtype=np.int64)
 
     def move(self, data: Any, address: Addresses, tick: int) -> None:
-        """Put every obstacle where it is in a tick that begins now; it takes effect with the next physics step.
+        """Move every obstacle to its place in the tick that begins now, for the next physics step.
 
         Args:
             data: state of the physics.
@@ -86,7 +86,7 @@ class Obstacles:
         place[1] += share * way_y
 
     def touched(self, data: Any) -> bool | None:
-        """Return whether a foot or the trunk pressed a side of one in the last physics step; None: there are none."""
+        """Return whether the robot pressed a side of an obstacle in the last physics step; None: there are none."""
         if not self._boxes:
             return None
         contact = data.contact

@@ -1,4 +1,4 @@
-"""From what a scenario asks for to a ground and a robot that differs a little from its description."""
+"""Ground by its name in a scenario, and random differences of the simulated robot from its description."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
     """Return the terrain of a kind, or of a file, see `heightmap_exchange.SUFFIXES`.
 
     Raises:
-        TerrainError: neither a kind nor a readable file.
+        TerrainError: the name is neither a kind nor a readable file.
         HeightMapError: the file is no height map.
     """
     if name in KINDS:

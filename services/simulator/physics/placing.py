@@ -1,4 +1,4 @@
-"""Placing of the robot: parallel to the plane or level on a height field, just above it, and displacements later."""
+"""Placing of the robot just above its ground at the start of a run, and displacements of it during the run."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -84,7 +84,7 @@ def footprint(
 
 
 class Displacement(NamedTuple):
-    """A rigid motion over the floor: p' = Rz(turn) (p - centre) + centre + move."""
+    """Rigid motion of the robot over the floor: p' = Rz(turn) (p - centre) + centre + move."""
 
     centre: NDArray[np.float64]
     """Origin of base_link before the motion, x and y, (2,) m, map axes."""
@@ -118,7 +118,7 @@ def displacement(
     left: float,
     turn: float,
 ) -> Displacement:
-    """Return the motion to a place beside the robot's own; nothing is changed.
+    """Return the motion that takes the robot to a place beside its present one, after a check; nothing is changed.
 
     Args:
         model: the compiled world.
@@ -155,7 +155,7 @@ def displacement(
 
 
 def displace(data: mujoco.MjData, way: Displacement) -> None:
-    """Put the robot elsewhere as it is: posture, speeds and loads go with it, so it goes on to stand or to walk."""
+    """Move the robot to another place with its posture, speeds and loads, so that it continues to stand or walk."""
     data.qpos[:3] = way.of(data.qpos[None, :3])[0]
     data.qpos[3:7] = multiply(quat_from_rpy(0.0, 0.0, way.turn), data.qpos[3:7].copy())
     for vector in (data.qvel[:3], data.qacc_warmstart[:3]):  # rates of the free joint are in its own axes

@@ -20,7 +20,7 @@ class ServoCommand(NamedTuple):
 
 
 class ImuSample(NamedTuple):
-    """Mean over the tick, IMU frame; the stamp is the end of the window."""
+    """Sample of the inertial unit: mean over the tick, IMU frame; the stamp is the end of the tick."""
 
     stamp_ns: int
     seq: int
@@ -45,7 +45,7 @@ class JointSample(NamedTuple):
 
 
 class ContactSample(NamedTuple):
-    """Foot sensors in the robot's order."""
+    """Sample of the foot sensors, feet in the order of the robot description."""
 
     stamp_ns: int
     seq: int

@@ -1,4 +1,4 @@
-"""The line to the servos: set-points come in steps and take effect after the servos' latency."""
+"""Line of commands to the servos, which rounds set-points to their resolution and delays them by their latency."""
 
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ EXACT = 1e-9  # rad, step of a servo that takes any set-point, beside others tha
 
 
 class Arrival(NamedTuple):
-    """Command at the servos, with set-points rounded to their resolution."""
+    """Command that arrives at the servos in a physics step, with set-points rounded to their resolution."""
 
     step: int
     """Physics step in which the command takes effect."""
@@ -21,7 +21,7 @@ class Arrival(NamedTuple):
 
 
 class ServoLine:
-    """Quantises set-points and delays them by whole physics steps.
+    """Queue of servo commands that rounds set-points and delays them by whole physics steps.
 
     Args:
         robot: its servos' resolution counts for each joint, the longest latency for all.

@@ -102,9 +102,9 @@ class SphereSteps(NamedTuple):
 
 
 def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
-    """Add the inertial sensors, first, and what the tracker reads: force and velocity of each foot sphere.
+    """Add the inertial sensors first, then the sensors of force and velocity of each foot sphere, for `TruthTracker`.
 
-    Each holds its samples of the last `steps` physics steps, so that the steps of a tick run in one call.
+    Each sensor holds its samples of the last `steps` physics steps, so that the steps of a tick run in one call.
     """
     sensor, site = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_SITE
     for name, kind in (("acc", sensor.mjSENS_ACCELEROMETER), ("gyro", sensor.mjSENS_GYRO)):
@@ -121,7 +121,7 @@ def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
 
 
 class TruthTracker:
-    """Follows the true forces, places and slip of the feet of the simulated robot from tick to tick."""
+    """Tracker of the true forces, places and slip of the feet of the simulated robot from tick to tick."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, addresses: Addresses) -> None:
         n = robot.nlegs
@@ -166,10 +166,10 @@ class TruthTracker:
         return _forces(contacts, self._geoms, self.sphere_force, self.feet.force, self.contact)
 
     def update(self, first: bool = False) -> None:
-        """Take the state at the end of a tick; the kinematics of the data must belong to it.
+        """Update all feet by the state at the end of a tick; the kinematics in the data must belong to that state.
 
         Args:
-            first: begin anew: feet that touch begin their stance here.
+            first: forget earlier ticks: feet that touch begin their stance here.
         """
         touched = self.forces()
         _feet(self._bodies, self._steps, self._xpos, self._xmat, self.contact, self._table, self._counts, first)
@@ -179,7 +179,7 @@ class TruthTracker:
         self.fallen = (self.fallen and not first) or touched or tilted
 
     def displaced(self, way: Displacement) -> None:
-        """Follow a displacement of the robot: no foot has slipped by it, no sole has twisted."""
+        """Move the stored places of the feet with a displacement of the robot, which counts as no slip and no twist."""
         self.feet.start[:] = way.of(self.feet.start)
         for normal in self.feet.normal:
             way.turned(normal)

@@ -1,4 +1,4 @@
-"""Turn of standing soles about the vertical: small in normal biped gait, not so on ice or in haste."""
+"""Turn of standing soles about the vertical: small in a normal biped gait, large on ice or in a fast gait."""
 
 import math
 from typing import Any
@@ -23,12 +23,12 @@ class TwistTracker:
         self.standing = np.zeros(n, dtype=np.bool_)
 
     def update(self, xmat: Array, below: NDArray[np.int64], first: bool) -> None:
-        """Take the state at the end of a tick.
+        """Update the turn of each sole by the state at the end of a tick.
 
         Args:
             xmat: rot_world_from_body of every body, row by row, (nbody, 9), no unit.
             below: (L,) ticks since a foot last stood, -1 = in swing.
-            first: begin anew.
+            first: forget earlier ticks: stances begin here.
         """
         if first:
             self.standing[:], self.last[:] = False, 0.0

@@ -24,7 +24,7 @@ ROWS = 6  # of a foot: 3 of its place, 3 of its turn
 
 
 class UnequalLegs:
-    """Set-points as crooked legs carry them out.
+    """Converter of set-points to the joint angles at which straight legs stand like crooked ones.
 
     Args:
         robot: a biped with soles.

@@ -1,7 +1,7 @@
 """Depth camera on the trunk: one ray a pixel to the ground, with the errors of stereo depth.
 
 The depth z along the optical axis is measured with the standard deviation sigma + sigma_square z^2, in steps; pixels
-that see the robot itself, nothing within reach, or drop out by chance have none.
+that show the robot itself or nothing within reach, or drop out by chance, have none.
 """
 
 # mujoco has no type stubs for its compiled modules:
@@ -62,7 +62,7 @@ class DepthFrame(NamedTuple):
 
 
 class DepthSensor:
-    """A depth camera of one run.
+    """Sensor model of a depth camera, with the random stream of one run.
 
     Args:
         seed: of the run.

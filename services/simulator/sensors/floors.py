@@ -40,7 +40,7 @@ MOST_PIXELS = 64_000_000
 
 
 class Texture(NamedTuple):
-    """Picture of the floor in several sizes, for kernels."""
+    """Grey picture of the floor from above in several sizes, as arrays for kernels."""
 
     texels: NDArray[np.uint8]
     """Greys of all sizes one after the other, (n,)."""

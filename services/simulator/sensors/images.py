@@ -38,7 +38,7 @@ SOFT_HORIZON = -1e-3
 
 @dataclass(frozen=True)
 class Optics:
-    """Numbers of a camera that its images depend on, SI."""
+    """Properties of a camera that determine its images, SI."""
 
     width: int
     height: int
@@ -54,7 +54,7 @@ class Optics:
 
     @classmethod
     def of(cls, file: CameraFile) -> "Optics":
-        """Return the numbers of a camera's file."""
+        """Return the optics of a camera from its file."""
         return cls(
             file.width_px, file.height_px, 0.5 * file.width_px / math.tan(0.5 * math.radians(file.field_deg)),
             period_ms(file.period_ms, HW_IMAGE), 1e-3 * file.exposure_ms, 1e-3 * file.readout_ms,
@@ -198,7 +198,7 @@ class ImageSensor:
         self._out = np.zeros((optics.height, optics.width))
 
     def look(self, ticks: int, now: CameraPose) -> TakenImage | None:
-        """Take the pose at the end of a tick; return the image that arrives in it.
+        """Store the camera's pose at the end of a tick; return the image that is released in it, None = none is due.
 
         Args:
             ticks: since the epoch began.
@@ -217,7 +217,7 @@ class ImageSensor:
         return due[-1]
 
     def take(self, seq: int, ticks: int) -> TakenImage:
-        """Return the image whose exposure ends with the path, at a tick since the epoch began."""
+        """Return the image whose exposure ends at the last stored pose; `ticks`: that tick, since the run began."""
         o, poses = self.optics, list(self.path)
         poses = [poses[0]] * (len(poses) < 2) + poses
         table = np.array([[*p.position, *p.rot.ravel()] for p in poses])
@@ -253,7 +253,7 @@ class ImageSensor:
         return image
 
     def state(self) -> dict[str, Any]:
-        """Return random stream and path; images under way are lost."""
+        """Return random stream and stored poses, for a checkpoint; images not yet released are lost."""
         return {"rng": self.rng.bit_generator.state, "path": [[part.tolist() for part in pose] for pose in self.path]}
 
     def restore(self, state: dict[str, Any]) -> None:

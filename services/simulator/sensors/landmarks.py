@@ -39,7 +39,7 @@ GOAL_SHARP = 3.0  # a goal marker is big: it stands this many times the blur
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera that looks at the floor, SI; width and height in pixels, period in ms.
+    """Properties of a camera that points at the floor, SI; width and height in pixels, period in ms.
 
     `detect` is the probability that a landmark in a sharp image is recognised, `most` the largest number of them in an
     image.
@@ -76,7 +76,7 @@ class Landmarks(NamedTuple):
 
 
 class Spot(NamedTuple):
-    """A point of the floor in an image."""
+    """Point of the floor that is in an image, in camera axes."""
 
     point: Array  # (2,) m, map
     local: Array  # (3,) m, camera axes
@@ -145,8 +145,8 @@ def laid(field: Landmarks, terrain: Terrain, seed: int, copied: float, copies: i
     Args:
         field: landmarks, those in or behind walls as well.
         seed: of the choice of those that look alike.
-        copied: share of the landmarks whose look is that of others, 0..1.
-        copies: how many share one such look.
+        copied: share of the landmarks whose descriptor is that of others, 0..1.
+        copies: number of landmarks that share one such descriptor.
     """
     on = terrain.on_floor(field.position)
     position, descriptor = field.position[on], field.descriptor[on]
@@ -196,7 +196,7 @@ def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array
 
 
 def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return which floor points (n, 2) are in the image: indices (k,), and places in camera axes (k, 3) m."""
+    """Return the indices (k,) of floor points (n, 2) m in the image, and their places in camera axes, (k, 3) m."""
     local = product(points, pose.rot[:2]) - product(pose.position, pose.rot)  # (n, 3)
     index = np.flatnonzero(local[:, 2] > NEAREST)
     half = 0.5 * np.array([camera.width, camera.height]) / camera.focal
@@ -217,7 +217,7 @@ def blur(camera: Camera, local: Array, v: Array, w: Array) -> Array:
 
 
 def on_level_floor(pose: CameraPose, local: Array, height: float) -> tuple[float, float]:
-    """Return where on the floor a level trunk would see a point: forward and left of base_link, m.
+    """Return the place of a point on the floor, computed as if the trunk were level: forward and left of base_link, m.
 
     Args:
         pose: of the camera; its place and direction in base_link count.
@@ -236,11 +236,11 @@ def on_level_floor(pose: CameraPose, local: Array, height: float) -> tuple[float
 
 
 class LandmarkSensor:
-    """Recognises landmarks in the floor; one seeded random stream.
+    """Sensor model of a camera that recognises landmarks on the floor; one seeded random stream.
 
     Args:
-        robot: that carries the camera.
-        camera: profile.
+        robot: robot that carries the camera.
+        camera: profile of the camera.
         seed: of the run.
         goal: marker of the goal on the floor, m; None = none.
     """

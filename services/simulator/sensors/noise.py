@@ -51,7 +51,7 @@ class NormalStream:
 
 
 class ImuSensor:
-    """Inertial unit: y = LSB round((x + b0 + b(t) + n) / LSB), clipped at the range.
+    """Sensor model of the inertial unit: y = LSB round((x + b0 + b(t) + n) / LSB), clipped at the range.
 
     b0 is drawn once (turn-on), b(t) is a first-order Gauss-Markov process, n is white. `x` is the mean over the
     physics steps of one sample, so aliasing of the leg impacts does not occur.
@@ -140,7 +140,7 @@ def _imu(acc: Array, gyro: Array, turn_on: Array, gauss_markov: Array, normal: A
 
 
 class JointSensor:
-    """Encoders and servo currents.
+    """Sensor model of the encoders and servo currents.
 
     position = resolution round((q + zero error) / resolution); current = torque / k + noise; the torque is what a
     driver would compute from the current with the k it knows, which may differ from the true one.
@@ -203,9 +203,9 @@ def _joints(
 
 
 class FootSensor:
-    """Foot switches with hysteresis; the kind `force` also reports a limited force.
+    """Sensor model of foot switches with hysteresis; the kind `force` also reports a force per foot.
 
-    A switch closes at `on_n` and opens below `off_n`. A force sensor is blind below `min_n` and saturates at `max_n`.
+    A switch closes at `on_n` and opens below `off_n`. A force sensor reports 0 below `min_n` and `max_n` at most.
     """
 
     def __init__(self, sensor: ContactSensor, points: tuple[int, ...]) -> None:

@@ -1,4 +1,4 @@
-"""Rate of a sensor: its topic's row states it, a profile of the sensor may state its own."""
+"""Period of a sensor: from the profile of the sensor, or else from the row of its topic."""
 
 from typing import Any
 
@@ -6,5 +6,5 @@ from surefoot.schemas.topics import Topic
 
 
 def period_ms(own: int | None, topic: Topic[Any]) -> int:
-    """Return the period of a sensor, ms: the one of its profile, else that of its topic's row."""
+    """Return the period of a sensor, ms: `own`, that of its profile, if it has one, else that of its topic."""
     return topic.period_ns // 1_000_000 if own is None else own

@@ -1,4 +1,4 @@
-"""Senses for the surroundings: the camera's landmarks, ultrasound and bumpers, of robots that have them."""
+"""Sensors of the surroundings: camera, depth camera, ultrasound and bumpers, of robots that have them."""
 
 import math
 from collections.abc import Callable
@@ -38,7 +38,7 @@ FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where an open floor has landmarks at le
 
 @dataclass(frozen=True)
 class Floor:
-    """Landmarks and marker on the floor."""
+    """Settings of the floor: landmarks, marker of the goal, texture and light, format of the images."""
 
     landmarks: float = 60.0
     """Density of the landmarks, 1/m2."""
@@ -83,12 +83,12 @@ def sight_of(
 
 
 class Senses:
-    """Camera, depth camera and ranger of one robot.
+    """Camera, depth camera, ultrasound and bumpers of one robot, with the samples of the present tick.
 
     Args:
         robot: names its camera and its ranger, or one of them.
         seed: of the run: where the landmarks are, what is recognised, noise.
-        floor: what is on it.
+        floor: landmarks, marker and texture on the floor.
         terrain: the ground: landmarks lie on its floor, on open ground as far as its map and `FIELD` reach.
         camera: name of a profile; None = no camera.
         depth_camera: name of a profile; None = no such camera.
@@ -131,16 +131,16 @@ class Senses:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the sensors that there are, as faults have them."""
+        """Names of the sensors that the robot has, as faults use them."""
         there = (("landmarks", self.landmarks), ("range", self.ranger), (IMAGE, self.eye))
         return tuple(name for name, sensor in there if sensor is not None)
 
     def look(self, ticks: int, truth: Callable[[], ExactState], model: Any, data: Any, address: Addresses) -> None:
-        """Take the state at the end of a tick; sets `frame`, `depths` and `reach` where they are due.
+        """Sample the state at the end of a tick: set `frame`, `image`, `depths` and `reach` if due, else to None.
 
         Args:
             ticks: since the epoch began.
-            truth: gives the exact state.
+            truth: function that returns the exact state.
             model: of the world.
             data: its state.
         """
@@ -169,10 +169,11 @@ class Senses:
                 self.bump[:] = False
 
     def spoil(self, faults: FaultBank, tick: int) -> None:
-        """Change what is released in this tick by its faults.
+        """Change the samples of this tick as the active faults require.
 
         Args:
-            tick: of the world.
+            faults: faults of the run.
+            tick: present tick of the world.
         """
         if self.eye is not None:
             self.image = self.eye.spoil(faults, tick, self.image)
@@ -219,7 +220,7 @@ class Senses:
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set what changes in a run to what `state` returned; what was released in that tick is not released again."""
+        """Set everything that changes in a run to what `state` returned; samples of that tick are dropped."""
         self.rng.bit_generator.state = state["rng"]
         self.bump[:] = state["bump"]
         self.before = None if state["before"] is None else CameraPose(*(np.array(part) for part in state["before"]))

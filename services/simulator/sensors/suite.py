@@ -1,4 +1,4 @@
-"""All sensors of one robot: read at their own times in physics steps, released by the tick."""
+"""Sensors of one robot for its own motion: read at their own times in physics steps, released in ticks."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ NO_LIMIT = 1e9
 
 
 class SensorSuite:
-    """Inertial unit, encoders, currents and feet.
+    """Sensor models of a robot's inertial unit, encoders, servo currents and feet.
 
     Args:
         robot: the description; read only.

@@ -1,4 +1,4 @@
-"""Senses for walls: the ultrasound's nearest echo and the bumpers of the feet."""
+"""Sensors of walls: nearest echo of the ultrasound, and bumpers of the feet."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
