@@ -129,7 +129,7 @@ class PhysicsWorld:
     def reset(
         self, seed: int | None = None, pose: tuple[float, float, float] | None = None, stance: Array | None = None
     ) -> None:
-        """Begin anew at tick 0 in a settled stance; equal arguments give equal bits.
+        """Reset the world to tick 0, the robot at rest in a stance; equal arguments give equal bits.
 
         Args:
             seed: of sensors and faults; None = the last one.

@@ -38,7 +38,7 @@ class CalibrationJob:
         return self._do(request)
 
     def on_tick(self, tick: int) -> str:
-        """Carry out what was planned for a tick; return a line for the log, empty if there is none."""
+        """Carry out the actions planned for a tick; return a line for the log, empty if there is none."""
         self._tick = tick
         report = ""
         for item in [item for item in self._planned if item[0] <= tick]:

@@ -136,7 +136,7 @@ def named_robot(name: str, field: str = "robot") -> Robot:
     """Return a robot description by name (not by path: a request must not read files of its own choice).
 
     Raises:
-        StabilityError: there is none, by `field`.
+        StabilityError: there is no such robot; its field is `field`.
     """
     if not _NAME.fullmatch(name):
         raise StabilityError("unknown_robot", field, f"got {name!r}; known are {', '.join(robot_names())}")

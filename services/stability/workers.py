@@ -38,7 +38,7 @@ def answered(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
 
 
 class Workers:
-    """Answers queries of the stability service on a thread beside the ticks, where that takes long."""
+    """Handlers of the queries of the stability service that may take long, with a thread beside the ticks for them."""
 
     def __init__(self) -> None:
         self._timer = threading.Timer(LATER_S, clarabel_and_sparse)

@@ -4,8 +4,8 @@ A foot follows a smooth way, so that of four samples at equal steps the middle o
 others; it is not if an encoder jumps. A trunk that is thrown moves a foot that stands like that, too, so that such a
 foot is looked at without the motion of the trunk, which the inertial unit shows. Two feet of which each jumps to where
 the other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do
-not stands still, and so do all feet that do so for longer than slow encoders are held while the rate of the robot
-differs from its mean of the last second, too: the learned bias may be wrong.
+not stands still, and so do all feet that do so for longer than slow encoders repeat a sample while the rate of the
+robot differs from its mean of the last second, too: the learned bias may be wrong.
 """
 
 import math

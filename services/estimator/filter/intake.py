@@ -53,7 +53,7 @@ class Clock(NamedTuple):
 
 
 class FilterParts(NamedTuple):
-    """The filter with its samples, the check of its inputs and its numbers."""
+    """Parts of the `best` filter: clock, check of inputs, stored samples and states, state, settings."""
 
     clock: Clock
     check: CheckState
@@ -228,7 +228,7 @@ def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int
 
 @kernel
 def restart(box: KernelBox[FilterParts], stamp_ns: int) -> None:
-    """Go on after the stamps began anew, with a filter whose state is at its newest sample, in place.
+    """Let a filter, its state at the newest sample, continue after the stamps began anew, in place.
 
     After a step back of less than the window the estimate goes on: the newest sample is `MOST_BACK` periods older than
     `stamp_ns`, ns, that of the sample that comes next. Else velocity, feet and all samples are forgotten.

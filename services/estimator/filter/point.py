@@ -35,7 +35,7 @@ def lift(state: BestState, k: int) -> None:
 
 @kernel
 def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
-    """Put a point down at y (3,) m, IMU axes, in place: only the kinematics know where, so nothing correlates."""
+    """Put a point down at y (3,) m, IMU axes, in place: its error correlates with no other."""
     lift(state, k)
     seen = turned(rotation(state.x), y)
     for i in range(3):

@@ -23,7 +23,7 @@ EXTERNAL_CAPACITY = 256
 
 
 class ExternalLayout(NamedTuple):
-    """First index of each part of a sample from elsewhere, (26,); NaN: it has no such part."""
+    """First index of each part of a sample of another source, such as a camera, (26,); NaN: the part is missing."""
 
     position: int = 0
     """IMU in the frame of the source, (3,) m."""
@@ -45,7 +45,7 @@ EXTERNAL_WIDTH = EX.velocity_covariance + 9
 
 
 class SampleStore(NamedTuple):
-    """Samples of the inertial unit, the feet and from elsewhere by rising stamps, in the first rows of the arrays."""
+    """Samples of the inertial unit, the feet and other sources by rising stamps, in the first rows of the arrays."""
 
     imu_stamps: Stamps
     """Stamps of the inertial samples, (N,) ns."""
@@ -180,7 +180,7 @@ def insert_feet(
 
 @kernel
 def insert_external(samples: SampleStore, end: int, stamp_ns: int, row: Array) -> int:
-    """Insert a sample from elsewhere, (26,), among the first `end` rows, in place.
+    """Insert a sample of another source, (26,) as in `ExternalLayout`, among the first `end` rows, in place.
 
     Returns:
         The number of rows then; -1: there is a sample of this stamp.

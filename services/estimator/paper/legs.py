@@ -278,7 +278,7 @@ class LegVelocity:
 
 
 class LegTracker:
-    """Remembers the last foot sample and compares the next with it."""
+    """Tracker that stores the last sample of the feet and computes the velocity from it and the next one."""
 
     def __init__(self, feet: int, radius: Array, params: EstimatorParams) -> None:
         self._params = params

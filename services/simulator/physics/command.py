@@ -17,7 +17,7 @@ class CommandGuard:
         self._upper: list[float] = (upper + COMMAND_SLACK).tolist()
 
     def refusal(self, q: Sequence[float]) -> str | None:
-        """Return the reason against joint positions in the robot's order, rad; None: there is none.
+        """Return the reason against joint positions in the robot's order, rad; None: they are allowed.
 
         The result does not depend on earlier commands: the runtime orders commands by their ticks.
 

@@ -77,7 +77,7 @@ class DepthSensor:
         """Return the image of the state at the end of a tick; None = none is due.
 
         Args:
-            ticks: since the epoch began.
+            ticks: control ticks since the run began.
             model: of the world.
             data: its state.
             trunk: body of base_link.

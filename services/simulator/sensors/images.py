@@ -201,7 +201,7 @@ class ImageSensor:
         """Store the camera's pose at the end of a tick; return the image that is released in it, None = none is due.
 
         Args:
-            ticks: since the epoch began.
+            ticks: control ticks since the run began.
             now: pose of the camera then.
         """
         self.path.append(now)

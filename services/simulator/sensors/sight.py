@@ -139,7 +139,7 @@ class Senses:
         """Sample the state at the end of a tick: set `frame`, `image`, `depths` and `reach` if due, else to None.
 
         Args:
-            ticks: since the epoch began.
+            ticks: control ticks since the run began.
             truth: function that returns the exact state.
             model: of the world.
             data: its state.
@@ -195,7 +195,7 @@ class Senses:
                 self.reach = self.reach._replace(distance=min(far, max(self.ranger.shortest, abs(float(x[0])))))
 
     def moved(self) -> None:
-        """Forget the camera's motion: the robot was put elsewhere, which would blur the next image."""
+        """Forget the camera's motion after the robot was moved to another place, which would blur the next image."""
         self.before = None
         if self.eye is not None:
             self.eye.path.clear()

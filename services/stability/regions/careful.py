@@ -102,7 +102,7 @@ class Oracle:
         return r.origin[:2] if self.subspace is None else r.origin[:2] + r.length * self.subspace.point
 
     def support(self, fan: Fan, chosen: Ints) -> Support:
-        """Return the answers of a fan with indices `chosen` (k,), in metres; unbounded where free forces drift."""
+        """Return the answers of a fan with indices `chosen` (k,), in metres; unbounded where `drift` is not 0."""
         r, n = self.reduced, len(self.contacts)
         direction = fan.direction[chosen]
         drift = self.drift(direction)

@@ -1,9 +1,9 @@
 """Status and margin of many contact sets at once: what-if questions and batches, in one kernel and on all cores.
 
 The kernel takes the ordinary sets, by the very functions that `region` and `margin` use, without the interpreter and
-without its lock: sets on other threads, ticks on the main one. What it leaves (no friction or unlimited friction, and
-what no solver settles at once) goes the long way. No set depends on another, so the answers do not depend on how many
-threads share the work.
+without its lock: sets on other threads, ticks on the main one. Sets that it leaves (no friction or unlimited friction,
+and those that the solver does not settle at once) are solved by `region`. No set depends on another, so the answers do
+not depend on how many threads share the work.
 """
 
 import math
@@ -257,7 +257,7 @@ def batch(sets: PackedSets, threads: int | None = None) -> Variants:
 
 
 def what_if(contacts: ContactSet, com: Array, candidates: ContactSet | None = None) -> Variants:
-    """Return the answers of a set as it is, without each contact, and with each candidate added, in this order.
+    """Return status and margin of a set as it is, without each contact, and with each candidate added, in this order.
 
     Args:
         contacts: n contacts now.

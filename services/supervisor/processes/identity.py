@@ -60,7 +60,7 @@ def identify(pid: int) -> Identity | None:
 
 
 def end(identity: Identity, grace_s: float = 2.0) -> bool:
-    """End a process that is not our child (of an earlier supervisor): SIGTERM, then SIGKILL after `grace_s`.
+    """End a process that an earlier supervisor started, no child of this one: SIGTERM, then SIGKILL after `grace_s`.
 
     Returns:
         True when it is gone, False when it could not be ended.

@@ -1,7 +1,7 @@
 """Reactions of the walker to a step that leaves too little static margin.
 
 In this order: the trunk moves over the feet that will stand while all of them still do; a gait that lifts fewer legs;
-a shorter step, of a leaning gait another leg; refusal. The asked-for gait returns after one cycle of the other.
+a shorter step, of a leaning gait another leg; refusal. The gait of the command returns after one cycle of the other.
 """
 
 import math

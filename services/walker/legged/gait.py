@@ -1,7 +1,7 @@
 """The walker of robots with four or six legs: one call per control tick, from sensors to servo set-points.
 
 Stages: WAIT (no joints) -> SETTLE (all feet down) -> STAND <-> STEP. The plan lives in the map; at the end of every
-step it is laid anew over the dead-reckoned pose, the estimated tilt and the map's heights, which moves no joint.
+step it is moved to the dead-reckoned pose, the estimated tilt and the map's heights, which moves no joint.
 """
 
 import dataclasses
