@@ -1,4 +1,4 @@
-"""Checks of arguments at the border of the library; inside it nothing is checked again."""
+"""Checks of the arguments of the public functions; code behind these functions does not repeat the checks."""
 
 import math
 import operator
@@ -26,7 +26,7 @@ def array(
         value: anything that numpy makes an array of numbers of; nothing is reshaped.
         field: name of the argument.
         shape: expected length of each dimension; a letter stands for any length, the same letter for the same one.
-        unit: of the values, as a refusal quotes it; empty = none.
+        unit: of the values, for the error message; empty = none.
         low, high: allowed values, both included.
         nan: NaN is allowed, and stands for unknown.
         inf: +inf is allowed, and stands for unlimited.
@@ -61,7 +61,7 @@ def array(
 def number(
     value: Any, field: str, unit: str = "", *, low: float = -math.inf, high: float = math.inf, inf: bool = False
 ) -> float:
-    """Return a number of `low` to `high`, or +inf where `inf` is true (raises FieldError, as `array`)."""
+    """Return a checked number: `low` to `high`, or +inf where `inf` is true (raises FieldError, as `array`)."""
     return float(array(value, field, (), unit, low=low, high=high, inf=inf))
 
 
@@ -80,7 +80,7 @@ def whole(value: Any, field: str, unit: str = "", *, low: int = -(2**63), high: 
 
 
 def choice(value: Any, field: str, allowed: Iterable[str]) -> str:
-    """Return a name that is one of those allowed (raises FieldError: `unknown_name`)."""
+    """Return the value after a check that it is one of the allowed names (raises FieldError: `unknown_name`)."""
     known = tuple(allowed)
     if not isinstance(value, str) or value not in known:
         near = did_you_mean(value, known) if isinstance(value, str) else ""
@@ -103,7 +103,7 @@ def instance(value: Any, field: str, kind: type[Any], what: str) -> None:
 
 
 def shown(value: Any) -> str:
-    """Return a value as a refusal quotes it: short, in one line."""
+    """Return a shortened one-line text of a value, for error messages."""
     return " ".join(reprlib.repr(value).split())
 
 

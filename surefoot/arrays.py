@@ -1,4 +1,4 @@
-"""Names of the types of arrays, as annotations use them, and records of numbers with names."""
+"""Type names of arrays for annotations, and NumPy records whose fields are float64 numbers."""
 
 from typing import Any
 
@@ -14,10 +14,10 @@ Record = Any
 
 
 def named(*names: str) -> np.dtype[Any]:
-    """Return the type of a record of numbers with these names, each text one or more of them."""
+    """Return the NumPy dtype of a record with one float64 field per name; a text may hold several names, by spaces."""
     return np.dtype((np.record, [(name, np.float64) for some in names for name in some.split()]))
 
 
 def record(kind: np.dtype[Any]) -> Record:
-    """Return a record of zeros."""
+    """Return one record of the dtype `kind`, with all fields zero."""
     return np.zeros(1, kind)[0]

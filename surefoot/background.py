@@ -1,4 +1,4 @@
-"""A thread for answers that take longer than a tick allows."""
+"""A thread that computes answers to requests which take longer than a control tick allows."""
 
 import os
 import threading
@@ -19,7 +19,7 @@ MOST_WAITING = 8
 
 
 def be_nice() -> None:
-    """Let the other threads of the process go first (Linux: niceness belongs to a thread)."""
+    """Lower the priority of the calling thread below the others' (Linux: niceness belongs to a thread)."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
 
 
@@ -35,7 +35,7 @@ class Background:
         self._waiting = threading.BoundedSemaphore(MOST_WAITING)
 
     def answer(self, handler: Callable[[Asked], Answer], request: Asked) -> Future[Answer]:
-        """Return the answer to come of a handler.
+        """Let the thread call `handler(request)`, and return the future of its result.
 
         Raises:
             Refusal: `busy`, `MOST_WAITING` requests wait already.

@@ -21,7 +21,7 @@ __all__ = ["Explanation", "Findings", "Message", "arrays", "check", "info", "mes
 
 
 def messages(path: str | PathLike[str], *keys: str) -> Iterator[Message]:
-    """Yield the decoded messages of some topics, of all without keys, in the order of their stamps.
+    """Yield the decoded messages of the topics `keys`, of all topics without `keys`, in the order of their stamps.
 
     Raises:
         SurefootError: an unknown key, a file that cannot be read, a message that is none of its topic.
@@ -50,7 +50,7 @@ def info(path: str | PathLike[str]) -> dict[str, Any]:
 
 
 def check(path: str | PathLike[str]) -> Findings:
-    """Return what can be read of a recording that may be damaged (raises SurefootError: it is none)."""
+    """Return which parts of a possibly damaged recording can be read (raises SurefootError: it is no recording)."""
     if not file_path(path, "path").is_file():
         raise SurefootError("unreadable", f"{path}: no such file", "path")
     return verify_recording(file_path(path, "path"))

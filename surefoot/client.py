@@ -27,7 +27,7 @@ from surefoot.simtime import standing_still
 
 
 def topic_named(key: str) -> Topic[Any]:
-    """Return the row of a topic key (raises SurefootError with the near ones)."""
+    """Return the row of the topic table for a key (raises SurefootError that names similar keys)."""
     for topic in TOPICS:
         if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1]) and key != topic.key):
             return topic if topic.key == key else topic.of(key[len(topic.key) - 1 :])
@@ -36,7 +36,7 @@ def topic_named(key: str) -> Topic[Any]:
 
 
 def query_named(key: str) -> Query[Any, Any]:
-    """Return the row of a query key (raises SurefootError with the known ones)."""
+    """Return the row of the query table for a key (raises SurefootError that names similar keys)."""
     for query in QUERIES:
         if query.key == key or (query.key.endswith("/*") and key.startswith(query.key[:-1]) and key != query.key):
             return query if query.key == key else query.of(key[len(query.key) - 1 :])
@@ -52,7 +52,7 @@ def _known(key: str, keys: list[str], others: list[str], other: str) -> str:
 
 
 class Client:
-    """A tool's view of one robot: reads every topic, asks every query, is never waited for."""
+    """Connection of a tool to one robot: it reads any topic and sends any query; no service ever waits for it."""
 
     def __init__(self, bus: ZenohBus) -> None:
         self.bus = bus
@@ -85,7 +85,7 @@ class Client:
         return self.bus.call(row, make_request(row, fields), timeout_s)
 
     def subscribe(self, topic: Topic[M] | str, sink: Callable[[M], None]) -> Callable[[], None]:
-        """Hand over every message of a topic, on another thread, until the function that is returned is called.
+        """Call `sink` with each message of a topic, on another thread; return a function that ends this.
 
         Raises:
             SurefootError: no such topic.
@@ -105,7 +105,7 @@ class Client:
         return self.bus.listen(row, take)
 
     def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> Iterator[M]:
-        """Yield messages as they come, of a topic's row or key; end when none comes for ``timeout_s``."""
+        """Yield the messages of a topic (row or key) as they come; end when none comes for ``timeout_s``."""
         topic = topic_named(topic) if isinstance(topic, str) else topic
         queue: SimpleQueue[M] = SimpleQueue()
         end = self.subscribe(topic, queue.put)
@@ -118,7 +118,7 @@ class Client:
             end()
 
     def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
-        """Return the next message of a topic (raises CallError when none comes; it names paused simulated time)."""
+        """Return the next message of a topic (raises CallError if none comes, with the reason if time is paused)."""
         topic = topic_named(topic) if isinstance(topic, str) else topic
         for message in self.messages(topic, timeout_s):
             return message

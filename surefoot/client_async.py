@@ -1,4 +1,4 @@
-"""The public client for programs on `asyncio`, which the plain one does without: it doubles the time of its import."""
+"""The public client for programs on `asyncio`; apart from `client`, whose import time `asyncio` would double."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -27,7 +27,7 @@ class AsyncClient:
         return await asyncio.to_thread(self.client.call, query, timeout_s, **fields)
 
     async def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> AsyncIterator[M]:
-        """Yield messages as they come; end when none comes for ``timeout_s``."""
+        """Yield the messages of a topic (row or key) as they come; end when none comes for ``timeout_s``."""
         loop, queue = asyncio.get_running_loop(), asyncio.Queue[M]()
 
         def take(message: M) -> None:

@@ -11,10 +11,10 @@ PACKAGE = Path(__file__).resolve().parent
 
 
 def regular_size(path: Path) -> int:
-    """Return the bytes of a file.
+    """Return the size of a file, bytes, and refuse files that are neither regular files nor folders.
 
     Raises:
-        OSError: there is no such file, or it is a pipe or a device, which would hold its reader.
+        OSError: there is no such file, or it is a pipe or a device, at which a reader may wait for ever.
     """
     status = path.stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):  # to open a folder fails by itself
@@ -24,7 +24,7 @@ def regular_size(path: Path) -> int:
 
 @contextmanager
 def whole(path: Path) -> Generator[Path]:
-    """Yield the path to write to; `path` is whole at the end, or as it was before when writing failed.
+    """Yield a temporary path to write to, which replaces `path` at the end; an error leaves `path` as it was.
 
     Raises:
         OSError: what failed, with the name of the file where the system gives none (a full disk).

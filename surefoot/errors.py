@@ -1,4 +1,4 @@
-"""Failures with a code: each names the received value, the allowed ones and the field."""
+"""Exceptions with a code, whose text names the received value, the allowed values and the field."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ class SurefootError(Exception):
         self.field = field
 
     def reply(self) -> "ErrorReply":
-        """Return the error as the message with which a query is refused on the wire."""
+        """Return the error as the message that a service sends when it refuses a query."""
         from surefoot.schemas.base import ErrorReply  # here: whoever only raises needs no models
 
         return ErrorReply(code=self.code, message=self.message[:2000], field=self.field)
@@ -52,15 +52,15 @@ class InvalidField(FieldError):
 
 
 class Refusal(SurefootError):
-    """Bad input: counted under its code, answered or logged; the service goes on."""
+    """Error of bad input to a service, which counts it under its code, answers or logs it, and goes on."""
 
 
 class CallError(SurefootError):
-    """A query that brought no reply: ``absent``, ``timeout``, or the server's own refusal."""
+    """Error of a query without a reply: ``absent`` (no service), ``timeout``, or the code of the service's refusal."""
 
 
 class ConfigError(SurefootError):
-    """A configuration that cannot be used; names the file or source and the field."""
+    """Error of a configuration that cannot be used; the text names the file or source and the field."""
 
 
 class BusError(SurefootError):

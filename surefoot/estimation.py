@@ -52,14 +52,14 @@ _ALLOWED = {
 
 
 class StrictEstimator(Estimator):
-    """An `Estimator` that raises on each refused sample, and goes on afterwards as if it had not come."""
+    """An `Estimator` that raises a FieldError for each sample it refuses; the next samples are used as usual."""
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
         """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; raise FieldError if refused."""
         return _accepted("imu", super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, clipped), (w, q))
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take joint angles (nj,) rad and contacts (L,) or (L, S), None = unknown; raise FieldError if refused."""
+        """Take joint angles (nj,) rad and contacts by foot (L,) or switch (L, S), None = unknown; raise if refused."""
         if self._mount.model is None:
             raise FieldError("unsupported", "joints", "got joint angles, expected feet: no robot was named")
         try:
@@ -70,7 +70,7 @@ class StrictEstimator(Estimator):
             raise
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take the feet as logs have them, and raise an error if the sample is refused.
+        """Take poses and contacts of the feet, for logs without joint angles; raise an error if refused.
 
         Args:
             stamp_ns: their time, ns.
@@ -133,11 +133,11 @@ def run(
     """Estimate over a whole log: `track` holds arrays with a row per inertial sample, `score` the errors against truth.
 
     Args:
-        log: recording (.mcap), or a log of others (.csv, .npz).
+        log: recording (.mcap), or a log of another program (.csv, .npz).
         name: estimator, of `names()`.
         robot: description, for logs with joint angles.
-        smooth: forward and backward over the whole log.
-        sensors: what is known of the sensors, as `sigma_w` in rad/s and `sigma_q` in m/s^2.
+        smooth: estimate forward and backward over the whole log.
+        sensors: known parameters of the sensors, such as the noise `sigma_w` in rad/s and `sigma_q` in m/s^2.
 
     Raises:
         SurefootError: the log, the robot, the name or a statement on the sensors cannot be used.
@@ -159,7 +159,7 @@ def run(
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of all estimators, those of the paper and the referees included."""
+    """Return the names of all estimators that `run` accepts, including those only for comparison."""
     from surefoot.lab.estimation.track import names
 
     return names()

@@ -1,4 +1,4 @@
-"""Where the hand-written files are, and how one is read: bounded, UTF-8, with a sentence for every failure."""
+"""Search for hand-written files and reading them: of limited size, UTF-8, with an error message for every failure."""
 
 import os
 import stat
@@ -30,7 +30,7 @@ class FileError(TableError):
 
 
 def read_text(path: Path, error: type[FileError]) -> str:
-    """Return the text of a file; `error` with code `not_found`, `value` or `syntax` when that is impossible."""
+    """Return the text of a file; raise `error` with code `not_found`, `value` (too large) or `syntax` (not UTF-8)."""
     try:
         size = regular_size(path)
         if size <= MAX_FILE_BYTES:
@@ -44,7 +44,7 @@ def read_text(path: Path, error: type[FileError]) -> str:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """Return the content of a regular file of bounded size; a pipe or a device is refused, not waited for.
+    """Return the content of a regular file of limited size, and refuse a pipe or a device without waiting for it.
 
     Raises:
         FileError: `not_found` the file cannot be opened, `value` it is no regular file or larger than `most_bytes`.
@@ -69,12 +69,19 @@ def folders(kind: str) -> tuple[Path, ...]:
 
 
 def names(kind: str, suffix: str) -> tuple[str, ...]:
-    """Return the names of the files of a kind, without suffix."""
+    """Return the sorted names, without suffix, of the files in all folders of a kind ("compose" or "scenarios")."""
     return tuple(sorted({path.stem for folder in folders(kind) for path in folder.glob(f"*{suffix}")}))
 
 
 def find(kind: str, name: str, suffix: str, error: type[FileError]) -> Path:
-    """Return the file for a path or for a bare name such as `ragno`, of a kind such as `compose`; raises `error`."""
+    """Return the path of a hand-written file of a kind such as `compose`.
+
+    Args:
+        kind: "compose" or "scenarios".
+        name: a path, returned as it is, or a bare name such as `ragno`, searched for in the folders of the kind.
+        suffix: of the file, such as `.toml`.
+        error: raised with code `not_found` if no folder has the name.
+    """
     path = Path(name)
     if path.suffix == suffix or len(path.parts) > 1:
         return path

@@ -1,4 +1,4 @@
-"""Memory of a process that lives as long as the robot: few heaps, and what is unused goes back to the system."""
+"""Less memory for long-running processes: few malloc heaps, and unused pages returned to the operating system."""
 
 import ctypes
 import os
@@ -13,9 +13,9 @@ needed at most: 20 MB after 25 restarts of a peer. The bus has two busy threads;
 
 
 def share_heaps() -> None:
-    """Let all threads of this process share few heaps; call before there are threads.
+    """Limit the number of malloc heaps of this process to `ARENAS`; call before there are threads.
 
-    Does nothing where `MALLOC_ARENA_MAX` stands in the environment, or where the C library has no such limit.
+    Does nothing where `MALLOC_ARENA_MAX` is set in the environment, or where the C library has no such limit.
     """
     if "MALLOC_ARENA_MAX" not in os.environ:
         with suppress(AttributeError):
@@ -23,10 +23,10 @@ def share_heaps() -> None:
 
 
 def hand_back() -> None:
-    """Return the pages that the C library keeps of freed memory; does nothing where it is not glibc.
+    """Give the pages of freed memory that glibc keeps back to the system; does nothing with another C library.
 
-    A process that ended leaves holes in the heaps of those that exchanged messages with it: about 0.1 MB each, which
-    the C library would keep for good.
+    When a process ends, the processes that exchanged messages with it each keep about 0.1 MB of freed memory in their
+    heaps, which the C library would never return.
     """
     with suppress(AttributeError):  # no malloc_trim
         ctypes.CDLL(None).malloc_trim(0)

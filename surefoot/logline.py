@@ -1,4 +1,4 @@
-"""One line of a log: when (UTC), how grave, who, in which tick, what. Written by services, read by `surefoot logs`.
+"""Format of a log line: time (UTC), level, service, tick, text. Written by services, read by `surefoot logs`.
 
 ``2026-03-01T12:00:00.123Z warning walker tick 250: refused (stale): ...``
 """
@@ -12,7 +12,7 @@ _FORM = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z) (\w+) +(\S+?)(?: t
 
 @dataclass(frozen=True)
 class LogLine:
-    """Line of a service's log as its parts."""
+    """Parts of one line of a service's log."""
 
     time: str
     """UTC, ISO 8601 with ms: lines of several services sort by it as texts."""
@@ -24,14 +24,14 @@ class LogLine:
 
 
 def log_line(level: str, service: str, text: str, tick: int | None = None) -> str:
-    """Return the line of a log entry at the present time; a text of several lines is folded into one."""
+    """Return a log line with the present time; several lines of `text` are joined to one by `|`."""
     now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     when = f" tick {tick}" if tick is not None and tick >= 0 else ""
     return f"{now} {level:<7} {service}{when}: {' | '.join(text.splitlines())}"
 
 
 def read_log_line(line: str) -> LogLine | None:
-    """Return a line taken apart; None for one that something else has written (a library, an interpreter that ends)."""
+    """Return the parts of a log line; None for a line of another format, such as the output of a library."""
     match = _FORM.fullmatch(line)
     if match is None:
         return None
@@ -40,11 +40,11 @@ def read_log_line(line: str) -> LogLine | None:
 
 
 def sendable(text: str) -> str:
-    """Return the text with what is no UTF-8 in it, as names of files may hold, written as escapes."""
+    """Return the text with characters that UTF-8 cannot encode (file names may hold some) written as escapes."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def said(line: str) -> str:
-    """Return the text of a log line without time and source."""
+    """Return the text of a log line without time, level, service and tick; a line of another format as it is."""
     found = read_log_line(line)
     return line if found is None else found.text

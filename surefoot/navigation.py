@@ -1,4 +1,4 @@
-"""Where a robot is on a map, and how it gets to a place.
+"""Estimate of a robot's pose on a map from landmarks, and planning of routes on the map.
 
     belief = navigation.PoseFilter((0.0, 0.0, 0.0))
     belief.predict(forward=0.1, turn=0.02, sd=(0.01, 0.01, 0.02))
@@ -38,10 +38,10 @@ WIDEST_TURN = 6.3
 
 
 class PoseFilter:
-    """Unscented filter of a pose by motions and by landmarks seen in range and bearing.
+    """Unscented Kalman filter of a planar pose, fed with motions and with range and bearing of landmarks.
 
     Args:
-        pose: believed pose, x and y in m and heading in rad, frame map, (3,).
+        pose: first estimate of the pose, x and y in m and heading in rad, frame map, (3,).
         covariance: its covariance, (3, 3) in m and rad; None = 5 cm and 5 degrees.
 
     Raises:
@@ -56,7 +56,7 @@ class PoseFilter:
 
     @property
     def pose(self) -> Array:
-        """Believed pose, x and y in m and heading in rad, frame map, (3,)."""
+        """Estimated pose, x and y in m and heading in rad, frame map, (3,)."""
         return self._mean.copy()
 
     @property
@@ -72,16 +72,16 @@ class PoseFilter:
     def predict(
         self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0, sd: ArrayLike = (0.0, 0.0, 0.0)
     ) -> None:
-        """Carry the belief over a motion.
+        """Predict pose and covariance after a motion of the robot.
 
         Args:
-            forward: way along the heading half-way through the turn, m.
-            left: way across it, m.
+            forward: distance along the heading half-way through the turn, m.
+            left: distance to the left of that heading, m.
             turn: rad, left positive.
             sd: standard deviations of forward and left, m, and turn, rad, (3,).
 
         Raises:
-            FieldError: NaN or out of range; the belief stays.
+            FieldError: NaN or out of range; pose and covariance stay as they were.
         """
         ahead = number(forward, "forward", "m", low=-LONGEST_MOTION, high=LONGEST_MOTION)
         side = number(left, "left", "m", low=-LONGEST_MOTION, high=LONGEST_MOTION)
@@ -90,16 +90,16 @@ class PoseFilter:
         ukf.predict(self._mean, self._cov, ahead, side, angle, 0.0, np.append(noise * noise, 0.0), self._work)
 
     def landmark(self, place: ArrayLike, distance: float, bearing: float, sd: ArrayLike = (0.05, 0.026)) -> float:
-        """Correct the belief by a landmark, and return the normalised innovation squared (2 degrees of freedom).
+        """Correct the pose by a measured landmark, and return the normalised innovation squared (2 degrees of freedom).
 
         Args:
             place: of the landmark, (2,) m, frame map.
-            distance: seen, m.
-            bearing: seen, rad, left of the heading positive.
+            distance: measured distance, m.
+            bearing: measured angle, rad, left of the heading positive.
             sd: standard deviations of distance, m, and bearing, rad, (2,), above 0.
 
         Raises:
-            FieldError: NaN or out of range; the belief stays.
+            FieldError: NaN or out of range; pose and covariance stay as they were.
         """
         x, y = array(place, "place", (2,), "m", low=-FAR, high=FAR).tolist()
         seen = number(distance, "distance", "m", low=0.0, high=FAR)
@@ -112,7 +112,7 @@ class PoseFilter:
 def grid(
     source: HeightMap | ArrayLike | str | PathLike[str], cell: float = 0.05, origin: Sequence[float] = (0.0, 0.0)
 ) -> FloorGrid:
-    """Return a floor for `plan`.
+    """Return an occupancy grid of the floor, for `plan`.
 
     Args:
         source: a height map (ground over or under the floor is occupied), occupancy (ny, nx) of -1 = unknown and 0 to
@@ -138,7 +138,7 @@ def grid(
 def plan(
     floor: FloorGrid, start: Sequence[float], goal: Sequence[float], *, radius: float = 0.15, leg: float = 1.0
 ) -> PlannedRoute:
-    """Return the cheapest route: `waypoints` (n, 2) m, `length`, `clearance`.
+    """Return the cheapest route between two points: `waypoints` (n, 2) m, `length`, `clearance`.
 
     Args:
         floor: of `grid`.

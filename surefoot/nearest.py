@@ -1,4 +1,4 @@
-"""The allowed word nearest to a wrong one, for error sentences. Apart from the tables, which need numpy."""
+"""Suggestion of the allowed word that is most similar to a wrong one, for error messages."""
 
 from collections.abc import Iterable
 

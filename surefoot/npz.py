@@ -1,4 +1,4 @@
-"""Errors of reading an NPZ file that is damaged, of another program, or made to harm."""
+"""Errors that reading an NPZ file raises when the file is damaged, of another program, or malicious."""
 
 import lzma
 import struct
@@ -18,7 +18,7 @@ MAGIC = b"PK\x03\x04"
 
 
 def damage_of(path: Path) -> str:
-    """Return what is wrong with a file whose reading raised one of `BROKEN_NPZ`, to follow its name in a sentence."""
+    """Return what is wrong with a file whose reading raised one of `BROKEN_NPZ`: a text to follow the file's name."""
     with path.open("rb") as file:
         head = file.read(len(MAGIC))
     if head == MAGIC:

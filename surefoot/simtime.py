@@ -1,4 +1,4 @@
-"""State of simulated time, in words for people."""
+"""Texts for users on the state of simulated time."""
 
 from typing import TYPE_CHECKING
 
@@ -7,7 +7,7 @@ if TYPE_CHECKING:
 
 
 def standing_still(status: "SimStatus") -> str:
-    """Return why no tick comes, in words; empty while time runs."""
+    """Return a text on why simulated time stands still; empty while it runs."""
     at = f"at tick {status.tick}" if status.tick >= 0 else "before tick 0"
     match status.state:
         case "running":
@@ -23,7 +23,7 @@ def standing_still(status: "SimStatus") -> str:
 
 
 def pace(status: "SimStatus") -> str:
-    """Return how simulated time runs, in words: its real-time factor, late, joints held, or why it stands still."""
+    """Return a text on simulated time: its real-time factor, lateness and held joints, or why it stands still."""
     still = standing_still(status)
     rate = f"at {status.rtf:.2f} times real time, " if status.rtf > 0.0 else ""  # 0: nothing was measured yet
     words = [still] if still else [f"simulated time runs {rate}tick {status.tick}".replace("runs tick", "runs: tick")]

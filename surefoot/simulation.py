@@ -1,4 +1,4 @@
-"""Simulated robots: a whole scenario with all services, or the bare world.
+"""Simulated robots: a whole scenario with all services, or the physics alone.
 
 simulation.run("flat", seed=1).verdict.value("distance_m")
 world = simulation.world("ragno", friction=0.4)
@@ -31,7 +31,9 @@ def scenarios() -> tuple[str, ...]:
 def run(
     scenario: str | PathLike[str], *, seed: int | None = None, recording: str | PathLike[str] | None = None
 ) -> LocalRun:
-    """Run a scenario with all its services in this process; the same seed gives the same hash as the command line.
+    """Run a scenario with all its services in this process, and return its result.
+
+    The same seed gives the same run hash as the command line.
 
     Args:
         scenario: name or path of its file.
@@ -58,7 +60,7 @@ def run(
 def world(
     robot: str | Robot = "ragno", *, terrain: str = "flat", seed: int = 0, friction: float | None = None
 ) -> PhysicsWorld:
-    """Return one robot at rest on a ground: `samples`, `truth()`, `step_tick(command)` of 10 ms.
+    """Return a simulation of one robot at rest on a ground, with `samples`, `truth()`, `step_tick(command)` of 10 ms.
 
     Args:
         robot: name, path or description.

@@ -55,7 +55,7 @@ def contacts(points: ArrayLike, normals: ArrayLike | None = None, friction: Arra
 def region(
     contacts: ContactSet, *, directions: ArrayLike | None = None, tolerance: float = 1e-4, limit: int = 128
 ) -> Region:
-    """Return the places where the centre of mass may be: `status`, `inner` and `outer` polygons (m, 2) m, `gap` m.
+    """Return the region in which the centre of mass may be: `status`, `inner` and `outer` polygons (m, 2) m, `gap` m.
 
     Args:
         contacts: of `contacts`.
@@ -81,7 +81,7 @@ def region(
 def margin(where: ContactSet | Region, com: ArrayLike) -> float:
     """Return the distance of the centre of mass from the edge of the region, m: negative outside of it.
 
-    -inf: no place holds (the contacts carry nothing); inf: every place does.
+    -inf: the robot falls wherever its centre of mass is; inf: it falls nowhere.
 
     Args:
         where: contacts, or their region, which saves its computation.
@@ -96,7 +96,9 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
 
 
 def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
-    """Return the margin after each contact alone is lifted, (n,) m; NaN: there is no region or no edge then.
+    """Return the margin that is left when one contact is lifted, for each contact, (n,) m.
+
+    NaN: without that contact the region is empty, or has no edge.
 
     `com`: place of the centre of mass, (2,) m; (3,) is taken without its height.
 
@@ -107,7 +109,9 @@ def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
 
 
 def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array | None:
-    """Return the smallest forces at the contacts that hold the robot, (n, 3) in the unit of the weight; None: it falls.
+    """Return the contact forces of least sum of squares that hold the robot, (n, 3) in the unit of `weight`.
+
+    None: no forces within the friction cones hold it.
 
     Args:
         contacts: of `contacts`.

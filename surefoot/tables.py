@@ -40,7 +40,10 @@ M = TypeVar("M")
 
 
 class TableError(FieldError):
-    """A field that cannot be used, as in `chains.leg.links[1].mass`; codes: one of `CODES`, `syntax` or `not_found`."""
+    """Error of a field that cannot be used, such as `chains.leg.links[1].mass`.
+
+    Its code is one of `CODES`, `syntax` or `not_found`.
+    """
 
 
 class FileModel(BaseModel):
@@ -52,24 +55,24 @@ class FileModel(BaseModel):
 
 
 def refused(code: str, message: str, field: str = "") -> PydanticCustomError:
-    """Build the error that a validator raises.
+    """Build the error that a pydantic validator raises to refuse a value.
 
     Args:
         code: one of `CODES`.
-        message: the sentence.
-        field: path of the field below the place of the validator, empty for that place itself.
+        message: text of the error.
+        field: path of the field, relative to the validated value; empty for the value itself.
     """
     return PydanticCustomError(code, "{message}", {"message": message, "field": field})  # pyright: ignore[reportArgumentType] - any text is a type
 
 
 def validated(model: type[M], data: object, error: type[TableError] = TableError, path: str = "") -> M:
-    """Return the model of a file's content.
+    """Return the content of a file, validated, as an instance of `model`.
 
     Args:
         model: pydantic model or pydantic dataclass.
         data: content as read from the file.
         error: raised for the first field that cannot be used.
-        path: place of the content within the file, empty for all of it.
+        path: path of the content within the file, for the error; empty for the whole file.
     """
     try:
         return _adapter(model).validate_python(data, by_alias=True, by_name=False)
@@ -90,7 +93,7 @@ def table_error(exc: ValidationError, model: Any, error: type[TableError], path:
 
 
 def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, object]:
-    """Read a file (raises `error` with code `syntax` when it is not TOML)."""
+    """Return the content of a TOML file (raises `error` with code `syntax` when it is not TOML)."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as err:
@@ -98,12 +101,12 @@ def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, obj
 
 
 def unknown_key(key: object, known: Sequence[str]) -> str:
-    """Return the message about an unknown key: the nearest known one, and all of them."""
+    """Return the error message on an unknown key, with the most similar known key and all known ones."""
     return f"is not known here{did_you_mean(str(key), known)}; known are {', '.join(sorted(known))}"
 
 
 def as_table(value: object) -> Mapping[str, Any]:
-    """Return a table as read from a file, an empty one for anything else."""
+    """Return the value if it is a table, else an empty table."""
     return cast("Mapping[str, Any]", value) if isinstance(value, Mapping) else {}
 
 
@@ -138,7 +141,7 @@ def _sentence(code: str, first: ErrorDetails, model: Any) -> str:
 
 
 def known_keys(model: Any, loc: Sequence[object]) -> list[str]:
-    """Return the keys of the table at a place within a model, by its JSON Schema."""
+    """Return the keys that the table at the path `loc` of a model may have, from the model's JSON Schema."""
     schema: Any = _adapter(model).json_schema()
     nodes: list[Any] = [schema]
     for part in (*loc, None):

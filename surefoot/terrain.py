@@ -83,7 +83,9 @@ def foothold(
 
 
 def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None) -> HeightMap:
-    """Return the surface of one of the simulator's grounds, exact at the cell centres; equal arguments, equal bits.
+    """Return the height map of one of the simulator's grounds, exact at the cell centres.
+
+    Equal arguments give maps of equal bits.
 
     Args:
         kind: name of a ground, e.g. flat, rough, hills, steps, demo.

@@ -1,4 +1,4 @@
-"""Version of the distribution, in one place, and what the bits of its numbers depend on besides."""
+"""Version of the distribution, and a text on the platform, on which the last bits of its results depend."""
 
 import hashlib
 import math
@@ -11,7 +11,7 @@ VERSION = "0.1.0"
 
 @cache
 def numbers() -> str:
-    """Return in words what the bits of a run depend on besides the code: the machine, and the C library's functions.
+    """Return a text on what the bits of a run depend on besides the code: processor type and C library functions.
 
     A C library has several versions of sine, exponential and the like and chooses by the processor: with fused
     multiply-add their last bits differ. They are named by a digest of 4096 of their values.
