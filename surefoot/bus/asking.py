@@ -1,8 +1,8 @@
-"""Queries over Zenoh: the answer of the process that owns the query, and of no other.
+"""Queries over Zenoh, of which only the answer of the service that owns the query is accepted.
 
-A query goes to every process that serves its key, so that one which answers first, wrongly or never delays no answer.
-Zenoh names the session that answers, and the liveliness token of a service ends with the name of its session: by that
-the owner is known.
+A query goes to every process that serves its key, so that a process which answers first, wrongly or never delays no
+answer. The owner is identified by its session: Zenoh names the session of each answer, and the liveliness token of a
+service ends with the name of its session.
 """
 # pyright: reportUnknownMemberType=false
 
@@ -31,7 +31,7 @@ MEANWHILE_S = 0.5
 
 
 class Asking:
-    """Queries of a session, and the processes that it knows as owners of queries."""
+    """Sender of the queries of one Zenoh session; it keeps which process owns the queries of each service."""
 
     def __init__(self, session: zenoh.Session, namespace: str) -> None:
         self.refused: Counter[tuple[str, str]] = Counter()
@@ -54,15 +54,15 @@ class Asking:
 
         Args:
             query: row of the table.
-            timeout: limit on the wait, s; it holds too where the network forgets the query.
+            timeout: limit on the wait, s; it holds also if the network loses the query.
             payload: encoded request.
             attachment: raw bytes that go with the payload; None = none.
-            instance: process that shall answer; empty = the one that shows the owner's token.
+            instance: process that shall answer; empty = the process with the liveliness token of the owner.
             meanwhile: called every ``MEANWHILE_S`` of the wait.
 
         Raises:
-            CallError: absent or timeout, with the processes that answered without owning the query; ``second`` where
-                two processes of the owner's name answer and neither is known.
+            CallError: absent or timeout, with the processes that answered without owning the query; ``second`` if two
+                processes with the owner's token answer and neither was the owner before.
         """
         querier, replies = self._querier(query, timeout, instance), SimpleQueue[zenoh.Reply | None]()
 

@@ -18,12 +18,12 @@ LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 class Held(NamedTuple):
-    """A certificate in the folder.
+    """Name and expiry of a certificate in the folder of a robot.
 
     Attributes:
-        identity: its common name.
-        until: when it ends.
-        days: until then, negative = it has ended.
+        identity: common name in the certificate.
+        until: time at which the certificate expires.
+        days: days left until then; negative = it has expired.
     """
 
     identity: str
@@ -32,7 +32,7 @@ class Held(NamedTuple):
 
 
 def held(folder: Path) -> list[Held]:
-    """Return the certificates of a folder, the first to end first.
+    """Return the certificates of a folder, sorted by expiry, the earliest first.
 
     Raises:
         SurefootError: one cannot be read, or `cryptography` is not installed.
@@ -45,7 +45,7 @@ def held(folder: Path) -> list[Held]:
 
 
 def make_authority(folder: Path, name: str, days: int) -> None:
-    """Write the key and the certificate of an authority that signs for ``days``."""
+    """Write the private key and the certificate of a new certificate authority, which expires after ``days``."""
     x509 = _library("x509")
     key = _new_key()
     builder = _begun(f"surefoot authority of {name}", key, days).issuer_name(_named(f"surefoot authority of {name}"))
@@ -54,13 +54,13 @@ def make_authority(folder: Path, name: str, days: int) -> None:
 
 
 def issue(folder: Path, identity: str, days: int, hosts: tuple[str, ...] = ()) -> None:
-    """Write a new key and certificate of an identity, whose common name it is.
+    """Write a new private key and a certificate, signed by the authority, with the common name `identity`.
 
     Args:
-        folder: holds the authority.
+        folder: with the files of the authority; the new files go there, too.
         identity: service or person.
-        days: until the certificate ends, and not after the authority does.
-        hosts: names and addresses, besides those of loopback, under which its process is reached.
+        days: until the certificate expires; never later than the authority does.
+        hosts: names and addresses, besides those of loopback, at which the process of the identity is reached.
 
     Raises:
         SurefootError: an authority that cannot be read or has ended.

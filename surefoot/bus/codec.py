@@ -1,4 +1,4 @@
-"""Wire format: JSON by pydantic, its name and version in the encoding; bulk arrays raw with a JSON attachment."""
+"""Wire format of messages: JSON, with schema and version in the Zenoh encoding; large arrays raw, header attached."""
 
 from functools import cache
 from typing import Any, TypeVar
@@ -38,7 +38,7 @@ def _plain(model: type[Wire]) -> bool:
 
 
 def encode(message: Wire) -> tuple[bytes, bytes | None]:
-    """Return payload and attachment of a message."""
+    """Return payload and attachment of a message; the attachment is the JSON part of a bulk message, else None."""
     text = message.__pydantic_serializer__.to_json(message)
     if _plain(type(message)):
         return text, None
@@ -48,7 +48,7 @@ def encode(message: Wire) -> tuple[bytes, bytes | None]:
 
 
 def decode(model: type[W], payload: bytes, attachment: bytes | None = None, encoding: str = "") -> W:
-    """Return the message of a payload.
+    """Return the message decoded from a payload and its attachment.
 
     Raises:
         Refusal: too_large, schema (another named schema or major version), malformed, or invalid (names the field).
@@ -69,7 +69,7 @@ def decode(model: type[W], payload: bytes, attachment: bytes | None = None, enco
 
 
 def validate_json(model: type[W], payload: bytes) -> W:
-    """Return the message of a JSON text.
+    """Return the message decoded from a JSON text.
 
     Raises:
         Refusal: too_large, malformed, or invalid (names the field).
@@ -83,7 +83,7 @@ def validate_json(model: type[W], payload: bytes) -> W:
 
 
 def refusal_of(error: ValidationError, what: str) -> Refusal:
-    """Return the first complaint of pydantic as one sentence with the field and the received value."""
+    """Return the first error of a pydantic validation as a Refusal that names the field and the received value."""
     first = first_complaint(error)
     field = ".".join(_shown(str(part)) for part in first["loc"]) or None
     if first["type"] == "json_invalid":
@@ -100,10 +100,10 @@ def _shown(name: str) -> str:
 
 
 def first_complaint(error: ValidationError) -> ErrorDetails:
-    """Return the first complaint, ``loc`` without pydantic's names of a union's members, which no sender used.
+    """Return the first error of a pydantic validation; its path ``loc`` lacks pydantic's names of union members.
 
-    Of several complaints about one union (a number or a list of directions) it is that of the member that was
-    understood furthest: the sender of a list gets the error of its third row, not that it is no number.
+    Of several errors about one union (a number or a list of directions) it is the one with the longest path: the
+    sender of a list gets the error of its third row, not that it is no number.
     """
     found = [(_sent(one), one) for one in error.errors(include_url=False, include_context=False)]
     loc, first = found[0]
@@ -121,7 +121,7 @@ def _sent(complaint: ErrorDetails) -> tuple[int | str, ...]:
 
 
 def check_encoding(model: type[Wire], encoding: str) -> None:
-    """Refuse another named schema or another major version; absent or generic encodings mean the current one."""
+    """Raise a Refusal if an encoding names another schema or major version than the model's; accept unnamed ones."""
     _, _, schema = encoding.partition(";")
     owner, _, rest = schema.partition("/")
     if owner != "surefoot":
@@ -136,7 +136,7 @@ def check_encoding(model: type[Wire], encoding: str) -> None:
 
 
 def read_header(payload: bytes, attachment: bytes | None) -> Header:
-    """Return the header of a message alone, for a process that passes messages on without reading them."""
+    """Return only the header of an encoded message, for a process that forwards messages without decoding them."""
     return validate_json(Header, attachment or payload)
 
 

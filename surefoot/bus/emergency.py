@@ -1,6 +1,6 @@
-"""The emergency stop by itself: a bare Zenoh client that repeats it until the driver confirms.
+"""Small Zenoh client that requests an emergency stop until the driver confirms it.
 
-Imports neither numpy nor the schemas: whoever asks for a stop does not wait for them.
+The module imports neither numpy nor the schemas, so that a stop does not wait for their import.
 """
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
@@ -18,13 +18,13 @@ FIRST_S, MOST_S = 0.005, 0.1
 
 
 class Confirmed(NamedTuple):
-    """Report of the driver on a stop.
+    """Confirmation of an emergency stop by the driver.
 
     Attributes:
-        driver: service that drives.
+        driver: service that controls the robot's joints or its simulation.
         stopped: reason of the stop in force.
         tick: control tick in which it was in force.
-        after_s: wall time since the stop was asked for.
+        after_s: wall time from the first request to the confirmation, s.
     """
 
     driver: str
@@ -37,8 +37,8 @@ class Stopper:
     """Connection to one robot that sends an emergency stop and waits for the driver's confirmation.
 
     Args:
-        ways: endpoint of its router, or those of all its services, one of which drives.
-        namespace: prefix of its keys.
+        ways: endpoint of the robot's router, or those of all its services, including the driver.
+        namespace: prefix of the robot's keys.
 
     Raises:
         zenoh.ZError: no endpoint answers.
@@ -71,7 +71,7 @@ class Stopper:
         )
 
     def stop(self, reason: str, timeout_s: float) -> Confirmed | None:
-        """Request a stop until the driver reports that one is in force; None when it did not within ``timeout_s``."""
+        """Send a stop repeatedly until the driver confirms that it is in force; None: not within ``timeout_s``."""
         payload = json.dumps({"source": "operator", "reason": reason})
         began = time.monotonic()
         wait = FIRST_S

@@ -1,4 +1,4 @@
-"""Where the router is: endpoints as the command line and the environment give them, and settings of secure ones."""
+"""Endpoints of the router from the command line and the environment, and files of settings for secure endpoints."""
 
 import os
 import re
@@ -18,9 +18,9 @@ _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
 
 
 def checked(source: str, endpoint: str, *, any_port: bool = False) -> str:
-    """Return the endpoint itself (raises ConfigError naming ``source``, what came and the form expected).
+    """Return an endpoint unchanged after a check of its form (raises ConfigError that names ``source``).
 
-    ``any_port``: port 0 will do, for a listener that no other process has to find.
+    ``any_port``: port 0 is allowed, for a listener that no other process has to find.
     """
     match = _FORM.fullmatch(endpoint)
     if match is None or not (0 if any_port else 1) <= int(match.group(2)) <= 65535:
@@ -34,7 +34,7 @@ def from_environment(name: str) -> str | None:
 
 
 def checked_namespace(namespace: str) -> str:
-    """Return the prefix of a robot's keys itself (raises ConfigError naming what came and the form expected)."""
+    """Return the prefix of a robot's keys unchanged after a check of its form (raises ConfigError)."""
     if not _NAMESPACE.fullmatch(namespace):
         expected = "expected <fleet>/<robot> without *, $, # and ?"
         raise ConfigError("invalid", f"namespace: got {namespace!r}, {expected}", "namespace")
@@ -62,22 +62,22 @@ def to_connect() -> str:
 
 
 def without_source(text: str) -> str:
-    """Return a message of the network library without the places in its own source code."""
+    """Return an error message of the network library without the references to its source files."""
     return _SOURCE.sub("", text)
 
 
 def is_secure(endpoints: Iterable[str]) -> bool:
-    """Return whether an endpoint asks for certificates."""
+    """Return whether one of the endpoints uses TLS and so needs certificates."""
     return any(endpoint.startswith("tls/") for endpoint in endpoints)
 
 
 def secured(endpoint: str) -> str:
-    """Return the endpoint that asks for certificates, at the same place."""
+    """Return the TLS endpoint at the same host and port as an endpoint."""
     return f"tls/{endpoint.partition('/')[2]}"
 
 
 def any_port(secure: bool) -> str:
-    """Return the endpoint of a listener on loopback that no other process has to find."""
+    """Return the loopback endpoint with port 0, which lets the system choose the port; ``secure``: with TLS."""
     return f"{'tls' if secure else 'tcp'}/127.0.0.1:0"
 
 
@@ -89,7 +89,7 @@ def security_folder(namespace: str) -> Path:
 
 
 def settings_file(namespace: str, identity: str) -> Path:
-    """Return the Zenoh settings of an identity (raises ConfigError: there are none; the sentence names the remedy)."""
+    """Return the path of the Zenoh settings of an identity (raises ConfigError that names the remedy: no such file)."""
     path = security_folder(namespace) / f"{identity or os.environ.get('SUREFOOT_IDENTITY') or OPERATOR}{SETTINGS}"
     if not path.is_file():
         text = f"no certificate of {path.stem!r} in {path.parent}; `surefoot security init` makes those of a system"

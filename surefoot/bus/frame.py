@@ -1,9 +1,9 @@
 """Frames: everything a service publishes in one tick, or in a few, as one message.
 
-Payload: the JSON array of its messages, so that any tool can read it. Attachment: the publishing process (its instance,
-the word of its liveliness token), then the index, one ``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message,
-semicolons between them, in the order of the array, so that a reader takes what it needs without reading the rest.
-Length 0 is a prime: it has no place in the array.
+Payload: the JSON array of the messages, so that any tool can read it. Attachment: the publishing process (the last word
+of its liveliness token), then the index, one ``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message, semicolons
+between them, in the order of the array, so that a reader can decode only the messages it needs. Length 0 marks a prime,
+an empty message that tests the link before tick 0: it has no place in the array.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the
 
 
 class FramePart(NamedTuple):
-    """One message of a frame."""
+    """One message of a frame: key, JSON payload and header."""
 
     key: str
     payload: bytes
@@ -54,10 +54,11 @@ class Frame:
         self.size = len(payload)
 
     def deliveries(self) -> list[Delivery]:
-        """Return the messages of the frame that the reader takes, in the order they were published.
+        """Return the messages of the frame on the reader's topics, in the order they were published.
 
         Raises:
-            Refusal: malformed, the index is not one or does not fit the payload; too_large, the frame or a message is.
+            Refusal: malformed, the index has another form or does not fit the payload; too_large, the frame or a
+                message is.
         """
         found: list[Delivery] = []
         payload, topics = self._payload, self._topics

@@ -1,8 +1,8 @@
-"""Arrivals for a node from any thread, and the moment at which it is worth waking the node for them.
+"""Inbox of a node: queues that any thread fills, and that wake the node only when it has something to do.
 
-Four queues, each bounded by count and bytes: what a tick needs (frames, commands, life, queries of participants),
-heartbeats, queries of others, and what is only observed. A full queue refuses what comes; what was refused is counted
-by key.
+Four queues, each bounded by count and bytes: what a tick needs (frames, commands, changes of liveliness, queries of
+participants), heartbeats, queries of others, and messages that are only observed. A full queue refuses new items and
+counts them by key.
 """
 
 import threading
@@ -32,7 +32,7 @@ class _Counted(NamedTuple):
 
 
 def plain(item: Any) -> Any:
-    """Return an item as it was put into a lane, without the wrapper that counts its bytes."""
+    """Return an item as it was put into a `Lane`, without the wrapper that counts its bytes."""
     return item.item if type(item) is _Counted else item
 
 
@@ -53,7 +53,7 @@ class Lane:
         return len(self.items)
 
     def put(self, item: Any, size: int) -> bool:
-        """Return whether there was room for an item of ``size`` bytes; the first always finds room."""
+        """Queue an item of ``size`` bytes; return False if there is no room. An empty queue takes any item."""
         items = self.items
         if size <= SMALL_BYTES and len(items) < self._few:
             items.append(item)
@@ -76,10 +76,10 @@ class Lane:
 
 
 class Inbox:
-    """Four queues with one reader.
+    """Four queues of one reader, the thread of a node.
 
-    A tick needs the frames of several services. A reader that is woken for each of them does nothing but go to sleep
-    again: so it is woken by the last of the frames that it awaits, and by everything that is not a frame.
+    A tick needs the frames of several services. The reader is therefore woken by the last of the frames that it awaits,
+    not by each of them, and by every item that is not a frame.
     """
 
     def __init__(self) -> None:
@@ -92,7 +92,10 @@ class Inbox:
         self._bell.acquire()
 
     def put(self, item: Any) -> bool:
-        """Add a frame or message of a tick, from any thread; wake the reader if it awaits no other. False: no room."""
+        """Add a frame or other item of a tick, from any thread; return False if there is no room.
+
+        It wakes the reader, unless it is a frame and the reader awaits frames of other services.
+        """
         frame = isinstance(item, Frame)
         if not self.tick.put(item, item.size if frame else getattr(item, "size", 0)):
             return False
@@ -104,11 +107,11 @@ class Inbox:
         return self._ring() if self._bell.locked() else True
 
     def put_query(self, item: Any) -> bool:
-        """Add a query of no participant; from any thread. Return whether there was room."""
+        """Add a query of a client that is no participant of lockstep, from any thread; False: no room."""
         return self.queries.put(item, getattr(item, "size", 0)) and self._ring()
 
     def put_observed(self, item: Any) -> bool:
-        """Add a message that is only observed; from any thread. Return whether there was room.
+        """Add a message that is only observed and needed by no tick, from any thread; False: no room.
 
         Heartbeats have a queue of their own: a reader that lags must not lose them among status messages and logs.
         """
@@ -121,14 +124,15 @@ class Inbox:
         return True
 
     def get(self, timeout: float, awaited: set[str]) -> Any:
-        """Return the oldest item of the first queue that has one; sleeps while there is none.
+        """Return the oldest item of the first queue that has one; wait for an item while all are empty.
 
         Args:
-            timeout: s.
-            awaited: owners whose frames are lacking, crossed out here as they come; empty = any frame wakes.
+            timeout: longest wait, s.
+            awaited: services whose frames are missing; removed from the set as their frames come; empty = any frame
+                wakes.
 
         Raises:
-            Empty: nothing came in time, or the bell rang for what is gone already.
+            Empty: no item came in time, or the reader was woken for an item that was taken before.
         """
         self._awaited = awaited
         if self.empty() and timeout > 0.0:  # looked at after ``awaited`` is set: what came before does not ring

@@ -1,8 +1,8 @@
-"""Interface of every bus: Zenoh between processes, or plain calls inside one.
+"""Interface of the two buses: Zenoh between processes, or function calls inside one process.
 
-Participants of lockstep exchange *frames*: all messages of a service in a tick travel to its peers as one message,
-for each message costs its sender and every reader a wake-up, however small it is. Observers subscribe to the topics
-themselves, which are published as well as soon as somebody listens.
+Participants, which are the services that run in lockstep, exchange *frames*: all messages of a service in a tick
+travel as one message, as each message costs its sender and every reader a wake-up, however small it is. Observers
+subscribe to single topics, whose messages are published separately while they have a subscriber.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,7 +25,7 @@ _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the
 
 
 class Raw(NamedTuple):
-    """A message that is passed on without being read: what a recorder keeps."""
+    """An encoded message, as a recorder stores it: payload, attachment and Zenoh encoding."""
 
     payload: bytes
     attachment: bytes | None
@@ -33,7 +33,7 @@ class Raw(NamedTuple):
 
 
 class Stamp(NamedTuple):
-    """The header of a message as the index of its frame holds it."""
+    """Header of a message, read from the index of a frame without decoding the message."""
 
     tick: int
     epoch: int
@@ -42,7 +42,7 @@ class Stamp(NamedTuple):
 
 
 class Delivery:
-    """A message as it came: already an object (in-memory bus) or still bytes (Zenoh); read on the node's own thread."""
+    """A received message: an object (in-memory bus), or bytes (Zenoh) that are decoded at the first `message()`."""
 
     __slots__ = ("_message", "_raw", "_stamp", "sender", "topic")
 
@@ -68,18 +68,18 @@ class Delivery:
 
     @property
     def key(self) -> str:
-        """Key of the topic that the message came on."""
+        """Key of the topic of the message."""
         return self.topic.key
 
     @property
     def size(self) -> int:
-        """Bytes on the wire, 0 of a message that came as an object."""
+        """Size of the encoded message, bytes; 0 if it came as an object."""
         raw = self._raw
         return 0 if raw is None else len(raw.payload) + len(raw.attachment or b"")
 
     @property
     def prime(self) -> bool:
-        """An empty payload: the publisher proves the link before tick 0."""
+        """True for a message without payload, by which a publisher tests its links before tick 0."""
         return self._message is None and (self._raw is None or not self._raw.payload)
 
     def message(self) -> Message:
@@ -94,11 +94,11 @@ class Delivery:
         return self._message
 
     def under(self, topic: Topic[Any]) -> "Delivery":
-        """Return the same message under another topic row of its family, such as the one that was subscribed to."""
+        """Return the same message with another row of the topic table, such as a ``/*`` row instead of one key."""
         return self if topic is self.topic else Delivery(topic, self._message, self._raw, self._stamp, self.sender)
 
     def header(self) -> Any:
-        """Return the header of the message alone, without decoding the rest.
+        """Return an object with the header fields of the message, without decoding the rest.
 
         Raises:
             Refusal: the payload is not what the topic carries.
@@ -114,7 +114,7 @@ class Delivery:
         return read_header(self._raw.payload, self._raw.attachment)
 
     def raw(self) -> Raw:
-        """Return the bytes on the wire, encoded here when the message came as an object."""
+        """Return the encoded message; a message that came as an object is encoded now."""
         if self._raw is None:
             assert self._message is not None
             self._raw = Raw(*encode(self._message), encoding_of(self.topic.model))
@@ -122,7 +122,7 @@ class Delivery:
 
 
 class Incoming(Protocol):
-    """A query that waits for its answer; exactly one of `reply`, `fail` and `accept_probe` ends it."""
+    """A received query that waits for its answer; exactly one of `reply`, `fail` and `accept_probe` ends it."""
 
     query: Query[Any, Any]
     participant: bool
@@ -130,7 +130,7 @@ class Incoming(Protocol):
 
     @property
     def probe(self) -> bool:
-        """True for the empty query that only proves the link."""
+        """True for an empty query, by which a participant tests the link."""
         ...
 
     def request(self) -> Request:
@@ -146,13 +146,13 @@ class Incoming(Protocol):
         ...
 
     def accept_probe(self) -> None:
-        """Answer a probe, by which a participant tests its link, with an empty reply."""
+        """Answer an empty query (`probe`) with an empty reply."""
         ...
 
 
 @dataclass(frozen=True)
 class Life:
-    """Notice that a process appeared on the bus or left it."""
+    """Notice that a process of a service appeared on the bus or left it."""
 
     service: str
     instance: str
@@ -168,53 +168,53 @@ class Publisher(Protocol, Generic[M_contra]):
         ...
 
     def put(self, message: M_contra) -> Any:
-        """Publish a message; return a token for ``resend``."""
+        """Publish a message; return its encoded form for ``resend``."""
         ...
 
     def resend(self, token: Any) -> None:
-        """Publish the bytes of an earlier ``put`` again."""
+        """Publish the message of an earlier ``put`` again, unchanged; ``token`` is what ``put`` returned."""
         ...
 
     def prime(self) -> None:
-        """Publish an empty payload, which proves the link to each reader before the first tick."""
+        """Publish an empty message, by which each reader can test its link before the first tick."""
         ...
 
 
 class Bus(Protocol):
-    """A namespace of topics and queries. Sinks may be called from any thread and must only queue."""
+    """Topics and queries of one robot. The functions that receive messages (sinks) may be called from any thread, and
+    must only queue what they get."""
 
     apart: bool
     """Other processes act while one waits in a call."""
 
     def publisher(self, topic: Topic[M], instance: str = "") -> Publisher[M]:
-        """Declare the one writer of a key; ``instance`` names the process in its frames."""
+        """Return the only publisher of a key; ``instance`` names the process in its frames."""
         ...
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
-        """Deliver the messages of a key, or of all keys of a ``/*`` family, to an observer, whoever publishes them.
+        """Deliver the messages of a key, or of all keys that a ``/*`` key covers, to an observer.
 
-        ``bounded``: for services, which have more to do. Few are kept and more than some thousands per s are dropped;
-        what services publish outside ticks (status, latched) is taken from services only.
+        ``bounded``: for services, which must not be flooded. Few messages are kept and more than some thousands per s
+        are dropped; status and latched messages are taken from services only.
         """
         ...
 
     def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], Any], *, batched: bool = False) -> None:
-        """Deliver topics to a participant, without loss: framed ones as a Frame of their owner's, others as
-        Deliveries. What an observer that does not read could hold up does not come this way.
+        """Deliver topics to a participant: those that travel in frames as Frame, the others as Delivery.
 
         Args:
-            topics: rows with one owner each.
+            topics: rows of the topic table, each with one owner.
             sink: called from any thread.
-            batched: some ticks in one frame, for owners that no participant waits for.
+            batched: get the messages of several ticks in one frame, for topics that no tick waits for.
         """
         ...
 
     def cork(self) -> None:
-        """Hold back what is published on framed topics until ``flush``."""
+        """Collect the messages of topics that travel in frames, and publish none of them before ``flush``."""
         ...
 
     def flush(self, *, batch: bool = True) -> None:
-        """Publish what was held back as one frame; ``batch``: to readers that take several ticks in one frame, too."""
+        """Publish the messages since ``cork`` as one frame per owner; ``batch``: also the frames of several ticks."""
         ...
 
     def serve(
@@ -224,13 +224,14 @@ class Bus(Protocol):
         participants: Callable[[Incoming], Any] | None = None,
         instance: str = "",
     ) -> None:
-        """Deliver the queries of a key; a sink that returns False has no room, and some queries are dropped.
+        """Deliver the queries of a key to functions that answer them; a function returns False if it has no room.
 
         Args:
-            query: row of the table.
-            sink: gets the queries of any client.
-            participants: gets those of participants (see ``call``), without loss; None = they are not served apart.
-            instance: process that serves; participants ask it by that name.
+            query: row of the query table.
+            sink: gets the queries of any client, of which a flood is dropped in part.
+            participants: gets the queries that participants send to ``instance``, on a key of their own; None = no
+                such key.
+            instance: name of the process that serves.
         """
         ...
 
@@ -246,25 +247,25 @@ class Bus(Protocol):
         """Send a request and return its reply.
 
         Args:
-            query: row of the table.
-            request: what is asked.
+            query: row of the query table.
+            request: the message to send.
             timeout_s: limit on the wait, s; None = that of the row.
-            instance: process that shall answer, on the way of participants, which no flood of other clients' queries
-                fills; empty = the one that shows the token of the query's owner.
+            instance: process that shall answer, asked on the key for participants, which other clients cannot flood;
+                empty = the process with the liveliness token of the query's owner.
             meanwhile: called on the thread of the caller every half second of a longer wait.
 
         Raises:
-            CallError: absent, timeout, ``second`` where two processes answer as the owner and neither is known, or
-                the server's refusal under the server's code.
+            CallError: absent, timeout, ``second`` if two processes answer as the owner and neither was it before, or
+                the refusal of the server with its code.
         """
         ...
 
     def probe(self, query: Query[Any, Any], *, instance: str = "") -> bool:
-        """Return whether a query is answered, by the process ``instance`` or by the one that owns the query."""
+        """Send an empty query; return whether the process ``instance``, or the owner of the query, answers it."""
         ...
 
     def new_instance(self) -> str:
-        """Return the name of a process on this bus, by which its answers and its token are known."""
+        """Return a name for a process on this bus, which its answers and its liveliness token carry."""
         ...
 
     def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
@@ -273,16 +274,16 @@ class Bus(Protocol):
         Args:
             service: name of the service.
             instance: name of the process.
-            ready: false: it starts, is not visible to ``watch``, and owns nothing but its health.
+            ready: False = it is starting: ``watch`` does not report it, and it may answer only the query of its health.
         """
         ...
 
     def watch(self, sink: Callable[[Life], Any]) -> None:
-        """Deliver the appearance and disappearance of services, those already there first."""
+        """Deliver a notice whenever a process of a service appears or leaves; first one for each that is there."""
         ...
 
     def look_at_links(self) -> "list[LinkTrouble]":
-        """Return what is wrong since the last call: peers that read nothing, and links that are being made anew."""
+        """Return troubles found since the last call: peers that read nothing, and lost links, which are restored."""
         ...
 
     def close(self) -> None:
@@ -291,6 +292,6 @@ class Bus(Protocol):
 
 
 def two_owners(query: Query[Any, Any], processes: Iterable[str]) -> CallError:
-    """Return the error of a query that two processes serve as its owner."""
+    """Return the CallError ``second`` of a query that two processes serve as its owner."""
     both = " and ".join(map(repr, processes))
     return CallError("second", f"{query.key!r}: processes {both} both are {query.owner}; end one of them")

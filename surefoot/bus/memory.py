@@ -1,4 +1,4 @@
-"""The bus inside one process: same interface, no bytes, deterministic. For tests, replay and studies over seeds."""
+"""The bus inside one process: same interface, no encoding, deterministic. For tests, replay and studies over seeds."""
 
 import uuid
 from collections.abc import Callable, Iterable
@@ -40,7 +40,7 @@ class MemoryPublisher(Generic[M]):
 
 
 class MemoryIncoming:
-    """Query on the in-memory bus, whose client waits in the same thread."""
+    """Received query on the in-memory bus, whose client waits in the same thread."""
 
     def __init__(self, query: Query[Any, Any], request: Request | None, *, participant: bool = False) -> None:
         self.query, self.participant = query, participant
@@ -66,8 +66,8 @@ class MemoryIncoming:
 class MemoryBus:
     """Topics and queries of one robot inside one process.
 
-    A node that serves queries registers ``pump``, which handles what waits in its inbox; a call pumps its server until
-    the answer is there. Because the call graph is acyclic no node is ever pumped while it is in a call itself.
+    For each query a function (``pump_with``) lets its server handle its inbox; ``call`` calls this function until the
+    answer is there. Because the call graph is acyclic, no server is run while it is in a call itself.
     """
 
     apart = False
@@ -121,7 +121,7 @@ class MemoryBus:
         self._servers.setdefault(query.key, {})[instance] = (sink, participants or sink)
 
     def pump_with(self, query: Query[Any, Any], pump: Callable[[], bool]) -> None:
-        """Set the function that makes the server of ``query`` work and returns whether it did anything."""
+        """Set the function that lets the server of ``query`` handle its inbox; it returns whether it did anything."""
         self._pumps[query.key] = pump
 
     def call(
@@ -185,7 +185,7 @@ class MemoryBus:
             watcher(life)
 
     def depart(self, service: str) -> None:
-        """Withdraw the token of a process, as its loss does; for tests of faults."""
+        """Report that the process of a service has left, as if it had ended; for tests of faults."""
         for life in [life for life in self._alive if life.service == service]:
             self._alive.remove(life)
             for watcher in self._watchers:

@@ -1,10 +1,10 @@
-"""Links between processes that were lost while both ends kept their link to the router.
+"""Detection and repair of lost links between two processes that both still have their link to the router.
 
-A peer of Zenoh learns of others when it joins, and never again: two processes that lose each other for longer than the
-lease, as in a partition of half a second, stay apart as long as the router sees both, and it forwards nothing between
-them. A session that joins anew is introduced to all by the router, and all of them to each other by that session; so
-one is opened for a moment. It is a burden: all link to it, and a link too many that a busy machine makes then is not
-always closed by Zenoh. Therefore the router is asked first whether who is missing lives.
+A peer of Zenoh discovers other peers only when it joins. Two processes that lose their link for longer than the lease,
+as in a partition of half a second, therefore stay unlinked while the router has a link to both, and the router forwards
+nothing between them. A session that joins anew makes Zenoh link all peers to it and to each other; so one is opened for
+a moment. This costs links: all peers link to it, and Zenoh does not always close a surplus link that a busy machine
+makes then. Therefore the router is asked first whether the missing process is alive.
 """
 # pyright: reportUnknownMemberType=false
 
@@ -25,13 +25,14 @@ LOOKS = 5
 
 
 class Mesh:
-    """Looks at the links of a session again and again, and has those made anew that were lost.
+    """Check of the links of a session, called periodically (`look`), that restores lost links.
 
     Args:
-        linked: returns the names of the peers with a link to this one.
-        visible: returns the names of the processes that show it a token of liveliness.
-        alive: returns the names of those that show one to the router, this one among them; fewer where it is starved.
-        introduce: has all processes linked to all. It takes a while, and ends early when the event is set that it gets.
+        linked: returns the names of the peers with a link to this process.
+        visible: returns the names of the processes whose liveliness tokens reach this process.
+        alive: returns the names of the processes whose tokens reach the router, this one included; on a busy machine
+            some may be missing.
+        introduce: links all processes to each other. It takes a while, and ends early once the given event is set.
     """
 
     def __init__(
@@ -49,9 +50,9 @@ class Mesh:
         self._over = threading.Event()
 
     def look(self) -> list[LinkTrouble]:
-        """Return the processes that live without a link to this one at two looks; their links are being made anew.
+        """Return the live processes without a link to this one at two checks in a row; their links are restored.
 
-        What takes a while is done by a thread, and its result returned by a later look.
+        A thread does the checks, so a call may return the result of an earlier one.
         """
         if self._busy is not None and self._busy.is_alive():
             return []
@@ -64,12 +65,12 @@ class Mesh:
         return [LinkTrouble("unlinked", f"process {name!r} lives without a link to this one", name) for name in named]
 
     def settle(self) -> None:
-        """Wait until the last check of the links has its result."""
+        """Wait until the last check of the links has ended, for 2 s at most."""
         if self._busy is not None:
             self._busy.join(INTRODUCE_S + ROUTER_S)
 
     def close(self) -> None:
-        """End what is under way: a thread that is in the network library when the interpreter ends aborts it."""
+        """End a running check: a thread in the network library would abort the interpreter when that ends."""
         self._over.set()
         self.settle()
 
@@ -89,11 +90,11 @@ class Mesh:
 
 
 def linked_to(session: zenoh.Session) -> set[str]:
-    """Return the names of the peers with a link to a session; a link to a router is made anew by Zenoh itself."""
+    """Return the names of the peers with a link to a session, without routers, to which Zenoh reconnects by itself."""
     return {str(name) for name in session.info.peers_zid()}
 
 
 def visible_to(session: zenoh.Session, tokens: str, timeout_s: float) -> set[str]:
-    """Return the last words of the tokens of liveliness of all that a session sees."""
+    """Return the last word, the process name, of each liveliness token that matches the key expression ``tokens``."""
     found = session.liveliness().get(tokens, timeout=timeout_s)
     return {str(token.ok.key_expr).rpartition("/")[2] for token in found if token.ok is not None}

@@ -1,4 +1,4 @@
-"""Where and as what a session joins the network, and the Zenoh settings that follow."""
+"""Endpoints, mode and identity of a Zenoh session, and the Zenoh settings made from them."""
 
 # pyright: reportUnknownMemberType=false
 
@@ -29,7 +29,7 @@ SHARED_FROM = 512
 
 
 def shares_memory() -> bool:
-    """Return whether messages between processes of one host travel by shared memory: SUREFOOT_SHARED_MEMORY is 1.
+    """Return whether processes of one host exchange messages by shared memory: SUREFOOT_SHARED_MEMORY is 1.
 
     Raises:
         ConfigError: another value than 1, 0 or nothing.
@@ -42,7 +42,7 @@ def shares_memory() -> bool:
 
 @dataclass(frozen=True)
 class ZenohOptions:
-    """Endpoints, namespace and identity with which a session joins the network."""
+    """Mode, endpoints, namespace and identity with which a Zenoh session joins the network."""
 
     mode: str = "peer"
     """router (the supervisor), peer (services), client (tools)."""
@@ -56,7 +56,7 @@ class ZenohOptions:
 def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
     """Return the Zenoh settings of a session.
 
-    It has no multicast and no start-up delay, gossips between peers, and detects a lost link quickly.
+    They switch off multicast and the start-up delay, let peers gossip, and detect a lost link within a second.
     """
     listen = endpoint.listen
     secure = is_secure((*endpoint.connect, *listen))
@@ -96,7 +96,7 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
 
 
 def why_not_open(endpoint: ZenohOptions, error: str) -> str:
-    """Return why a session could not be opened, and what to do."""
+    """Return an error message on why a session could not be opened and what to do."""
     addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
     where = ", ".join(addresses)
     if endpoint.mode == "router" and "in use" in error:

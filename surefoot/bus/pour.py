@@ -1,7 +1,7 @@
-"""From a bounded channel of the network library into a sink, on a thread of its own.
+"""Threads that pass messages from a bounded channel of Zenoh to a reader's function.
 
-The channel keeps the newest messages and drops older ones without waking anybody, so that a flood costs the process
-next to nothing; the thread takes them out no faster than the reader works, and never faster than ``MOST_HZ``.
+The channel keeps the newest messages and drops older ones without waking a thread, so that a flood costs the process
+little; the thread takes them out no faster than the reader works, and no faster than a limit such as ``MOST_HZ``.
 """
 # pyright: reportUnknownMemberType=false
 
@@ -24,10 +24,10 @@ _kept: set[int] = set()
 
 
 def keep_thread_state() -> None:
-    """Keep the interpreter's state of the present thread; call it first on a thread of Zenoh's.
+    """Keep the Python thread state of the calling thread; call it first in a callback on a thread of Zenoh.
 
-    Python gives a foreign thread a new state at every call and takes it away after: memory mapped and unmapped per
-    message, and every other thread of the process interrupted for it. One more hold on the state lets it stay.
+    Otherwise Python makes a new state for a foreign thread at every callback and frees it afterwards, which maps and
+    unmaps memory for each message and interrupts all other threads. One more reference to the state keeps it.
     """
     ident = threading.get_ident()
     if ident not in _kept:
@@ -38,12 +38,12 @@ def keep_thread_state() -> None:
 def pour(
     handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], *, most_hz: float = 0.0
 ) -> threading.Thread:
-    """Start a thread that hands what a Zenoh handler receives to a sink, and return it; it ends with the session.
+    """Start and return a thread that passes what a Zenoh handler receives to a function; it ends with the session.
 
     Args:
-        handler: has ``recv``, which raises ZError at the end.
-        make: what the sink gets of a sample or query.
-        sink: returns False when it has no room.
+        handler: has ``recv``, which raises ZError when the session is closed.
+        make: converts a received sample or query for ``sink``.
+        sink: gets each converted item; returns False when it has no room, which makes the thread pause.
         most_hz: limit of the rate, 1/s; 0 = none.
     """
     thread = threading.Thread(target=_work, args=(handler, make, sink, most_hz), name="pour", daemon=True)

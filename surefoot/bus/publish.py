@@ -1,4 +1,4 @@
-"""Publishers over Zenoh: a key by itself for observers, and everything of an owner in frames for participants."""
+"""Publishers over Zenoh: single messages for observers, frames with all messages of a service for participants."""
 # pyright: reportUnknownMemberType=false
 
 from typing import Any, Generic
@@ -41,22 +41,22 @@ A chunk that begins with ``@`` is matched by itself only: whoever subscribes to 
 
 
 def participants_key(row: Topic[Any] | Query[Any, Any], instance: str) -> str:
-    """Return the key of an unframed topic or a query that participants use among themselves.
+    """Return the key under which participants exchange a query, or a topic that does not travel in frames.
 
-    That of a query or a latched topic ends with the process that serves or publishes it (``*``: any), so that its
-    readers know which one it is: they obey the one they are bound to.
+    The key of a query or a latched topic ends with the process that serves or publishes it (``*``: any), so that
+    readers can distinguish several processes of one service.
     """
     named = isinstance(row, Query) or row.kind is Kind.LATCHED
     return f"@{row.key}/{instance}" if named else f"@{row.key}"
 
 
 def apart(topic: Topic[Any]) -> bool:
-    """Return whether participants get an unframed topic under `participants_key`."""
+    """Return whether participants get a topic that does not travel in frames under `participants_key`."""
     return topic.kind in _TO_PARTICIPANTS
 
 
 class ZenohPublisher(Generic[M]):
-    """Publisher of one key on the network."""
+    """Publisher of one key on the network, each message by itself."""
 
     watched = True
 
@@ -84,7 +84,7 @@ class ZenohPublisher(Generic[M]):
 
 
 class Framer:
-    """Collect the messages of one owner and publish them, by the tick and by the batch."""
+    """Collector of the messages of one service, which publishes them in frames of one tick and of several ticks."""
 
     def __init__(self, session: zenoh.Session, owner: str, instance: str) -> None:
         self.corked = False
@@ -95,7 +95,7 @@ class Framer:
         self._batches = _declare(session, BATCH.format(owner), _JSON, *_FRAMES)
 
     def flush(self, batch: bool) -> None:
-        """Publish the messages that wait, as one frame."""
+        """Publish the collected messages as one frame; ``batch``: also those of all ticks since the last batch."""
         self.corked = False
         if self.frame:
             payload, index = pack(self.frame, self._instance)
@@ -109,7 +109,7 @@ class Framer:
 
 
 class FramedPublisher(Generic[M]):
-    """A key whose messages travel in frames, and by themselves for observers."""
+    """Publisher of one key whose messages travel in frames, and singly while an observer subscribes to the key."""
 
     def __init__(self, session: zenoh.Session, framer: Framer, topic: Topic[M]) -> None:
         self.topic = topic

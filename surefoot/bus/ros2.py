@@ -57,7 +57,7 @@ _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 @cache
 def types() -> Any:
-    """Return the store of message types (raises SurefootError: the extra is not installed)."""
+    """Return the `rosbags` store of ROS 2 message types (raises SurefootError: the extra `ros2` is not installed)."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
@@ -89,26 +89,26 @@ def _dds(kind: str) -> str:
 
 
 class WallOffset:
-    """Offset of wall time against the time of a run: the least delay seen, given up by 100 ppm, as clocks drift."""
+    """Estimate of the offset of wall time from the time of a run: the least difference, raised by 100 ppm for drift."""
 
     def __init__(self) -> None:
         self._offset_ns: int | None = None
 
     def measure(self, stamp_ns: int) -> int:
-        """Return the offset, ns, after a look at the clock in a tick with this stamp."""
+        """Update the offset with the wall clock in a tick of stamp `stamp_ns`, and return it, ns; call once a tick."""
         now = time.time_ns() - stamp_ns
         self._offset_ns = now if self._offset_ns is None else min(now, self._offset_ns + LEAK_NS)
         return self._offset_ns
 
 
 class Ros2Publisher:
-    """One topic that is published.
+    """Publisher of one ROS 2 topic over Zenoh.
 
     Args:
-        session: of the node.
-        key: of the data.
-        token: of the graph; also the identity of the publisher.
-        kind: type of the messages.
+        session: Zenoh session of the node.
+        key: Zenoh key of the messages.
+        token: liveliness token that shows the publisher in the ROS graph; also its identity.
+        kind: type of the messages, such as `nav_msgs/msg/Odometry`.
     """
 
     def __init__(self, session: zenoh.Session, key: str, token: str, kind: str) -> None:
@@ -125,7 +125,7 @@ class Ros2Publisher:
 
 
 class Ros2Node:
-    """A node without ROS.
+    """A ROS 2 node over Zenoh, for which ROS need not be installed.
 
     Args:
         name: of the node.
@@ -169,7 +169,7 @@ class Ros2Node:
         return made
 
     def subscribe(self, topic: str, kind: str, sink: Callable[[Any], None], failed: Callable[[str], None]) -> None:
-        """Pass the messages of a topic to `sink`, on another thread; `failed` gets what is wrong with others."""
+        """Pass the messages of a topic to `sink`, on another thread; `failed` gets a text on each undecodable one."""
         key = data_key(self.domain, topic, kind)
         store = types()
 

@@ -1,4 +1,4 @@
-"""Messages of this project as those of ROS 2 (REP-103, REP-105), for the bridge and for bags.
+"""Conversion of this project's messages to ROS 2 messages (REP-103, REP-105), for the bridge and for bags.
 
 Each function returns a message of the store of `surefoot.bus.ros2.types`; frames: `odom`, `base_link`, `map`.
 """
@@ -31,7 +31,7 @@ def _make(kind: str, **fields: Any) -> Any:
 
 
 def header(stamp_ns: int, frame: str) -> Any:
-    """Return a header with a time of the robot's clock, ns."""
+    """Return a ROS header with a stamp, ns of the robot's clock, and the name of a frame."""
     time = _make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
     return _make("std_msgs/msg/Header", stamp=time, frame_id=frame)
 
@@ -45,7 +45,7 @@ def _quaternion(wxyz: Sequence[float]) -> Any:
 
 
 def imu_message(m: Imu, frame: str) -> Any:
-    """Return an inertial sample, specific force and rates; orientation and covariances unknown."""
+    """Return specific force and rates as `sensor_msgs/msg/Imu`; orientation and covariances are unknown."""
     unknown = np.zeros(9)
     unknown[0] = UNKNOWN
     return _make(
@@ -56,7 +56,7 @@ def imu_message(m: Imu, frame: str) -> Any:
 
 
 def joints_message(m: JointState, names: Sequence[str]) -> Any:
-    """Return joint angles, rates and torques by name."""
+    """Return joint angles, rates and torques by name, as `sensor_msgs/msg/JointState`."""
     velocity, effort = (np.array(part if part is not None else (), dtype=np.float64) for part in (m.velocity, m.torque))
     position = np.array(m.position, dtype=np.float64)
     return _make(
@@ -74,7 +74,7 @@ def _layout(sizes: Sequence[tuple[str, int]]) -> Any:
 
 
 def contacts_message(m: FootContacts) -> Any:
-    """Return one flag a foot in the leg order of the description, 1 = stands."""
+    """Return a `std_msgs/msg/UInt8MultiArray` of one flag per foot, in the leg order of the description, 1 = stands."""
     flags = np.array([any(foot) for foot in m.touch], dtype=np.uint8)
     return _make(KINDS["contacts"], layout=_layout([("foot", len(flags))]), data=flags)
 
@@ -92,11 +92,11 @@ def _pose_covariance(m: Odometry) -> Array:
 
 
 def odometry_message(pose: Odometry, v: VelocityEstimate, rot_base_from_imu: Array, frames: tuple[str, str]) -> Any:
-    """Return a ROS odometry: pose, m, in the first frame, twist, m/s and rad/s, in the second, each with covariance.
+    """Return a `nav_msgs/msg/Odometry`: pose, m, in odom and twist, m/s and rad/s, in base_link, with covariances.
 
     Args:
         pose: of base_link in odom.
-        v: of the same time; its covariance is of gravity and velocity in IMU axes.
+        v: velocity estimate of the same time; its covariance is of gravity and velocity in IMU axes.
         rot_base_from_imu: (3, 3).
         frames: names of odom and base_link.
     """
@@ -122,7 +122,7 @@ def base_state_message(
 
     Args:
         pose: of base_link.
-        v: of the same time.
+        v: velocity estimate of the same time.
         stance: feet that stand: fore left, fore right, hind left, hind right.
         frame: name of odom.
         robot: name of the robot.
@@ -153,7 +153,7 @@ def _four(stance: Sequence[bool]) -> Array:
 
 
 def transform_message(pose: Odometry, frames: tuple[str, str]) -> Any:
-    """Return the transform from the second frame, base_link, to the first, odom."""
+    """Return a `tf2_msgs/msg/TFMessage`, the transform from base_link to odom; `frames`: names of odom, base_link."""
     turn = _make("geometry_msgs/msg/Transform", translation=_vector(pose.position),
                  rotation=_quaternion(pose.quat_wxyz))  # fmt: skip
     one = _make("geometry_msgs/msg/TransformStamped", header=header(pose.stamp_ns, frames[0]),
@@ -162,7 +162,10 @@ def transform_message(pose: Odometry, frames: tuple[str, str]) -> Any:
 
 
 def map_message(m: HeightMapMessage) -> Any:
-    """Return the heights as layer `elevation`; grid_map counts rows from x-max and columns from y-max on."""
+    """Return a `grid_map_msgs/msg/GridMap` with the heights, m, as layer `elevation`.
+
+    grid_map counts rows from x-max and columns from y-max on.
+    """
     heights = np.frombuffer(m.data, dtype="<f4").reshape(m.rows, m.cols)  # row = y, column = x
     cells = np.ascontiguousarray(heights[::-1, ::-1])  # column-major (x, y) from the far corner = row-major (y, x)
     size = (m.cols * m.cell, m.rows * m.cell)
@@ -185,7 +188,7 @@ def stamp_of(message: Any) -> int:
 
 
 def delay(message: Any, offset_ns: int) -> None:
-    """Move the stamps of a message by the offset of another clock, ns."""
+    """Add `offset_ns` to all time stamps of a ROS message, in place."""
     for each in getattr(message, "transforms", [message]):
         if offset_ns and hasattr(each, "header"):
             each.header = header(stamp_of(each) + offset_ns, each.header.frame_id)

@@ -1,7 +1,7 @@
-"""Peers that read nothing: what waits for them in the kernel, and has not become less for a while.
+"""Detection of peers that read nothing, from the TCP counters of the kernel.
 
-Zenoh drops what such a peer does not take and names neither peer nor key. The kernel has two numbers of each
-connection: bytes that wait, and bytes that the other end has taken so far.
+Zenoh drops messages that such a peer does not take, and names neither peer nor key. The kernel counts for each
+connection the bytes that wait and the bytes that the other end has taken so far.
 """
 # pyright: reportUnknownMemberType=false
 
@@ -22,7 +22,7 @@ _TCP_INFO_BYTES = 192
 
 
 class Connection(NamedTuple):
-    """A TCP connection of this process.
+    """Byte counters of a TCP connection of this process.
 
     Attributes:
         waiting: bytes that the other end has not taken.
@@ -37,8 +37,8 @@ class LinkTrouble(NamedTuple):
     """Something wrong with the link to a peer.
 
     Attributes:
-        reason: `unread` the peer takes nothing, `unlinked` it lives without a link to this process.
-        text: the sentence of the log.
+        reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process.
+        text: message for the log.
         peer: name of its session.
     """
 
@@ -48,7 +48,7 @@ class LinkTrouble(NamedTuple):
 
 
 class Unread:
-    """Looks at the connections of a session again and again; on Linux, elsewhere no peer is named."""
+    """Periodic check (`look`) of the connections of a session for peers that read nothing; works on Linux only."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
@@ -73,7 +73,7 @@ def _unread(name: str, address: str, waiting: int) -> LinkTrouble:
 
 
 def connections() -> Iterator[tuple[str, Connection]]:
-    """Yield address of the other end and state of each TCP connection of this process."""
+    """Yield address of the other end and byte counters of each TCP connection of this process."""
     try:
         numbers = [int(name) for name in os.listdir("/proc/self/fd")]
     except OSError:

@@ -1,4 +1,4 @@
-"""The bus between processes: one Zenoh session, one namespace, typed keys."""
+"""The bus between processes: the topics and queries of one robot over one Zenoh session."""
 # pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
 
@@ -41,13 +41,13 @@ PROBE_S = 0.2
 
 
 class ZenohIncoming:
-    """A query over the network; it is ended by ``reply`` or ``fail``, else the asker would wait for its time-out.
+    """A query received over the network; ``reply``, ``fail`` or ``accept_probe`` answers it.
 
     Args:
-        query: the row of the table.
-        key: under which it was asked.
-        asked: the query itself.
-        replies: queue for large replies; None for a participant, who is answered at once.
+        query: row of the query table.
+        key: key on which the query came.
+        asked: Zenoh's object of the query.
+        replies: queue for large replies; None for a participant, which is answered at once.
     """
 
     def __init__(self, query: Query[Any, Any], key: str, asked: zenoh.Query, replies: Replies | None = None) -> None:
@@ -119,7 +119,7 @@ class ZenohBus:
     def publisher(
         self, topic: Topic[M], instance: str = "", *, framed: bool = True
     ) -> ZenohPublisher[M] | FramedPublisher[M]:
-        """Declare the one writer of a key; ``instance`` names the process in its frames.
+        """Return the only publisher of a key; ``instance`` names the process in its frames.
 
         ``framed`` = False: its messages reach observers only, as when a recording is played.
         """
@@ -144,7 +144,7 @@ class ZenohBus:
     def listen(
         self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False
     ) -> Callable[[], None]:
-        """Deliver the messages of a key to an observer until the function that is returned is called.
+        """Deliver the messages of a key to an observer; return a function that ends the subscription.
 
         ``bounded``: for services; few messages are kept and more than some thousands per s are dropped.
         """
@@ -167,8 +167,8 @@ class ZenohBus:
     def newest(self, topic: Topic[Any]) -> Callable[[], Delivery | None]:
         """Return a function that returns the newest message of a key since its last call, None when none came.
 
-        Older ones are dropped without a thread or a call in Python: for a reader that looks now and then. The
-        subscription ends with the function.
+        Older messages are dropped without a thread or a call in Python: for a reader that asks now and then. The
+        subscription ends when the returned function is deleted.
         """
         subscriber = self.session.declare_subscriber(topic.key, RingChannel(1))
 
