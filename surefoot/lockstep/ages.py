@@ -1,6 +1,6 @@
-"""Ages of the inputs of a service, and limits on them: silent sensors and services are named, not averaged over.
+"""Ages of the inputs of a service, and limits on them, so that silent sensors and services are reported by key.
 
-Ages are simulated time, from the stamp of the newest sample to the stamp of the tick; a paused run ages nothing.
+Age is simulated time, from the stamp of the newest sample of an input to the stamp of the tick.
 """
 
 from collections import Counter
@@ -17,15 +17,15 @@ PERIODS = 3  # an input is late when so many of its periods have passed without 
 
 
 def limit_ns(topic: Topic[Any]) -> int:
-    """Return the age beyond which an input is late, ns; 0 = it has no period, and is never late."""
+    """Return the age beyond which an input is late by default, ns; 0 = never, as the topic has no period."""
     return max(PERIODS * topic.period_ns, LEAST_NS) if topic.period_ns else 0
 
 
 class Ages:
-    """Ages of the inputs of one service.
+    """Record of the ages of the inputs of one service.
 
     Args:
-        inputs: as the service declares them.
+        inputs: declared inputs of the service.
     """
 
     def __init__(self, inputs: Iterable[Input]) -> None:
@@ -37,10 +37,10 @@ class Ages:
         self.begin()
 
     def begin(self, limits: Mapping[str, int] | None = None) -> None:
-        """Begin an epoch: no input is late.
+        """Reset the ages for a new run (epoch): no input is late.
 
         Args:
-            limits: ages beyond which an input is late, ns, by key, 0 = never; others: ``limit_ns``.
+            limits: age beyond which an input is late, ns, by key, 0 = never; for other keys: ``limit_ns``.
         """
         given = limits or {}
         self._limits = {row.key: limit for row in self._rows if (limit := given.get(row.key, limit_ns(row))) > 0}
@@ -56,12 +56,12 @@ class Ages:
         self.longest = {}
 
     def judge(self, inputs: TickInputs, absent: Iterable[str], log: Callable[[str, str], None]) -> None:
-        """Take the inputs of a tick; log an input that becomes late, and its return, a few times.
+        """Update the ages from the inputs of a tick; log the first ``LOGGED`` times an input becomes late or returns.
 
         Args:
-            inputs: of the tick; its ``late`` is filled in: age of each late input, s, by key.
-            absent: keys that the driver does not have.
-            log: gets level and text.
+            inputs: inputs of the tick; its ``late`` is filled in: age of each late input, s, by key.
+            absent: keys that the driver does not provide.
+            log: called with level and text.
         """
         late, again = self.note(inputs, absent)
         for key in late:
@@ -73,11 +73,11 @@ class Ages:
                 log("info", f"{key} comes again")
 
     def note(self, inputs: TickInputs, absent: Iterable[str] = ()) -> tuple[list[str], list[str]]:
-        """Take the inputs of a tick; return the keys that are late since now, and those that have come again.
+        """Update the ages from the inputs of a tick; return the keys that became late, and those that returned.
 
         Args:
-            inputs: of the tick; its ``late`` is filled in.
-            absent: keys that the driver does not have.
+            inputs: inputs of the tick; its ``late`` is filled in.
+            absent: keys that the driver does not provide.
         """
         tick, newest = inputs.tick, self._newest
         if not self._limits:

@@ -1,4 +1,4 @@
-"""Ends of queries: with the handler's reply, a typed error, or later, with the result of another thread."""
+"""Answers to the queries of a service: the handler's reply, an error, or later the result of another thread."""
 
 import time
 from collections import defaultdict, deque
@@ -18,18 +18,18 @@ SENDERS = 4
 
 
 class LateAnswer(NamedTuple):
-    """An answer that is worked out on another thread: the request, and the future that brings its reply."""
+    """A query whose reply is computed on another thread: the query to answer, and the future of the reply."""
 
     incoming: Incoming
     future: Future[Any]
 
 
 class Answers:
-    """Sends the answers to queries of a node; one worked out on another thread comes back through its inbox.
+    """Sender of the answers to the queries of a node; a reply from another thread comes back through the node's inbox.
 
     Args:
-        put: puts such an answer into the inbox.
-        refuse: counts a refusal by its reason, with a detail for the log.
+        put: puts a reply from another thread into the inbox.
+        refuse: counts a refused query by a reason, with a detail for the log.
         clock: returns monotonic wall time, s.
     """
 
@@ -48,21 +48,21 @@ class Answers:
         """Queries about ticks that have not come, and since when, s."""
 
     def begin(self) -> None:
-        """Begin a new run: what was answered in the last one is of no use, though its ticks have the same numbers."""
+        """Forget the answers of the last run, as the ticks of a new run have the same numbers."""
         self._last.clear()
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
-        """Keep a query about a tick that has not come until it comes."""
+        """Keep a query about a future tick until that tick."""
         self.waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
-        """Take out and return the queries whose tick has come, by `seen`."""
+        """Take out and return the waiting queries for which `seen` returns that their tick has come."""
         ready = [item for item in self.waiting if seen(item[2])]
         self.waiting = [item for item in self.waiting if item not in ready]
         return [(incoming, request) for _, incoming, request in ready]
 
     def expire(self, name: str) -> None:
-        """End the queries that have waited too long for the service ``name``."""
+        """Answer queries that waited longer than ``NOT_READY_S`` by the error ``not_ready``; ``name``: the service."""
         if not self.waiting:
             return
         now = self._clock()
@@ -72,7 +72,7 @@ class Answers:
             incoming.fail(Refusal("not_ready", f"{name} has not seen tick {request.tick} of epoch {request.epoch}"))
 
     def request(self, incoming: Incoming) -> Request | None:
-        """Return the request; None if it is answered already: a probe, or a payload that cannot be read."""
+        """Return the request of a query; None for a test of the link or an unreadable payload, answered here."""
         if incoming.probe:
             incoming.accept_probe()
             return None
@@ -84,10 +84,10 @@ class Answers:
             return None
 
     def settle(self, incoming: Incoming, make: Callable[[], Any], request: Request | None = None) -> None:
-        """Answer with the result or the error of ``make``; where the result is a future, once it is done.
+        """Answer a query with the result or the error of ``make``; if the result is a future, once it is done.
 
-        A participant that repeats its last request of a tick, or order for a tick, gets the same answer: the first was
-        lost on the way. What a service learns from a request is learned once, and a walk begins once.
+        A participant that repeats a request that names a tick gets the same answer without a new call of ``make``: the
+        first answer was lost on the way, and a request takes effect only once.
         """
         key = incoming.query.key
         try:
@@ -109,7 +109,7 @@ class Answers:
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
 
     def arrived(self, late: LateAnswer) -> None:
-        """Send a late answer whose future is done."""
+        """Send the reply of a query whose future is done."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)
 

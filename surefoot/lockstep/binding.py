@@ -1,4 +1,4 @@
-"""Bindings of services to processes: frames of any other process are refused."""
+"""Binding of each service to one process, so that messages of any other process under its name are refused."""
 
 from collections import Counter
 
@@ -11,11 +11,11 @@ MOST_EARLY = 64
 
 
 class Bindings:
-    """Owners of frames and the processes they are bound to.
+    """Table of services and the one process that acts as each.
 
-    A service is bound to the first visible process that proves its links (its prime), and stays bound to it while that
-    process is visible; a process that is out of sight for a while is the same one when it returns. A liveliness token
-    alone binds nothing, and a frame alone neither.
+    A service is bound to the first process that has a liveliness token and also tests its links, such as by an empty
+    message (prime), and stays bound while the token is there. A process whose token is lost for a while keeps its
+    binding unless another process takes its place.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class Bindings:
         self._early: Counter[tuple[str, str]] = Counter()
 
     def on_life(self, life: Life) -> str:
-        """Note that a process appeared or went out of sight; return the bound one where another appears beside it."""
+        """Record that a process appeared or left; return the bound process if another appears beside it, else ""."""
         seen = self._visible.setdefault(life.service, {})
         if not life.alive:
             seen.pop(life.instance, None)
@@ -35,16 +35,16 @@ class Bindings:
         return bound if bound in seen and bound != life.instance else ""
 
     def visible(self, service: str, instance: str) -> bool:
-        """Return whether a process shows a liveliness token of a service."""
+        """Return whether a process has a liveliness token of a service."""
         return instance in self._visible.get(service, ())
 
     def candidates(self, service: str) -> tuple[str, ...]:
-        """Return the processes that may answer for a service: the bound one, or those that may take its place."""
+        """Return the processes that may answer as a service: the bound one, or those that may take its place."""
         seen, bound = self._visible.get(service, {}), self.bound.get(service)
         return (bound,) if bound is not None and (bound in seen or not seen) else tuple(seen)
 
     def bind(self, service: str, instance: str) -> bool:
-        """Note that a process proves its links; return whether the service is bound to it now."""
+        """Record that a process has tested its links; return whether the service is bound to this process now."""
         bound = self.bound.get(service)
         if bound != instance:
             if not self.visible(service, instance) or (bound is not None and self.visible(service, bound)):
@@ -58,12 +58,12 @@ class Bindings:
             self._early[service, instance] += 1
 
     def forgive(self, service: str, instance: str) -> int:
-        """Return how many frames a process sent before the service was bound to it; they count no more."""
+        """Return how many frames a process sent before the service was bound to it, and reset the count."""
         return self._early.pop((service, instance), 0)
 
 
 def is_prime(last: Delivery) -> bool:
-    """Return whether a frame that ends with a message proves its publisher's links."""
+    """Return whether a frame whose last message is `last` is a test of links (prime): empty, or a tick before 0."""
     try:
         return last.prime or (last.key == HW_TICK.key and last.header().tick < 0)
     except Refusal:

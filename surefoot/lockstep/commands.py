@@ -1,4 +1,4 @@
-"""Joint commands as they come to the driver: which are fresh, and which one a tick obeys."""
+"""Joint commands received by the driver: check of their age, and choice of the command for a tick."""
 
 from collections.abc import Callable
 
@@ -31,11 +31,11 @@ class Commands:
         return tick in self._by_tick
 
     def offer(self, command: JointCommand, tick: int, check: Callable[[JointCommand], None], sender: str = "") -> None:
-        """Accept a command at a tick of the driver, unless one of its tick was accepted: of a walker that was lost.
+        """Accept a command while the driver is at ``tick``; ignore it if a command of the same tick was accepted.
 
         Raises:
-            Refusal: conflict (the same process, ``sender``, commanded something else in that tick), stale (of another
-                time than the last 100 ms), stamp (its stamp is not of its tick), or why the hardware must not obey it.
+            Refusal: conflict (the same process, ``sender``, commanded something else in that tick), stale (older than
+                100 ms, or of a later tick), stamp (the stamp does not fit the tick), or the error of ``check``.
         """
         if self.known(command.tick):
             if sender == self._sender and self._by_tick[command.tick] != command:
@@ -57,9 +57,9 @@ class Commands:
         self._accepted_at, self._sender = tick, sender
 
     def take(self, wanted: int, *, exact: bool) -> JointCommand | None:
-        """Return the command of tick ``wanted``, None if there is none.
+        """Return the command of tick ``wanted``; None if there is none.
 
-        Unless ``exact``, return the newest until that tick that is later than the last obeyed one and not stale.
+        Unless ``exact``, the newest command up to that tick that is later than the last one taken and not stale.
         """
         oldest = wanted if exact else max(self._obeyed, wanted - STALE_TICKS) + 1
         for tick in range(wanted, oldest - 1, -1):
@@ -70,5 +70,5 @@ class Commands:
         return None
 
     def lost(self, tick: int) -> bool:
-        """Return whether the stream has ended: it had begun, and nothing was accepted for 100 ms until ``tick``."""
+        """Return whether commands came earlier, but none was accepted in the 100 ms before ``tick``."""
         return self._offered and self._accepted_at < tick - STALE_TICKS

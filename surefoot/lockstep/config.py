@@ -23,7 +23,7 @@ PREFIX = "SUREFOOT_"
 
 
 class ServiceConfig(Strict):
-    """Configuration that every service has."""
+    """Base of the configurations of services, with the fields that every service has."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -47,11 +47,11 @@ def load_config(
     """Return the validated configuration of a service.
 
     Args:
-        model: its configuration model.
-        service: its name; the TOML file holds one table per service.
+        model: configuration model of the service.
+        service: name of the service; the TOML file holds one table per service.
         file: TOML file, or None.
         environ: the environment, or None for an empty one.
-        overrides: ``field=value`` strings, the strongest.
+        overrides: ``field=value`` strings, which override all other sources.
 
     Raises:
         ConfigError: names the source, the field, the received value and what is allowed.
@@ -70,10 +70,10 @@ def load_config(
 
 
 def changed(config: S, service: str, values: Mapping[str, str]) -> S:
-    """Return a configuration with new values of live parameters, written as in the environment.
+    """Return a copy of a configuration with new values of live parameters, which may change while a service runs.
 
     Raises:
-        ConfigError: a parameter is not there or not live, or its value is not allowed.
+        ConfigError: a parameter does not exist or is not live, or its value is not allowed.
     """
     model = type(config)
     for name in values:
@@ -144,7 +144,7 @@ def _known(model: type[BaseModel], field: str, where: str) -> None:
 
 
 def value_of(text: str) -> Any:
-    """Return a value written as in a configuration file; what is no TOML is text."""
+    """Return the value of a text read as TOML, or the text itself if it is not TOML."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError):

@@ -1,4 +1,4 @@
-"""``surefoot-service <name> [options]``: starts one service, of the folder `services` or of an installed package."""
+"""Command ``surefoot-service <name> [options]``: starts a service of this or another installed package."""
 
 import gc
 import importlib
@@ -41,7 +41,7 @@ def own_service_names() -> tuple[str, ...]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a service; the remaining arguments are its own."""
+    """Run the service named by the first argument; the remaining arguments are its own."""
     from surefoot.lockstep.ending import ENDING  # first of all: SIGTERM may come while the rest is imported
 
     ENDING.watch()

@@ -1,7 +1,7 @@
-"""The runtime of a driver: the one owner of time. A simulator and a hardware driver run in it alike.
+"""Driver, the service that sets the time of all others, and its runtime: for simulators and hardware alike.
 
-A driver provides ``hw/*`` and takes ``cmd/joints``; the runtime keeps the roster, proves the links, emits the manifest
-of each tick, waits as the protocol asks (see ``surefoot.lockstep.leader``), repeats what was lost, and paces.
+A driver publishes ``hw/*`` and takes ``cmd/joints``; the runtime keeps the roster of services, tests their links, sends
+the manifest of each tick, waits as ``surefoot.lockstep.leader`` requires, repeats lost messages, and keeps the pace.
 """
 
 import time
@@ -35,7 +35,7 @@ STATUS_S = 1.0
 
 
 class Driver(Service[C]):
-    """Base of drivers: overrides three methods; the roster and the clock are the runtime's."""
+    """Base of drivers: a subclass overrides `release` and `actuate`; its runtime has the roster and the clock."""
 
     leader: ClassVar[type[Leader]] = Leader
     lacking: tuple[Topic[Any], ...] = ()
@@ -46,14 +46,14 @@ class Driver(Service[C]):
         raise NotImplementedError
 
     def reveal(self, tick: int) -> list[DueSample]:
-        """Return samples of ``observers_only`` topics that go with ``tick``; called once its frame is on its way.
+        """Return the samples of ``observers_only`` topics of ``tick``; called after its frame is published.
 
-        They are published with the next batch, or at once while somebody watches.
+        They are published with the next batch of ticks, or at once while an observer subscribes to one of the topics.
         """
         return []
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        """Let one tick of time pass under a command (None: hold what was)."""
+        """Apply a joint command for one tick of time (None: keep the last one)."""
         raise NotImplementedError
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
@@ -64,7 +64,7 @@ class Driver(Service[C]):
         """Prepare the first run, once, when the runtime is up."""
 
     def on_status(self) -> None:
-        """Publish how time runs, if the driver does so; called each second of wall time."""
+        """Publish the state of simulated time, if the driver does so; called each second of wall time."""
 
     def check(self, command: JointCommand) -> None:
         """Refuse a command the hardware must not obey (raises Refusal)."""
@@ -76,7 +76,7 @@ class Driver(Service[C]):
 
 
 class DriverNode(Node):
-    """Runs a driver: roster, manifests, commands, pace."""
+    """Runtime of a driver: roster, manifests of ticks, commands, pace."""
 
     def __init__(self, service: Driver[Any], bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(service, bus, clock)
@@ -107,7 +107,7 @@ class DriverNode(Node):
         return []  # the driver proves no links: participants do, and report it
 
     def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
-        """Start a new epoch: everybody proves their links anew, then tick 0 comes. Return the epoch."""
+        """Start a new run, whose tick 0 comes once all services have tested their links; return its number (epoch)."""
         leader = self.leader
         self._reveal()
         leader.expect, leader.delay, leader.seed = tuple(n for n in expect if n != self.name), delay, seed
@@ -123,7 +123,7 @@ class DriverNode(Node):
         return leader.epoch
 
     def pause(self, at_tick: int | None, end: bool) -> int:
-        """Stop after a tick, the next one by default; return it. ``end``: it is the last of the run."""
+        """Pause time after a tick, by default the next one, and return that tick; ``end``: end the run there."""
         leader = self.leader
         tick = leader.tick + 1 if at_tick is None else at_tick
         if tick <= leader.tick:
@@ -132,7 +132,7 @@ class DriverNode(Node):
         return tick
 
     def resume(self, ticks: int | None) -> None:
-        """Go on after a pause, for so many ticks or until the next request."""
+        """Let time go on after a pause, for a number of ticks or (None) until the next request."""
         leader = self.leader
         if leader.state not in ("paused", "running"):
             raise Refusal("refused", f"the simulation is {leader.state}; only a paused one can go on")

@@ -1,8 +1,8 @@
-"""SIGTERM and SIGINT of a service: noticed on a thread of their own, so that no library is left in mid-call.
+"""Reaction of a service to SIGTERM and SIGINT, on a separate thread.
 
 A Python signal handler runs between two instructions of the main thread: not while a library compiles or waits there,
 and an exception raised in it may pass through foreign code, which aborts the process. Here the handlers do nothing;
-the interpreter writes each signal's number into a pipe, and a thread that reads it acts.
+the interpreter writes each signal's number into a pipe, and a thread that reads the pipe acts.
 """
 
 import os
@@ -14,7 +14,7 @@ ENDS = (signal.SIGTERM, signal.SIGINT)
 
 
 class Ending:
-    """Reaction to a request to end the process: at first it ends at once, with exit code 0."""
+    """Reaction to SIGTERM and SIGINT: exit at once with code 0, until `prepared` sets a function to call instead."""
 
     def __init__(self) -> None:
         self._stop: Callable[[], None] | None = None
@@ -22,7 +22,7 @@ class Ending:
         self._lock = threading.Lock()
 
     def watch(self) -> None:
-        """Begin to notice signals; from the main thread, before anything else is imported. Again: nothing."""
+        """Begin to react to signals; call on the main thread, before other imports. A second call does nothing."""
         if self._watching:
             return
         self._watching = True
@@ -35,7 +35,7 @@ class Ending:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDS)  # whoever starts services holds them back until here
 
     def prepared(self, stop: Callable[[], None]) -> None:
-        """Let a signal call ``stop`` on the watching thread in place of an exit; at once if one came before."""
+        """Let a signal call ``stop`` on a separate thread in place of an exit; call it now if a signal came before."""
         with self._lock:
             self._stop = stop
             asked = self._asked

@@ -1,4 +1,4 @@
-"""Dataflow as the services declare it: services upstream of each other within a tick, and whether that ends."""
+"""Graph of the declared dataflow between services, and their order within a tick if the graph has no cycle."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from surefoot.schemas.topics import CMD_JOINTS, Kind
 
 @dataclass(frozen=True)
 class Edge:
-    """Dependence of the service ``target`` on ``source``; ``delayed`` edges do not bind the order within a tick."""
+    """Dependence of service ``target`` on ``source``; ``delayed`` edges do not constrain the order within a tick."""
 
     source: str
     target: str
@@ -23,9 +23,9 @@ class Edge:
 
 
 def edges(services: Iterable[type[Service[Any]]]) -> list[Edge]:
-    """Return all declared edges.
+    """Return the edges of the dataflow that the services declare by their inputs, outputs and calls.
 
-    The driver's command input closes the loop through the actuation delay, so it is delayed.
+    The edge of joint commands to the driver closes the control loop through the actuation delay, so it is delayed.
     """
     services, found = list(services), list[Edge]()
     driver = next((service.name for service in services if issubclass(service, Driver)), DRIVER)
@@ -46,7 +46,7 @@ def edges(services: Iterable[type[Service[Any]]]) -> list[Edge]:
 
 
 def order(services: Iterable[type[Service[Any]]]) -> list[str]:
-    """Return the names of the services, upstream first.
+    """Return the names of the services, sorted so that each follows the services it depends on within a tick.
 
     Raises:
         ValueError: the edges within a tick form a cycle; names the services in it.

@@ -1,4 +1,4 @@
-"""Health of a service: its state, its times, the inputs it waits for."""
+"""Health message of a service: state, computing times, memory, and the inputs it waits for."""
 
 import os
 import resource
@@ -32,23 +32,23 @@ class Patient(Protocol):
 
 
 def kernels(state: str) -> Literal["warm", "compiling", "none"]:
-    """Return whether the compiled kernels are there, for a service in that state."""
+    """Return whether the compiled kernels of a service in `state` are there (warm), being compiled, or none."""
     if COMPILING.busy or state == "compiling":
         return "compiling"
     return "warm" if COMPILING.used and state != "starting" else "none"
 
 
 def memory_mb() -> float:
-    """Return the memory that this process holds now, MB of 2**20 bytes.
+    """Return the resident memory of this process now, in units of 2**20 bytes.
 
-    The peak of getrusage does not do: a process inherits the peak of the one that started it.
+    The peak of getrusage is not used, as a process inherits the peak of the process that started it.
     """
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
-    """Return the heartbeat of a service that lacks the keys in ``waiting_for``."""
+    """Return the health message of a service; ``waiting_for``: keys of the inputs and queries it lacks."""
     times = sorted(node.tick_us)
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return Health(
@@ -66,6 +66,6 @@ def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
 
 
 def join_request(node: Patient) -> JoinRequest:
-    """Return what a service sends to be put on the roster."""
+    """Return the request of a service to join the run, that is to be put on the driver's roster."""
     configuration = config_hash(node.service.config)
     return JoinRequest(service=node.name, instance=node.instance, version=VERSION, config_hash=configuration)

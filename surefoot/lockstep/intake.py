@@ -1,7 +1,7 @@
-"""Samples of a robot with a clock and rates of its own, as hardware samples of ticks.
+"""Conversion of a robot's sensor samples, with their own clock and rates, to one hardware sample per control tick.
 
-A tick takes what has a stamp within its 10 ms: inertial rows as their mean, of the joints and feet the newest sample.
-The same rows give the same samples, live and from a file: a driver and the import of logs share this module.
+A tick takes the samples whose stamp is within its 10 ms: the mean of the inertial ones, the newest of joints and feet.
+A driver and the import of logs share this module, so the same samples give the same result live and from a file.
 """
 
 import math
@@ -35,7 +35,7 @@ Numbers = Sequence[float]
 
 
 class ForceContact(NamedTuple):
-    """Contacts by foot forces: N = scale (raw - zero); a foot stands from `on` on, until below `off`, N."""
+    """Rule of foot contact by force, N = scale (raw - zero): contact begins above `on` and ends below `off`, N."""
 
     zero: tuple[float, ...]  # (F,) raw
     scale: tuple[float, ...]  # (F,) N per raw unit
@@ -43,11 +43,11 @@ class ForceContact(NamedTuple):
     off: float
 
     def force(self, raw: Numbers) -> tuple[float, ...]:
-        """Return the measured forces of the feet, (F,) N."""
+        """Return the forces of the feet, (F,) N, from raw readings (F,)."""
         return tuple(scale * (float(x) - zero) for x, zero, scale in zip(raw, self.zero, self.scale, strict=True))
 
     def touch(self, force: Numbers, before: Sequence[bool]) -> tuple[bool, ...]:
-        """Return contacts (F,) from forces (F,) N and the contacts before."""
+        """Return whether each foot has contact, (F,), from forces (F,) N and the contacts before (hysteresis)."""
         return tuple(n > self.on or (was and n >= self.off) for n, was in zip(force, before, strict=True))
 
 
@@ -59,12 +59,12 @@ class _Joints(NamedTuple):
 
 
 class Intake:
-    """Buffers samples and releases them tick by tick; time 0 is the first inertial row.
+    """Buffer of sensor samples, which are released tick by tick; time 0 is the first inertial sample.
 
     Args:
-        robot: description; joints and feet in its order, inertial rows in the axes of its inertial unit.
-        contact: of raw forces; None = feet come as flags, or not at all: then the heights of the feet decide.
-        report: called with each refusal of a kind that is new: code and sentence.
+        robot: description; joints and feet come in its order, inertial samples in the axes of its inertial unit.
+        contact: rule for raw foot forces; None = contacts come as flags. Without samples the feet's heights decide.
+        report: called with code and text at the first refused sample of each code.
     """
 
     def __init__(
@@ -89,22 +89,22 @@ class Intake:
 
     @property
     def newest_ns(self) -> int:
-        """Time of the newest inertial row, ns; -1 = there was none."""
+        """Time of the newest inertial sample, ns; -1 = there was none."""
         return self._newest["imu"] if self._origin is not None else -1
 
     def lacking_ns(self, tick: int) -> int:
-        """Return the time by which inertial rows or joints are short of the end of a tick, ns; 0 = they reach it."""
+        """Return the time by which the inertial or the joint samples end before a tick does, ns; 0 = both cover it."""
         newest = min(self._newest["imu"], self._newest.get("joints", self._newest["imu"]))
         return max(0, tick * TICK_NS - newest) if self._origin is not None else TICK_NS
 
     def refuse(self, code: str, text: str) -> None:
-        """Count a refused sample under its code, and log the reason."""
+        """Count a refused sample under its code, and report the first of each code."""
         self.refused[code] += 1
         if self.refused[code] == 1 and self._report is not None:
             self._report(code, text)
 
     def imu(self, stamp_ns: int, gyro: Numbers, acc: Numbers) -> None:
-        """Take an inertial row: gyro rad/s, specific force m/s^2, axes of the inertial unit."""
+        """Add an inertial sample: gyro rad/s, specific force m/s^2, axes of the inertial unit."""
         row = (*map(float, gyro), *map(float, acc))
         if self._origin is None and len(row) == 6 and all(map(math.isfinite, row)):
             self._origin = stamp_ns
@@ -114,7 +114,7 @@ class Intake:
     def joints(
         self, stamp_ns: int, position: Numbers, velocity: Numbers | None = None, torque: Numbers | None = None
     ) -> None:
-        """Take joint angles (nj,) rad, rates rad/s and torques Nm, in the order of the description."""
+        """Add a sample of joint angles (nj,) rad, rates rad/s and torques Nm, in the order of the description."""
         parts = [None if part is None else tuple(map(float, part)) for part in (position, velocity, torque)]
         row = tuple(x for part in parts if part is not None for x in part)
         size = self.robot.nj * sum(part is not None for part in parts)
@@ -122,13 +122,13 @@ class Intake:
             self._joints.append(_Joints(at, parts[0] or (), parts[1], parts[2]))
 
     def feet(self, stamp_ns: int, values: Numbers) -> None:
-        """Take raw forces (F,) where there is a `contact`, else flags (F,), 1 = stands."""
+        """Add a sample of the feet: raw forces (F,) if there is a `contact` rule, else flags (F,), 1 = contact."""
         row = tuple(map(float, values))
         if self._origin is not None and (at := self._place("feet", stamp_ns, row, self.robot.nlegs)) is not None:
             self._feet.append((at, row))
 
     def release(self, tick: int) -> list[DueSample]:
-        """Return the samples of a tick; ticks come in their order."""
+        """Return the samples of a tick, and remove them from the buffer; call it for one tick after the other."""
         end, out = tick * TICK_NS, list[DueSample]()
         rows: list[tuple[int, tuple[float, ...]]] = []
         while self._imu and self._imu[0][0] <= end:

@@ -1,7 +1,7 @@
-"""Join of the inputs of a tick: the participant's half of lockstep, without a bus.
+"""Collection of the inputs of a service for each control tick: the service's part of lockstep, without a bus.
 
-A service is a function of its own named inputs per tick. Inputs are joined by the tick in their header, never by the
-order of their arrival, so every run with the same seed sees the same inputs.
+A service computes each tick from its declared inputs. Inputs are matched by the tick number in their header, never by
+the order of their arrival, so every run with the same seed has the same inputs.
 """
 
 import math
@@ -48,7 +48,7 @@ BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
 
 @dataclass(frozen=True)
 class Delayed(Generic[M]):
-    """An input of tick t - 1: a feedback edge, so that the order within a tick stays free of cycles."""
+    """Declared input that a tick takes from the tick before, so that feedback makes no cycle within a tick."""
 
     topic: Topic[M]
 
@@ -58,7 +58,7 @@ Input = Topic[Any] | Delayed[Any]
 
 @dataclass(frozen=True)
 class TickInputs:
-    """Everything that belongs to one tick."""
+    """Inputs of a service in one control tick: the manifest of the tick, and a message by topic key."""
 
     tick: Tick
     messages: dict[str, Any] = field(repr=False)
@@ -71,8 +71,8 @@ class TickInputs:
         return self.tick.tick
 
     def get(self, topic: Topic[M]) -> M | None:
-        """Return the message of this tick (of a delayed input that of the tick before, of a latched one the latest), or
-        None."""
+        """Return the message of a topic in this tick, or None; a delayed input has the message of the tick before, a
+        latched one the latest."""
         return cast(M | None, self.messages.get(topic.key))
 
 
@@ -132,14 +132,14 @@ class Join:
     def offer(
         self, topic: Topic[Any], message: Header, value: Any = None, sender: str = "", size: int = 0
     ) -> str | None:
-        """Take an input; return the reason when it is refused, else None.
+        """Add a received input; return a code if it is refused, else None.
 
         Args:
-            topic: the row it came under.
-            message: the message, or its header alone.
-            value: what ``TickInputs.get`` shall return, default the message.
-            sender: process that published it, "" = unknown.
-            size: its bytes on the wire, 0 = it is already an object.
+            topic: row of the topic table.
+            message: the message, or only its header.
+            value: object that ``TickInputs.get`` returns for it, default the message.
+            sender: process that published the message, "" = unknown.
+            size: size of the encoded message, bytes; 0 = it came as an object.
         """
         if value is None:
             value = message
@@ -200,16 +200,16 @@ class Join:
         return True
 
     def place(self, key: str, message: Header, sender: str) -> str:
-        """Describe a refused input: key, place in time, process, and where this service is."""
+        """Return a text for the log on a refused input: key, epoch, tick and process, and this service's last tick."""
         where = f"{key} of epoch {message.epoch}, tick {message.tick}, by process {sender!r}"
         return f"{where}; this is epoch {self.epoch}, tick {self.last}"
 
     def announce(self, prime: Tick) -> bool:
-        """Note the epoch of a prime of the driver: ticks of it are accepted, whatever epoch went before.
+        """Accept the run (epoch) of a manifest by which the driver lets services test their links (prime).
 
         Returns:
-            Whether the service may report ready. A service that has done ticks of a run that the driver has yet to
-            begin was misled: it forgets them, and is ready after `MISLED_PRIMES` such primes.
+            Whether the service may report ready. A service that has done ticks of a run which the driver has not begun
+            was misled by another process: it forgets them, and is ready after `MISLED_PRIMES` such manifests.
         """
         epoch = prime.epoch
         if epoch < self.epoch:
@@ -307,7 +307,7 @@ class Join:
         return wanted
 
     def missing(self) -> tuple[str, ...]:
-        """Keys the next tick still waits for; empty also when the tick itself has not come."""
+        """Return the keys of the inputs that the next tick lacks; empty also if its manifest has not come."""
         tick = self._ticks.get(self.last + 1)
         return () if tick is None else tuple(self._missing(tick))
 
@@ -326,7 +326,7 @@ class Join:
         return lacking
 
     def awaited(self) -> set[str]:
-        """Owners of what the next tick still lacks; empty when anything that comes may matter."""
+        """Return the services whose messages the next tick lacks; empty if any message may complete a tick."""
         if not self.on_roster or not self._lockstep:
             return set()
         number = self.last + 1
@@ -348,7 +348,7 @@ class Join:
         return owners
 
     def take(self) -> TickInputs | None:
-        """Return the next tick if its inputs are complete (in paced mode: or if later ticks have overtaken it)."""
+        """Return the inputs of the next tick if they are complete (paced mode: or if later ticks came), else None."""
         if not self._ticks or not self.on_roster:
             return None
         tick = self._ticks.get(self.last + 1)

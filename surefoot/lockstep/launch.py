@@ -25,10 +25,10 @@ one the demo runs a third faster. Not for a router: what it forwards to a slow r
 
 
 def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoReturn:
-    """Run a service until it is stopped; ends the process.
+    """Run a service until it is stopped, then end the process without the interpreter's own shutdown.
 
-    Everything of ours is closed by then. Taking down the interpreter with compiled kernels and a compiler in it takes
-    up to seconds on a busy machine, and two are promised from SIGTERM to exit: so it is left out.
+    That shutdown, with compiled kernels and a compiler loaded, takes up to seconds on a busy machine, and a service
+    shall exit within two seconds of SIGTERM. The bus and files are closed before.
     """
     ENDING.watch()
     share_heaps()
@@ -87,7 +87,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
 
 
 def spare_collector() -> None:
-    """Freeze the objects of the start-up and raise the collector's limits, so that it hardly runs in ticks."""
+    """Exclude the objects of the start-up from garbage collection and raise its limits, so that it rarely runs."""
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
 

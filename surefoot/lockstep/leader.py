@@ -1,7 +1,7 @@
-"""The driver's half of lockstep, without a bus or a clock: who is on the roster, and when the next tick may come.
+"""The driver's part of lockstep, without a bus or a clock: the roster of services, and when the next tick may come.
 
-Protocol (a Kahn network with a bounded lag): the driver publishes tick k, goes on when it has the command of tick
-k - ``delay`` and no member of the roster lags more than ``window`` ticks. Only the driver changes the roster, between
+Protocol (a Kahn network with a bounded lag): the driver publishes tick k, and goes on when it has the command of tick
+k - ``delay`` and no service on the roster lags more than ``window`` ticks. Only the driver changes the roster, between
 two ticks.
 """
 
@@ -69,7 +69,7 @@ class Leader:
     _manifests: dict[int, Tick] = field(default_factory=dict[int, Tick])
 
     def begin(self, epoch: int) -> None:
-        """Begin a new run: no service is ready until it proves its links anew."""
+        """Begin a new run with number ``epoch``: no service is ready until it has tested its links again."""
         self.epoch, self.tick, self.state = epoch, -1, "joining"
         self.members.clear()
         self.ready.clear()
@@ -80,25 +80,25 @@ class Leader:
     # -- events ------------------------------------------------------------------------------------------------
 
     def on_ready(self, service: str, instance: str) -> None:
-        """Note that a service proved its links (done of tick -1)."""
+        """Record that a service has tested its links and is ready to join the roster."""
         member = self.members.get(service)
         if member is None or member.instance != instance or service in self.lost:
             self.ready[service] = instance
 
     def on_done(self, service: str, instance: str, tick: int) -> None:
-        """Note that a member finished a tick; a late done of a dead instance does not count."""
+        """Record that a member of the roster has finished a tick; reports of its former processes do not count."""
         member = self.members.get(service)
         if member is not None and member.instance == instance and tick > member.done:
             member.done = tick
 
     def on_command(self, tick: int) -> None:
-        """Note that the command of a tick came, which counts as the commander's done of that tick."""
+        """Record that the joint command of a tick came, by which its sender reports that it has finished the tick."""
         member = self.members.get(COMMANDER)
         if member is not None and tick > member.done:
             member.done = tick
 
     def on_gone(self, service: str, instance: str) -> None:
-        """Record that the process of a service has vanished."""
+        """Record that the process of a service has left the bus; a member of the roster is handled as by `drop`."""
         if self.ready.get(service) == instance:
             del self.ready[service]
         member = self.members.get(service)
@@ -107,7 +107,7 @@ class Leader:
         self.drop(service, f"{service} died")
 
     def on_back(self, service: str, instance: str) -> bool:
-        """Note that a process is visible again; return whether that ends the wait for it: it goes on where it was."""
+        """Record that a process is visible again; return whether it is a lost member, which goes on where it was."""
         member = self.members.get(service)
         if service not in self.lost or member is None or member.instance != instance:
             return False
@@ -117,7 +117,7 @@ class Leader:
         return True
 
     def drop(self, service: str, why: str) -> None:
-        """Wait for a member that was lost, go on without it, or end the run, as the policy of the run asks."""
+        """Record the loss of a member: wait for its return, go on without it, or end the run, by the run's policy."""
         self.comparable = False
         self.reason = why
         if self.policy == "fail":
@@ -130,11 +130,11 @@ class Leader:
             self._remove(service)
 
     def awaited(self) -> list[tuple[str, str]]:
-        """Lost members whose return is awaited, and the processes that they were."""
+        """Return service and process of each lost member whose return is awaited."""
         return [(name, self.members[name].instance) for name in sorted(self.lost)]
 
     def give_up_waiting(self) -> tuple[str, ...]:
-        """End a hold: the lost services leave the roster and are returned, the run goes on without them."""
+        """Remove the lost services from the roster, so that the run goes on without them, and return their names."""
         gone = tuple(sorted(self.lost))
         for service in gone:
             self._remove(service)
@@ -151,7 +151,7 @@ class Leader:
     # -- progress ----------------------------------------------------------------------------------------------
 
     def missing(self) -> tuple[str, ...]:
-        """Services that the driver waits for: not ready while it joins, lost in a hold, else too far behind."""
+        """Return the services that the driver waits for: not ready before tick 0, lost, or too many ticks behind."""
         if self.state == "joining":
             return tuple(name for name in self.expect if name not in self.ready)
         if self.state == "holding":
@@ -175,7 +175,7 @@ class Leader:
         self.state = "running"
 
     def may_advance(self, *, gives_way: bool = True) -> bool:
-        """Return whether the next tick may come; with ``gives_way`` not before its members are far enough."""
+        """Return whether the next tick may come; with ``gives_way`` only if no member lags more than allowed."""
         if self.state != "running":
             return False
         if not gives_way or self.tick < 0:
@@ -193,7 +193,7 @@ class Leader:
         return min(behind, key=lambda n: (self.members[n].done, order.get(n, len(order))), default="")
 
     def newcomers(self) -> bool:
-        """Return whether a service is ready and not on the roster."""
+        """Return whether a service is ready that is not on the roster yet."""
         return bool(self.ready)
 
     def _admit(self) -> None:
@@ -206,9 +206,9 @@ class Leader:
         self.roster_version += 1
 
     def rejoin(self) -> range:
-        """Admit those who came back during a hold; return the ticks to send again, oldest first.
+        """Admit the lost members that are ready again; return the range of ticks to send again, oldest first.
 
-        A process that was silent goes on where it was, and may lack all since; a new one begins with the first tick.
+        A process that was only silent goes on where it was; a new process begins with one of these ticks.
         """
         first = min((m.done for n, m in self.members.items() if n not in self.lost), default=self.tick) + 1
         first = min(first, max(0, self.tick - self.delay))
@@ -226,14 +226,14 @@ class Leader:
         return range(first, self.tick + 1)
 
     def prime(self, roster: tuple[str, ...], due: tuple[str, ...]) -> Tick:
-        """Return the manifest before tick 0 or a new participant's first: its roster shall prove its links."""
+        """Return the manifest by which the services of ``roster`` test their links before their first tick."""
         return Tick(
             tick=-1, epoch=self.epoch, source="driver", roster=roster, roster_version=self.roster_version, due=due,
             mode=self.mode, seed=self.seed,
         )  # fmt: skip
 
     def advance(self, stamp_ns: int, due: tuple[str, ...], *, held: bool = False) -> Tick:
-        """Return the manifest of the next tick; new participants are admitted here and nowhere else."""
+        """Advance to the next tick and return its manifest; services that are ready join the roster."""
         if self.state == "running":
             self._admit()
         self.tick += 1
@@ -253,7 +253,7 @@ class Leader:
         return manifest
 
     def again(self, tick: int) -> Tick | None:
-        """Return the manifest of an earlier tick under the present roster, to be sent again."""
+        """Return the manifest of an earlier tick with the present roster, to be sent again; None: no longer kept."""
         manifest = self._manifests.get(tick)
         if manifest is None:
             return None

@@ -1,4 +1,4 @@
-"""The links a service needs: inputs that their publishers have primed, queries that their owners answer."""
+"""Test of the links a service needs: each input has had an empty message (prime), each query an answer."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -20,12 +20,12 @@ JOIN_S = 0.3  # s, limit on the wait for one driver's answer
 
 
 class Links:
-    """Links that a service has proved.
+    """Record of the links of a service that were tested, and sender of its queries.
 
     Args:
-        bus: what it asks by.
+        bus: bus on which queries are sent.
         bindings: processes that services are bound to.
-        patience: of requests within ticks.
+        patience: rule of the wait for answers within ticks.
     """
 
     def __init__(self, bus: Bus, bindings: Bindings, patience: Patience) -> None:
@@ -41,16 +41,16 @@ class Links:
         self._rows = tuple(rows)
 
     def note(self, key: str) -> None:
-        """Record that a key was primed: its publisher has proved the link."""
+        """Record that an empty message (prime) came on a key, so that the link from its publisher works."""
         self._proved.add(key)
 
     def lacking(self, prime: Tick) -> set[str]:
-        """Return the keys that the driver does not have (its ``due`` names those it has; none named: all)."""
+        """Return the needed keys that the driver does not provide; its manifest lists its own (``due``, none = all)."""
         had = set(prime.due)
         return {row.key for row in self._rows if had and row.owner == DRIVER and row.key not in had}
 
     def prove(self, prime: Tick) -> bool:
-        """Probe what is not proved yet of the services of a roster; return whether every link is proved."""
+        """Test the links to the services on the roster of a manifest; return whether all of them work."""
         present, lacking = {DRIVER, *prime.roster}, self.lacking(prime)
         rows = [r for r in self._rows if r.owner in present and r.key not in lacking]
         self.unproved = tuple(sorted(row.key for row in rows if not self._is_proved(row)))
@@ -60,9 +60,10 @@ class Links:
         return bool(self.server(row)) if isinstance(row, Query) else row.key in self._proved
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None, within: Tick | None = None) -> Rep:
-        """Ask the process that a query's owner is bound to, in the course of a tick or of none (raises CallError).
+        """Send a request to the process that a query's owner is bound to, and return its reply (raises CallError).
 
-        In lockstep simulated time waits for the answer, see `patience`, where others act while this service waits.
+        ``within``: manifest of the tick in which the service asks; None = outside ticks. In lockstep simulated time
+        waits for the answer, so the request is repeated (see `patience`), if other processes run meanwhile.
         """
         if within is None:
             return self._ask(query, request, timeout_s)
@@ -82,7 +83,7 @@ class Links:
         return self._bus.call(query, request, timeout_s, instance=server, meanwhile=meanwhile)
 
     def join(self, request: JoinRequest) -> list[str]:
-        """Ask the driver, or whoever may be it, for a place on the roster; return the codes of failures."""
+        """Request a place on the roster from each process that may be the driver; return the codes of failed calls."""
         failed: list[str] = []
         for driver in self._bindings.candidates(DRIVER):
             try:
@@ -93,9 +94,9 @@ class Links:
         return failed
 
     def server(self, query: Query[Any, Any]) -> str:
-        """Return the process that answers a query: the one its service is bound to, which binds it; "" = there is none.
+        """Return the process that answers a query, "" = none: the one that the query's owner is bound to.
 
-        A process that is asked for the first time is probed first.
+        Before the first request an empty query tests the process; its answer binds the owner to the process.
         """
         for instance in self._bindings.candidates(query.owner):
             known = self._servers.get(query.key) == instance

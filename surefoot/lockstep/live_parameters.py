@@ -1,4 +1,4 @@
-"""The configuration of a service as a query, and changes of its live parameters between two ticks."""
+"""Queries that return the configuration of a service, and change its live parameters between two ticks."""
 
 from typing import Any
 
@@ -9,9 +9,9 @@ from surefoot.schemas.topics import CONFIG_GET, CONFIGURE, Query
 
 
 def config_queries(service: Service[Any]) -> tuple[Query[Any, Any], ...]:
-    """Return the two queries about the configuration of a service, whose handlers are registered with it.
+    """Register the handlers of the two queries about the configuration of a service, and return the queries.
 
-    Both run between ticks, so that no tick sees two values. A recording holds a change as a line of the log only: a
+    Both run between ticks, so that no tick uses two values. A recording holds a change as a line of the log only: a
     repeat of such a run differs from then on.
     """
 

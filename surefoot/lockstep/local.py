@@ -15,12 +15,12 @@ from surefoot.lockstep.service import Service
 
 
 def node_of(service: Service[Any], bus: Any, clock: Callable[[], float] = time.monotonic) -> Node:
-    """Return the runtime in which a service runs."""
+    """Return a new runtime for a service: a DriverNode for a driver, else a Node."""
     return DriverNode(service, bus, clock) if isinstance(service, Driver) else Node(service, bus, clock)
 
 
 class LocalSystem:
-    """Services that share a memory bus; nothing happens but in ``run_until``."""
+    """Services of a system that share an in-memory bus; they run only during ``run_until``."""
 
     def __init__(self, services: Iterable[Service[Any]]) -> None:
         self.bus = MemoryBus()
@@ -31,10 +31,10 @@ class LocalSystem:
                 self.bus.pump_with(query, node.pump_once)
 
     def run_until(self, finished: Callable[[], bool], max_idle_rounds: int = 200_000) -> None:
-        """Let the nodes work in turn until ``finished``.
+        """Run the services in turn until ``finished()`` is true.
 
         Raises:
-            BusError: nothing happens any more although it is not finished.
+            BusError: no service did anything in ``max_idle_rounds`` turns.
         """
         idle = 0
         while not finished():

@@ -1,4 +1,4 @@
-"""Memory of a service: a file of its run, from which the process goes on that follows one that was killed."""
+"""File in which a service keeps its state, so that a new process continues after one that was killed."""
 
 import json
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ MOST_ID = 2**53
 
 
 class Stored(BaseModel):
-    """Base of what a service keeps in a file over its restart: the epoch and tick when it was kept."""
+    """Base of the state that a service keeps in a file: run number (epoch) and tick at which it was written."""
 
     model_config = ConfigDict(strict=True, extra="forbid")
     epoch: int
@@ -29,15 +29,15 @@ S = TypeVar("S", bound=Stored)
 
 
 class RunMemory:
-    """File in which a service keeps its state over a restart; a disk that fails costs that state and nothing else.
+    """File in which a service keeps its state for a restart; errors of the disk are recorded, not raised.
 
     Args:
-        path: None = nothing is kept.
-        what: is kept, in words.
+        path: of the file; None = nothing is kept.
+        what: name of the state, for messages.
 
     Attributes:
-        path: None where nothing is kept, or no longer.
-        problem: what failed, for the log of the service, which empties it.
+        path: of the file; None = nothing is kept, or nothing more after an error.
+        problem: text of the last error, for the log of the service, which then sets it to "".
     """
 
     def __init__(self, path: str | None, what: str) -> None:
@@ -46,7 +46,7 @@ class RunMemory:
         self._what = what
 
     def write(self, epoch: int, tick: int, fields: Mapping[str, Any]) -> None:
-        """Replace the content of the file by the state in a tick of an epoch; `fields`: values that JSON knows."""
+        """Replace the content of the file by the state `fields`, which JSON can hold, at a tick of a run (epoch)."""
         if self.path is None:
             return
         try:
@@ -64,9 +64,9 @@ class RunMemory:
             self._lose(error)
 
     def read(self, model: type[S], epoch: int, tick: int) -> S | None:
-        """Return what was kept in `epoch` at or before `tick`; None where there is no such file, or none to be read.
+        """Return the state if it was written in run `epoch` at or before `tick`; else, or if it is unreadable, None.
 
-        A process may be killed after it kept a tick and before it published it: its successor repeats that tick.
+        A process may be killed after it wrote a tick and before it published it: its successor repeats that tick.
         """
         if self.path is None or not self.path.exists():
             return None

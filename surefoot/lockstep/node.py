@@ -1,6 +1,6 @@
-"""The runtime around a service: inbox, join, queries, health. One thread does everything a service sees.
+"""Runtime of a service: it collects inputs, runs ticks, answers queries and publishes health, all on one thread.
 
-Whatever arrives, from whatever thread, is put into one inbox. ``pump`` handles what is there; ``run`` waits for more.
+All messages, from any thread, go into one inbox. ``pump`` handles those that are there; ``run`` waits for more.
 """
 
 import math
@@ -42,7 +42,7 @@ _STOP, _TICK = object(), HW_TICK.key
 
 
 class Node:
-    """Runs one service on one bus."""
+    """Runtime of one service on one bus."""
 
     def __init__(self, service: Service[Any], bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
         self.service, self.bus, self.clock = service, bus, clock
@@ -70,7 +70,7 @@ class Node:
         self._done = TICK_DONE.of(self.name)
 
     def start(self) -> None:
-        """Declare everything, let the service prepare, then become visible."""
+        """Declare publishers, prepare the service, declare its inputs and queries, then announce it on the bus."""
         service, put = self.service, self.inbox.put
         service.attach(self)
         for topic in self._subscriptions():
@@ -118,7 +118,7 @@ class Node:
         return [HW_TICK, *topics]
 
     def run(self) -> None:
-        """Work until ``stop``; however much waits, the clock is looked at every ``LOOK_S``."""
+        """Run the service until ``stop``; timed work such as heartbeats is due every ``LOOK_S`` even under load."""
         try:
             while not self.stopping:
                 busy = self._work_until(self.clock() + LOOK_S)
@@ -137,7 +137,7 @@ class Node:
         self.inbox.put(_STOP)
 
     def pump(self) -> bool:
-        """Handle everything that is there; return whether there was anything."""
+        """Handle all waiting items and all ticks that are complete; return whether there was anything."""
         progressed = False
         while not self.stopping and self._turn(math.inf):
             progressed = True
@@ -165,7 +165,7 @@ class Node:
         return self.work() or progressed
 
     def pump_once(self) -> bool:
-        """Handle what is there and do at most one tick, so that nodes of one process take turns."""
+        """Handle waiting items and at most one tick, so that nodes of one process take turns; return as `pump`."""
         progressed = self._turn(math.inf)
         if self._answers.late and not progressed:
             with suppress(Empty):  # an answer is worked out on another thread: there is nothing else to do
@@ -174,7 +174,7 @@ class Node:
         return progressed
 
     def timers(self) -> float:
-        """Do what the wall clock asks for; return the seconds until it asks again."""
+        """Do the work that is due by wall time (heartbeat, request to join); return the seconds until the next."""
         self._beat()
         if (now := self.clock()) >= self._next_join:
             self._next_join = now + JOIN_RETRY_S
@@ -197,7 +197,7 @@ class Node:
     # -- what arrives ------------------------------------------------------------------------------------------
 
     def handle(self, item: Any) -> None:
-        """Handle one item of the inbox: message, request, or change of participants."""
+        """Handle one item of the inbox: message, frame, query, reply of another thread, or change of liveliness."""
         if isinstance(item, Delivery):
             owner, by = item.topic.owner, item.sender
             if not by or self._bound.get(owner) == by or not item.topic.signed or self._speaks(owner, by, item):
@@ -266,7 +266,7 @@ class Node:
             self.refuse(reason, self.join.place(key, message, delivery.sender) if reason in NAMED else "", key)
 
     def refuse(self, reason: str, detail: str = "", about: str = "") -> None:
-        """Count a refusal; the first of each kind, and about each key or service, is logged."""
+        """Count a refused item under its reason; log the first for each reason and key or service (``about``)."""
         self.refused[reason] += 1
         if detail and (reason, about) not in self._logged:
             self._logged.add((reason, about))
@@ -291,7 +291,7 @@ class Node:
         self._publishers[self._done.key].put(self._done_with(-1, prime.epoch, ready=True))
 
     def on_life(self, life: Life) -> None:
-        """Take a notice that a process appeared or left; a second process of a bound service is refused."""
+        """Record that a process appeared or left; report a second process of a service that has one."""
         hand_back()
         if bound := self.bindings.on_life(life):
             self.refuse("second", f"process {life.instance!r} is {life.service}, too; {bound!r} is bound", life.service)

@@ -1,4 +1,4 @@
-"""Paced time: when the next tick is due on the wall clock, and what is done when it cannot be kept."""
+"""Pace of simulated time: when the next tick is due on the wall clock, and how delays are handled."""
 
 import time
 from collections.abc import Callable
@@ -11,8 +11,8 @@ SLACK_S = 0.1  # s wall, a delay up to this is caught up; a longer one is given 
 class Pace:
     """Due times of ticks at a real-time factor.
 
-    Tick k of a stretch that began with tick k0 at wall time t0 is due at ``t0 + (k - k0) * TICK_S / factor``. When it
-    is more than ``SLACK_S`` overdue, t0 moves by the delay: the ticks that were missed are not caught up.
+    After a start at tick k0 and wall time t0, tick k is due at ``t0 + (k - k0) * TICK_S / factor``. If it is more than
+    ``SLACK_S`` overdue, t0 moves by the delay, so that such a delay is not caught up.
 
     Args:
         clock: returns monotonic wall time, s.
@@ -28,7 +28,7 @@ class Pace:
         self._reported_s = 0.0
 
     def begin(self, factor: float, tick: int = 0) -> None:
-        """Begin a stretch of ticks at a real-time factor: ``tick`` is due now."""
+        """Start at a real-time factor (0 = as fast as possible): ``tick`` is due now."""
         self.factor = factor
         self.given_up_s = self._reported_s = 0.0
         self._origin = (self._clock(), tick)
@@ -38,7 +38,7 @@ class Pace:
         self._origin = (self._clock(), tick)
 
     def until_due(self, tick: int) -> float:
-        """Return the wall seconds until a tick is due, 0 or less when it is."""
+        """Return the wall time until a tick is due, s; 0 or less: it is due."""
         if self.factor <= 0.0:
             return 0.0
         began, first = self._origin
@@ -50,6 +50,6 @@ class Pace:
         return wait
 
     def late(self) -> bool:
-        """Return whether time was given up since the last call."""
+        """Return whether a delay too long to catch up has occurred since the last call."""
         before, self._reported_s = self._reported_s, self.given_up_s
         return self.given_up_s > before

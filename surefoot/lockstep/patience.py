@@ -1,7 +1,7 @@
-"""Wait of a request of a tick in lockstep for its answer, and what ends it.
+"""Wait for the answer to a query that a service sends during a tick in lockstep, and the conditions that end it.
 
-Simulated time waits, too, so no limit of wall time may decide what a tick computes: a process that is slow, out of
-reach or started anew is waited for as the driver waits for it.
+Simulated time waits, too, so that wall time does not decide the result of a tick: a process that is slow, out of reach
+or restarted is waited for, as the driver waits for it.
 """
 
 import time
@@ -29,12 +29,12 @@ AGAIN_S = 0.1
 
 
 class Patience:
-    """The wait of one service for answers.
+    """Rule of the wait of one service for answers to its queries.
 
     Args:
-        inbox: of the service; nothing is taken out of it.
-        bindings: processes that services are bound to; they follow the processes that come and go meanwhile.
-        beat: gives a sign of life if one is due.
+        inbox: inbox of the service, which is read but not changed.
+        bindings: processes that services are bound to; updated as processes come and go during the wait.
+        beat: publishes a heartbeat if one is due.
         stopping: returns whether the service is to end.
     """
 
@@ -44,9 +44,9 @@ class Patience:
         self._inbox, self._bindings, self._beat, self._stopping = inbox, bindings, beat, stopping
 
     def look(self, owner: str, within: Tick) -> None:
-        """Give a sign of life; raise CallError if the answer is of no use any more.
+        """Publish a heartbeat if one is due; raise CallError if the answer is of no use any more.
 
-        That is when the service is to end, a new run begins, or the owner of the query has left the roster.
+        That is so if the service is to end, a new run begins, or ``owner`` has left the roster.
         """
         self._beat()
         if self._stopping():
@@ -70,7 +70,7 @@ class Patience:
             raise CallError("absent", f"{owner} has left the roster")
 
     def ask(self, once: Callable[[], Rep], look: Callable[[], None]) -> Rep:
-        """Return the reply to a request, sent again while the process is out of reach or lacks the tick.
+        """Send a request, again while the process is out of reach or has not done the tick, and return the reply.
 
         Args:
             once: sends the request and returns the reply.

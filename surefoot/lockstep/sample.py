@@ -1,4 +1,4 @@
-"""Sample that a driver releases in a tick."""
+"""Sensor sample that a driver publishes in a tick."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from surefoot.schemas.topics import Topic
 
 @dataclass(frozen=True)
 class DueSample:
-    """A sample of a sensor that is due in the coming tick, with its topic."""
+    """A sensor sample to be published in the next tick: topic, message, stamp and sequence number."""
 
     topic: Topic[Any]
     message: Message | Callable[[], Message]

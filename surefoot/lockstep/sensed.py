@@ -1,4 +1,4 @@
-"""Base of drivers of robots whose own controller walks: time is that of their sensors, nothing is sent unasked."""
+"""Base of drivers for robots with their own walking controller: ticks follow the clock of the robot's sensors."""
 
 import time
 from collections.abc import Callable
@@ -26,7 +26,7 @@ MISSED_S = 5.0
 
 
 class SensedConfig(ServiceConfig):
-    """Services that are waited for, feet, and whether commands reach the robot."""
+    """Configuration of a `SensedDriver`: services to wait for, force sensors of the feet, permission of commands."""
 
     expect: tuple[str, ...] = Field(default=("estimator",), description="services that must be ready before tick 0")
     foot_zero: tuple[float, ...] = Field(default=(), description="raw force of each foot in the air, robot's leg order")
@@ -36,7 +36,7 @@ class SensedConfig(ServiceConfig):
     command: bool = Field(default=False, description="send joint commands to the robot; false = it is only watched")
 
     def contact(self, feet: int) -> ForceContact | None:
-        """Return the rule of contacts by force; None = not calibrated (raises Refusal)."""
+        """Return the rule of foot contact by force; None = not calibrated (raises Refusal: not one value per foot)."""
         if not self.foot_scale and not self.foot_zero:
             return None
         for name in ("foot_zero", "foot_scale"):
@@ -46,11 +46,11 @@ class SensedConfig(ServiceConfig):
 
 
 class SensorPace(Pace):
-    """Ticks by the clock of the sensors; by the wall clock while those are silent.
+    """Pace of ticks by the clock of the sensors, and by the wall clock while no samples come.
 
     Args:
-        intake: of the sensors.
-        poll: moves into the intake what has come.
+        intake: buffer of the sensors' samples.
+        poll: moves received samples into the buffer.
         clock: returns monotonic wall time, s.
     """
 
@@ -60,7 +60,7 @@ class SensorPace(Pace):
         self._last = self._next_look = clock()
 
     def until_due(self, tick: int) -> float:
-        """Return the wall seconds after which to ask again, 0 when the tick is due."""
+        """Return the wall time after which to call again, s; 0 = the tick is due."""
         now = self._clock()
         if now < self._next_look:
             return self._next_look - now
@@ -83,7 +83,10 @@ S = TypeVar("S", bound=SensedConfig)
 
 
 class SensedDriver(Driver[S], Generic[S]):
-    """Base: a subclass overrides `open` and `poll`, and `send` where commands may reach the robot."""
+    """Base of drivers for robots with their own controller.
+
+    A subclass overrides `open` and `poll`, and `send` if it can send commands to the robot.
+    """
 
     Config = SensedConfig
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_STATUS)
@@ -96,7 +99,7 @@ class SensedDriver(Driver[S], Generic[S]):
         raise NotImplementedError
 
     def poll(self) -> None:
-        """Move what has come since the last call into `self.intake`."""
+        """Move the samples received since the last call into `self.intake`."""
         raise NotImplementedError
 
     def send(self, command: JointCommand) -> None:
@@ -104,7 +107,7 @@ class SensedDriver(Driver[S], Generic[S]):
         raise NotImplementedError
 
     def on_start(self) -> None:
-        """Load the robot, open its sensors (raises Refusal: commands are asked for that nothing sends)."""
+        """Load the robot, open its sensors (raises Refusal: `command` is set, but this driver cannot send commands)."""
         if self.config.command and not self.sends:
             raise Refusal("shadow", f"{self.name} sends no commands; `command` must be false", "command")
         self.robot = load_robot(self.config.robot)
@@ -113,7 +116,7 @@ class SensedDriver(Driver[S], Generic[S]):
         self.open()
 
     def on_begin(self) -> None:
-        """Begin paced time at the pace of the sensors."""
+        """Begin a run whose ticks follow the clock of the sensors."""
         self.node.begin(self.config.expect, "paced", 1.0, 1, "degrade", 0)
         self.node.pace = SensorPace(self.intake, self.poll)
         self.node.pace.factor = 1.0
@@ -123,12 +126,12 @@ class SensedDriver(Driver[S], Generic[S]):
         return self.intake.release(tick)
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        """Pass a command on, if commands are asked for and nothing has stopped them."""
+        """Send a command to the robot, if the configuration permits commands and no emergency stop came."""
         if command is not None and self.config.command and not self.stopped:
             self.send(command)
 
     def check(self, command: JointCommand) -> None:
-        """Refuse every command of a robot that is only watched."""
+        """Refuse every command, unless the configuration permits commands (raises Refusal)."""
         if not self.config.command:
             raise Refusal("shadow", f"{self.name} only watches; `command = true` lets commands pass", "command")
 
@@ -139,7 +142,7 @@ class SensedDriver(Driver[S], Generic[S]):
             self.on_status()
 
     def on_status(self) -> None:
-        """Publish how time runs; warn once if the robot is silent."""
+        """Publish the state of time; log a warning once if no inertial sample comes."""
         run = self.node.leader
         if self.intake.newest_ns < 0 and not self._warned and time.monotonic() - self._asked > MISSED_S:
             self._warned = True

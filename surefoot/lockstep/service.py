@@ -14,10 +14,10 @@ C = TypeVar("C", bound=ServiceConfig)
 
 
 class Runtime(Protocol):
-    """Interface of the runtime to a service."""
+    """Functions that the runtime (``surefoot.lockstep.node``) offers to a service."""
 
     def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
-        """Publish a message under the header of the present tick."""
+        """Publish a message with the header of the present tick; ``stamp_ns``: of the sample, None = the tick's."""
         ...
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
@@ -30,10 +30,10 @@ class Runtime(Protocol):
 
 
 class Service(Generic[C]):
-    """Base of all services: one process, a function of its own named inputs per tick.
+    """Base of all services: a process that computes outputs from its declared inputs in each control tick.
 
-    Subclasses declare what they read, write, serve and ask; the runtime checks every use against the declaration, and
-    the graph, the start order and the documentation are derived from it.
+    Subclasses declare the topics they read and publish and the queries they serve and call; the runtime checks every
+    use against the declaration, and the graph, the start order and the documentation are derived from it.
     """
 
     name: ClassVar[str]
@@ -62,33 +62,32 @@ class Service(Generic[C]):
     # -- overridden --------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Prepare the service once, before anything arrives: register handlers, load the robot."""
+        """Prepare the service once, before any message arrives: register handlers, load the robot."""
 
     def rehearse(self) -> None:
-        """Load every kernel by made-up work on objects of its own; called once, after ``on_start``.
+        """Load or compile all kernels by example computations, so that no tick has to; called once, after ``on_start``.
 
-        A kernel that is first needed in a tick would be loaded there, or compiled. Nothing is published, and what the
-        service computes later is the same as without a rehearsal. It takes less than 0.1 s once the kernels are
+        An override publishes nothing and does not change later results. It takes less than 0.1 s once the kernels are
         compiled.
         """
 
     def rehearse_rare(self) -> None:
-        """Call what rare queries need, to compile their kernels: `surefoot warm --all` runs it, a start does not."""
+        """Compile the kernels of rare queries; called by `surefoot warm --all`, not at the start of the service."""
 
     def on_reset(self) -> None:
-        """Begin a new epoch: drop all state."""
+        """Drop all state at the begin of a new run (epoch)."""
 
     def on_config(self) -> None:
-        """Renew what was made of the live parameters: ``config`` was changed between two ticks."""
+        """Apply changed live parameters; called between two ticks after ``config`` was replaced."""
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """Compute a tick from all its due inputs, and publish."""
+        """Compute one tick from its inputs, and publish the outputs."""
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """Take a message of an observed topic."""
+        """Handle a message of a topic in ``observes``."""
 
     def on_stop(self) -> None:
-        """Close files, once, when the service ends."""
+        """Release resources such as files; called once, when the service ends."""
 
     # -- used --------------------------------------------------------------------------------------------------
 
@@ -98,22 +97,22 @@ class Service(Generic[C]):
 
     @property
     def runtime(self) -> Runtime:
-        """Runtime of the service; there from ``on_start`` on."""
+        """Runtime of the service, available from ``on_start`` on."""
         assert self._runtime is not None
         return self._runtime
 
     def handle(self, query: Query[Req, Rep], handler: Callable[[Req], Rep | Future[Rep]]) -> None:
         """Register the handler of a declared query; it must not call other services.
 
-        A handler whose work would hold up ticks returns a future of the reply; that work runs on a thread of the
-        service's own and must use nothing but the request.
+        A handler whose work would delay ticks returns a future of the reply; that work runs on another thread of the
+        service and must use only the request.
         """
         if query.key not in {served.key for served in self.serves}:
             raise ValueError(f"{self.name} handles {query.key!r} but does not declare it in serves")
         self.handlers[query.key] = handler
 
     def publish(self, topic: Topic[M], message: M, stamp_ns: int | None = None) -> None:
-        """Publish a declared output, unless its row has a rate at which the present tick has none.
+        """Publish a declared output; a message in a tick that the rate of its topic leaves out is dropped.
 
         Args:
             topic: of `outputs`.
