@@ -1,4 +1,4 @@
-"""Damped numeric solution of legs without a closed form, from the neutral posture."""
+"""Inverse kinematics of legs without a closed form, by damped least squares from the neutral posture."""
 
 import math
 
@@ -20,8 +20,8 @@ EASIEST, HARDEST = 1e-6, 1e6  # bounds of the damping, m2
 def damped_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
     """Return joint angles of a leg of any kind that bring the foot centre to `p_base` (Levenberg and Marquardt).
 
-    dq = J' (J J' + d I)^-1 (p_base - p(q)), q + dq clipped to the joint limits; d shrinks after a step that came
-    nearer and grows after one that did not, which is taken back.
+    dq = J' (J J' + d I)^-1 (p_base - p(q)), q + dq clipped to the joint limits; the damping d shrinks after a step that
+    reduces the error, and grows after any other step, which is undone.
 
     Args:
         model: the robot.

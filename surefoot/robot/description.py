@@ -1,6 +1,6 @@
-"""Robot description: one `robots/<name>/robot.toml` read into frozen dataclasses, validated and hashed.
+"""Robot description: dataclasses with the content of a `robots/<name>/robot.toml`.
 
-All angles in rad, all positions in m. Frame of everything without another frame: `base_link`, the trunk frame.
+All angles in rad, all positions in m, in the trunk frame `base_link` unless another frame is stated.
 Arrays are C-contiguous float64; treat them as read-only (kernels are compiled for plain arrays).
 """
 
@@ -14,13 +14,13 @@ from surefoot.tables import TableError
 
 
 class RobotError(TableError):
-    """A robot description that cannot be used: `code`, dotted `field` and `message`."""
+    """Error of a robot description that cannot be used, with `code`, dotted `field` and `message`."""
 
 
 class RolledLegs(NamedTuple):
-    """Legs whose second and third axis are parallel to each other and perpendicular to the first, for L legs.
+    """Geometry of L roll-pitch-pitch legs: the second and third axis are parallel, and perpendicular to the first.
 
-    Frame of a hip at joint angle zero: x along the first axis, y along the second. Signs and rest angles belong to it.
+    Hip frame, at joint angles zero: x along the first axis, y along the second. Signs and rest angles refer to it.
     """
 
     hip: Array  # (L, 3) m, point of the first axis that is abreast of the femur joint, base_link
@@ -32,7 +32,7 @@ class RolledLegs(NamedTuple):
 
 
 class KinematicModel(NamedTuple):
-    """Link tree as contiguous arrays for numba kernels; link 0 is the trunk, parents come before children."""
+    """Link tree of a robot as arrays for numba kernels; link 0 is the trunk, parents come before children."""
 
     parent: Ints  # (nl,) index of the parent link, -1 for the trunk
     joint: Ints  # (nl,) joint that moves the link, -1 = fixed to its parent; links may share one (one motor)
@@ -54,7 +54,7 @@ class KinematicModel(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Servo:
-    """Position servo: torque = kp (command - q) - kv dq/dt, clipped."""
+    """Parameters of a position servo: torque = kp (command - q) - kv dq/dt, clipped."""
 
     kp: float  # Nm/rad
     kv: float  # Nm s/rad
@@ -68,7 +68,7 @@ class Servo:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Hinge between two links: axis, limits and neutral angle (rad, from `lower` to `upper`), servo."""
+    """Hinge joint of a link: limits `lower` and `upper` and neutral angle, rad, and its servo."""
 
     name: str
     link: int  # that it moves; the first one where one motor moves several
@@ -80,7 +80,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One rigid body; the frame lies on the joint axis."""
+    """One rigid body of the link tree: pose in its parent, mass, inertia; its frame lies on the joint axis."""
 
     name: str
     parent: int  # -1 for the trunk
@@ -95,7 +95,7 @@ class Link:
 
     @property
     def inertia(self) -> Array:
-        """Inertia about the centre of mass along the axes of `inertia_quat_wxyz`, kg m2, shape (3,)."""
+        """Principal moments of inertia about the centre of mass, axes by `inertia_quat_wxyz`, (3,) kg m2."""
         sq = self.inertia_box**2
         return self.mass / 12.0 * (np.sum(sq) - sq)
 
@@ -112,7 +112,7 @@ class Foot:
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A limb that ends in a foot."""
+    """A limb that ends in a foot: indices of its joints and links, hip position, foot."""
 
     name: str
     joints: tuple[int, ...]
@@ -123,7 +123,7 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class Trunk:
-    """The floating body, link 0."""
+    """The floating base of the robot, link 0: mass, size, and spheres for contact of its underside with the ground."""
 
     mass: float
     com: Array  # (3,)
@@ -145,7 +145,7 @@ class AxisNoise:
 
 @dataclass(frozen=True, eq=False)
 class ImuProfile:
-    """Named sensor profile, a file in `robots/sensors`."""
+    """Noise of an inertial unit, from a named file in `robots/sensors`."""
 
     name: str
     gyro: AxisNoise
@@ -154,7 +154,7 @@ class ImuProfile:
 
 @dataclass(frozen=True, eq=False)
 class ImuMount:
-    """Place of the inertial unit in the trunk, and its sensor profile."""
+    """Pose of the inertial unit in the trunk, and its noise."""
 
     position: Array  # (3,)
     quat_wxyz: Array  # (4,) rot_base_from_imu
@@ -175,7 +175,7 @@ class ContactSensor:
 
 @dataclass(frozen=True, eq=False)
 class Encoder:
-    """Sensor of a joint's position: resolution and noise."""
+    """Joint position sensor: resolution, and standard deviation of its constant zero error."""
 
     resolution: float  # rad, 0 = exact
     zero_sigma: float  # rad, standard deviation of the zero error
@@ -183,7 +183,7 @@ class Encoder:
 
 @dataclass(frozen=True, eq=False)
 class CurrentSensor:
-    """Current sensor of a servo."""
+    """Current sensor of a servo: torque per ampere, and noise."""
 
     torque_per_ampere: float  # Nm/A
     noise_ampere: float

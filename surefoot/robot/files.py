@@ -1,4 +1,4 @@
-"""Tables of a `robot.toml`: the fields, their units and what each may be."""
+"""Schema of the file `robot.toml`: its tables with their fields, units and allowed values."""
 
 import math
 from typing import Annotated, Any, Literal, Self
@@ -53,14 +53,14 @@ class Sourced(FileModel):
 
 
 class SphereTable(FileModel):
-    """A sphere under the trunk that touches the ground when the robot lies."""
+    """A sphere on the underside of the trunk, for contact with the ground when the robot lies."""
 
     position: Vector = Field(description="m, base_link")
     radius: Positive = Field(description="m")
 
 
 class TrunkTable(Sourced):
-    """Mass, box and belly of the floating body, whose frame is base_link."""
+    """Mass, inertia, size and contact spheres of the trunk, whose frame is base_link."""
 
     mass: Positive = Field(description="kg")
     com: Vector = Field(description="m, centre of mass")
@@ -71,7 +71,7 @@ class TrunkTable(Sourced):
 
 
 class ServoTable(Sourced):
-    """A kind of position servo: torque = kp (command - q) - kv dq/dt, clipped."""
+    """Parameters of a type of position servo: torque = kp (command - q) - kv dq/dt, clipped."""
 
     kp: Positive = Field(description="Nm/rad")
     kv: NotNegative = Field(description="Nm s/rad")
@@ -84,7 +84,7 @@ class ServoTable(Sourced):
 
 
 class LinkTable(FileModel):
-    """A rigid body of a chain; with an axis it is moved by a joint."""
+    """A rigid body of a chain; if it has an axis, a joint connects it to its parent, else it is fixed."""
 
     name: Name
     position: Vector = Field(description="m, frame in the parent's frame")
@@ -132,14 +132,14 @@ class FootTable(Sourced):
 
 
 class ChainTable(Sourced):
-    """Links from the trunk outwards; a chain with a foot is a leg."""
+    """Links of a limb, from the trunk outwards; a limb whose chain has a foot is a leg."""
 
     links: list[LinkTable] = Field(min_length=1)
     foot: FootTable | None = None
 
 
 class LimbTable(Sourced):
-    """A limb of a robot: a chain at its place on the trunk."""
+    """A limb of a robot: the name of its chain, and the pose at which it is mounted on the trunk."""
 
     name: Name
     chain: Text = Field(description="key of [chains]")
@@ -150,7 +150,7 @@ class LimbTable(Sourced):
 
 
 class ImuTable(Sourced):
-    """Profile and place of the inertial unit in the trunk."""
+    """Name of the noise profile of the inertial unit, and its pose in the trunk."""
 
     profile: Text = Field(description="file in robots/sensors")
     position: Vector = Field(description="m, base_link")
@@ -197,7 +197,7 @@ class CurrentTable(Sourced):
 
 
 class GaitTable(Sourced):
-    """Numbers of the robot's gait, each by its own name."""
+    """Gait parameters of the robot: numbers under free names."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Number] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]

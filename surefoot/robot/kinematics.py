@@ -1,4 +1,4 @@
-"""Kinematics of a link tree: positions, Jacobians, centre of mass, gravity torques, leg solutions.
+"""Kinematics of a link tree: positions, Jacobians, centre of mass, gravity torques, inverse kinematics of legs.
 
 All functions are numba kernels on a `KinematicModel` and joint angles `q` (nj,) in rad; results in `base_link`.
 """
@@ -77,9 +77,9 @@ def foot_positions_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
 
 @kernel
 def foot_jacobians(model: KinematicModel, q: Array) -> Array:
-    """Return d foot_i / d (joints of leg i), (L, 3, n) m/rad, base_link, at joint angles q, (nj,) rad.
+    """Return the Jacobian of each foot centre by its leg's joints, (L, 3, n) m/rad, base_link, at q (nj,) rad.
 
-    Columns are in the order of `model.leg_joints`, padding is 0.
+    Columns are in the order of `model.leg_joints`; those of joints that a shorter leg lacks are 0.
     """
     rot, pos = forward(model, q)
     return foot_jacobians_of(model, rot, pos)
@@ -87,10 +87,10 @@ def foot_jacobians(model: KinematicModel, q: Array) -> Array:
 
 @kernel
 def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
-    """Return d foot_i / d (joints of leg i), (L, 3, n) m/rad, base_link.
+    """Return the Jacobian of each foot centre by its leg's joints, (L, 3, n) m/rad, base_link, from the links' poses.
 
-    Columns are in the order of `model.leg_joints`, padding is 0. rot, pos: orientations (links, 3, 3), base_link from
-    link, and origins (links, 3) m of the links.
+    Columns are in the order of `model.leg_joints`; those of joints that a shorter leg lacks are 0. rot, pos:
+    orientations (links, 3, 3), base_link from link, and origins (links, 3) m of the links.
     """
     legs, width = model.leg_joints.shape
     jac = np.zeros((legs, 3, width))
@@ -236,7 +236,7 @@ def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Arra
 def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
     """Return joint angles of a leg that bring its foot centre to `p_base`; closed form for the usual kinds of leg.
 
-    Those are yaw-pitch-pitch and roll-pitch-pitch legs; others are solved step by step.
+    Those are yaw-pitch-pitch and roll-pitch-pitch legs; others are solved iteratively by `damped_ik`.
 
     Args:
         model: the robot.
@@ -244,8 +244,8 @@ def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]
         p_base: foot centre in base_link, (3,) m.
 
     Returns:
-        The angles (n,) rad, the nearest ones if the point is out of reach (in closed form D clipped, then joint
-        limits), and whether the point is reached with every joint inside its limits.
+        The angles (n,) rad, clipped to the joint limits and approximate if the point is out of reach, and whether the
+        point is reached with every joint inside its limits.
     """
     joints = model.leg_joints[leg]
     if math.isnan(model.segment[leg, 0]):
@@ -294,14 +294,14 @@ def _yawed_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bo
 
 @kernel
 def legs_ik(model: KinematicModel, feet: Array) -> tuple[Array, Flags]:
-    """Return joint angles that bring all foot centres to places, and whether each is reached inside the joint limits.
+    """Return joint angles that bring the foot centres to `feet`, and whether each is reached inside the joint limits.
 
     Args:
         model: the robot.
         feet: foot centres in base_link, (L, 3) m.
 
     Returns:
-        q (nj,) rad (joints outside the legs are 0, the nearest angles where a place is out of reach) and reachable
+        q (nj,) rad, 0 for joints outside the legs and approximate for legs whose foot is out of reach, and reachable
         (L,).
     """
     n = model.foot_link.size

@@ -1,7 +1,7 @@
-"""Feet and Jacobians of one posture by one call from Python: eight arrays in place of a model, one pass over the links.
+"""Foot positions and Jacobians of a posture by one fast call from Python.
 
-A call from Python spends most of its time on handing over a model's arrays one by one, and a named tuple costs twice
-as much as a plain one.
+A call of a kernel from Python spends most of its time on passing the arrays of a model, and a named tuple costs twice
+as much as a plain one. The call here passes a plain tuple of the eight arrays it needs, and visits the links once.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ LegArrays = tuple[Ints, Ints, Array, Array, Array, Ints, Array, Ints, int]
 
 
 class LegTree(NamedTuple):
-    """Arrays of a `KinematicModel` that place feet, by the same names and with the same shapes and units."""
+    """Subset of a `KinematicModel` from which foot positions are computed; same names, shapes and units."""
 
     parent: Ints
     joint: Ints
@@ -30,12 +30,14 @@ class LegTree(NamedTuple):
 
 
 def leg_arrays(model: KinematicModel) -> LegArrays:
-    """Return the arrays of a model that place feet, to be kept for many calls of `feet_and_jacobians`."""
+    """Return the arrays of a model for calls of `feet_and_jacobians`; to be kept, as one result serves all calls."""
     return (*(getattr(model, name) for name in LegTree._fields), len(model.neutral))  # type: ignore[return-value]
 
 
 def feet_and_jacobians(arrays: LegArrays, q: Array) -> tuple[Array, Array]:
-    """Foot centres in base_link, (L, 3) m, and d foot_i / d (joints of leg i), (L, 3, n) m/rad, at angles q (nj,).
+    """Return foot centres, (L, 3) m, and their Jacobians by the joints of their leg, (L, 3, n) m/rad, in base_link.
+
+    `arrays`: of `leg_arrays`; `q`: joint angles, (nj,) rad.
 
     Raises:
         FieldError: shape of q.

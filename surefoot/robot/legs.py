@@ -1,4 +1,4 @@
-"""Recognition of legs with a closed-form solution: yaw-pitch-pitch, and roll-pitch-pitch with any offsets."""
+"""Recognition of legs with closed-form inverse kinematics: yaw-pitch-pitch, and roll-pitch-pitch with any offsets."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ STRAIGHT = 1e-3  # rad; a neutral knee that is bent less does not show to which 
 
 
 class ClosedForms(NamedTuple):
-    """Numbers of the closed-form solutions of all legs, as in `KinematicModel`."""
+    """Geometry of all legs for their closed-form inverse kinematics; fields as in `KinematicModel`."""
 
     hip: Array  # (L, 4)
     segment: Array  # (L, 3)
@@ -25,7 +25,7 @@ class ClosedForms(NamedTuple):
 
 
 def closed_forms(links: Sequence[Link], joints: Sequence[Joint], legs: Sequence[Leg]) -> ClosedForms:
-    """Return the closed-form solutions of the legs; lengths are NaN where a leg has none of the kind."""
+    """Return the geometry of the legs for closed-form inverse kinematics; NaN lengths for a leg of another kind."""
     n = len(legs)
     hip, segment = np.zeros((n, 4)), np.full((n, 3), np.nan)
     rolled = RolledLegs(
@@ -46,7 +46,7 @@ def closed_forms(links: Sequence[Link], joints: Sequence[Joint], legs: Sequence[
 
 
 def matrix(q: Array) -> Array:
-    """Return the rotation matrix (3, 3) of a unit quaternion w, x, y, z, (4,), without compiled kernels."""
+    """Return the rotation matrix (3, 3) of a unit quaternion w, x, y, z, (4,), computed without a compiled kernel."""
     w, x, y, z = q
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""Joints and legs of a robot among the names that others give them."""
+"""Match of a robot's joints and legs with the names that other software gives them."""
 
 from collections.abc import Sequence
 
@@ -8,12 +8,12 @@ from surefoot.robot.description import Robot
 
 
 def plain(name: str) -> str:
-    """Return a joint or leg name as descriptions write it."""
+    """Return a joint or leg name in lower case without the suffix `_joint`, as robot descriptions write it."""
     return name.lower().removesuffix("_joint")
 
 
 def joint_columns(names: Sequence[str], robot: Robot) -> list[int]:
-    """Return the places of the robot's joints among names (raises SurefootError: one is absent or there twice)."""
+    """Return the index in `names` of each joint of the robot (raises SurefootError: one is absent or there twice)."""
     found = [plain(name) for name in names]
     twice = sorted({name for name in found if found.count(name) > 1})
     if twice:
@@ -28,7 +28,7 @@ def joint_columns(names: Sequence[str], robot: Robot) -> list[int]:
 
 
 def leg_columns(names: Sequence[str], robot: Robot) -> list[int]:
-    """Return the places of the robot's legs among names (raises SurefootError: one is absent or there twice)."""
+    """Return the index in `names` of each leg of the robot (raises SurefootError: one is absent or there twice)."""
     found = [plain(name).removesuffix("_foot") for name in names]
     twice = sorted({name for name in found if found.count(name) > 1})
     if twice:

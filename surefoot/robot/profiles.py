@@ -1,4 +1,4 @@
-"""Named profiles of sensors that several robots may have, one TOML file each under `robots/`."""
+"""Named sensor profiles, such as the noise of an inertial unit, that robots share: TOML files under `robots/`."""
 
 import math
 from pathlib import Path
@@ -41,7 +41,7 @@ class Profile(FileModel):
 
 
 class Gyro(FileModel):
-    """Noise of a gyroscope, each axis."""
+    """Noise of each axis of a gyroscope."""
 
     lsb_deg_s: NotNegative = Field(description="deg/s, resolution")
     range_deg_s: Positive = Field(description="deg/s, largest rate either way")
@@ -52,7 +52,7 @@ class Gyro(FileModel):
 
 
 class Accelerometer(FileModel):
-    """Noise of an accelerometer, each axis."""
+    """Noise of each axis of an accelerometer."""
 
     lsb_mg: NotNegative = Field(description="1e-3 g, resolution")
     range_g: Positive = Field(description="g, largest acceleration either way")
@@ -63,7 +63,7 @@ class Accelerometer(FileModel):
 
 
 class ImuFile(Profile):
-    """File of an inertial unit, `robots/sensors/<name>.toml`."""
+    """Content of the file of an inertial unit, `robots/sensors/<name>.toml`."""
 
     folder = "sensors"
     format: Literal["surefoot.imu/1"] = Field(alias="schema")
@@ -72,7 +72,7 @@ class ImuFile(Profile):
 
 
 class CameraFile(Profile):
-    """File of a landmark camera, `robots/cameras/<name>.toml`."""
+    """Content of the file of a landmark camera, `robots/cameras/<name>.toml`."""
 
     folder = "cameras"
     format: Literal["surefoot.camera/1"] = Field(alias="schema")
@@ -102,7 +102,7 @@ class CameraFile(Profile):
 
 
 class RangerFile(Profile):
-    """File of ultrasound and bumpers, `robots/rangers/<name>.toml`."""
+    """Content of the file of an ultrasonic ranger and foot bumpers, `robots/rangers/<name>.toml`."""
 
     folder = "rangers"
     format: Literal["surefoot.ranger/1"] = Field(alias="schema")
@@ -123,7 +123,7 @@ class RangerFile(Profile):
 
 
 class DepthCameraFile(Profile):
-    """File of a depth camera on the trunk, `robots/depth_cameras/<name>.toml`."""
+    """Content of the file of a depth camera on the trunk, `robots/depth_cameras/<name>.toml`."""
 
     folder = "depth_cameras"
     format: Literal["surefoot.depth_camera/1"] = Field(alias="schema")
@@ -156,10 +156,10 @@ def profile_names(model: type[Profile]) -> tuple[str, ...]:
 
 
 def read_profile(model: type[P], name: str, field: str) -> tuple[P, dict[str, object]]:
-    """Read a profile by name; return it and the file's content, which counts in a description's hash.
+    """Return the profile with a name, and the content of its file, which is part of the hash of a robot description.
 
     Raises:
-        RobotError: `field` names no profile, or a number of the file cannot be.
+        RobotError: no profile has the name, reported under `field`, or a value in the file is not allowed.
     """
     known, place = profile_names(model), f"{model.folder}.{name}"
     if name not in known:
@@ -177,7 +177,7 @@ def imu_profile_names() -> tuple[str, ...]:
 
 
 def read_imu_profile(name: str) -> r.ImuProfile:
-    """Read an inertial unit by name, in SI units.
+    """Return the noise of an inertial unit of the package by its name, in SI units.
 
     Raises:
         RobotError: unknown name, or a number out of range.
@@ -186,7 +186,7 @@ def read_imu_profile(name: str) -> r.ImuProfile:
 
 
 def imu_profile(file: ImuFile) -> r.ImuProfile:
-    """Return an inertial unit in SI units."""
+    """Return the noise of an inertial unit from the content of its file, converted to SI units."""
     deg, g, a = math.radians(1.0), file.gyro, file.accel
     gyro = r.AxisNoise(
         lsb=deg * g.lsb_deg_s,

@@ -1,4 +1,4 @@
-"""Reader of `robot.toml`: the chains of its limbs are expanded into the link tree."""
+"""Reader of `robot.toml`, which builds the link tree of the robot from the chains of its limbs."""
 
 import hashlib
 import json
@@ -28,7 +28,7 @@ _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
 
 def load_robot(name: str | PathLike[str]) -> r.Robot:
-    """Read a robot by name or by path.
+    """Return the robot description with a name or in a file.
 
     Args:
         name: folder name under `surefoot/robots`, or a path (anything that ends in `.toml` or holds a separator).
@@ -43,7 +43,7 @@ def load_robot(name: str | PathLike[str]) -> r.Robot:
 
 
 def robot_file(name: str | PathLike[str]) -> Path:
-    """Return the file that describes a robot, given as to `load_robot` (raises RobotError: there is none)."""
+    """Return the path of the `robot.toml` for a name or path as in `load_robot` (raises RobotError: there is none)."""
     text = str(name)
     is_path = isinstance(name, PathLike) or text.endswith(".toml") or "/" in text
     path = Path(name) if is_path else ROBOTS / text / ROBOT_FILE
@@ -58,7 +58,7 @@ def robot_file(name: str | PathLike[str]) -> Path:
 
 
 def robot_place(name: str) -> str:
-    """Return the name of a robot of the package, or the whole path of a folder; each process reads the same robot.
+    """Return a robot's name unchanged, or the absolute path if it is a folder, so that any process can load the robot.
 
     Raises:
         RobotError: there is no such robot, or its description is wrong.
@@ -75,7 +75,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def canonical(value: object) -> object:
-    """Return the content that changes behaviour: without sources and texts for people, numbers as float."""
+    """Return the part of a file's content that affects behaviour: no sources and descriptions, numbers as float."""
     if isinstance(value, dict):
         return {k: canonical(v) for k, v in cast("dict[str, object]", value).items() if k not in _NOT_HASHED}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Closed-form solution of roll-pitch-pitch legs: a first axis, and two parallel ones perpendicular to it."""
+"""Closed-form inverse kinematics of roll-pitch-pitch legs: two parallel joint axes perpendicular to the first one."""
 
 import math
 
@@ -22,17 +22,18 @@ def rolled_ik(legs: RolledLegs, leg: int, p_base: Array, middle: Array) -> tuple
     (x, y, z) = R' (p_base - hip), w = s_z sqrt(y^2 + z^2 - b^2), q1 = atan2(z, y) - atan2(w, b),
     u = x, v = w - h, cos k = (u^2 + v^2 - f^2 - t^2) / (2 f t), k = s_k acos(cos k),
     q2 = atan2(u, v) - atan2(t sin k, f + t cos k) - rest_f, q3 = s_t (k - rest_k),
-    with b and h the foot's way beside and the femur joint's above the first axis, f and t the segments.
+    with b and h the offsets of the foot along y and of the femur joint along z, f and t the lengths of femur and tibia,
+    R, signs s and rest angles those of `RolledLegs`.
 
     Args:
-        legs: numbers of the legs.
+        legs: geometry of the legs.
         leg: index of the leg.
         p_base: foot centre in base_link, (3,) m.
-        middle: middles of the joints' ranges, (3,) rad: of the equal angles the one nearest to it is returned.
+        middle: middles of the joints' ranges, (3,) rad; each angle is returned within pi of it.
 
     Returns:
-        The angles (3,) rad, of the nearest point if the leg is too short or too long, without regard to joint limits,
-        and whether the point is reached. NaN lengths (no closed form) give False.
+        The angles (3,) rad, approximate if the point is too near or too far, without regard to joint limits, and
+        whether the point is reached. NaN lengths (no closed form) give False.
     """
     beside, above = legs.offset[leg, 0], legs.offset[leg, 1]
     f, t = legs.segment[leg, 0], legs.segment[leg, 1]
