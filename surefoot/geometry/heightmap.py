@@ -1,4 +1,4 @@
-"""The height map: one class for the wire, the files and the code.
+"""The height map: ground heights on a grid, as used in code, in messages and in files.
 
 `z[row, col]` is the height of the ground in metres over the CENTRE of cell (row, col); row runs along y, column
 along x, row 0 is y-min; `origin` is the centre of cell [0, 0] in frame `map`; NaN is unknown. The cell centres are
@@ -38,7 +38,7 @@ def _integer(value: Any) -> Any:
 
 
 class HeightMapError(InvalidField):
-    """Content that makes no height map; `field` names the wrong part."""
+    """Error of data from which no height map can be made; `field` names the wrong part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class HeightMap:
         version: number that rises with every change of the heights.
 
     Raises:
-        HeightMapError: a shape, a size or a number that cannot be; names the field.
+        HeightMapError: a shape, size or number that is not allowed; names the field.
     """
 
     z: NDArray[np.float32]
@@ -133,7 +133,7 @@ class HeightMap:
     def height(
         self, x: ArrayLike, y: ArrayLike, method: Literal["bilinear", "nearest"] = "bilinear"
     ) -> NDArray[np.float64]:
-        """Return heights at points, m: NaN outside the map, or where a cell that counts is unknown.
+        """Return heights at points, m: NaN outside the map, or where a cell used for the point is unknown.
 
         Args:
             x: x of the points, any shape that broadcasts with y, m, frame `map`.
@@ -149,7 +149,7 @@ class HeightMap:
         return out
 
     def height_at(self, x: float, y: float) -> float:
-        """Return the bilinear height at one point, m (the quick path of `height`)."""
+        """Return the bilinear height at one point, m; as `height`, but faster."""
         return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
 
     def patch(self, x: float, y: float, n: int) -> NDArray[np.float32]:
@@ -162,7 +162,7 @@ class HeightMap:
         return out
 
     def dilated(self, radius: float) -> "HeightMap":
-        """Return the map of foot CENTRES: the height of a sphere's centre when the sphere rests on the ground, m.
+        """Return a map of the height at which the centre of a sphere (a foot) lies when the sphere rests on the ground.
 
         c[i, j] = max over cells n within `radius` of z_n + sqrt(radius^2 - d_n^2). Subtract `radius` for the lowest
         point of that sphere. Unknown neighbours are left out; a cell is NaN when it is itself unknown.
@@ -202,7 +202,7 @@ class HeightMap:
         return (0, self.z.shape[0], 0, self.z.shape[1])
 
     def derived(self, z: NDArray[np.float32]) -> "HeightMap":
-        """Return a map of this grid and version with heights z (rows, cols) m, neither copied nor checked."""
+        """Return a map of the same grid and version with heights z (rows, cols) m, which are not copied or checked."""
         made = object.__new__(HeightMap)
         z.flags.writeable = False
         for name, value in (("z", z), ("cell", self.cell), ("origin", self.origin), ("version", self.version)):
@@ -210,7 +210,7 @@ class HeightMap:
         return made
 
     def with_z(self, z: NDArray[np.float32], version: int | None = None) -> "HeightMap":
-        """Return a map of this grid with other heights, (ny, nx) m; None keeps the version."""
+        """Return a map of the same grid with other heights z, (ny, nx) m; `version`: None keeps the present one."""
         if z.shape != self.z.shape:
             raise HeightMapError("z", f"must keep the shape {self.z.shape}, got {z.shape}")
         return replace(self, z=z, version=self.version if version is None else version)
@@ -241,7 +241,7 @@ class HeightMap:
 
     @classmethod
     def from_wire(cls, header: Mapping[str, Any], payload: bytes | bytearray | memoryview) -> Self:
-        """Return the map of a header and its float32 payload.
+        """Return the map made from a header and its payload of float32 heights, as `header` and `to_bytes` return them.
 
         Raises:
             HeightMapError: a header field is absent or wrong, or the payload has another length.
@@ -265,7 +265,7 @@ class HeightMap:
 
     @classmethod
     def from_base64(cls, header: Mapping[str, Any], text: str) -> Self:
-        """Return the map of a header and its heights as base64 of float32.
+        """Return the map made from a header and its float32 heights in base64.
 
         Raises:
             HeightMapError: as of `from_wire`, or the text is no base64.

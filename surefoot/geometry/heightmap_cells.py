@@ -21,7 +21,7 @@ Ball = tuple[NDArray[np.int64], NDArray[np.int64], Heights]
 
 @kernel
 def bilinear(z: Heights, cell: float, x0: float, y0: float, x: float, y: float) -> float:
-    """Return the bilinear height at (x, y), m; NaN outside the map, or where a cell that counts is NaN.
+    """Return the bilinear height at (x, y), m; NaN outside the map, or where a cell used for the point is NaN.
 
     The outermost half cell continues the border value.
 
@@ -90,7 +90,9 @@ def patch(z: Heights, row: int, col: int, out: Heights) -> None:
 
 
 def ball(radius: float, cell: float) -> Ball:
-    """Return the cells under a sphere around a cell: row and column offsets, height of the sphere above its centre, m.
+    """Return the cells within a sphere about a cell centre: row and column offsets, and the sphere's height there, m.
+
+    Each array is (k,); the height is that of the sphere's surface above its centre.
 
     Args:
         radius: of the sphere, m.
@@ -114,7 +116,9 @@ def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
 
 @row_kernel
 def dilate(z: Heights, ball: Ball, part: Part, out: Heights) -> None:
-    """Write max over k of z[i + rows[k], j + cols[k]] + lift[k] into out[i, j] for the cells of a part, m.
+    """Write the height of the centre of a sphere that rests on the ground, m, into `out` for the cells of a part.
+
+    It is out[i, j] = max over k of z[i + rows[k], j + cols[k]] + lift[k], with the arrays of `ball`.
 
     NaN neighbours are left out, and a cell that is NaN stays NaN. z, out: (ny, nx) m; `ball`: offsets rows, cols (k,)
     and lift (k,) m; `part`: first row, end of the rows, first column, end of the columns.
@@ -164,9 +168,9 @@ def _medians(low: Heights, middle: Heights, high: Heights, out: Heights) -> None
 def median3(z: Heights, min_known: int, part: Part, out: Heights) -> None:
     """Write the median of the known heights in each 3 x 3 window into `out` (ny, nx) m for the cells of a part.
 
-    An unknown cell needs `min_known` known neighbours, otherwise it stays NaN. Windows that are known and inside the
-    map are done row by row, three sorted columns shared by three windows; the others cell by cell. z: (ny, nx) m;
-    `part`: first row, end of the rows, first column, end of the columns.
+    An unknown cell needs `min_known` known neighbours, otherwise it stays NaN. Complete windows are computed row by
+    row, with sorted columns shared by three windows, the others cell by cell. z: (ny, nx) m; `part`: first row, end of
+    the rows, first column, end of the columns.
     """
     row0, row1, col0, col1 = part
     ny, nx = z.shape

@@ -1,4 +1,4 @@
-"""Height maps of any format, read by the name of the file; a PNG has its scale beside it, a GeoTIFF in its tags."""
+"""Reading of height maps of any supported format, chosen by the suffix of the file, and of GeoTIFF."""
 
 import json
 import math

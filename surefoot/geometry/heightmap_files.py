@@ -1,4 +1,4 @@
-"""Height maps in files: our `.npz` with a `.json` sidecar, ESRI ASCII grids, 16-bit PNG."""
+"""Height maps in files: `.npz` with a `.json` file of header and digest, ESRI ASCII grids, grey PNG."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ def save(heightmap: HeightMap, path: str | Path, **extra: str | int | float) -> 
     """Write `<path>.npz` (z, cell, origin, version, frame, extras) and `<path>.json` (header and sha256 of the file).
 
     Args:
-        heightmap: what to write.
+        heightmap: the map to write.
         path: the file, with or without `.npz`.
         extra: how the map came to be, such as kind and seed; kept in both files.
 
@@ -156,7 +156,7 @@ def load_png(
 
 
 def check_size(source: Path) -> None:
-    """Raise HeightMapError for a file that is too large, or for a pipe or device, which would hold its reader."""
+    """Raise HeightMapError for a file that is too large or no regular file: reading a pipe or device may never end."""
     if source.exists() and not source.is_file():
         raise HeightMapError("file", f"{source.name} is no regular file")
     size = source.stat().st_size

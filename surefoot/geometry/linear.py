@@ -1,7 +1,7 @@
-"""Linear algebra whose bits do not depend on the processor, for code outside of kernels.
+"""Linear algebra with bit-identical results on all processors, for code outside of compiled kernels.
 
-BLAS and LAPACK choose their order of summation by the processor they find, and numpy its vector code for exp, sin and
-the like; the last bit of a result follows, and with it the hash of a run. What is computed in a tick uses these
+BLAS and LAPACK choose their order of summation by the processor, and numpy its vector code for exp, sin and the like;
+the last bits of results, and so the hash of a run, would depend on that. Computations of a control tick use these
 functions instead: every sum is taken in index order, every elementary function comes from the C library.
 """
 

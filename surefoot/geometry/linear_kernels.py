@@ -1,7 +1,7 @@
-"""Products and inverses of small matrices for kernels, every sum taken in index order.
+"""Products and inverses of small matrices for compiled kernels, with bit-identical results on all processors.
 
-numba hands `@` and `np.linalg` to the BLAS and LAPACK of scipy, which choose their order of summation by the processor;
-see `surefoot.geometry.linear`.
+Every sum is taken in index order. numba would pass `@` and `np.linalg` to the BLAS and LAPACK of scipy, which choose
+their order of summation by the processor; see `surefoot.geometry.linear`.
 """
 
 import math
@@ -82,12 +82,14 @@ def add_outer(p: Array, row: int, column: int, a: Array, b: Array) -> None:
 
 @row_kernel
 def joseph(p: Array, gain: Array, h: Array, variance: float) -> Array:
-    """Return (I - K H) P (I - K H)^T + variance K K^T, symmetric, (n, n): Joseph's form of a correction.
+    """Return the covariance, (n, n), after a Kalman correction, in Joseph's form.
+
+    It is (I - K H) P (I - K H)^T + variance K K^T, made symmetric.
 
     Args:
-        p: covariance P, (n, n), any units.
-        gain: K, (n, m), state per measured unit.
-        h: H, (m, n), measured per state unit.
+        p: covariance P before, (n, n), any units.
+        gain: Kalman gain K, (n, m), state per measured unit.
+        h: measurement matrix H, (m, n), measured per state unit.
         variance: of each of the m measured numbers, measured unit squared.
     """
     rest = np.eye(p.shape[0])

@@ -161,10 +161,10 @@ def half_planes(normals: Array, limits: Array, bound: float) -> Array:
 
 @row_kernel
 def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float, float]:
-    """Return t where the line (x, y) + t a enters and leaves a polygon (n, 2), (t_in, t_out), NaN if it misses.
+    """Return t_in and t_out at which the line (x, y) + t (ax, ay) enters and leaves a polygon (n, 2); NaN if it misses.
 
-    A segment or point is met if the line passes within 1e-12 of its size. All lengths have one unit; t is in it if a is
-    a unit vector.
+    A segment or point is hit if the line passes it at no more than 1e-12 of its largest distance from (x, y). All
+    lengths have one unit, which is also that of t if (ax, ay) is a unit vector.
     """
     n = polygon.shape[0]
     if n == 0:
@@ -192,7 +192,10 @@ def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float
 
 @row_kernel
 def gap(inner: Array, outer: Array) -> float:
-    """Return the largest distance of a vertex of outer from inner, both (n, 2) m; NaN if there is no outer."""
+    """Return the largest distance, m, of a vertex of polygon `outer` from polygon `inner`; NaN if `outer` is empty.
+
+    Both are (n, 2) m.
+    """
     far = 0.0 if outer.shape[0] > 0 else math.nan
     for i in range(outer.shape[0]):
         far = max(far, -signed_distance(inner, outer[i, 0], outer[i, 1]))
