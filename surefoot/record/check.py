@@ -1,8 +1,9 @@
-"""Reads a whole MCAP file, whatever has happened to it: what can be read, and how much is lost.
+"""Check of an MCAP file that may be cut off or damaged: which parts can be read, and how much is lost.
 
-A reader by index trusts the summary at the end, which a file that was cut off does not have. Here records are walked
-from the front, every chunk is unpacked and its checksum compared; where a record is nonsense, the summary gives the
-place of the next chunk; without one, the bytes that a chunk begins with do. Format: MCAP specification, version 0.
+An ordinary reader needs the summary at the end, which a file that was cut off does not have. Here records are read from
+the front, and every chunk is unpacked and its checksum compared. After an invalid record the check goes on with the
+next chunk, found by the summary, or without one by a search for bytes that begin a chunk. Format: MCAP specification,
+version 0.
 """
 
 import heapq
@@ -40,7 +41,7 @@ _READ = (Opcode.CHUNK, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.MESSAGE_INDEX, Opc
 
 
 class SoundChunk(NamedTuple):
-    """A chunk that can be read: place of its content in the file, and stamps of its messages, ns."""
+    """Place of a readable chunk: offset and length of its content in the file, bytes, and its stamps' range, ns."""
 
     place: int
     length: int
@@ -49,7 +50,7 @@ class SoundChunk(NamedTuple):
 
 
 class StoredMessage(NamedTuple):
-    """A message as it is stored: channel, stamp, ns, and bytes."""
+    """A message as it is stored in an MCAP file: number of its channel, stamp, ns, and encoded data."""
 
     channel: int
     stamp_ns: int
@@ -58,7 +59,7 @@ class StoredMessage(NamedTuple):
 
 @dataclass
 class Findings:
-    """Readable and damaged parts of a recording, chunk by chunk."""
+    """Result of the check of a recording: its readable parts, and what is damaged or lost."""
 
     chunks: int = 0
     damaged: int = 0
@@ -90,7 +91,7 @@ class Findings:
 
     @property
     def lost_share(self) -> float:
-        """Share of the messages that cannot be read; of the bytes, where the messages are not counted."""
+        """Lost share of the messages, 0 to 1; of the bytes, if the number of messages is unknown (``uncounted``)."""
         total = self.messages.total() + self.lost
         if self.uncounted:
             return self.unread / self.size if self.size else 0.0
@@ -98,7 +99,7 @@ class Findings:
 
 
 def check(path: Path) -> Findings:
-    """Return the readable and damaged parts of a recording; every record is read (raises OSError)."""
+    """Read every record of a recording, and return its readable and damaged parts (raises OSError)."""
     with path.open("rb") as file:
         return _FileCheck(file, path.stat().st_size).findings()
 
@@ -272,7 +273,7 @@ def _records(chunk: Chunk) -> Iterator[tuple[int, int, bytes]]:
 
 
 def sound_messages(path: Path, pieces: Sequence[SoundChunk]) -> Iterator[StoredMessage]:
-    """Yield the messages of chunks in the order of their stamps; holds those of chunks that overlap.
+    """Yield the messages of readable chunks in the order of their stamps; only overlapping chunks are held in memory.
 
     Raises:
         OSError: the file cannot be read.

@@ -1,8 +1,8 @@
-"""Writes MCAP files a chunk at a time, with the records of the `mcap` library.
+"""Fast writer of MCAP files, which uses the record types of the `mcap` library.
 
-The library's own writer spends five calls and a compression at a middling level on each message, which made recording
-cost a sixth of the speed of a run. Here a message is one `struct.pack`; everything else is written once a chunk or once
-a file, by the library. Format: MCAP specification, version 0.
+The library's own writer spends five calls on each message and compresses at a higher level, which slowed down a run by
+a sixth. Here a message is one `struct.pack`; all other records are written once per chunk or once per file, by the
+library. Format: MCAP specification, version 0.
 """
 
 import struct
@@ -25,7 +25,7 @@ _REST = 22  # bytes of a message's record besides opcode, length and data
 
 
 class ChunkWriter:
-    """One file: schemas, channels, messages in compressed chunks, metadata, an index at the end."""
+    """Writer of one MCAP file: schemas, channels, messages in compressed chunks, metadata, an index at the end."""
 
     def __init__(self, file: IO[bytes], library: str) -> None:
         self._file = file
@@ -42,7 +42,7 @@ class ChunkWriter:
         self._write(_encoded(records.Header(profile="", library=library)))
 
     def add_channel(self, key: str, encoding: str, schema: str, text: bytes) -> int:
-        """Declare a topic with its JSON Schema; return its number."""
+        """Declare a topic with name (`schema`) and text of its JSON Schema; return the number of its channel."""
         number = len(self._channels) + 1
         self._schemas.append(records.Schema(id=number, data=text, encoding="jsonschema", name=schema))
         self._channels.append(
@@ -53,7 +53,7 @@ class ChunkWriter:
         return number
 
     def add_message(self, channel: int, stamp_ns: int, seq: int, data: bytes) -> None:
-        """Append a message to the present chunk; a full chunk goes to the file."""
+        """Append a message to the present chunk; a full chunk is compressed and written to the file."""
         places = self._places.get(channel)
         if places is None:
             places = self._places[channel] = []
@@ -69,7 +69,7 @@ class ChunkWriter:
         self._metadata.append(records.MetadataIndex(offset=start, length=len(data), name=name))
 
     def add_attachment(self, name: str, kind: str, data: bytes) -> None:
-        """Attach a file as it is to the recording, with its media type."""
+        """Attach the content of a file to the recording; `kind`: its media type."""
         record = _encoded(records.Attachment(create_time=0, log_time=0, name=name, media_type=kind, data=data))
         index = records.AttachmentIndex(
             offset=self._position, length=len(record), create_time=0, log_time=0, data_size=len(data), name=name,

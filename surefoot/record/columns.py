@@ -1,4 +1,4 @@
-"""The samples of a recording as arrays, under the column names that logs of others use as well (docs/estimate.md)."""
+"""Samples of a recording as arrays, with the column names of logs in CSV and NPZ files (docs/estimate.md)."""
 
 from array import array
 from collections.abc import Callable
@@ -112,7 +112,10 @@ def _external(message: Message) -> dict[str, tuple[float, ...]]:
 
 
 def external_numbers(m: ExternalMotion) -> tuple[float, ...]:
-    """Return position, yaw, velocity and their covariances as 26 numbers, NaN = absent."""
+    """Return an external motion sample as 26 numbers, NaN = absent.
+
+    Position (3), yaw, velocity (3), covariance of position (9), variance of yaw, covariance of velocity (9).
+    """
     nan = float("nan")
 
     def three(value: tuple[float, ...] | None, size: int) -> tuple[float, ...]:
@@ -140,14 +143,14 @@ READ: dict[str, tuple[str, Callable[[Message], dict[str, tuple[float, ...]]]]] =
 def recorded_columns(
     path: Path | ReadableRecording, progress: Callable[[float], None] | None = None
 ) -> tuple[Columns, str]:
-    """Read the hardware samples, the truth and the published estimates of the last epoch of a recording.
+    """Return the hardware samples, the truth and the published estimates of the last run (epoch) in a recording.
 
     Args:
-        path: MCAP file, which must be whole, or one that is open, of which the sound part is read.
-        progress: gets the share that is read.
+        path: MCAP file, which must be undamaged, or an open recording, whose readable part is read.
+        progress: called with the share, 0 to 1, that is read.
 
     Returns:
-        Columns, and the name of the robot (empty: unknown).
+        Arrays by name, each with one row per sample, and the name of the robot (empty: unknown).
 
     Raises:
         SurefootError: the file cannot be read as a recording, has no inertial samples, or rows of changing length.

@@ -1,6 +1,6 @@
-"""CSV files as columns, with row and column of each error.
+"""Reader of logs in CSV files as named arrays, whose errors name row and column.
 
-A CSV has one number per cell; `gyro_x, gyro_y, gyro_z` become the column `gyro` (n, 3), `foot0_x` ... become
+A CSV has one number per cell; `gyro_x, gyro_y, gyro_z` become the array `gyro` (n, 3), `foot0_x` ... become
 `foot_position` (n, F, 3). Empty cells and `nan` are NaN.
 """
 
@@ -43,7 +43,7 @@ SHOWN = 12
 
 
 def read_csv(path: Path) -> Columns:
-    """Return the columns of a CSV, unchecked; see `surefoot.record.tables`."""
+    """Return the arrays of a log in a CSV file by name; `surefoot.record.tables` checks their shapes and stamps."""
     try:
         regular_size(path)
         with path.open(encoding="utf-8-sig", newline="") as file:

@@ -1,4 +1,4 @@
-"""Places of numbers in messages: `/topic.field.part[a:b]`."""
+"""Paths that select numbers in the messages of a log: `/topic.field.field[a:b]`."""
 
 import re
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ USUAL = ("data", "contacts", "foot_force", "effort")
 
 @dataclass(frozen=True)
 class FieldPath:
-    """Place of numbers in a log: a topic, a field of its messages, and a part of that array."""
+    """Path to numbers in a log: a topic, a (nested) field of its messages, and optionally a slice of that array."""
 
     topic: str
     fields: tuple[str, ...] = ()  # empty = the first of `USUAL`
@@ -24,7 +24,7 @@ class FieldPath:
 
     @classmethod
     def of(cls, text: str) -> "FieldPath":
-        """Return the place that a text names (raises SurefootError)."""
+        """Return the path written as `TOPIC`, `TOPIC.FIELD` or `TOPIC.FIELD[a:b]` (raises SurefootError)."""
         found = PATTERN.fullmatch(text)
         if found is None:
             raise SurefootError("invalid", f"got {text!r}; wanted is TOPIC, TOPIC.FIELD or TOPIC.FIELD[a:b]", text)
@@ -36,11 +36,11 @@ class FieldPath:
 
     @property
     def named(self) -> bool:
-        """True if names in the message belong to the numbers: there is no part."""
+        """True if the path has no slice `[a:b]`: then a list of names in the message applies to the numbers."""
         return self.part is None
 
     def values(self, message: Any) -> NDArray[Any]:
-        """Return the numbers of this place in a message, (k,), in the unit of the log.
+        """Return the numbers that this path selects in a message, (k,), in the unit of the log.
 
         Raises:
             SurefootError: the message has no such field, or it holds no numbers.

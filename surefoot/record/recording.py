@@ -1,4 +1,4 @@
-"""MCAP recordings: the bytes of the bus as they were, with their JSON Schemas. Foxglove and PlotJuggler open them."""
+"""Writing and reading of MCAP recordings of the bus: unchanged messages with their JSON Schemas."""
 
 import json
 import struct
@@ -33,7 +33,7 @@ LATEST_NS, MOST_SEQ = (1 << 64) - 1, (1 << 32) - 1
 
 
 class RecordingWriter:
-    """Appends messages to an MCAP file; what is in a full chunk survives a crash."""
+    """Writer of a recording (MCAP file); after a crash, the chunks written so far can be read."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class RecordingWriter:
         self._channels: dict[str, tuple[int, bool]] = {}
 
     def write(self, topic: Topic[Any], header: Header, raw: Raw) -> None:
-        """Append an encoded message to the recording, with the time and number of its header."""
+        """Append an encoded message to the recording, with the stamp and sequence number of its header."""
         key = topic.key if not topic.key.endswith("/*") else f"{topic.key[:-1]}{header.source}"
         channel, bulk = self._channels.get(key) or self._add_channel(key, topic.model)
         data = raw.payload
@@ -84,7 +84,7 @@ class RecordingWriter:
         return number, bulk
 
     def close(self, summary: dict[str, str], hashes: Mapping[str, str] | None = None) -> None:
-        """Write the summary, the digest of each key where there is one, and the index."""
+        """Write metadata (`summary`, and `hashes`: a digest by key) and the index, and close the file."""
         self._writer.add_metadata(SUMMARY, summary)
         if hashes is not None:
             self._writer.add_metadata(HASHES, hashes)
@@ -94,7 +94,7 @@ class RecordingWriter:
 
 @dataclass(frozen=True)
 class Recorded:
-    """One message of a recording."""
+    """One message of a recording, not yet decoded: key, stamp, ns, model (None: key unknown here), stored bytes."""
 
     key: str
     stamp_ns: int
@@ -102,21 +102,21 @@ class Recorded:
     data: bytes
 
     def raw(self) -> Raw:
-        """Return the message as the bytes that went over the wire."""
+        """Return the message as it was encoded on the bus: payload, attachment and encoding."""
         if self.model is not None and issubclass(self.model, Bulk):
             (length,) = struct.unpack_from("<I", self.data)
             return Raw(self.data[4 + length :], self.data[4 : 4 + length], encoding_of(self.model))
         return Raw(self.data, None, "" if self.model is None else encoding_of(self.model))
 
     def message(self) -> Message:
-        """Return the decoded message (raises Refusal; SurefootError for a key this version does not know)."""
+        """Return the decoded message (raises Refusal; SurefootError for a key that is no topic of this version)."""
         if self.model is None:
             raise SurefootError("unknown_key", f"{self.key!r} is not a topic of this version")
         return decode(self.model, *self.raw())
 
 
 def media_type(name: str) -> str:
-    """Return the media type of a file by its name."""
+    """Return the media type of a file, chosen by the suffix of its name."""
     return KINDS.get(Path(name).suffix, "application/octet-stream")
 
 
@@ -135,8 +135,8 @@ def read_recording(
 
     Args:
         path: MCAP file.
-        keys: of these messages; None = all.
-        progress: gets the share of the recorded time that is read.
+        keys: keys of the wanted messages; None = all.
+        progress: called with the share, 0 to 1, of the recorded time that is read.
 
     Raises:
         SurefootError: the file cannot be read, is empty, no MCAP file, or cut off or damaged.
@@ -204,7 +204,11 @@ def _broken(path: Path, why: str) -> SurefootError:
 
 
 def recording_info(path: Path) -> dict[str, Any]:
-    """Return messages by topic, first and last time, ns, and metadata (raises SurefootError: no recording)."""
+    """Return number of messages, in total and by topic, first and last stamp, ns, and metadata of a recording.
+
+    Raises:
+        SurefootError: the file cannot be read as a recording.
+    """
     try:
         regular_size(path)
         with path.open("rb") as file:
@@ -229,7 +233,7 @@ def recording_info(path: Path) -> dict[str, Any]:
 
 
 def verify_recording(path: Path) -> Findings:
-    """Return the readable and damaged parts of a recording, with its checksums, whatever has happened to it.
+    """Read all of a recording, compare its checksums, and return its readable and damaged parts.
 
     Raises:
         SurefootError: the file cannot be read, is empty, or no MCAP file.
@@ -249,13 +253,13 @@ def verify_recording(path: Path) -> Findings:
 
 @dataclass(frozen=True)
 class ReadableRecording:
-    """Readable part of a recording.
+    """An open recording that may be damaged, of which the readable part can be read.
 
     Attributes:
         path: the file.
-        metadata: tables by name.
+        metadata: tables of texts by name.
         start_ns, end_ns: stamps of the first and last message, ns.
-        damage: why not all of it can be read, and which share; empty = it is whole.
+        damage: text on the damage and the lost share; empty = undamaged.
     """
 
     path: Path
@@ -267,19 +271,19 @@ class ReadableRecording:
 
     @property
     def version(self) -> str:
-        """Version of surefoot that recorded it, where it is another than this one; else empty."""
+        """Version of surefoot that wrote the recording, if it differs from the present one; else empty."""
         made = self.metadata.get("run", {}).get("version", VERSION)
         return "" if made == VERSION else made
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence on what cannot be read, and one on another version."""
+        """Remarks for the user: on damage, and on a recording by another version of surefoot; empty if none."""
         part = f"only a part of the recording can be read: {self.damage}" if self.damage else ""
         return tuple(filter(None, (part, recorded_by(self.version) if self.version else "")))
 
     @property
     def gapless(self) -> tuple[SoundChunk, ...]:
-        """Chunks before the first place where something is lost."""
+        """Readable chunks before the first place in the file at which messages are lost."""
         end = self.found.sound_to
         return tuple(piece for piece in self.found.pieces if end is None or piece.place < end)
 
@@ -290,12 +294,12 @@ class ReadableRecording:
         *,
         gapless: bool = False,
     ) -> Iterator[Recorded]:
-        """Yield the messages of some keys in the order of their stamps; of a damaged file those of sound chunks.
+        """Yield messages in the order of their stamps; of a damaged file those of readable chunks.
 
         Args:
-            keys: of these messages; None = all.
-            progress: gets the share of the recorded time that is read.
-            gapless: end at the first place where something is lost.
+            keys: keys of the wanted messages; None = all.
+            progress: called with the share, 0 to 1, of the recorded time that is read.
+            gapless: leave out all chunks after the first place at which messages are lost.
         """
         if not self.damage:
             yield from read_recording(self.path, keys, progress)
@@ -310,17 +314,17 @@ class ReadableRecording:
 
 
 def recorded_by(version: str) -> str:
-    """Return the remark on a recording of another version."""
+    """Return a remark for the user on a recording that another version of surefoot wrote."""
     return f"it was recorded by surefoot {version[:40]}, this is {VERSION}"
 
 
 def open_readable(path: Path | ReadableRecording) -> ReadableRecording:
     """Open a recording that may be cut off or damaged; all of it is read once, and its checksums compared.
 
-    One that is open is returned as it is.
+    A recording that is already open is returned unchanged.
 
     Raises:
-        SurefootError: it cannot be read, is empty, no MCAP file, or holds no message that can be read.
+        SurefootError: the file cannot be read, is empty, no MCAP file, or holds no message that can be read.
     """
     if isinstance(path, ReadableRecording):
         return path

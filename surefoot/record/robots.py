@@ -1,4 +1,4 @@
-"""Robot description of a recording: the attached one, or that of its name."""
+"""Robot description of a recording: the attached file, or the installed one of the recorded name."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -11,11 +11,11 @@ from surefoot.robot.reader import ROBOT_FILE, load_robot
 
 
 def robot_of(recording: ReadableRecording) -> Robot:
-    """Return the robot of a recording: as attached, else that of its metadata, else by the prefix of its keys.
+    """Return the robot of a recording: by the attached description, else by the name in the metadata.
 
     Raises:
-        SurefootError: the recording does not name it.
-        RobotError: it is not known here.
+        SurefootError: the recording names no robot.
+        RobotError: no usable description has the recorded name.
     """
     attached = recording.found.attachments.get(ROBOT_FILE)
     if attached is not None:
@@ -31,11 +31,11 @@ def robot_of(recording: ReadableRecording) -> Robot:
 
 
 def robot_for(recording: ReadableRecording, given: str | None) -> Robot:
-    """Return the robot that a command was given for a recording, else that of the recording.
+    """Return the robot `given` by the user, name or path, after a check against the recording; None: the recording's.
 
     Raises:
         SurefootError: the recording is of another robot than the one given, or names none and none was given.
-        RobotError: it is not known here.
+        RobotError: there is no usable description of the robot.
     """
     if not given:
         return robot_of(recording)

@@ -1,4 +1,4 @@
-"""One number for a whole run: the same seed gives the same hash, on any bus and in any start order."""
+"""Hash of all messages of a run: equal for runs of the same seed, on any bus and in any start order of services."""
 
 import hashlib
 from collections import Counter
@@ -8,9 +8,9 @@ _HEAD = "{}|{}|{}|".format
 
 
 class RunHash:
-    """Running sha256 per key over (epoch, stamp_ns, seq, bytes), then one over the sorted (key, digest) pairs.
+    """Hash of a run: a sha256 per key over (epoch, stamp_ns, seq, bytes), then one over the sorted (key, digest) pairs.
 
-    One writer per key gives one order per key; the order between keys does not matter.
+    The messages of a key have one publisher, hence a fixed order; the order between keys does not matter.
     """
 
     def __init__(self) -> None:
@@ -18,7 +18,7 @@ class RunHash:
         self.counts: Counter[str] = Counter()
 
     def update(self, key: str, epoch: int, stamp_ns: int, seq: int, payload: bytes, attachment: bytes | None) -> None:
-        """Add one message of a deterministic topic."""
+        """Add a message to the hash; for topics whose content is the same in every run of a seed."""
         digest = self._digests.get(key)
         if digest is None:
             digest = self._digests[key] = hashlib.sha256()

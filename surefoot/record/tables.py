@@ -1,4 +1,4 @@
-"""Logs of others as columns: CSV and NPZ, checked, with row and column of each error (docs/estimate.md)."""
+"""Reader of logs of other programs, CSV and NPZ files, as checked arrays by column name (docs/estimate.md)."""
 
 from pathlib import Path
 
@@ -25,18 +25,18 @@ LATEST_S = 9e9
 
 
 def read_table(path: Path, sort: bool = False) -> Columns:
-    """Read a CSV or NPZ file.
+    """Return the arrays of a log in a CSV or NPZ file by name, checked as by `checked`.
 
     Args:
-        path: the file; by its suffix.
-        sort: put rows into the order of their stamps instead of refusing others.
+        path: the file; its suffix decides the format.
+        sort: sort rows by their stamps; otherwise stamps that go back are refused.
 
     Returns:
-        Columns of `SHAPES`, with `stamp_ns` and `foot_stamp_ns` in place of seconds; CSV rows without any kinematic
+        Arrays of `SHAPES`, with `stamp_ns` and `foot_stamp_ns` in place of seconds; CSV rows without any kinematic
         number are left out of the foot samples, `joint_names` holds the names of joint columns.
 
     Raises:
-        SurefootError: the file cannot be read, or what is in it is no log.
+        SurefootError: the file cannot be read, or its content is no log.
     """
     if path.suffix.lower() == ".csv":
         columns = read_csv(path)
@@ -48,12 +48,12 @@ def read_table(path: Path, sort: bool = False) -> Columns:
 
 
 def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
-    """Check shapes and stamps of the columns of a log; return them with stamps in ns in place of seconds.
+    """Check shapes and stamps of the arrays of a log; return them with stamps in ns in place of seconds.
 
     Args:
-        columns: by name; gyro and acc, with t (s) or stamp_ns, are needed.
-        name: of the log, for the text of a refusal.
-        sort: put rows into the order of their stamps instead of refusing others.
+        columns: arrays by name; gyro and acc, with t (s) or stamp_ns, are needed.
+        name: of the log, for error messages.
+        sort: sort rows by their stamps; otherwise stamps that go back are refused.
 
     Raises:
         SurefootError: columns are missing, or do not fit each other.
