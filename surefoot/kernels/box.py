@@ -1,11 +1,11 @@
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUntypedBaseClass=false
 # pyright: reportUntypedClassDecorator=false, reportUnknownVariableType=false
-"""Arguments that stay with the compiled code: a kernel is handed one pointer instead of one array after the other.
+"""Container that passes many arrays to a compiled kernel as one pointer.
 
 A call from Python takes about 0.1 us for each array of its arguments, several times as much when the caches are cold; a
-filter that keeps sixty arrays spends more on that than on its arithmetic. A box shares the arrays and copies the
-numbers of what is put into it. Whoever needs one compiles a kernel of their own that returns `Box(parts)`: the files
-of a kernel that all had in common would name the types of each, and be of no use to a process without their modules.
+filter that keeps sixty arrays spends more on that than on its arithmetic. A `KernelBox` shares the arrays and copies
+the numbers of its parts. Each user compiles its own kernel that returns `KernelBox(parts)`: the cache files of a common
+kernel would name the types of all users, and could not be read by a process without their modules.
 """
 
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar

@@ -1,4 +1,4 @@
-"""State of the compiler of kernels: noted by `surefoot.kernels.jit`, read by the runtime. Imports no compiler."""
+"""State of kernel compilation in this process, written by `surefoot.kernels.jit`; the import needs no compiler."""
 
 from collections import Counter
 from collections.abc import Callable, Generator
@@ -7,7 +7,7 @@ from threading import get_ident
 
 
 class Compiling:
-    """Compilations of this process; a kernel that comes from the cache on disk is none."""
+    """Record of the kernel compilations of this process; loading a kernel from the cache on disk does not count."""
 
     def __init__(self) -> None:
         self.used = False
@@ -31,14 +31,14 @@ class Compiling:
         return self._by_thread[get_ident()]
 
     def began(self, name: str) -> None:
-        """Note that the compilation of a kernel began; listeners are called for the outermost one only."""
+        """Record that the compilation of a kernel began; call the listeners unless it is part of another one."""
         self._depth += 1
         if self._depth == 1:
             for listener in tuple(self._listeners):
                 listener(name)
 
     def ended(self, name: str, counts: bool = True) -> None:
-        """Count a kernel as compiled, unless it is one step of several."""
+        """Record that the compilation of a kernel ended; ``counts``: False for a step that is not to be counted."""
         self._depth -= 1
         self.done += counts
         self._by_thread[get_ident()] += counts
@@ -46,7 +46,7 @@ class Compiling:
 
     @contextmanager
     def reporting(self, listener: Callable[[str], None]) -> Generator[None]:
-        """Call `listener` with the name of each kernel before it is compiled, inside the context."""
+        """Context manager in which `listener` is called with the name of each kernel before it is compiled."""
         self._listeners.append(listener)
         try:
             yield

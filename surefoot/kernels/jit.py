@@ -1,4 +1,4 @@
-"""Typed ways to compile a numeric kernel."""
+"""Decorators that compile numeric functions (kernels) with numba and keep the machine code on disk."""
 
 import gc
 import importlib
@@ -88,31 +88,31 @@ def kernel(function: F) -> F:
 
 
 def inner_kernel(function: F) -> F:
-    """Like `kernel`, and its code is copied into its callers: for steps of a loop that take many arrays.
+    """Like `kernel`, but its code is copied (inlined) into its callers: for steps of a loop that take many arrays.
 
-    An array is handed over as seven numbers or more; a state of a dozen costs as much as a short loop. The time of the
-    compiler grows with the square of a function that becomes long so: it is for small ones with few callers.
+    An array argument is passed as seven numbers or more; a dozen of them cost as much as a short loop. The time of the
+    compiler grows with the square of the caller's length, so this is for small functions with few callers.
     """
     return _compiled(function, forceinline=True)
 
 
 def row_kernel(function: F) -> F:
-    """Like `kernel`, with divisions as in numpy (x / 0 = inf or NaN, no exception), so that loops become vectors."""
+    """Like `kernel`, but x / 0 is inf or NaN as in numpy, without an exception, so that loops can be vectorised."""
     return _compiled(function, error_model="numpy")
 
 
 def free_kernel(function: F) -> F:
-    """Like `row_kernel`, and runs without the interpreter's lock: other threads go on."""
+    """Like `row_kernel`, but runs without the global interpreter lock, so that other threads go on."""
     return _compiled(function, error_model="numpy", nogil=True)
 
 
 def loaded() -> dict[str, int]:
-    """Return the kernels that Python has called in this process, and the number of specialisations of each."""
+    """Return the number of specialisations of each kernel that Python has called in this process, by full name."""
     return {f"{k.__module__}.{k.__qualname__}": len(k.signatures) for k in _KERNELS if k.signatures}
 
 
 def kept_files() -> dict[str, str]:
-    """Return the files that keep the kernels of `loaded`, each with the hash of its sources, which stands in it."""
+    """Return the cache index files of the kernels in `loaded`: the hash of the sources by path of the file."""
     found = dict[str, str]()
     for each in _KERNELS:
         for path in (Path(index._index_path) for index in each.cache_files() if each.signatures):
@@ -123,7 +123,7 @@ def kept_files() -> dict[str, str]:
 
 
 def set_aside() -> None:
-    """Let `loaded` begin anew; kernels that are called again are at hand without the cache."""
+    """Empty the result of `loaded`; kernels stay in memory, and appear there again once they are called."""
     for each in _KERNELS:
         each.set_aside()
 

@@ -1,10 +1,10 @@
 # pyright: basic, reportPrivateUsage=false, reportAttributeAccessIssue=false
-"""Where compiled kernels are kept, and the processor that they are compiled for.
+"""Cache of compiled kernels on disk, and the processor that they are compiled for.
 
-A kernel is looked for where numba keeps it, beside its source or in the user's cache folder, and then beside its source
-even where nothing can be written: an installed wheel or an image brings its kernels along. Code is valid for one text
-of the sources, one version of numba and of Python, and one processor; so that it serves more than the machine that
-compiled it, all x86-64 processors with AVX2 and FMA count as one.
+A kernel is searched for in numba's cache, beside its source or in the user's cache folder, and then beside its source
+even if that folder cannot be written, as in an installed wheel or image that contains compiled kernels. Code is valid
+for one text of the sources, one version of numba and of Python, and one processor; all x86-64 processors with AVX2 and
+FMA count as one, so that code serves more than the machine that compiled it.
 """
 
 import contextlib
@@ -18,7 +18,10 @@ from surefoot.kernels.processor import LEVEL, processor
 
 
 def choose_processor() -> None:
-    """Let numba compile for `processor.LEVEL` where the processor has it; NUMBA_CPU_NAME overrides."""
+    """Let numba compile for `processor.LEVEL` if the processor supports it and the environment does not choose another.
+
+    The variables are NUMBA_CPU_NAME and NUMBA_CPU_FEATURES.
+    """
     if processor() == LEVEL and not {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & set(os.environ):
         config.CPU_NAME, config.CPU_FEATURES = LEVEL, ""
 
@@ -31,13 +34,13 @@ class _BesideSource(caching.InTreeCacheLocator):
 
 
 class KeptImpl(caching.CompileResultCacheImpl):
-    """Files of compiled kernels in the folders that numba uses and, read only, beside their source."""
+    """Storage of compiled kernels in the folders that numba uses and, read only, beside the kernels' source."""
 
     _locator_classes = (*caching.CompileResultCacheImpl._locator_classes, _BesideSource)
 
 
 class KeptCache(caching.FunctionCache):
-    """Machine code of one function by argument types; reads what came with the installation, too."""
+    """Cache of the machine code of one function by argument types; it also reads files of the installation."""
 
     _impl_class = KeptImpl
 

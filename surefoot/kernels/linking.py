@@ -1,13 +1,13 @@
 # pyright: basic, reportPrivateUsage=false, reportAttributeAccessIssue=false
-"""Linker of compiled kernels: each piece of code is optimised and turned into machine code once.
+"""Faster compilation of kernels with numba: each function is optimised and turned into machine code only once.
 
 numba makes a library of every function it compiles, optimises it, emits machine code with a wrapper for Python, and
-then links the library into every caller, where all of that is done again. Here a function is lowered once and kept as
-code to link; only what Python calls, an entry, becomes machine code, together with everything that it calls. Constant
-arguments of a call from another kernel do not make a specialisation of their own.
+then links the library into every caller, where all of that is done again. Here a function is lowered once to LLVM code
+for linking; only a function that Python calls (an entry) becomes machine code, together with everything it calls.
+Constant arguments of a call from another kernel do not make a specialisation of their own.
 
 An import of this module changes numba for the whole process: the code of every function that is compiled afterwards is
-a `Library`, and a slice that gets another shape is refused without the two shapes.
+a `Library`, and the error of an assignment to a slice of another shape does not name the two shapes.
 """
 
 from copy import copy
@@ -30,14 +30,14 @@ DYNAMIC = "numba.dynamic.globals"
 
 
 class Library(JITCodeLibrary):
-    """Code of one function. It is optimised and emitted when the address of its wrapper is asked for, else never."""
+    """Code of one function, which becomes machine code only when the address of its Python wrapper is requested."""
 
     vectors = True
     """Loops may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it; to look for such loops in vain takes
     a third of the time of a large function."""
 
     def add_linking_library(self, library: Any) -> None:
-        """Note a callee, which may be code to link only."""
+        """Add the library of a called function, which need not have machine code of its own."""
         self._linking_libraries.append(library)
 
     def _optimize_functions(self, ll_module: Any) -> None:
@@ -72,7 +72,7 @@ class Library(JITCodeLibrary):
         return self._shared_module
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return the address of a wrapper, or 0 for code without one, which stays code to link."""
+        """Return the address of the wrapper `name`; 0 for code without one, for which no machine code is made."""
         if not self._finalized:
             try:
                 self._final_module.get_function(name)
@@ -90,12 +90,12 @@ class Library(JITCodeLibrary):
 
     @property
     def has_dynamic_globals(self) -> bool:
-        """Report whether the code holds addresses that are valid in this process only."""
+        """Return whether the code contains addresses that are valid in this process only and so cannot be cached."""
         module = self._final_module if self._finalized else self._get_module_for_linking()
         return any(variable.name.startswith(DYNAMIC) for variable in module.global_variables)
 
     def serialize_using_object_code(self) -> tuple[str, str, Any]:
-        """Return what the cache keeps: machine code and its names, or the code to link."""
+        """Return the state to store in the cache: name, kind, and machine code with its symbols, or LLVM bitcode."""
         if not self._finalized:
             return self.name, "link", self._get_module_for_linking().as_bitcode()
         symbols = (*self._final_module.functions, *self._final_module.global_variables)
@@ -136,7 +136,7 @@ class _LinkedCache(KeptCache):
 
 
 class Linked(CPUDispatcher):
-    """A function as other kernels call it: without wrapper, never machine code of its own."""
+    """A kernel in the form that other kernels call: LLVM code without Python wrapper or own machine code."""
 
     def enable_caching(self) -> None:
         self._cache = _LinkedCache(self.py_func)
@@ -191,12 +191,12 @@ class Kernel(CPUDispatcher):
         return *self._cache.files, *self.linked._cache.files
 
     def set_aside(self) -> None:
-        """Forget which signatures are in use; one that is called again comes back without being compiled."""
+        """Clear the list of signatures in use; one that is called again is taken from memory, not compiled."""
         self._aside |= self.overloads
         self._reset_overloads()
 
     def compile(self, sig: Any) -> Any:
-        """Return the entry for argument types: kept, from the cache, or compiled."""
+        """Return the address to call for argument types: of code in memory, from the cache, or compiled now."""
         kept = self._aside.get(sig) if isinstance(sig, tuple) else None
         if kept is None or sig in self.overloads:
             return super().compile(sig)
@@ -204,7 +204,7 @@ class Kernel(CPUDispatcher):
         return kept.entry_point
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return the signature of a call from a kernel: the same for constants and for variables."""
+        """Return numba's template of a call from another kernel, with the types of constants as of variables."""
         plain = {name: types.unliteral(value) for name, value in kws.items()}
         return self.linked.get_call_template(tuple(types.unliteral(value) for value in args), plain)
 

@@ -1,5 +1,5 @@
 # pyright: basic, reportPrivateUsage=false, reportAttributeAccessIssue=false
-"""Kernels compiled in numba's own way, for versions of numba that `surefoot.kernels.linking` does not know."""
+"""Kernels compiled in numba's own way, for versions of numba that `surefoot.kernels.linking` does not support."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from surefoot.kernels.kept import KeptCache
 
 
 class PlainKernel(CPUDispatcher):
-    """A function that Python and other kernels call; constant arguments make no specialisation of their own."""
+    """A compiled function that Python and other kernels call; constant arguments make no own specialisation."""
 
     def enable_caching(self) -> None:
         self._cache = KeptCache(self.py_func)
@@ -20,9 +20,9 @@ class PlainKernel(CPUDispatcher):
         return self._cache.files
 
     def set_aside(self) -> None:
-        """Do nothing: signatures in use are not forgotten, so counts of kernels by service are upper bounds."""
+        """Do nothing: the list of signatures in use is not cleared, so counts of kernels are upper bounds."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return the signature of a call from a kernel: the same for constants and for variables."""
+        """Return numba's template of a call from another kernel, with the types of constants as of variables."""
         plain = {name: types.unliteral(value) for name, value in kws.items()}
         return super().get_call_template(tuple(types.unliteral(value) for value in args), plain)

@@ -14,9 +14,9 @@ NEEDS = frozenset(("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"
 
 @cache
 def processor() -> str:
-    """Return `LEVEL` where the processor has it, else a name that holds for such a processor only.
+    """Return `LEVEL` if the processor supports it, else a name made of its type and features.
 
-    LLVM asks the processor itself: /proc/cpuinfo would show the host's under an emulator.
+    The features come from LLVM, as /proc/cpuinfo would show those of the host under an emulator.
     """
     has = sorted(name for name, there in llvm.get_host_cpu_features().items() if there)
     return LEVEL if NEEDS.issubset(has) else " ".join((platform.machine(), llvm.get_host_cpu_name(), *has))

@@ -1,7 +1,7 @@
-"""Sources of compiled code: the file of a kernel, and of every module of ours that it can reach.
+"""Hash of the source files on which the compiled code of a kernel depends.
 
-numba keeps machine code until the file of the kernel itself changes; what it calls, and the constants it was compiled
-with, may come from other files, and would live on in the old code when only these change.
+numba reuses cached machine code until the file of the kernel itself changes. Functions that the kernel calls, and its
+constants, may come from other files; without this hash a change of these files alone would leave the old code in use.
 """
 
 import re
@@ -15,8 +15,8 @@ _IMPORT = re.compile(r"^(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]*)|import\
 
 @cache
 def fingerprint(module: str) -> str:
-    """Return a hash of a module's source and of all that it imports, directly or not, from `surefoot` or
-    its own package; imports inside of functions do not count."""
+    """Return a hash of the source of a module and of all modules that it imports, directly or indirectly, from
+    `surefoot` or its own package; imports inside of functions do not count."""
     packages = {"surefoot", module.partition(".")[0]}
     found, left = dict[str, str](), [module]
     while left:
