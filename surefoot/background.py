@@ -24,7 +24,7 @@ def be_nice() -> None:
 
 
 class Background:
-    """One thread that works out answers in the order of their requests.
+    """One thread that computes the answers to requests, one after the other in their order.
 
     Args:
         name: of the thread.

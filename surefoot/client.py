@@ -1,4 +1,4 @@
-"""The public client: ten lines that watch and ask a running system.
+"""The public client of a running system: it reads topics and sends queries.
 
 import surefoot
 
@@ -75,11 +75,11 @@ class Client:
         Args:
             query: key, such as `stability/check`, or its row of the table.
             timeout_s: longest wait, s of wall time; None = that of the query.
-            fields: of the request.
+            fields: fields of the request.
 
         Raises:
             SurefootError: no such query, or a field the request does not have.
-            CallError: absent, timeout, or the service's refusal.
+            CallError: `absent` (no service answers), `timeout`, or the service's refusal.
         """
         row = query_named(query) if isinstance(query, str) else query
         return self.bus.call(row, make_request(row, fields), timeout_s)

@@ -1,4 +1,4 @@
-"""Reading and writing of files where a pipe, a device or a full disk may be in the way."""
+"""Safe access to files: refusal of pipes and devices, and files that are never left half written."""
 
 import stat
 from collections.abc import Generator

@@ -7,7 +7,7 @@ if TYPE_CHECKING:
 
 
 class SurefootError(Exception):
-    """Base of the errors a user may see; ``str()`` is one sentence."""
+    """Base of all errors that the library reports to users; ``str()`` is one sentence."""
 
     def __init__(self, code: str, message: str, field: str | None = None) -> None:
         super().__init__(message)
@@ -23,7 +23,7 @@ class SurefootError(Exception):
 
 
 class FieldError(SurefootError, ValueError):
-    """An argument or a field that cannot be used; ``str()`` begins with the field.
+    """Error of an argument or a field that cannot be used; ``str()`` begins with the field.
 
     Attributes:
         code: kind of the fault, as in `shape`, `not_finite`, `range`.
@@ -64,4 +64,4 @@ class ConfigError(SurefootError):
 
 
 class BusError(SurefootError):
-    """The bus could not be opened: busy port, no router, closed session."""
+    """Error of a bus that cannot be opened or used: busy port, no router, closed session."""

@@ -15,7 +15,7 @@ NAMED = {"compose": "system", "scenarios": "scenario"}
 
 
 class FileError(TableError):
-    """A hand-written file that cannot be used.
+    """Error of a hand-written file that cannot be used.
 
     Attributes:
         file: the file as the user named it.

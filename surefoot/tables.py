@@ -1,4 +1,4 @@
-"""Hand-written files as pydantic models: every refusal has a code, the path of a field and the allowed values."""
+"""Validation of hand-written files by pydantic models; errors name code, path of the field and allowed values."""
 
 import re
 import reprlib
@@ -81,7 +81,7 @@ def validated(model: type[M], data: object, error: type[TableError] = TableError
 
 
 def table_error(exc: ValidationError, model: Any, error: type[TableError], path: str = "") -> TableError:
-    """Turn pydantic's first complaint about `model` into an error with code, field and message."""
+    """Return the first error of a pydantic validation of `model` as an `error` with code, field and message."""
     first = exc.errors(include_url=False)[0]
     loc, context = first["loc"], first.get("ctx", {})
     code = _code(first)

@@ -37,7 +37,7 @@ def plain(item: Any) -> Any:
 
 
 class Lane:
-    """One bounded queue of an inbox. One thread takes, any thread puts."""
+    """One bounded queue of an inbox: any thread may add items, one thread takes them."""
 
     def __init__(self, items: int, size: int) -> None:
         self.items: deque[Any] = deque()

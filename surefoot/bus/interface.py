@@ -160,7 +160,7 @@ class Life:
 
 
 class Publisher(Protocol, Generic[M_contra]):
-    """Writer of the messages of one key."""
+    """Publisher of the messages of one key."""
 
     @property
     def watched(self) -> bool:

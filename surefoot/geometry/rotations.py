@@ -27,7 +27,7 @@ def multiply(qa: Array, qb: Array) -> Array:
 
 @kernel
 def normalized(q: Array) -> Array:
-    """Return a quaternion w, x, y, z, (4,), scaled to length 1, with the sign that makes w positive."""
+    """Return a quaternion w, x, y, z, (4,), scaled to length 1, with its sign chosen so that w >= 0."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if q[0] < 0.0:
         n = -n
@@ -169,5 +169,5 @@ def rpy_from_matrix(rot_world_from_base: Array) -> Array:
 
 @kernel
 def wrap_angle(angle: float) -> float:
-    """Return an angle, rad, as the equal one in (-pi, pi]."""
+    """Return the equivalent of an angle in (-pi, pi], rad."""
     return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)

@@ -13,7 +13,7 @@ KEEP_TICKS = 80
 
 
 class Commands:
-    """Joint commands of one epoch by their tick, as a driver accepts them."""
+    """Joint commands of one run by their tick, as received and accepted by a driver."""
 
     def __init__(self) -> None:
         self._by_tick: dict[int, JointCommand | None] = {}

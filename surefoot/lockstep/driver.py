@@ -57,7 +57,7 @@ class Driver(Service[C]):
         raise NotImplementedError
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
-        """Return the latched messages of this epoch, each with its topic."""
+        """Return the messages that hold for the whole run (latched), each with its topic."""
         return []
 
     def on_begin(self) -> None:

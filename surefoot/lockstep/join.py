@@ -77,7 +77,7 @@ class TickInputs:
 
 
 class Join:
-    """Collects the inputs of one service and hands them out tick by tick."""
+    """Collection of the inputs of one service, which returns them tick by tick (`take`)."""
 
     def __init__(self, service: str, inputs: Iterable[Input], batched: bool = False) -> None:
         self.service = service

@@ -1,4 +1,4 @@
-"""Starts one service as a process: command line, configuration, bus, signals, and the exit."""
+"""Start of one service as a process: command line, configuration, bus, signals, and the exit."""
 
 import argparse
 import gc

@@ -35,7 +35,7 @@ COMMANDER = CMD_JOINTS.owner
 
 @dataclass
 class Member:
-    """A service on the roster: its process, the last tick that it has finished, and the tick it was admitted in."""
+    """State of a service on the roster: its process, the last tick it has finished, and the tick of its admission."""
 
     instance: str
     done: int

@@ -34,7 +34,7 @@ class Pace:
         self._origin = (self._clock(), tick)
 
     def resume(self, tick: int) -> None:
-        """Go on after a pause: ``tick`` is due now, and the time of the pause is not counted as lost."""
+        """Continue after a pause: ``tick`` is due now, and the pause does not count as a delay."""
         self._origin = (self._clock(), tick)
 
     def until_due(self, tick: int) -> float:

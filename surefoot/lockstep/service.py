@@ -125,7 +125,7 @@ class Service(Generic[C]):
         self.runtime.publish(topic, message, stamp_ns)
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
-        """Send a request to another service; return its reply (raises CallError). No `timeout_s`: that of the row."""
+        """Send a request to another service; return its reply (raises CallError). `timeout_s`: None = the query's."""
         return self.runtime.call(query, request, timeout_s)
 
     def log(self, level: str, text: str) -> None:

@@ -86,7 +86,7 @@ class Findings:
 
     @property
     def whole(self) -> bool:
-        """True if every message can be read and every checksum is right."""
+        """True if the check found no problem: every message can be read and every checksum is right."""
         return not self.problems
 
     @property
