@@ -21,12 +21,12 @@ COMPARED = tuple(topic.key for topic in TOPICS if topic.deterministic and topic.
 
 @dataclass(frozen=True)
 class FirstDifference:
-    """First difference of two recordings.
+    """First message and field in which two recordings differ.
 
     Attributes:
         key, tick: topic and control tick of the message.
         field: path in the message, empty where one recording lacks it.
-        a, b: what stands there, `absent` where a recording lacks it.
+        a, b: value in each recording, `absent` where it lacks the message.
     """
 
     key: str
@@ -45,11 +45,10 @@ class FirstDifference:
 def first_difference(
     a: Path | ReadableRecording, b: Path | ReadableRecording, progress: Callable[[float], None] | None = None
 ) -> FirstDifference | None:
-    """Return the first difference in what is the same whenever a run is repeated; None: there is none.
+    """Return the first difference of the deterministic messages of two recordings; None: there is none.
 
-    Both files are read side by side in the order of their stamps; of each key at most the messages are held that one
-    file is ahead by, within one stamp. Of a file that is cut off or damaged the part before the first loss is compared,
-    and messages after it are not absent.
+    Both files are read side by side in the order of their stamps. Of a file that is cut off or damaged only the part
+    before the first loss is compared; later messages do not count as absent.
 
     Args:
         a, b: MCAP files, or recordings that are open.

@@ -1,4 +1,4 @@
-"""Margin, slip and end of two runs side by side, from a moment on."""
+"""Comparison of two runs from a moment on: stability margin, slip and outcome side by side."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +15,7 @@ READ = (*KEYS, "terrain/map")
 
 
 class ComparedRow(NamedTuple):
-    """One quantity of two runs, as text with its unit."""
+    """Row of a comparison of two runs: a quantity of both, as text with its unit."""
 
     title: str
     before: str
@@ -25,7 +25,7 @@ class ComparedRow(NamedTuple):
 def compare(a: Path | ReadableRecording, b: Path, at_s: float) -> list[ComparedRow]:
     """Return the results of two runs after `at_s` s of simulated time, one row per quantity.
 
-    Of a recording that is cut off or damaged, both up to its first loss.
+    If recording `a` is cut off or damaged, both are read only up to its first loss.
     """
     opened, ends = open_readable(a), dict[str, int]()
     one = _numbers(read_traces(_ended(opened, ends)), at_s)

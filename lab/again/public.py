@@ -16,13 +16,13 @@ NUMBERS = "x86_64, functions da308857"
 
 
 class PublicRun(NamedTuple):
-    """A shipped scenario with the hash that its run has on every machine.
+    """Row of the public list of runs: a shipped scenario with the hash that its run has on every machine.
 
     Attributes:
-        scenario: name of a shipped one.
+        scenario: name of the shipped scenario.
         seed: of the run.
         ticks: control ticks of the run.
-        run_hash: that a run in lockstep has.
+        run_hash: hash of the run in lockstep.
     """
 
     scenario: str
@@ -31,13 +31,13 @@ class PublicRun(NamedTuple):
     run_hash: str
 
     def again(self) -> "PublicRun":
-        """Return a repetition of the run on this machine."""
+        """Repeat the run on this machine, and return the row with its ticks and hash here."""
         found = run_local(load_scenario(self.scenario), self.seed)
         return PublicRun(self.scenario, found.seed, found.ticks, found.run_hash)
 
 
 def public_runs(names: tuple[str, ...] = ()) -> tuple[PublicRun, ...]:
-    """Return the list, or its rows of some scenarios (raises SurefootError: a name that it lacks)."""
+    """Return the public list of runs, or its rows of some scenarios (raises SurefootError: a name that it lacks)."""
     with LIST.open(encoding="utf-8", newline="") as stream:
         found = [row.values() for row in csv.DictReader(stream)]
     rows = [PublicRun(scenario, int(seed), int(ticks), run_hash) for scenario, seed, ticks, run_hash in found]

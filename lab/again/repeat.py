@@ -1,4 +1,4 @@
-"""A recorded run again: from its metadata, as it was or with changes from a tick on."""
+"""Repetition of a recorded run from its metadata, unchanged or with changes from a tick on."""
 
 import json
 import tempfile
@@ -38,7 +38,7 @@ PUSH_S = 0.2
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """Statements of a recording on its run.
+    """Metadata of a recorded run that a repetition needs.
 
     Attributes:
         recording: the file, as far as it is sound.
@@ -47,9 +47,9 @@ class RecordedRun:
         run_hash: recorded hash; empty = the file was cut off before it.
         hashes: digest of each key.
         robot_hash: hash of the robot description.
-        versions: of what computed the run.
+        versions: of the software that computed the run.
         ticks: control ticks of the run.
-        files: that it depended on and the recording took with it, by name.
+        files: those that the run depended on and that are attached to the recording, by name.
     """
 
     recording: ReadableRecording
@@ -64,10 +64,10 @@ class RecordedRun:
 
     @classmethod
     def of(cls, path: Path) -> "RecordedRun":
-        """Read a recording.
+        """Return the metadata of the run in a recording.
 
         Raises:
-            SurefootError: it cannot be read, carries no scenario, or was paced.
+            SurefootError: the recording cannot be read, has no scenario, or the run was paced.
         """
         recording = open_readable(path)
         metadata = recording.metadata
@@ -101,7 +101,7 @@ class RecordedRun:
             progress: gets the share that is done.
 
         Raises:
-            SurefootError: the robot is not known here or has changed since, and the recording took none with it.
+            SurefootError: the robot is not known here or has changed since, and the recording has no copy of it.
         """
         with tempfile.TemporaryDirectory() as folder:
             scenario = self._with_files(Path(folder))
@@ -151,12 +151,12 @@ def _holds(path: Path, content: bytes) -> bool:
 
 @dataclass(frozen=True)
 class Verification:
-    """Result of a repetition.
+    """Result of the repetition of a recorded run.
 
     Attributes:
         recorded, repeated: run hashes.
-        keys: whose digests differ.
-        first: difference; None: the same.
+        keys: keys whose digests differ.
+        first: first difference of the messages; None: there is none.
         versions: name, then recorded and present version, of what has changed since.
         altered: keys whose messages in the file are not those that were recorded.
         damage: why not all of the recording can be read; empty = it is whole.
@@ -174,18 +174,18 @@ class Verification:
 
     @property
     def repeats(self) -> bool:
-        """True if the hash is the recorded one; where that is lost, if all that can be compared is the same."""
+        """True if the hash is the recorded one; where that is lost, if all messages that can be compared are equal."""
         return self.recorded == self.repeated or (not self.recorded and bool(self.damage) and self.first is None)
 
     @property
     def same(self) -> bool:
-        """True if the run has repeated to the bit, and the file holds all of its messages."""
+        """True if the repetition has the recorded hash, and the file holds all of its messages unaltered."""
         return self.recorded == self.repeated and not self.altered and not self.damage
 
 
 @contextmanager
 def kept(out: Path | None) -> Generator[Path]:
-    """Yield the file for a repetition: that of `out`, whole at the end or not there; None = a temporary one."""
+    """Yield the path to which a repetition is written; it becomes `out` at the end, or is temporary for None."""
     if out is not None:
         with whole(out) as part:
             yield part
@@ -197,7 +197,7 @@ def kept(out: Path | None) -> Generator[Path]:
 def verify(
     path: Path, keep: Path | None = None, progress: Callable[[float], None] = lambda share: None
 ) -> Verification:
-    """Repeat a run from its recording alone, and compare.
+    """Repeat a run from its recording alone, and return the comparison with it.
 
     Args:
         path: recording of a run in lockstep.
@@ -252,11 +252,11 @@ def _joined(key: str) -> bool:
 
 @dataclass(frozen=True)
 class Change:
-    """One change of a run, as `friction=.6` or `foot=lf:+.02`.
+    """Change that a repetition makes to a run, as `friction=.6` or `foot=lf:+.02`.
 
     Attributes:
         name: quantity of the world, `push`, `fault` or `foot`.
-        value: number, N, or m.
+        value: number without unit, s of a fault, N of a push, or m of a foot.
         target: leg of a foot, kind of a fault, axis of a push.
     """
 
@@ -266,7 +266,7 @@ class Change:
 
     @classmethod
     def of(cls, text: str) -> "Change":
-        """Read a change (raises SurefootError naming what is allowed)."""
+        """Parse the text of a change (raises SurefootError, which names what is allowed)."""
         name, sign, rest = text.partition("=")
         allowed = "friction=.6, mass=1.2, servo=.8, push=y:20, fault=imu_drop:2 (s), foot=lf:+.02"
         target, colon, number = rest.rpartition(":")
@@ -289,7 +289,7 @@ class Change:
         return change
 
     def step(self, tick: int) -> Step | None:
-        """Return the step of a scenario that makes the change; None of a foot."""
+        """Return the scenario step that makes the change at a tick; None for a change of a foot."""
         if self.name in WORLD:
             return Step("set", at_tick=tick, request=SetRequest(quantity=self.name, value=self.value))  # type: ignore[arg-type]
         if self.name == PUSH:

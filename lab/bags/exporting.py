@@ -1,4 +1,4 @@
-"""A recording in the formats of others: rosbag2, CSV, Parquet, and trajectories of TUM."""
+"""Export of a recording to other formats: rosbag2, CSV, Parquet, and TUM trajectories."""
 
 import shutil
 import tempfile
@@ -44,7 +44,7 @@ def export(
     robot: str | None = None,
     progress: Share = lambda share: None,
 ) -> Path:
-    """Write a recording in another format: all of it that is sound, or nothing.
+    """Write the readable part of a recording in another format, completely or not at all; return the path.
 
     Args:
         recording: MCAP file of this project, or one that is open.
@@ -72,10 +72,10 @@ def export(
 
 
 def table_of(columns: Columns, robot: Robot) -> dict[str, NDArray[Any]]:
-    """Return named columns, (rows,) each, SI, with a row per stamp: sensors under the names of `surefoot estimate`.
+    """Return columns of a recording by name, (rows,) each, SI units, with a row per stamp of any sensor.
 
-    Columns of the estimate follow. NaN = the row has no such sample. Truth, where the recording has it, is that of
-    base_link: `base_x` ...
+    Sensors have the names of `surefoot estimate`; estimates follow. NaN = the row has no such sample. Truth, where the
+    recording has it, is that of base_link: `base_x` ...
     """
     joints, stance = columns["joints_stamp_ns"], columns["contacts_stamp_ns"]
     stamps = np.unique(np.concatenate([columns["stamp_ns"], joints]))

@@ -1,4 +1,4 @@
-"""A raw log fitted to a robot: joints by name, inertial rows into the axes of its unit, contacts by the feet."""
+"""Conversion of a raw log to a robot: joints by name, inertial rows to the axes of its IMU, contacts of its feet."""
 
 import json
 from dataclasses import dataclass, field
@@ -33,7 +33,7 @@ NEAR_M, NEAR_RAD = 0.01, 0.01
 
 @dataclass
 class RobotLog:
-    """A log in the order and the frames of a robot."""
+    """Log whose rows are in the joint order, foot order and sensor frames of a robot."""
 
     imu: Stream  # (n, 6)
     joints: Stream  # (m, nj) rad
@@ -45,10 +45,10 @@ class RobotLog:
 
 
 def fitted(log: RawLog, robot: Robot, stated: tuple[float, float] | None = None, imu_frame: str = "") -> RobotLog:
-    """Fit a log to a robot.
+    """Return a log in the joint order, foot order and sensor frames of a robot.
 
     Args:
-        log: as read.
+        log: log as it was read.
         robot: description.
         stated: forces from which a foot stands, and below which it does not, N; the forces are in N then.
         imu_frame: name of the frame of the inertial rows; `imu` = that of the description; empty = as in the log.
@@ -200,7 +200,7 @@ def _list(values: tuple[float, ...]) -> str:
 
 
 def save_calibration(path: Path, contact: ForceContact) -> Path:
-    """Write the rule of the feet as configuration of the drivers `unitree` and `ros_robot` (`--config`)."""
+    """Write zero, scale and contact thresholds of the feet as configuration of drivers `unitree` and `ros_robot`."""
     lines = [
         f"foot_zero = {list(contact.zero)}", f"foot_scale = {list(contact.scale)}",
         f"contact_on = {contact.on}", f"contact_off = {contact.off}",

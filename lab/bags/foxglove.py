@@ -1,4 +1,4 @@
-"""A recording as an MCAP file of Foxglove's messages, with what the recording holds about itself."""
+"""Export of a recording as an MCAP file of Foxglove's messages, with metadata and robot description."""
 
 from collections.abc import Callable
 from contextlib import suppress

@@ -26,7 +26,7 @@ def last_heights(path: Path) -> HeightMap:
     """Return the heights of the last grid_map of a bag.
 
     Raises:
-        SurefootError: it cannot be read, or has no grid_map, or one that is turned or has no layer of heights.
+        SurefootError: the bag cannot be read, or has no grid_map, or one that is turned or has no layer of heights.
         HeightMapError: the heights or sizes make no map.
     """
     reader = reader_of(path, GRID_MAP)

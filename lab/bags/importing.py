@@ -1,4 +1,4 @@
-"""A fitted log as a recording: the samples pass through the services as they would live."""
+"""Import of a log as a recording: its samples pass through the services as they would on the live robot."""
 
 import tempfile
 from collections.abc import Callable
@@ -25,7 +25,7 @@ FEWEST_ROWS = 50
 
 
 class Player(Driver[ServiceConfig]):
-    """Releases a fitted log tick by tick; commands reach nothing."""
+    """Driver that releases the samples of a log tick by tick, and ignores commands."""
 
     name = "player"
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
@@ -58,7 +58,7 @@ class Player(Driver[ServiceConfig]):
         return intake.release(tick)
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        """Ignore the command: a recording cannot obey."""
+        """Ignore the command: a log has no actuators."""
 
 
 def _merged(log: RobotLog) -> list[tuple[int, int, int]]:

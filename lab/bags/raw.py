@@ -1,4 +1,4 @@
-"""A log of others before it fits a robot: streams with their stamps, names and frames, from bags and tables."""
+"""Raw logs of other programs, from bags and tables, before they fit a robot: streams with stamps, names, frames."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +17,7 @@ AHEAD_S = 10.0
 
 
 class Stream(NamedTuple):
-    """Rows of one source with their stamps."""
+    """Rows of one sensor with their stamps."""
 
     stamp_ns: Ints  # (n,)
     values: Array  # (n, k)
@@ -33,7 +33,7 @@ class Transform(NamedTuple):
 
 @dataclass
 class RawLog:
-    """Streams of a log; joints and feet in the order of the log."""
+    """Raw log: streams of one robot's sensors, with joints and feet in the order of the log."""
 
     imu: Stream  # (n, 6) gyro rad/s, specific force m/s^2
     imu_frame: str
@@ -83,7 +83,7 @@ def log_of_table(path: Path, sort: bool) -> RawLog:
     """Read a CSV or NPZ file with joint angles; its columns are those of `surefoot estimate`.
 
     Raises:
-        SurefootError: it cannot be read, or has no joints.
+        SurefootError: the file cannot be read, or has no joints.
     """
     columns = read_table(path, sort)
     if "joints" not in columns:

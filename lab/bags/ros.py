@@ -32,7 +32,7 @@ UNREADABLE = (
 
 @dataclass(frozen=True)
 class BagTopics:
-    """Topics of a bag, and how they are read."""
+    """Settings for reading a bag: names of its topics, order of joints and feet, kind of stamps."""
 
     imu: str
     joints: str
@@ -77,7 +77,7 @@ def log_of_bag(path: Path, wanted: BagTopics) -> RawLog:
     """Read the topics of a bag.
 
     Raises:
-        SurefootError: it cannot be read, a topic is absent or of another type, or its clock jumps.
+        SurefootError: the bag cannot be read, a topic is absent or of another type, or its clock jumps.
     """
     reader = reader_of(path)
     try:

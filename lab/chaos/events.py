@@ -1,4 +1,4 @@
-"""One model of faults for the in-memory bus and for live processes: what a seed draws, and what came of it."""
+"""Model of random faults, for the in-memory bus and for live processes: events that a seed draws, and outcomes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ FORGED_RAD = 0.4
 
 @dataclass(frozen=True)
 class ChaosEvent:
-    """Fault that a seed has drawn: kind, target, time."""
+    """Random fault that a seed has drawn: kind, target, time."""
 
     kind: Kind
     tick: int
@@ -44,7 +44,7 @@ class ChaosEvent:
 
 @dataclass(frozen=True)
 class ChaosOutcome:
-    """Course of one event; times are virtual s (in a live system wall s) since the start."""
+    """Outcome of one event; times are virtual s (in a live system wall s) since the start."""
 
     event: ChaosEvent
     began: float
@@ -60,7 +60,7 @@ class ChaosOutcome:
 
 @dataclass(frozen=True, kw_only=True)
 class ChaosRun:
-    """Result of a run under faults."""
+    """Result of a run with random faults: outcomes of the events, violations of safety, and a fall."""
 
     seed: int
     """Seed of the events."""
@@ -78,7 +78,7 @@ class ChaosRun:
 
 
 class Stage(NamedTuple):
-    """Kinds of faults of a run, and how one is drawn: on the bus in memory or among live processes."""
+    """Environment of a run with faults (in-memory bus or live processes): possible kinds, and how one is drawn."""
 
     kinds: tuple[Kind, ...]
     first_tick: int
@@ -88,7 +88,7 @@ class Stage(NamedTuple):
 
 
 def swarm(stage: Stage, seed: int) -> tuple[Kind, ...]:
-    """Return the kinds of faults that a seed leaves on, at least one; the others are off in the whole run.
+    """Return the kinds of faults that a seed allows in its run, at least one.
 
     Two faults can hide each other's failures, and a run in which every kind happens shows no kind alone (swarm testing,
     Groce et al., ISSTA 2012).
@@ -107,9 +107,9 @@ def draw_events(
         stage: `MEMORY` or `LIVE`.
         seed: of the draw.
         number: of events.
-        services: names of those that may be hit; the first is the driver, whose end would end the world.
+        services: names of services that may be hit, the driver first (it is not killed).
         ticks: of the run; no event begins in its last fifth, so that the end shows whether everything recovered.
-        kinds: to draw from; empty = those that the seed leaves on.
+        kinds: to draw from; empty = those that the seed allows, see `swarm`.
     """
     random, kinds = Random(seed), kinds or swarm(stage, seed)
     found: list[ChaosEvent] = []

@@ -1,6 +1,6 @@
 """A scenario on a live system under faults from a seed: services killed, ended, frozen and slowed, commands forged.
 
-One event at a time, the next one when everybody is back: so each has its own times of notice and recovery.
+Events come one at a time, the next one when all services are back, so that each has its own recovery time.
 """
 
 import signal
@@ -43,7 +43,7 @@ machine."""
 
 @dataclass(frozen=True, kw_only=True)
 class LiveRun(ChaosRun):
-    """Result of a run with live processes."""
+    """Result of a run of live processes with random faults."""
 
     bags: dict[str, int]
     """Messages that can be read in each recording."""
@@ -64,17 +64,17 @@ def run_live(
     notify: Callable[[str], None] = lambda text: None,
     show: Callable[[RunProgress], None] = lambda progress: None,
 ) -> LiveRun:
-    """Start the system, let the events happen while it conducts the scenario, check its limits, stop everything.
+    """Run a scenario on a live system with random faults, check its limits, and stop the system.
 
     Args:
         scenario: what to do.
         seed: of the events.
         events: how many.
         options: as of a run.
-        kinds: to draw from; empty = those that the seed leaves on.
+        kinds: to draw from; empty = those that the seed allows.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
         notify: called with each message on what the system does.
-        show: gets how far the run is.
+        show: gets the progress of the run.
     """
     made: list[Chaos] = []
 
@@ -116,7 +116,7 @@ def run_live(
 
 
 def orphans(processes: set[tuple[str, int]]) -> dict[int, str]:
-    """Return the processes that live in the groups of ended services, with the names of those services."""
+    """Return the processes, by id, that outlive a service in its process group, each with the name of the service."""
     groups = {pid: name for name, pid in processes}
     found: dict[int, str] = {}
     for folder in Path("/proc").glob("[0-9]*"):
@@ -131,7 +131,7 @@ def orphans(processes: set[tuple[str, int]]) -> dict[int, str]:
 
 
 class Chaos:
-    """Events that hit the services of a session, from a thread of its own; a context manager around the run."""
+    """Injector of events into the services of a session, from its own thread; a context manager around the run."""
 
     def __init__(self, session: Session, events: Sequence[ChaosEvent]) -> None:
         self.session = session
@@ -168,7 +168,7 @@ class Chaos:
         return tuple(_words(outcome) for outcome in self.outcomes)
 
     def fell_at(self) -> int | None:
-        """Return the first tick in which the robot lies by the truth."""
+        """Return the first tick in which the robot has fallen by the truth, None if it has not."""
         kept = self.session.supervisor.kept
         truths = (cast(Truth, delivery.message()) for delivery in kept if delivery.topic.key == SIM_TRUTH.key)
         return next((truth.tick for truth in truths if truth.fallen), None)
@@ -176,7 +176,7 @@ class Chaos:
     # -- what is noticed -----------------------------------------------------------------------------------------------
 
     def sign(self, who: str, text: str) -> None:
-        """Record a sign of a participant, such as a lost token or a restart, with the present time; from any thread."""
+        """Record a sign that a participant noticed a fault, such as a restart, and its time; from any thread."""
         self._signs.append((time.monotonic(), who, text))
 
     def _on_log(self, message: Message) -> None:

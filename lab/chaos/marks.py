@@ -1,7 +1,7 @@
 """Coverage marks: which refusals and recoveries of the runtime a run has taken, by name.
 
-A recovery that no seed takes is a recovery that no seed tests. Marks are set from outside, so that the runtime has no
-code for them: each names a method, and when its call counts.
+A recovery that no run takes is not tested. Marks wrap methods of the runtime from outside, so that the runtime has no
+code for them: each names a method, and the calls of it that count.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from surefoot.services.walker.memory import MemoryFile
 
 
 class Recovery(NamedTuple):
-    """Place in the product where a fault is recovered from, whose calls are counted."""
+    """Method of the runtime in which a fault is recovered from, and a test of the calls that count."""
 
     owner: type[Any]
     method: str
@@ -78,7 +78,7 @@ MARKS: dict[str, Recovery] = {
 
 
 class Marks:
-    """Context manager that notes which recoveries are taken while it is entered."""
+    """Context manager that records in `taken` the recoveries that are taken in it."""
 
     def __init__(self) -> None:
         self.taken: set[str] = set()

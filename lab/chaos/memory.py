@@ -38,7 +38,7 @@ Forge = Callable[[Topic[Any], Delivery], Delivery | None]
 
 
 class ChaosBus(MemoryBus):
-    """A bus that spoils deliveries of chosen owners."""
+    """In-memory bus that drops, repeats, delays, corrupts or forges deliveries of the services that events name."""
 
     def __init__(self, seed: int, forge: Forge) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ class ChaosBus(MemoryBus):
                 sink(delivery)
 
     def turn(self) -> bool:
-        """Begin a round: deliver the messages held back until now; return whether any are or were held."""
+        """Begin a round: deliver the messages that are due; return True if any were or still are held back."""
         self._round += 1
         due = [item for item in self._held if item[0] <= self._round]
         self._held = [item for item in self._held if item[0] > self._round]
@@ -89,13 +89,13 @@ class ChaosBus(MemoryBus):
         return bool(due) or bool(self._held)
 
     def unserve(self, node: Node) -> None:
-        """Forget the queries of a service that is gone."""
+        """Remove the queries of a service that has ended."""
         for query in node.service.serves:
             self._servers.pop(query.key, None)
 
 
 class ChaosSystem:
-    """Services in one process, and events that hit them.
+    """System of services in one process, with random faults that hit them.
 
     Args:
         makers: factory of each service by name, the driver first; it also makes the successor of a killed one.
@@ -145,10 +145,10 @@ class ChaosSystem:
     def run(
         self, finished: Callable[[], bool], watch: Callable[[], None] = lambda: None, stall_s: float | None = None
     ) -> None:
-        """Let the services work in turn, and the events happen, until ``finished``.
+        """Run the services in turn, with the events at their ticks, until ``finished`` returns True.
 
         Args:
-            finished: asked after each round.
+            finished: called after each round of all services.
             watch: called after each round.
             stall_s: virtual time without a tick after which the run counts as stalled, s; None = `STALL_S`.
 
@@ -245,7 +245,7 @@ class ChaosSystem:
                 self.outcomes[place] = replace(outcome, recovered=self.now, spoilt=spoilt)
 
     def absent(self) -> tuple[str, ...]:
-        """Return the services that should be back on the roster and up to date, and are not.
+        """Return the services that should be on the roster and up to date, but are not.
 
         A service that is still frozen or dead, or back for less than ``JOIN_S``, is not among them.
         """

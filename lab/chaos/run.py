@@ -39,7 +39,7 @@ _CLEAN: dict[str, str] = {}
 
 @dataclass(frozen=True, kw_only=True)
 class MemoryRun(ChaosRun):
-    """Result of a run on the in-memory bus."""
+    """Result of a run on the in-memory bus with random faults."""
 
     run_hash: str
     """Hash of everything deterministic, the same whenever the seed is replayed."""
@@ -59,13 +59,13 @@ def run_chaos(
     paced: bool = False,
     progress: Callable[[float], None] = lambda share: None,
 ) -> MemoryRun:
-    """Conduct a scenario while so many events happen.
+    """Run a scenario with random faults on the in-memory bus; return outcomes and violations of safety.
 
     Args:
         scenario: what to do; its own seed is that of the world.
         seed: of the events.
         events: how many.
-        kinds: to draw from; empty = those that the seed leaves on.
+        kinds: to draw from; empty = those that the seed allows.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
         paced: time goes on in real time, as on a robot, when a service is missing; else it waits (lockstep).
         progress: gets the share of the longest time of the run that has passed.
@@ -84,7 +84,7 @@ def drawn(
         scenario: its services may be hit.
         seed: of the events.
         events: how many.
-        kinds: to draw from; empty = those that the seed leaves on.
+        kinds: to draw from; empty = those that the seed allows.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
     """
     hit = ("driver", *(name for name in _members(scenario) if name not in SAFE))
@@ -99,11 +99,11 @@ def suffer(
     paced: bool = False,
     progress: Callable[[float], None] = lambda share: None,
 ) -> MemoryRun:
-    """Conduct a scenario while these events happen, in the order of their ticks.
+    """Run a scenario on the in-memory bus with given faults, and return the result.
 
     Args:
         scenario: what to do.
-        events: what happens.
+        events: faults, in the order of their ticks.
         seed: of the random parts of the events.
         paced: time goes on in real time when a service is missing; else it waits (lockstep).
         progress: gets the share of the longest time of the run that has passed.
@@ -130,7 +130,7 @@ def _clean_hash(scenario: Scenario) -> str:
 
 
 def falls_when_held(scenario: Scenario, tick: int) -> bool:
-    """Return whether the robot falls within 3 s when no command comes from a tick on and nothing else happens.
+    """Return True if the robot falls within 3 s after its commands end at a tick, without other faults.
 
     The driver then holds the joints where they are. A robot that falls could not have been held.
     """

@@ -1,4 +1,4 @@
-"""The events that a failure needs: delta debugging over those that a seed drew, and a test of what is left."""
+"""Reduction of a failing run to the events that its failure needs (delta debugging), and a test of the result."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ def test_{name}() -> None:
 
 
 class Shrunk(NamedTuple):
-    """A failure and the events that it needs."""
+    """Result of the reduction of a failing run: the events that the failure needs."""
 
     events: tuple[ChaosEvent, ...]
     """Smallest set of events that still fails: none of them can be left out."""
@@ -45,18 +45,18 @@ class Shrunk(NamedTuple):
 
 
 def shape(violation: str) -> str:
-    """Return a violation without its numbers: the same failure in another tick has the same shape."""
+    """Return a violation with its numbers replaced, so that the same failure in another tick gives the same text."""
     return _NUMBERS.sub("#", violation)
 
 
 def shrink(events: Sequence[ChaosEvent], fail: Callable[[Sequence[ChaosEvent]], str]) -> Shrunk:
-    """Leave out events, then make those that are left smaller, as long as the run fails in the same way.
+    """Reduce a failing run: leave out events, then make the others smaller, while it fails in the same way.
 
     Leaving out is the algorithm ddmin (Zeller & Hildebrandt, TSE 2002): after it every single event is needed.
 
     Args:
         events: those of the failing run.
-        fail: runs with some of the events; returns the first violation, "" when there is none.
+        fail: runs with some events, and returns the first violation, "" when there is none.
 
     Raises:
         ValueError: the run with all events does not fail.
@@ -115,7 +115,7 @@ def _smaller(event: ChaosEvent) -> list[ChaosEvent]:
 
 
 def shrink_run(scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool) -> Shrunk:
-    """Return a failing run of a scenario in one process with as few and small events as still make it fail.
+    """Reduce the events of a failing run of a scenario in one process to those that its failure needs.
 
     Args:
         scenario: what was done.
@@ -133,7 +133,7 @@ def as_test(text: str, name: str, drawn: int, found: Shrunk, seed: int, *, paced
         text: of the scenario file.
         name: of the scenario.
         drawn: number of events of the run before it was shrunk.
-        found: what is left.
+        found: reduced events and their failure.
         seed: of the random parts of the events.
         paced: time went on in real time when a service was missing; else it waited (lockstep).
     """

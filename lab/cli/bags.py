@@ -1,4 +1,4 @@
-"""Recording as an observer, and playing a recording back onto the bus."""
+"""Recording from the bus as an observer, and playing a recording back onto the bus."""
 
 import os
 import time
@@ -20,7 +20,7 @@ from surefoot.version import VERSION
 
 
 def record_bag(robot: Client, file: Path, keys: Sequence[str], duration_s: float) -> int:
-    """Write every message that comes to `file`, until Ctrl-C or for `duration_s` of wall time; return the number.
+    """Record messages from the bus to `file`, until Ctrl-C or for `duration_s` of wall time; return their number.
 
     Raises:
         SurefootError: a key is unknown.
@@ -62,7 +62,7 @@ def play_bag(
     connect: str | None = None,
     namespace: str | None = None,
 ) -> int:
-    """Publish the messages of a recording in the order and at the distance of their stamps; return the number.
+    """Publish the messages of a recording in the order and at the distance of their stamps; return how many.
 
     Args:
         file: MCAP file.

@@ -1,4 +1,4 @@
-"""Check of the world before anything starts: a reset that fails would come only after all services are up."""
+"""Check of a simulated world before its system starts: a reset would refuse it only after all services are up."""
 
 from typing import TYPE_CHECKING
 

@@ -13,7 +13,7 @@ FIRST_S, EACH_S = 0.5, 10.0
 
 @contextmanager
 def compilation_reported(notify: Callable[[str], None]) -> Generator[None]:
-    """Call `notify` with a line on what the compiler does, inside the context, when it takes longer than `FIRST_S`."""
+    """Report the compilation of kernels through `notify` in this context, from `FIRST_S` s of compiling on."""
     began, over = threading.Event(), threading.Event()
 
     def watch() -> None:

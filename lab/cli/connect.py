@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def client(connect: str | None = None, namespace: str | None = None) -> Iterator["Client"]:
-    """Join the system as a client: the one named, else the one that runs here, else the default endpoint.
+    """Connect to a running system and yield a client: the system named, else the one here, else the default.
 
     Raises:
         BusError: no system answers there.
@@ -21,7 +21,10 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
 
 @contextmanager
 def joined(where: str, prefix: str) -> Iterator["Client"]:
-    """Join the system at an endpoint, whose keys have a prefix, as a client (raises BusError: no system answers)."""
+    """Connect to the system at an endpoint and yield a client (raises BusError: no system answers).
+
+    `where`: Zenoh endpoint; `prefix`: prefix of the system's keys.
+    """
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.client import Client
 
@@ -31,7 +34,7 @@ def joined(where: str, prefix: str) -> Iterator["Client"]:
 
 
 def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[str, str]:
-    """Return (endpoint, namespace): the given ones, else of the system that runs here, else the default ones.
+    """Return (endpoint, key prefix): the given ones, else those of the system that runs here, else the defaults.
 
     Raises:
         ConfigError: the given text is no endpoint, or several systems run and none was named.

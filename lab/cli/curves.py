@@ -19,11 +19,11 @@ MOST = 8
 
 
 class Curves:
-    """Values of a field over the last `SPAN_S` of an epoch.
+    """Values of a message field over the last `SPAN_S` s of simulated time, and their picture as text.
 
     Args:
         field: name of the field; each number of a list is a curve of its own.
-        columns: letters of a line, the values beside the picture included.
+        columns: width of the picture in letters, with the values beside it.
     """
 
     def __init__(self, field: str, columns: int) -> None:
@@ -47,7 +47,7 @@ class Curves:
         return bool(self._kept)
 
     def lines(self) -> list[str]:
-        """Return the picture, its span of time and the newest value of each curve."""
+        """Return the picture as lines of text, with its span of time and the newest value of each curve."""
         finite = [value for _, values in self._kept for value in values if math.isfinite(value)]
         if not finite:
             return [f"{self.field}: no value"]

@@ -1,4 +1,4 @@
-"""The program `surefoot`: the emergency stop at once, every other command by `surefoot.lab.cli.main`."""
+"""Entry point of the program `surefoot`: runs `stop` at once, every other command through `surefoot.lab.cli.main`."""
 
 import io
 import sys
@@ -8,7 +8,7 @@ VALUES = ("--reason", "--timeout", "--connect", "--namespace")
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
+    """Run the command line; exit code 0: ok, 1: a check failed, 2: usage error, 130: interrupted."""
     words = sys.argv[1:] if arguments is None else arguments
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def stop_options(words: Sequence[str]) -> dict[str, str] | None:
-    """Return the options of a plain `stop`; None for any other command, for wrong words, and for --help."""
+    """Return the options of a plain `stop` command by name; None for other commands, wrong words, and --help."""
     if not words or words[0] != "stop":
         return None
     found: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""The fields of a message or request as people read them: type, default, limits, meaning; and a request to paste."""
+"""Fields of a message or request in readable form (type, default, limits, meaning), and an example request."""
 
 import json
 from collections.abc import Iterator
@@ -38,14 +38,14 @@ _EXAMPLES: dict[str, dict[str, Any]] = {
 
 
 def describe(model: type[BaseModel]) -> dict[str, list[dict[str, str]]]:
-    """Return the fields of a model, and of the models inside it, by model: field, type, default, limits, meaning."""
+    """Return a row of each field (name, type, default, limits, meaning) of a model and its inner models, by model."""
     schema = model.model_json_schema()
     inner = {name: found for name, found in schema.get("$defs", {}).items() if "properties" in found}
     return {name: list(_rows(found)) for name, found in {model.__name__: schema, **inner}.items()}
 
 
 def example(model: type[BaseModel]) -> dict[str, Any]:
-    """Return a request to paste: one that Ragno's services answer, or a value of the right form each."""
+    """Return an example of a request as JSON values: one that Ragno's services answer, or values of the right types."""
     if model.__name__ in _EXAMPLES:
         return _EXAMPLES[model.__name__]
     schema = model.model_json_schema()

@@ -29,7 +29,7 @@ def graph(
     form: Annotated[Form, typer.Option("--format", help="How to write it.")] = Form.TEXT,
     json: Json = False,
 ) -> None:
-    """Print who needs what from whom, from the declarations of the services."""
+    """Print the topics and queries that connect the services, from the declarations of the services."""
     use_json(json)
     order, found = declared()
     if json:
@@ -43,7 +43,7 @@ def graph(
 
 
 def declared() -> "tuple[list[str], list[Edge]]":
-    """Return the order of the services within a tick, and every arrow between them; one driver stands for all."""
+    """Return the order of the services within a tick, and the edges between them, with one driver for all drivers."""
     from surefoot.lockstep.discover import service_class, service_names
     from surefoot.lockstep.driver import Driver
     from surefoot.lockstep.graph import edges, order
@@ -54,7 +54,7 @@ def declared() -> "tuple[list[str], list[Edge]]":
 
 
 def mermaid(edges: "list[Edge]") -> str:
-    """Return the figure of docs/architecture.md.
+    """Return the dataflow as a Mermaid flowchart, the figure of docs/architecture.md.
 
     Solid arrows are topics of the same tick, dotted ones topics that arrive one tick late, thick ones requests, drawn
     from the caller to the service that answers. A service that reads nearly everything gets one arrow from all others.

@@ -87,7 +87,7 @@ def common(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
+    """Run the command line; exit code 0: ok, 1: a check failed, 2: usage error, 130: interrupted."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
         with compilation_reported(notify):

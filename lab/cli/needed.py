@@ -1,4 +1,4 @@
-"""The part of the command line that given words need: typer builds every option of every command it is handed."""
+"""Part of a typer app that a command line needs: typer would build every option of every command of the whole app."""
 
 import inspect
 import math
@@ -18,7 +18,10 @@ COMPLETING = "_SUREFOOT_COMPLETE"
 
 
 def needed(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
-    """Return an app with the one command that words name; of all commands their outlines, where words name none."""
+    """Return an app with only the command that `words` name, or with outlines of all commands if they name none.
+
+    Shell completion and unknown words get the whole app.
+    """
     place = next((number for number, word in enumerate(words) if not word.startswith("-")), None)
     if COMPLETING in os.environ:
         return app

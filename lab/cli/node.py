@@ -36,7 +36,7 @@ def list_nodes(connect: Connect = None, namespace: Namespace = None, json: Json 
 
 @app.command()
 def info(service: ServiceName, connect: Connect = None, namespace: Namespace = None, json: Json = False) -> None:
-    """Show what a service reads, publishes, answers and asks, and how it does where it runs."""
+    """Show what a service reads, publishes, answers and asks, and its state where it runs."""
     from surefoot.errors import BusError
 
     use_json(json)

@@ -43,7 +43,7 @@ RobotChoice = Annotated[
 
 @dataclass
 class OutputState:
-    """Settings of the whole command line."""
+    """Settings of the output of the command line."""
 
     debug: bool = False
     json: bool = False
@@ -55,7 +55,7 @@ state = OutputState()
 
 
 def use_json(wanted: bool) -> bool:
-    """Note whether this command writes JSON, so that an error is written as JSON, too; return it."""
+    """Set whether this command writes its output and its errors as JSON; return `wanted`."""
     state.json = wanted
     return wanted
 
@@ -77,21 +77,21 @@ def notify(text: str, level: str = "info") -> None:
 
 
 def near(path: Path) -> str:
-    """Return a path as one would type it here: relative where it is below the working folder, else absolute."""
+    """Return a path as a user types it: relative where it is below the working folder, else absolute."""
     whole = path.resolve()
     return str(whole.relative_to(Path.cwd())) if whole.is_relative_to(Path.cwd()) else str(whole)
 
 
 def refuse_existing(path: Path, *, force: bool, folder: bool = False) -> None:
-    """Refuse a file that exists, or a folder with something in it, unless ``force``; and one in place of the other.
+    """Refuse to overwrite a file or a non-empty folder, unless ``force``, or to write one in place of the other.
 
     Args:
-        path: of what will be written.
-        force: it may be overwritten.
-        folder: it will be a folder.
+        path: file or folder that will be written.
+        force: existing content may be overwritten.
+        folder: a folder will be written, else a file.
 
     Raises:
-        typer.BadParameter: names the file and the option.
+        typer.BadParameter: the path is refused; the text names it.
     """
     if path.exists() and path.is_dir() != folder:
         kinds = ("file", "folder") if folder else ("folder", "file")
@@ -125,7 +125,7 @@ def _plain(value: Any) -> Any:
 def write_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], title: str = "", right: Sequence[int] = ()
 ) -> None:
-    """Write a table as wide as the terminal, in a pipe as wide as it is (`table_lines`), and an empty line."""
+    """Write a table that fits the width of the terminal (no limit in a pipe), and an empty line."""
     terminal = sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
     width = shutil.get_terminal_size((0, 0)).columns or None
     if title:
@@ -175,9 +175,7 @@ def fail(error: Exception) -> int:
 
 
 def misused(error: Any, *, json: bool) -> int:
-    """Write typer's message on wrong words, with the value, and the command's usage or as one JSON object; return the
-    exit code.
-    """
+    """Report wrong words of a command line, with usage or as one JSON object; return the exit code."""
     if hasattr(cause := error.__cause__, "errors"):  # of pydantic, whose sentence leaves the value out
         error.message = f"{error.message.rstrip('.')} (got {cause.errors()[0]['input']!r})"
     if json:

@@ -1,4 +1,4 @@
-"""Share that is done and time left of work that takes long."""
+"""Progress reports of long work: the share that is done and the time left."""
 
 import threading
 import time
@@ -17,19 +17,19 @@ LEAST_SHARE = 0.01
 
 
 class Progress:
-    """Reports on work that takes long: what it is within its first second, then the share and the time left.
+    """Reporter of the progress of long work: its name within the first second, then share done and time left.
 
-    As a context it reports while a step of the work states no share, and on Ctrl-C what there is of the result.
+    As a context manager it also reports while the work states no share, and on Ctrl-C what is left of the result.
 
     Args:
-        what: is done, for the line.
-        kept: what is left after Ctrl-C.
+        what: name of the work, for the lines.
+        kept: text on what is left after Ctrl-C.
         report: gets the lines.
-        clock: s.
+        clock: returns the time, s.
         reads: files and folders without which the work does not begin, so that no line on it comes before a refusal.
 
     Raises:
-        SurefootError: one of them is absent.
+        SurefootError: one of the files or folders is absent.
     """
 
     def __init__(
@@ -64,18 +64,18 @@ class Progress:
             self._report(f"{self._what}: interrupted{done}; {self._kept}")
 
     def at(self, share: float, step: str = "") -> None:
-        """Note the share that is done, 0 to 1, and its step in words; a line is written when it is time for one."""
+        """Set the share that is done, 0 to 1, and its step in words; a line is reported when one is due."""
         with self._lock:
             self._share, self._step = share, step
         self._write_due()
 
     def and_on(self, share: float) -> bool:
-        """Note the share that is done, 0 to 1; return True, for work that asks whether to go on."""
+        """Set the share that is done, 0 to 1; return True, for work that asks whether to go on."""
         self.at(share)
         return True
 
     def part(self, begin: float, end: float, step: str = "") -> Callable[[float], None]:
-        """Return a function that takes the share of a part of the work, which is done from one share to another."""
+        """Return a function for a part of the work, whose share 0 to 1 is `begin` to `end` of the whole."""
         return lambda share: self.at(begin + share * (end - begin), step)
 
     def _watch(self) -> None:

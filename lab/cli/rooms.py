@@ -1,4 +1,4 @@
-"""Commands of the rooms of the lab and of the papers: each room defines its own in `commands.py`."""
+"""Commands that the subfolders of `lab`, and the papers, add to the command line, each by its own `commands.py`."""
 
 from collections.abc import Iterator
 from importlib import import_module
@@ -12,7 +12,7 @@ INSTALL_PAPERS = "pip install ./papers"
 
 
 def room_commands() -> Iterator[typer.Typer]:
-    """Yield the `app` of each `commands.py` below `lab`, and that of the papers or what stands for it."""
+    """Yield the typer `app` of each `lab/*/commands.py`, then that of the papers, or a stand-in if not installed."""
     for path in sorted(PACKAGE.glob("lab/*/commands.py")):
         yield import_module(f"surefoot.lab.{path.parent.name}.commands").app
     if (PACKAGE / "papers" / "commands.py").is_file():

@@ -1,4 +1,4 @@
-"""Systems that run here, and the choice of the one that a command means."""
+"""Systems that run on this machine, and the choice of the one that a command is for."""
 
 import os
 from typing import NamedTuple
@@ -40,19 +40,19 @@ class RunningSystem(NamedTuple):
 
     @property
     def robot(self) -> str | None:
-        """Robot that it was started with, a name or a folder; None where it runs elsewhere."""
+        """Robot that the system was started with, a name or a folder; None where the system runs elsewhere."""
         place = None if self.folder is None else self.folder.endpoint(orphaned=True)
         return None if place is None else place.robot or None
 
     def orphans(self) -> str:
-        """Return what to do about services that a supervisor left behind, empty when there are none."""
+        """Return a hint on services that run without their supervisor; empty when there are none."""
         return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")
 
 
 def systems(
     connect: str | None = None, namespace: str | None = None, system: str | None = None, *, orphaned: bool = False
 ) -> tuple[RunningSystem, ...]:
-    """Return the systems that a command means: those that run here and fit, else the default one.
+    """Return the systems that a command is for: those that run here and fit the arguments, else the default one.
 
     Args:
         connect: endpoint, None = SUREFOOT_CONNECT or any.
@@ -87,10 +87,10 @@ def systems(
 
 
 def only_one(found: tuple[RunningSystem, ...], how: str) -> RunningSystem:
-    """Return the one system that is meant: of several the one at SUREFOOT_LISTEN, which `up` in this shell began.
+    """Return the only system of `found`; of several, the one at the endpoint in SUREFOOT_LISTEN.
 
     Raises:
-        ConfigError: several are; the sentence names them and ``how`` to choose.
+        ConfigError: several are left; the text names them and ``how`` to choose one.
     """
     if len(found) > 1:
         from surefoot.bus.endpoint import from_environment

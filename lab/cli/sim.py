@@ -88,7 +88,7 @@ def fault(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Break something for a while."""
+    """Inject a fault into the simulation for a while."""
     fields = {"kind": kind, "target": target, "value": value, "duration": duration, "at_tick": at_tick}
     _act("sim/fault", fields, f"{kind} from tick {{tick}} on for {duration:g} s", connect, namespace, json=json)
 
@@ -102,7 +102,7 @@ def set_quantity(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Change the world while it runs."""
+    """Change friction, mass or servo gain of the simulated world while it runs."""
     fields = {"quantity": quantity, "value": value, "at_tick": at_tick}
     _act("sim/set", fields, f"{quantity} is {value:g} from tick {{tick}} on", connect, namespace, json=json)
 

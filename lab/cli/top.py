@@ -81,14 +81,14 @@ def _share(ordered: Sequence[float], share: float) -> float:
 
 
 def watch(robot: "Client", traffic: Traffic) -> None:
-    """Subscribe to every topic of a robot but the families of services, and count its messages in `traffic`."""
+    """Subscribe to the topics of a robot, except key families (`*`), and count their messages in `traffic`."""
     for topic in TOPICS:
         if not topic.key.endswith("*"):
             robot.bus.subscribe(topic, traffic.note, bounded=True)
 
 
 def polygon_lines(status: "StabilityStatus | None") -> list[str]:
-    """Return the support region from above, x up and y to the left, with the CoM: o planned, x measured."""
+    """Return text lines that draw the support region from above, x up, y left, and the CoM: o planned, x measured."""
     if status is None or not status.region:
         return ["no support region" + (f": {status.status}" if status is not None else " yet")]
     points = [tuple(corner) for corner in status.region]

@@ -1,4 +1,4 @@
-"""Parts of the commands that show a system: which one, from where, how long; and the view beside another command."""
+"""Shared parts of commands that show a system in a browser: the system, the address, the duration, a view process."""
 
 import os
 import subprocess
@@ -41,7 +41,7 @@ class ShownSystem(NamedTuple):
 
 @contextmanager
 def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: float = 0.0) -> Iterator[ShownSystem]:
-    """Join the system that is meant, at the latest after `wait_s` s of wall time, and yield it for a view.
+    """Connect to a running system, as soon as it answers, and yield it with a client and its robot.
 
     Args:
         connect: endpoint of its router; None = the system that runs here.
@@ -68,7 +68,7 @@ def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: 
 
 
 def show_place(name: str, url: str, port: int, more: Mapping[str, str]) -> None:
-    """Write where to look, and over SSH the tunnel that leads there."""
+    """Write the address of a view, and in an SSH session the command of a tunnel to it."""
     hint = tunnel(port, os.environ)
     if state.json:
         write_json({"url": url, "tunnel": hint, **more})
@@ -80,7 +80,7 @@ def show_place(name: str, url: str, port: int, more: Mapping[str, str]) -> None:
 
 
 def tunnel(port: int, environ: Mapping[str, str]) -> str:
-    """Return the command that makes a port reachable from where one came by SSH; empty without SSH."""
+    """Return the `ssh` command by which the client of this SSH session reaches a port here; empty without SSH."""
     connection = environ.get("SSH_CONNECTION", "").split()
     if len(connection) != SSH_WORDS:
         return ""
@@ -101,7 +101,7 @@ def remark(text: str) -> None:
 
 @contextmanager
 def viewer(connect: str, namespace: str, robot: str, *, wanted: bool) -> Iterator[None]:
-    """Run `surefoot view` as a process of its own, so that it takes no time from the system; end it after.
+    """Run `surefoot view` in a process of its own during the context, so that it takes no time from the system.
 
     Args:
         connect: endpoint of the router, which need not be there yet.

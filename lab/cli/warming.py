@@ -37,7 +37,7 @@ ORDER = ("estimator", "stability", "walker", "footholds", "simulator")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Compilation of the kernels of one service with one robot, or of all services of a system, separated by spaces."""
+    """Compilation job: kernels of one service, or of all services of a system (separated by spaces), with one robot."""
 
     service: str
     robot: str
@@ -46,7 +46,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Name that holds for one version of the sources, of numba and of Python, and one processor."""
+        """Name of the job, which is another for other sources, versions of numba and of Python, and processors."""
         robot = hashlib.sha256(self.robot.encode()).hexdigest()[:12]
         return f"{signature()}-{self.service.replace(' ', '+')}-{robot}{'-rare' * self.rare}"
 
@@ -76,7 +76,7 @@ class Warmed:
 
 
 def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
-    """Return the services of these systems that have kernels, each with its robot, the longest first.
+    """Return the compilation jobs of these systems, one for each service with kernels and its robot, the longest first.
 
     Raises:
         RobotError: a system names a robot that is not there.
@@ -156,10 +156,10 @@ def _lines(stamp: Path) -> list[str] | None:
 
 
 def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], None]) -> None:
-    """Compile the kernels of a system unless that was done before.
+    """Compile the kernels of a system unless this was done before; `notify` gets messages on it.
 
     Raises:
-        BusError: the endpoint to listen on is taken, which a start would report only after that work.
+        BusError: the endpoint to listen on is taken, which is checked before the work.
     """
     whole = Job(" ".join(system.services), system.robot)
     if not is_cold([whole]):  # to find the services with kernels imports them all, a second of processor time
@@ -173,10 +173,10 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
 
 
 def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: None) -> list[Warmed]:
-    """Let the services rehearse, as many side by side as there are cores.
+    """Compile the kernels of services in parallel, and return the result of each job.
 
-    A process takes one service after the other: what numba compiles for itself is then compiled once a process. A
-    service rehearses with the next robot when all have with one: it has most kernels in common with itself.
+    A service rehearses: it calls each of its kernels once. A process takes one service after the other, so that what
+    numba compiles for itself is compiled once per process. Jobs of one service with several robots run one by one.
     """
     progress = _WarmProgress(len(jobs), notify)
     found: list[Warmed] = []

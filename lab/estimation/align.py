@@ -47,7 +47,7 @@ STRANGE = 0.2
 
 
 class Found(NamedTuple):
-    """A quantity with the half width of its 95 % interval."""
+    """Estimated quantity with the half width of its 95 % interval."""
 
     value: Array  # (k,)
     within: Array  # (k,), inf = not observable
@@ -55,7 +55,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Alignment:
-    """Place of a truth relative to the sensors of its log."""
+    """Alignment of the ground truth of a log with its sensors: time offset, rotation, lever arm and scale."""
 
     offset_s: Found  # (1,) time by which the truth is late
     rotation_deg: Found  # (3,) rotation vector of rot_imu_from_truth_axes
@@ -64,7 +64,7 @@ class Alignment:
     correlation: float  # of the rates of turn, aligned; NaN: it hardly turns
 
     def known(self, name: str) -> bool:
-        """Return whether a quantity differs from that of an aligned truth by more than its interval."""
+        """Return True if a quantity is observable and differs from that of an aligned truth beyond its interval."""
         found = getattr(self, name)
         off = found.value - (1.0 if name == "scale" else 0.0)
         return bool((found.within < LIMITS[name]).all() and np.linalg.norm(off) > np.linalg.norm(found.within))
@@ -80,7 +80,7 @@ class Alignment:
         return out | {"applied": [name for name in LIMITS if self.known(name)]}
 
     def notes(self, period: float) -> tuple[str, ...]:
-        """Return what makes this truth misaligned, as sentences; `period` of the inertial rows, s."""
+        """Return sentences on how this truth is misaligned, none if it is not; `period`: of the inertial rows, s."""
         if self.correlation < ALIKE:
             text = f"the truth does not turn as the gyro does (correlation {self.correlation:.2f} within {LAGS_S:g} s)"
             return (f"{text}: another clock, or another recording?",)
@@ -99,7 +99,7 @@ class Alignment:
 
 
 def align(log: Log) -> Alignment:
-    """Return the place of a log's truth relative to its sensors."""
+    """Return time offset, rotation, lever arm and scale of a log's ground truth relative to its sensors."""
     offset, rotation, correlation = _by_gyro(log)
     known = Alignment(offset, rotation, _unknown(3), _unknown(1), correlation)
     if correlation < ALIKE:
@@ -109,7 +109,7 @@ def align(log: Log) -> Alignment:
 
 
 def aligned(log: Log, found: Alignment) -> Log:
-    """Return a log with its truth moved to the IMU by all that is known; scores skip rows that lose their truth."""
+    """Return a log with its truth corrected by all that `found` shows; rows that lose their truth are not scored."""
     out = _moved(log, found)
     truth, scale = out.known(), float(found.scale.value[0]) if found.known("scale") else 1.0
     lever = found.lever_m.value if found.known("lever_m") else np.zeros(3)

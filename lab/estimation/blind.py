@@ -1,4 +1,4 @@
-"""Error of the inertial unit alone: the least error of an estimate whose feet come late."""
+"""Velocity error of dead reckoning by the inertial unit alone: the bound of an estimate whose feet come late."""
 
 import numpy as np
 
@@ -14,8 +14,8 @@ STARTS = 200
 def blind_error(log: Log, seconds: float) -> float:
     """Return the rms error of the velocity after dead reckoning by the inertial unit for `seconds` s, m/s.
 
-    It begins with the true attitude and velocity, by samples whose mean error is taken out: only their noise is left.
-    No estimate without the feet of that time can do better than this beside its error before.
+    Each stretch begins with the true attitude and velocity, and the mean error of the samples is removed, so that only
+    their noise is left. An estimate that lacks the feet of the last `seconds` s cannot add less error than this.
     """
     truth, t = log.known(), log.seconds
     up = np.array([0.0, 0.0, GRAVITY])

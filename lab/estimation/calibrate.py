@@ -50,7 +50,7 @@ USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
 
 @dataclass(frozen=True)
 class CalibratedValue:
-    """A parameter that calibration found from a log, with the half width of its interval."""
+    """Parameter that calibration found from a log, with the half width of its 95 % interval."""
 
     name: str
     unit: str
@@ -66,7 +66,7 @@ class CalibratedValue:
 
 @dataclass(frozen=True, eq=False)
 class LegCalibration:
-    """Calibration of a log: parameters of least squares with their covariance."""
+    """Result of the calibration of a log: parameters by least squares with their covariance."""
 
     log: Log
     unknowns: Sequence[Unknown]
@@ -76,11 +76,11 @@ class LegCalibration:
     windows: int
 
     def found(self) -> list[CalibratedValue]:
-        """Return the parameters in units that people read, those of the sensors' biases left out."""
+        """Return the parameters in the units of reports, without those of the sensors' biases."""
         return [one for _, one in self.pairs()]
 
     def pairs(self) -> list[tuple[Unknown, CalibratedValue]]:
-        """Return the parameters in units that people read, each with its unknown; those of sensor biases left out."""
+        """Return each unknown with its value in the unit of reports, without those of the sensors' biases."""
         out: list[tuple[Unknown, CalibratedValue]] = []
         for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
             if u.kind in SHOWN:
@@ -91,10 +91,10 @@ class LegCalibration:
         return out
 
     def apply(self, log: Log | None = None) -> Log:
-        """Return a log with its feet and stamps put right, and without joints, which belong to the stated legs.
+        """Return a log with feet, foot stamps and mounting corrected, and without joints: they belong to stated legs.
 
         Args:
-            log: another of the same robot; None = the log of the calibration.
+            log: another log of the same robot; None = the log of the calibration.
         """
         log = self.log if log is None else log
         model = LegModel(log, self.unknowns)
@@ -112,7 +112,7 @@ class LegCalibration:
 
 
 class StanceProblem:
-    """Places of standing feet by the inertial unit as functions of the unknowns theta of a log.
+    """Least-squares problem of calibration: places of standing feet as functions of the unknowns theta of a log.
 
     Args:
         log: with feet.
@@ -130,7 +130,7 @@ class StanceProblem:
 
     @property
     def repeats(self) -> float:
-        """Number of windows for each independent one: errors of a foot repeat within a stance and from step to step."""
+        """Number of windows per independent one: the errors of a foot repeat within a stance and from step to step."""
         count, numbers = len(self.windows), self._numbers
         each = len(np.unique(numbers[numbers >= 0])) / self.log.feet_count  # stances of a foot
         return max(1.0 + ALIKE * (count - 1), count / max(each, 1.0))
@@ -207,7 +207,7 @@ def _rolling(world: Array, up: Array, same: NDArray[np.bool_]) -> Array:
 
 
 def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int = WINDOWS) -> LegCalibration:
-    """Find the parameters of a log.
+    """Return the calibration of a log: parameters of legs, mounting and time offset by least squares.
 
     Args:
         log: with feet; a robot and joints make links and joints parameters of their own.
@@ -233,7 +233,7 @@ def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int 
 
 
 def alike(found: LegCalibration) -> LegCalibration:
-    """Return the calibration with one length for all legs where those of single ones agree with it."""
+    """Return the calibration with one length for all legs, if the lengths of single legs agree with it."""
     lengths = [one for u, one in found.pairs() if u.kind == "length"]
     if len(lengths) < 2:
         return found
@@ -244,7 +244,7 @@ def alike(found: LegCalibration) -> LegCalibration:
 
 
 def proven(found: LegCalibration) -> LegCalibration:
-    """Return the calibration by what the log proves alone; the rest stays as the log or the robot file states it.
+    """Return the calibration with only those parameters that the log proves; others stay as log or robot file states.
 
     Mounting and lever that are not proven are left out first, for a description states them better than a short walk
     shows them; then the least proven half at a time, for parameters that look alike hide each other.
@@ -260,7 +260,7 @@ def proven(found: LegCalibration) -> LegCalibration:
 
 
 def offset_note(log: Log) -> tuple[str, ...]:
-    """Return a note if the feet are surely late or early against the inertial unit, from the beginning of a log."""
+    """Return a note if the stamps of the feet are early or late, by the beginning of a log; else (), no note."""
     bare = replace(log, joints=None)
     if len(log.stamp_ns) > NOTE_ROWS:
         feet = np.flatnonzero(log.foot_ns <= log.stamp_ns[NOTE_ROWS])

@@ -11,7 +11,7 @@ from .log import Log
 
 
 def report(log: Log) -> dict[str, Any]:
-    """Return what a log shows about its robot, as plain numbers; `corrections` are what `--calibrated` applies."""
+    """Return calibration results of a log as plain numbers; `corrections` are those that `--calibrated` applies."""
     found = calibrate(log)
     return {
         "log": log.name, "robot": log.robot_name, "windows": found.windows,
@@ -39,7 +39,7 @@ def show(log: Log, notes: tuple[str, ...], json: bool) -> None:
 
 
 def corrected(opened: Opened) -> Opened:
-    """Return a log with its feet corrected by what it proves, and notes on that."""
+    """Return a log with its feet corrected by the proven part of its calibration, and notes on that."""
     found = proven(calibrate(opened.log))
     added = tuple(f"corrected  {one.name}: {one.value:+.2f} +- {one.half:.2f} {one.unit}" for one in found.found())
     if not added:
@@ -48,7 +48,7 @@ def corrected(opened: Opened) -> Opened:
 
 
 def checked(opened: Opened, correct: bool) -> Opened:
-    """Return a log, corrected on request, with a note if its feet are late or early."""
+    """Return a log, with corrected feet if `correct`, and with a note if its feet are late or early."""
     opened = corrected(opened) if correct else opened
     return replace(opened, notes=(*opened.notes, *offset_note(opened.log)))
 

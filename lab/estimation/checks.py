@@ -1,7 +1,7 @@
-"""Feet, contacts and forces that a log itself contradicts: refused, or reported as notes.
+"""Consistency checks of feet, contacts and forces of a log: contradictions are refused, oddities reported as notes.
 
-The turn of the IMU between two foot samples, by the gyro, fixes how a foot that stands is seen after it: its place
-relative to another standing foot and its orientation are fixed in the world.
+A foot that stands has a fixed place and orientation in the world. So the turn of the IMU between two foot samples, by
+the gyro, predicts its orientation, and its place relative to another standing foot, in IMU axes.
 """
 
 from dataclasses import replace
@@ -52,7 +52,7 @@ def check_kinematics(log: Log) -> tuple[str, ...]:
         Notes on what is strange.
 
     Raises:
-        SurefootError: what cannot be right, with what was seen.
+        SurefootError: feet, contacts or forces contradict each other; the text has the numbers.
     """
     if len(log.foot_ns) < 2 * ENOUGH or not np.isfinite(log.foot_position).any():
         return ()

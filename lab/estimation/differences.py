@@ -38,7 +38,7 @@ class Estimated:
 
 
 class Departure(NamedTuple):
-    """Difference of two estimates of one quantity."""
+    """Difference of two estimates of one quantity: rms, largest value, and time of the largest."""
 
     rms: float
     largest: float
@@ -46,7 +46,7 @@ class Departure(NamedTuple):
 
 
 def load_estimated(path: Path) -> Estimated:
-    """Read estimates.
+    """Return the estimates of a file or folder.
 
     Args:
         path: folder or `estimates.npz` of `surefoot estimate -o`, or a recording (.mcap), of which the published
@@ -91,9 +91,9 @@ def _of_recording(path: Path) -> Estimated:
 
 
 def departures(a: Estimated, b: Estimated) -> dict[str, Departure]:
-    """Return differences over the common time: velocity m/s, tilt deg, position m and heading deg.
+    """Return the differences of two estimates over their common time: velocity m/s, tilt deg, position m, heading deg.
 
-    Position and heading are laid over each other at the first common row, after both have started.
+    Position and heading are compared relative to the first row at which both have started.
 
     Raises:
         SurefootError: the two have no time in common.

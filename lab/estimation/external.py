@@ -1,4 +1,4 @@
-"""Poses, headings and velocities from elsewhere in a log: camera, motion capture, GNSS, as inputs of the estimator."""
+"""Samples of sources outside the robot in a log, such as a camera or GNSS, as inputs of the estimator."""
 
 from typing import Any, NamedTuple
 

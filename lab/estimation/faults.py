@@ -1,4 +1,4 @@
-"""Faults of a log: late, shuffled, lost and false inputs, starts without rest, an IMU mounted any way."""
+"""Faults that are added to a log for tests: late, shuffled, lost and false inputs, other starts, a turned IMU."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +27,7 @@ def shuffled(log: Log, seconds: float, seed: int) -> Log:
 
 
 def with_losses(log: Log, share: float, seed: int, hole_s: float = 1.0) -> Log:
-    """Return the log without a share of all samples, and in the middle without feet for `hole_s` s."""
+    """Return the log without a share (0 to 1) of all samples, and without any feet for `hole_s` s in the middle."""
     rng = np.random.default_rng(seed)
     middle = log.stamp_ns[len(log.stamp_ns) // 2]
     hole = (log.foot_ns >= middle) & (log.foot_ns < middle + round(hole_s * 1e9))
@@ -38,7 +38,7 @@ def with_losses(log: Log, share: float, seed: int, hole_s: float = 1.0) -> Log:
 
 
 def with_outliers(log: Log, share: float, size: float, seed: int) -> Log:
-    """Return the log with a share (0 to 1) of the feet seen `size` m off, in any direction."""
+    """Return the log with a share (0 to 1) of the foot positions moved by `size` m in random directions."""
     rng = np.random.default_rng(seed)
     m, feet = log.contact.shape
     off = rng.normal(size=(m, feet, 3))
@@ -49,7 +49,7 @@ def with_outliers(log: Log, share: float, size: float, seed: int) -> Log:
 
 
 def with_false_contacts(log: Log, share: float, seconds: float, seed: int) -> Log:
-    """Return the log with all switches of the foot closed for `seconds` s in a share (0 to 1) of the swings."""
+    """Return the log with all contacts of a foot closed for `seconds` s in a share (0 to 1) of its swings."""
     rng = np.random.default_rng(seed)
     contact = log.contact.copy()
     touch = None if log.touch is None else log.touch.copy()
@@ -76,7 +76,7 @@ def from_the_middle(log: Log, seconds: float) -> Log:
 
 
 def without_standstill(log: Log) -> Log:
-    """Return the log from its walk on."""
+    """Return the log from the end of its standstill on."""
     first = log.rest[1] + 1
     return from_the_middle(log, float(log.seconds[first]))
 
@@ -91,7 +91,7 @@ def with_wrong_start(log: Log, angle: float, seed: int) -> Log:
 
 
 def turned(log: Log, seed: int) -> Log:
-    """Return the walk with the inertial unit mounted in another orientation."""
+    """Return the log as recorded by an inertial unit that is mounted in another, random orientation."""
     quat = np.random.default_rng(seed).normal(size=4)
     rot = matrix_from_quat(quat / np.linalg.norm(quat))  # rot_new_from_old
     truth = log.truth

@@ -33,7 +33,7 @@ STANDSTILL = {"standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5}
 
 @dataclass(frozen=True)
 class Opened:
-    """A log, and notes on what was assumed about it."""
+    """Log with notes on what was assumed about it."""
 
     log: Log
     notes: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Random corruptions of a walk, one or two at a time, which an estimator must survive and must not hide."""
+"""Random corruptions of the inputs of a walk: an estimator must survive them, and flag those that matter."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -202,7 +202,7 @@ class FuzzCounts:
 
 
 def inputs_of(log: Log, rows: range) -> Iterator[Inputs]:
-    """Yield what arrives with each inertial row of a log."""
+    """Yield the inputs that arrive with each inertial row of a log, for the rows `rows`."""
     end = np.searchsorted(log.foot_ns, log.stamp_ns, side="right")
     for k in rows:
         first = int(end[k - 1]) if k else 0
@@ -222,13 +222,13 @@ def feed(running: LogRunner, x: Inputs) -> None:
 
 
 def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options: Any) -> FuzzCounts:
-    """Corrupt stretches of a walk, each trial from a good state of the estimator.
+    """Run an estimator over corrupted stretches of a walk, and return counts of what it did.
 
     Args:
         name: of the estimator.
-        trials: how many; every second one has two kinds at a time.
+        trials: how many; every second one has two kinds of corruption at a time.
         seed: of all draws.
-        starts: good states to begin from.
+        starts: number of states, after uncorrupted inputs, that trials begin from.
         options: changes of the estimator's parameters.
     """
     rng, found = np.random.default_rng(seed), FuzzCounts()

@@ -36,7 +36,7 @@ RESIZING = ("length", "zero")
 
 @dataclass(frozen=True)
 class Unknown:
-    """One parameter of a calibration; its value is what is to be added to what the log or the robot file states."""
+    """Unknown parameter of a calibration; its value is a correction, added to what log or robot file states."""
 
     name: str
     kind: str  # see RANGES
@@ -57,7 +57,7 @@ class LegModel:
         self._mount = None if log.joints is None or log.robot is None else foot_mount(log.robot)
 
     def values(self, theta: Array, kind: str, count: int) -> Array:
-        """Return the values of one kind of parameter by their index, (count,), in its unit; zero where there are none.
+        """Return the values of one kind of parameter by their index, (count,), in their unit; 0 where none is unknown.
 
         `theta`: value of each unknown, (P,), in its unit; `kind`: as in `Unknown.kind`.
         """
@@ -139,7 +139,7 @@ def _lever_squares(model: KinematicModel, joints: Array) -> Array:
 
 
 def unknowns_of(log: Log) -> list[Unknown]:
-    """Return what can be asked of a log: each link and joint of its legs, or one scale per leg."""
+    """Return the parameters that a log can calibrate: links and joints or a scale per leg, mounting, offset, biases."""
     out: list[Unknown] = []
     if log.joints is not None and log.robot is not None:
         out += _of_robot(log.robot)
@@ -158,7 +158,7 @@ def unknowns_of(log: Log) -> list[Unknown]:
 
 
 def lengths_alike(unknowns: Sequence[Unknown]) -> list[Unknown]:
-    """Return unknowns in which one length of all legs replaces the single lengths: legs are built and err alike."""
+    """Return the unknowns with one length of all legs in place of those of single legs."""
     first, *others = (u.index for u in unknowns if u.kind == "length")
     return [
         Unknown("length of all legs", "length", first, tuple(others)), *(u for u in unknowns if u.kind != "length")

@@ -91,7 +91,7 @@ class Log:
         return tuple(FootSample(*row) for row in rows)
 
     def known(self) -> TrueMotion:
-        """Return the truth.
+        """Return the true motion.
 
         Raises:
             ValueError: the log has none.
@@ -144,7 +144,7 @@ class Log:
 
     @property
     def scored(self) -> Flags:
-        """Inertial rows that scores look at, (n,): those of some time, without what the truth does not know."""
+        """Flags of the inertial rows that are scored, (n,): within the scored time, and where the truth is valid."""
         rows = (self.seconds >= self.begin_s) & (self.seconds <= self.seconds[-1] - self.end_s)
         if self.truth is not None and self.truth.held is not None:
             rows &= ~self.truth.held
@@ -153,8 +153,8 @@ class Log:
     def arrival(self) -> Ints:
         """Return the order of arrival of all inputs, (n + m + e,) indices.
 
-        Numbers are those of inertial rows, n + those of foot samples, n + m + those of samples of other sources. One of
-        the feet or of another source follows the first inertial row at or after its stamp or arrival.
+        Indices below n are inertial rows, from n on foot samples, from n + m on samples of other sources. A foot sample
+        follows the first inertial row at or after its stamp, one of another source that at or after its arrival.
         """
         if self.order is not None:
             return self.order
@@ -185,10 +185,10 @@ class Log:
         )  # fmt: skip
 
     def point_views(self, several: bool) -> tuple[Array, Flags]:
-        """Return contact points in IMU axes, (m, N, 3) m, and which of them touch, (m, N).
+        """Return contact points in IMU axes, (m, N, 3) m, and flags of those that touch the ground, (m, N).
 
         Args:
-            several: the K points of each foot; else the foot centre alone.
+            several: True = the K points of each foot; else the foot centre alone.
         """
         if not several or self.points is None:
             return self.foot_position, self.contact

@@ -1,7 +1,7 @@
-"""Logs of others: sets of humanoids with soles, quadrupeds with point feet, real and simulated (columns beside them).
+"""Logs recorded by others: humanoids with soles and quadrupeds with point feet, real and simulated.
 
-`FOREIGN` is the table of what is known of each: truth, noise, feet, standstill, contacts. Files stay where they are,
-some have no licence: nothing of them is kept here.
+`FOREIGN` is the table of what is known of each: truth, noise, feet, standstill, contacts. Files stay where they are:
+some have no licence, and nothing of them is kept here.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,7 +37,7 @@ EXACT_ROWS = 7
 
 @dataclass(frozen=True)
 class ForeignLog:
-    """One log recorded by others, as a row of a table: file, reader, and how its feet are to be taken."""
+    """Log recorded by others, as a row of the table `FOREIGN`: file, reader, and treatment of its feet."""
 
     name: str
     file: str
@@ -56,7 +56,7 @@ class ForeignLog:
 
         Raises:
             FileNotFoundError: the file is not there.
-            SurefootError: what reads it is not installed.
+            SurefootError: the package that reads it is not installed.
         """
         log = self.make(self, data / self.file)
         sensors = {**log.sensors, **self.sensors}
@@ -64,13 +64,13 @@ class ForeignLog:
 
 
 def humanoid(name: str) -> Log:
-    """Read a set: inertial samples of every row, feet of every third.
+    """Return the log of a humanoid: inertial samples of every row, feet of every third.
 
     Args:
         name: `icub3_gazebo_walk` or `icub_real_com`.
 
     Raises:
-        SurefootError: the set is not there.
+        SurefootError: the log is not on this machine.
     """
     window, begin_s = HUMANOIDS[name]
     log = open_log(DATA / f"{name}.npz").log
@@ -204,7 +204,7 @@ about which nothing is stated."""
 
 
 def foreign(name: str, data: Path = DATA) -> Log:
-    """Read a log of others by its name in `FOREIGN`; see `ForeignLog.read`."""
+    """Return a log recorded by others, by its name in `FOREIGN`; see `ForeignLog.read`."""
     if name not in FOREIGN:
         raise SurefootError("invalid", f"got {name!r}; known are {', '.join(FOREIGN)}", "log")
     return FOREIGN[name].read(data)

@@ -1,4 +1,4 @@
-"""Faults of one sensor from a time on, planted into a log: switches, encoders, stamps, inertial unit.
+"""Faults of one sensor that are added to a log from a time on: switches, encoders, stamps, inertial unit.
 
 The truth of the log stays what it was: row i of the estimate belongs to row i of the clean log.
 """
@@ -37,7 +37,7 @@ def _copies(log: Log, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def stuck(log: Log, at_s: float, foot: int, closed: bool) -> Log:
-    """Return the log with all switches of a foot stuck."""
+    """Return the log with all switches of a foot stuck closed or open from `at_s` s on."""
     parts = _copies(log, SWITCHES)
     for part in parts.values():
         part[_since(log, at_s), foot] = closed
@@ -45,7 +45,7 @@ def stuck(log: Log, at_s: float, foot: int, closed: bool) -> Log:
 
 
 def swapped(log: Log, at_s: float, foot: int, names: tuple[str, ...]) -> Log:
-    """Return the log with fields of a foot and its neighbour swapped: left and right of one pair."""
+    """Return the log with the fields `names` of a foot and the other foot of its pair swapped from `at_s` s on."""
     parts, rows, pair = _copies(log, names), _since(log, at_s), np.array([foot, foot ^ 1])
     for part in parts.values():
         part[np.ix_(rows, pair)] = part[np.ix_(rows, pair[::-1])]
@@ -53,7 +53,7 @@ def swapped(log: Log, at_s: float, foot: int, names: tuple[str, ...]) -> Log:
 
 
 def frozen(log: Log, at_s: float, feet: list[int]) -> Log:
-    """Return the log whose encoders of some feet stand still."""
+    """Return the log with positions and rotations of some feet constant from `at_s` s on, as by frozen encoders."""
     parts, rows = _copies(log, ENCODERS), _since(log, at_s)
     for part in parts.values():
         part[np.ix_(rows, np.array(feet))] = part[rows[0], feet]
@@ -79,14 +79,14 @@ def _shifted(x: Array, rng: np.random.Generator) -> Array:
 
 
 def late(log: Log, at_s: float, foot: int) -> Log:
-    """Return the log whose feet carry stamps 50 ms later than their time."""
+    """Return the log whose feet carry stamps 50 ms too late from `at_s` s on; `foot` is not used."""
     stamp = log.foot_ns.copy()
     stamp[_since(log, at_s)] += LATE_NS
     return replace(log, foot_ns=stamp, order=None).with_feet(np.flatnonzero(stamp <= log.stamp_ns[-1]).astype(np.int64))
 
 
 def stepped_back(log: Log, at_s: float, foot: int) -> Log:
-    """Return the log whose clock steps back by 0.1 s; the order of arrival is what it was."""
+    """Return the log whose clock steps back by 0.1 s at `at_s` s, in the same order of arrival; `foot` is not used."""
     stamps, feet, order = log.stamp_ns.copy(), log.foot_ns.copy(), log.arrival()
     at = log.stamp_ns[0] + round(1e9 * at_s)
     stamps[stamps >= at] -= STEP_NS
@@ -95,7 +95,7 @@ def stepped_back(log: Log, at_s: float, foot: int) -> Log:
 
 
 def still_imu(log: Log, at_s: float, foot: int) -> Log:
-    """Return the log whose inertial unit repeats one row for half a second."""
+    """Return the log whose inertial unit repeats one row for half a second from `at_s` s on; `foot` is not used."""
     rows = np.flatnonzero((log.seconds >= at_s) & (log.seconds < at_s + STILL_S))
     w, q = log.w.copy(), log.q.copy()
     w[rows], q[rows] = w[rows[0]], q[rows[0]]
@@ -120,9 +120,9 @@ PLANTED: dict[str, Plant] = {
 
 
 def first_altered(log: Log, bad: Log, at_s: float) -> float:
-    """Return the time of the first sample from a time on that a fault has altered, s; infinity: there is none.
+    """Return the time since the start, s, of the first sample that a fault altered, at least `at_s`; inf: none.
 
-    Before it nothing can show the fault: a switch that is stuck on while its foot stands is right.
+    Before that sample nothing can show the fault: a switch that is stuck on while its foot stands is right.
     """
     feet = min(len(log.foot_ns), len(bad.foot_ns))
     altered = np.zeros(feet, dtype=np.bool_)
@@ -136,13 +136,13 @@ def first_altered(log: Log, bad: Log, at_s: float) -> float:
 
 
 def named(fault: str, foot: int, feet: int, found: Mapping[str, Ints]) -> tuple[Flags, Flags]:
-    """Return the rows, (n,) bool each, in which a fault is named, and in which a sensor is named that is sound.
+    """Return two flags per row, (n,) each: the estimator names the fault, and it names a sensor that is sound.
 
     Args:
         fault: name in `PLANTED`.
         foot: index of the foot at fault.
-        feet: their number.
-        found: sensors that the estimator names at each row, (n,) each, bit f for foot f, by kind.
+        feet: number of feet.
+        found: sensors that the estimator names as faulty at each row, (n,) each, bit f for foot f, by kind.
     """
     own, pair, every = 1 << foot, (1 << foot) | (1 << (foot ^ 1)), (1 << feet) - 1
     legs = {

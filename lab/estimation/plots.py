@@ -1,4 +1,4 @@
-"""Curves of a result: velocity with its band, tilt, NIS, contacts and sliding, the path."""
+"""Plots of an estimate: velocity with its band, tilt, NIS, contacts and sliding, the path."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ MAX_POINTS = 3000
 
 
 def draw(result: Result, path: Path) -> Path:
-    """Draw all curves into one SVG file."""
+    """Draw the plots of an estimate into one SVG file; return its path."""
     log, track = result.log, result.track
     every = max(1, len(log.stamp_ns) // MAX_POINTS)
     rows = slice(None, None, every)

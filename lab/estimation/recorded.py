@@ -124,7 +124,7 @@ def _truth(columns: Columns, robot: Robot) -> TrueMotion | None:
 
 
 def published(columns: Columns, robot: Robot) -> Track:
-    """Return `state/velocity` and `state/odometry` as the service published them while the log was made."""
+    """Return the recorded messages `state/velocity` and `state/odometry` of the estimator service as a track."""
     if "published_velocity_imu" not in columns:
         raise SurefootError("invalid", "the recording has no state/velocity", "state/velocity")
     to_imu = matrix_from_quat(robot.imu.quat_wxyz).T

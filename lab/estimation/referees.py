@@ -1,4 +1,4 @@
-"""Referees on logs of others: `track.PEERS`, kinematics and gyro alone, and those of GTSAM where it is installed."""
+"""Referees (estimators of others, for comparison) on logs: those of `track.PEERS`, `legs`, and those of GTSAM."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,7 @@ UNTUNED = ("inekf", "linear", "kinematics", "kinematics_gyro", "legs", *KINDS)
 
 
 def available(chosen: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names whose estimators are installed."""
+    """Return those of the names `chosen` whose estimators are installed."""
     return tuple(name for name in chosen if name not in KINDS or installed())
 
 

@@ -1,4 +1,4 @@
-"""Run an estimator over a log of any length: estimates to files piece by piece, and a summary."""
+"""Results of an estimator over a log of any length: estimates written to files piece by piece, and a summary."""
 
 import math
 import shutil
@@ -44,7 +44,7 @@ FILE_NAMES = {
 
 @dataclass(frozen=True)
 class Result:
-    """Estimates of a whole log, on disk or mapped from it, and their summary."""
+    """Result of an estimator over a whole log: estimates, on disk or mapped from it, summary and score."""
 
     log: Log
     track: Track
@@ -60,15 +60,15 @@ def estimate(
     progress: Callable[[float], None] = lambda share: None,
     **options: Any,
 ) -> Result:
-    """Run an estimator over a log; memory does not grow with the estimates.
+    """Run an estimator over a log, and return estimates (in files of a folder), summary and score.
 
     Args:
         log: what to run over.
-        name: of an estimator of the service, or `paper`.
-        folder: for one file per quantity; see `pack`.
+        name: name of an estimator of the service, or `paper`.
+        folder: gets one file per quantity, so that memory does not grow with the log; see `pack`.
         smoothed: forward and backward, in one piece, see `smooth`; memory holds both passes.
         progress: gets the share of the rows that is done.
-        options: changes of its parameters.
+        options: changes of the estimator's parameters.
     """
     n = len(log.stamp_ns)
     few = log.with_imu(np.arange(min(2, n))).with_feet(np.arange(min(2, len(log.foot_ns))))
@@ -170,7 +170,7 @@ def _rate(stamps: NDArray[np.int64]) -> float | None:
 
 
 def pack(folder: Path, out: Path) -> Path:
-    """Put the single files of a result into one NPZ, and remove them."""
+    """Put the single files of a result into one NPZ, remove them, and return the path of the NPZ."""
     with whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, True, compresslevel=1) as archive:
         for path in sorted(folder.glob("*.npy")):
             archive.write(path, path.name)

@@ -27,7 +27,7 @@ def begins(log: Log) -> Ints:
 
 
 def centre(log: Log) -> int:
-    """Return the constant sum of a stamp and its stamp in the reversed log, ns."""
+    """Return the sum of a stamp in a log and the same instant's stamp in the reversed log, which is constant, ns."""
     return int(begins(log)[0] + log.stamp_ns[-1])
 
 
@@ -46,8 +46,8 @@ def _backward(found: Externals, total: int) -> Externals:
 def reversed_log(log: Log) -> Log:
     """Return a log run backward, without truth, order of arrival, or standstill at its beginning.
 
-    A foot sample at the stamp of an inertial row is 1 ns later there: so the estimate at that row has the future of
-    both sensors, and nothing that the estimate of the log itself has.
+    A foot sample at the stamp of an inertial row is 1 ns later in the reversed log, so that the backward estimate at
+    that row uses only later samples of both sensors, and none that the forward estimate uses.
     """
     total = centre(log)
     back = {name: getattr(log, name) for name in ("touch", "force", "joints", "chance")}

@@ -22,7 +22,7 @@ NO_WAY_M, NO_SPEED = 1e-3, 1e-4
 
 @dataclass(frozen=True)
 class Score:
-    """Errors over the scored part of a log; NaN where the log is too short, or does not move."""
+    """Errors of an estimate over the scored part of a log; NaN where the log is too short or the robot stands."""
 
     rmse: float  # m/s, length of the velocity error, rms over rows
     smooth: float  # m/s, the same of the error's mean over 0.5 s, world axes
@@ -54,11 +54,11 @@ class Score:
 
 
 def score(log: Log, found: Track, lengths: Sequence[float] = trajectory.LENGTHS_M) -> Score:
-    """Compare a track with the truth of its log.
+    """Return the errors of a track against the truth of its log.
 
     Args:
         log: with truth.
-        found: track over it.
+        found: estimates over the log.
         lengths: of path for the relative pose error, m; the first that fits is taken.
     """
     truth, rows = log.known(), log.scored

@@ -52,8 +52,8 @@ LASTING_S = 2.0
 def smooth(name: str, log: Log, **options: Any) -> Track:
     """Return the smoothed track of a log; rows before the start of the forward pass have an estimate, too.
 
-    A pass weighs nothing where it has not started or its `filter_ok` is false, unless neither is better. Heading and
-    position are those of the forward pass at its start.
+    A pass has no weight at rows where it has not started or its `filter_ok` is false, unless this holds of both passes.
+    Heading and position are those of the forward pass at its start.
 
     Args:
         name: of the estimator; `best` alone has a covariance of all that is fused.
@@ -75,9 +75,9 @@ def smooth(name: str, log: Log, **options: Any) -> Track:
 
 
 def mirrored(found: Track, known: Flags) -> Track:
-    """Return a track over a reversed log in the rows of the log itself.
+    """Return a track over a reversed log with its rows in the order and signs of the log itself.
 
-    `known`: True for rows that the reversed log has, (n,); others count as not started.
+    `known`: True for rows that the reversed log has as well, (n,); the track counts as not started at others.
     """
     order = np.append(np.arange(len(known) - 2, -1, -1), 0)
     sign = np.repeat([1.0, -1.0, -1.0, 1.0], 3)

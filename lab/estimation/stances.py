@@ -57,7 +57,7 @@ class StanceNoise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StanceWindow:
-    """Samples of standing feet in one window, sorted by stance, averaged over N blocks."""
+    """Samples of standing feet in one time window of a log, sorted by stance, averaged over N blocks."""
 
     start_ns: int
     sample: Ints  # (M,) foot sample
@@ -68,7 +68,7 @@ class StanceWindow:
     inflation: Array  # (N,) variance of its stance over the usual one
 
     def averaged(self, x: Array) -> Array:
-        """Return the means over blocks, (N, ...), of values of the samples, (M, ...), in their unit."""
+        """Return the means over the N blocks, (N, ...), of values of the M samples, (M, ...), in the same unit."""
         sizes = np.diff(self.block, append=len(self.sample))
         return np.add.reduceat(x, self.block, axis=0) / sizes.reshape(-1, *(1,) * (x.ndim - 1))
 
@@ -83,13 +83,13 @@ class StanceWindow:
         return np.where(same, m - first, 0.0), m**2 * (3.0 * late - m) / 6.0, gyro, free
 
     def foot_covariance(self, noise: StanceNoise) -> Array:
-        """Return the covariance of feet and creep, (N, N) m^2, of each axis."""
+        """Return the covariance by sample noise and creep of the feet, (N, N) m^2, the same for each axis."""
         return noise.creep**2 * self.inflation * self._pairs[0] + np.diag(noise.foot**2 * self.inflation)
 
     def whitener(self, noise: StanceNoise) -> Array:
-        """Return the matrix that leaves independent residuals of unit variance, (N - free, N) 1/m.
+        """Return the matrix, (N - free, N) 1/m, that turns foot places into independent residuals of unit variance.
 
-        The `free` unknowns of the window, velocity, gravity and place of each stance, are taken out.
+        The matrix eliminates the `free` unknowns of the window: velocity, gravity and the place of each stance.
         """
         _, acc, gyro, free = self._pairs
         factor = np.linalg.cholesky(self.foot_covariance(noise) + noise.acc**2 * acc + noise.turn**2 * gyro)
@@ -264,13 +264,13 @@ def _window(log: Log, number: Ints, rows: Ints, start: int) -> StanceWindow | No
 
 
 def find_noise(windows: list[StanceWindow], residuals: list[Array], start: StanceNoise, sensor: float) -> StanceNoise:
-    """Return the noise of largest restricted likelihood.
+    """Return the noise of feet and IMU that has the largest restricted likelihood.
 
     Args:
         windows: of the log.
         residuals: places of the standing feet in each window, (N, 3) m, in a frame that falls and does not turn.
         start: first guess; its `turn` stays.
-        sensor: noise of the accelerometer as it is known, m/s^1.5.
+        sensor: known noise of the accelerometer, m/s^1.5.
     """
     some = slice(None, None, max(1, len(windows) // NOISE_WINDOWS))
     pairs = list(zip(windows[some], residuals[some], strict=True))

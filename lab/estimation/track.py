@@ -1,6 +1,6 @@
-"""Tracks of estimators over logs: one function for those of the service and for the referees.
+"""Tracks (estimates at each inertial row) over logs, of the estimators of the service and of referees.
 
-`LogRunner` is the only place that knows how the estimator of the service is fed.
+Referees are estimators of others, for comparison. Only `LogRunner` feeds the estimator of the service.
 """
 
 import math
@@ -37,7 +37,7 @@ LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk i
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Estimates at the n inertial rows of a log; a row that was refused repeats the one before."""
+    """Estimates at the n inertial rows of a log; a row that was refused repeats the estimate before it."""
 
     name: str
     v: Array  # (n, 3) m/s, IMU in IMU axes
@@ -80,10 +80,10 @@ def names() -> tuple[str, ...]:
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that is no estimator's.
+    """Check the name of an estimator.
 
     Raises:
-        SurefootError: there is none of this name; its text lists the names.
+        SurefootError: no estimator has this name; the text lists the names.
     """
     choice(name, "estimator", names())
 
@@ -94,7 +94,7 @@ def default() -> str:
 
 
 class LogRunner:
-    """Estimator of the service that is fed with the inputs of a log."""
+    """Runner of an estimator of the service, which feeds it with the inputs of a log."""
 
     def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
         self.name, self.feet_count = name, log.feet_count
@@ -165,12 +165,12 @@ class LogRunner:
 
     @property
     def externals(self) -> ExternalUse:
-        """Counts of the samples from elsewhere, and the frame of their poses."""
+        """Counts of the samples of other sources, such as a camera, and the frame of their poses."""
         return self._estimator.externals
 
     @property
     def refused(self) -> dict[str, int]:
-        """Refusals and gaps so far, by name."""
+        """Number of refused inputs and of gaps so far, by name of the reason."""
         return dict(self._estimator.check.counts)
 
     @property
@@ -289,9 +289,9 @@ def _reckoned(log: Log, first: int, at: Array, found: Track) -> tuple[Array, Tra
 
 
 def of_world(name: str, log: Log, found: PeerTrack) -> Track:
-    """Return the track of a referee that gives poses of the IMU in the world.
+    """Convert the result of a referee, which has poses of the IMU in the world, to a track.
 
-    A referee is an estimator of others that ours is compared with. `name`: of the referee; `log`: it ran over.
+    A referee is an estimator of others, for comparison. `name`: of the referee; `log`: the log that it ran over.
     """
     v, g, p, x, rot = found
     n = len(v)

@@ -1,4 +1,4 @@
-"""Measures of whole trajectories as the field prints them: relative pose error, absolute trajectory error, path.
+"""Measures of whole trajectories that are usual in the field: relative pose error, absolute trajectory error, path.
 
 A pair of rows i, j has the relative pose error E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) of true poses Q and estimated ones P
 (Sturm et al., IROS 2012; the same as `evo_rpe`); its length is that of the translation in E.
@@ -28,14 +28,17 @@ class Poses(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Rows between which relative poses are compared."""
+    """Pairs of rows between which relative poses are compared, as indices of first and last row."""
 
     first: Ints  # (k,)
     last: Ints  # (k,)
 
 
 def path_length(position: Array, seconds: Array) -> Array:
-    """Return the way so far, (n,) m, along positions (n, 3) m at times (n,) s, without their scatter row by row."""
+    """Return the path length from the start to each row, (n,) m, of positions (n, 3) m, without their row-to-row noise.
+
+    `seconds`: times of the rows, (n,) s.
+    """
     at = ((seconds - seconds[0]) / KNOT_S).astype(np.int64)
     count = np.bincount(at)
     full = count > 0
@@ -46,9 +49,9 @@ def path_length(position: Array, seconds: Array) -> Array:
 
 
 def pairs_by_path(way: Array, lengths: Sequence[float] = LENGTHS_M) -> tuple[float, Pairs]:
-    """Return the first of some lengths, m, that fits into a way (n,) m, NaN = none, and pairs of rows so far apart.
+    """Return the first of `lengths`, m, that fits into a path, NaN if none does, and pairs of rows so far apart.
 
-    `way`: way so far at each row, (n,) m.
+    `way`: path length from the start to each row, (n,) m.
     """
     total = float(way[-1])
     length = next((length for length in lengths if length <= total), float("nan"))
@@ -58,7 +61,7 @@ def pairs_by_path(way: Array, lengths: Sequence[float] = LENGTHS_M) -> tuple[flo
 
 
 def pairs_by_time(seconds: Array, apart: float = 1.0) -> Pairs:
-    """Return pairs of rows `apart` s apart; none if the times (n,) s do not reach so far."""
+    """Return pairs of rows `apart` s apart in time; none if the times (n,) s span less."""
     first = np.arange(0, len(seconds), max(1, len(seconds) // MOST_PAIRS))
     half = 0.5 * float(np.median(np.diff(seconds)))
     last = np.searchsorted(seconds, seconds[first] + apart - half)
@@ -77,7 +80,7 @@ def relative_error(true: Poses, seen: Poses, pairs: Pairs) -> Array:
 
 
 def height_error(true: Poses, seen: Poses, pairs: Pairs) -> Array:
-    """Return errors of the change of height between pairs of rows, (k,) m."""
+    """Return errors of the estimated change of height between the rows of each pair, (k,) m."""
     rise = seen.position[:, 2] - true.position[:, 2]
     return rise[pairs.last] - rise[pairs.first]
 

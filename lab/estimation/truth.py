@@ -1,4 +1,4 @@
-"""Truth of a log of others: motion of the IMU from the columns, with the velocity that captured positions allow."""
+"""True motion of the IMU in a log of others: from its columns, with velocities from captured positions if need be."""
 
 import numpy as np
 
@@ -85,9 +85,9 @@ def held_rows(position: Array, rot: Array, seconds: Array, window_s: float) -> F
 
 
 def over_window(v: Array, seconds: Array, window_s: float) -> Array:
-    """Return velocities as the truth has them, (n, 3) m/s: the slope of a cubic fitted to the way over the window.
+    """Return velocities smoothed as those of the truth are, (n, 3) m/s: slopes of cubics fitted to the path.
 
-    A velocity by captured positions lacks what is faster than its window; an estimate that has it is no worse for that.
+    A velocity from captured positions lacks motion faster than its window; smoothing makes an estimate comparable.
 
     Args:
         v: (n, 3) m/s, world.

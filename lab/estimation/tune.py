@@ -1,4 +1,4 @@
-"""Search for the noise of a referee that serves a set of logs best, on logs that are not scored."""
+"""Tuning of the noise parameters of an estimator for the least error on a set of logs, other than the scored ones."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -39,7 +39,7 @@ PENALTY = 1e3  # m/s, of a track that is not finite
 
 
 def start(name: str, log: Log) -> dict[str, Any]:
-    """Return the noise to begin with: that of the sensors of the log if they are known, else the defaults."""
+    """Return the noise parameters at which the search begins: those of the log's sensors if known, else defaults."""
     out: dict[str, Any] = {key: first for key, (first, _, _) in SEARCHED[name].items()}
     known: Mapping[str, Any] = log.sensors
     if log.robot is not None:
@@ -51,7 +51,7 @@ def start(name: str, log: Log) -> dict[str, Any]:
 
 
 def tune(name: str, logs: Sequence[Log], measure: str = "rmse") -> dict[str, Any]:
-    """Search the noise of an estimator for the least mean error.
+    """Search the noise parameters of an estimator that give the least mean error over some logs.
 
     Args:
         name: of an estimator; those without noise return no options.

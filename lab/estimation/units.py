@@ -1,4 +1,4 @@
-"""Wrong units and signs that a log itself gives away, each with the factor that mends it."""
+"""Checks for wrong units and signs in a log, each with the factor that corrects them."""
 
 import math
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ def check_units(log: Log) -> None:
     """Check gyro, accelerometer and feet against gravity and each other.
 
     Raises:
-        SurefootError: with the factor that would make it right.
+        SurefootError: a unit or sign is wrong; the text has the factor that corrects it.
     """
     good = np.asarray(np.isfinite(log.q).all(axis=1) & np.isfinite(log.w).all(axis=1), dtype=np.bool_)
     if not good.any():
@@ -96,7 +96,7 @@ def _means(x: Array, rows: int) -> Array:
 
 
 def quietest(log: Log) -> Noise:
-    """Return the noise of the inertial unit in the quiet part of a log, kept within what such units have."""
+    """Return the noise of the inertial unit in the quiet part of a log, limited to the range of real units."""
     good = np.isfinite(log.q).all(axis=1) & np.isfinite(log.w).all(axis=1)
     w, q = log.w[good], log.q[good]
     rows = max(10, round(QUIET_S / (1e-9 * float(np.median(np.diff(log.stamp_ns))))))

@@ -45,12 +45,12 @@ def cache_folder() -> Path:
 
 
 def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:
-    """Return a walk, from the cache if it is there.
+    """Return a recorded walk of a simulated robot, from the cache if it is there.
 
     Args:
-        name: of the set, see `SCENARIOS` and `VARIANTS`.
+        name: name of the walk, see `SCENARIOS` and `VARIANTS`.
         seed: of the scenario.
-        fresh: run it again: what the service published is then that of the present code.
+        fresh: run the scenario again, so that the published estimates are those of the present code.
     """
     plain, changes = VARIANTS.get(name, (name, {}))
     if plain not in SCENARIOS:

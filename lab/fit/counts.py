@@ -1,4 +1,4 @@
-"""Times of actions, and how many landmarks in view are matched: means over samples, with intervals."""
+"""Durations of actions, and probabilities that a landmark in view is matched, each with its interval."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ FULL = 0.99
 
 
 def twins(model: NavigationModel) -> list[tuple[str, ...]]:
-    """Return the actions with their mirror images, each once: the model asks for equal numbers of both."""
+    """Return the actions of a model in groups of an action and its mirror image, which share their numbers."""
     groups: dict[tuple[str, float, float], list[str]] = {}
     for name, action in model.actions.items():
         groups.setdefault((action.kind, action.forward, abs(action.turn_deg)), []).append(name)
@@ -27,12 +27,12 @@ def twins(model: NavigationModel) -> list[tuple[str, ...]]:
 
 
 def durations(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
-    """Write times of actions in a chain, extra times of switching between kinds, and frames of an action.
+    """Add to a result the durations of actions, extra times of switching between kinds, and camera frames per action.
 
     Args:
         runs: recordings.
-        model: names the actions.
-        found: result; actions that did not occur get no numbers.
+        model: navigation model, which names the actions.
+        found: result, changed in place; actions that did not occur get no numbers.
     """
     samples: dict[tuple[str, str], list[float]] = {}
     for run in runs:
@@ -91,17 +91,17 @@ def _mean(samples: Sequence[float]) -> Interval:
 
 
 def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
-    """Write the probability that a landmark in view is matched, by action; intervals count runs, not landmarks.
+    """Add to a result the probability, by action, that a landmark in view is matched; intervals are over runs.
 
-    Of images all matches count, and the density of the map's features is written, too: the probability goes with it.
+    Of images all matches count, and the density of the map's features is added: the probability depends on it.
     A frame of other cameras holds `sight.most` landmarks at most, so the share of the matched is less than that
     probability where many are matched. The probability p is the one at which as many as were matched are expected:
     sum over frames of E min(Binomial(in view, p), most).
 
     Args:
         runs: recordings.
-        model: names the actions.
-        found: result.
+        model: navigation model, which names the actions.
+        found: result, changed in place.
     """
     densities = [run.density for run in runs if run.density > 0.0]
     if densities:

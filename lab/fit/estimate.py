@@ -1,4 +1,4 @@
-"""Numbers of a robot from recordings, each with an interval: the likeliest noises, times, and match probabilities."""
+"""Fit of a navigation model to recordings of a robot: likeliest noises, times, match probabilities, with intervals."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -26,11 +26,11 @@ LEAN = 0.3
 def fit(
     runs: Sequence[Run], model: NavigationModel, progress: Callable[[float, str], None] = lambda share, step: None
 ) -> Fitted:
-    """Return the numbers of the robot that made the recordings.
+    """Return numbers of a navigation model fitted to the recordings of a robot, with 95 % intervals.
 
-    Noises that the recordings do not decide within a factor of 10 are left out, and so are ways and turns that do not
-    differ from the commanded ones within their intervals. An action and its mirror image are one: the model asks for
-    equal numbers.
+    Noises that the recordings do not decide within a factor of 10 are left out, and so are distances and turns that do
+    not differ from the commanded ones within their intervals. An action and its mirror image are one: the model asks
+    for equal numbers.
 
     Args:
         runs: events and times of each recording, as `events.read_run` returns them.

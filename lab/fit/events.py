@@ -37,12 +37,12 @@ GATE_WIDER = 1.5
 
 @dataclass
 class Run:
-    """One recording.
+    """Content of one recording of a navigating robot: motions, sightings and times.
 
     Attributes:
         path: file.
         start: x, y, yaw at the beginning, m and rad.
-        events: (n, COLUMNS).
+        events: rows of motions, frames and sightings, (n, COLUMNS); see `MOVE`, `FRAME`, `SEE`.
         durations: per (kind before, action) the times of the action, s.
         halts: per kind of action the times from its last landing until the robot stands, s.
         frames: per action name rows (landmarks in view, matched) of each frame; of an image all that it shows count.
@@ -59,11 +59,11 @@ class Run:
 
 
 def read_run(path: Path, model: NavigationModel, world: FloorLandmarks | None = None) -> Run:
-    """Return the events of a recording.
+    """Return motions, sightings and times of a recording.
 
     Args:
         path: MCAP file with the topics `KEYS`; state/landmarks may stand for hw/landmarks.
-        model: names the actions; its noises, widened, gate the matches.
+        model: navigation model: names of the actions, and noises by which matches are gated.
         world: map; None = terrain/landmarks of the recording.
 
     Raises:
@@ -231,7 +231,7 @@ class _RunReader:
 
 
 def in_view(mean: Array, world: FloorLandmarks, model: NavigationModel) -> int:
-    """Return how many landmarks lie in the footprint of the camera at a pose, x, y (m), heading (rad), (3,), map."""
+    """Return the number of landmarks in the camera's footprint at a pose `mean`: x, y (m), heading (rad), (3,), map."""
     sight = model.sight
     away = world.positions - mean[:2]
     r = np.hypot(away[:, 0], away[:, 1])

@@ -1,4 +1,4 @@
-"""Fewer events of the same content: motions between two sightings as one, frames without a sighting as time."""
+"""Reduction of the events of a recording: motions between two sightings are joined, frames without one add time."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ WHOLE = 1.0 + 1e-9
 
 
 def merged(events: Array) -> Array:
-    """Return the events with what lies between two sightings joined.
+    """Return the events of a recording, with motions and frames between two sightings joined.
 
     Motions of one action in a row become one motion, up to the whole action: the filter's prediction turns half-way
     through, so that many short ones and a long one differ by noise only in the second order. Errors that fade by

@@ -1,4 +1,4 @@
-"""A fitted model as a TOML file, with the interval of each number beside it."""
+"""Fitted model as a TOML file, with the interval of each number as a comment."""
 
 import os
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ from .result import Fitted, Interval
 
 
 def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:
-    """Return the text of a model that extends `base` with what was fitted.
+    """Return the TOML text of a model that extends the model `base` by the fitted numbers.
 
     Args:
-        found: numbers by dotted key.
+        found: fitted numbers by dotted key.
         base: name or file of the model that gives the rest.
-        recordings: names of the files.
+        recordings: names of the recordings.
     """
     tables: dict[str, list[str]] = {"": [f'extends = "{base}"', 'name = "fitted"']}
     for key, interval in found.values.items():
@@ -30,7 +30,7 @@ def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:
 
 
 def check_out(out: Path, base: str) -> None:
-    """Refuse a file that could not be loaded again (raises SurefootError).
+    """Refuse a name for the fitted model that is not *.toml, or that of its base (raises SurefootError).
 
     Args:
         out: file to write.

@@ -8,7 +8,7 @@ Z95 = 1.959964
 
 @dataclass(frozen=True)
 class Interval:
-    """A number and its 95 % interval."""
+    """Fitted number with its 95 % interval."""
 
     value: float
     low: float

@@ -1,4 +1,4 @@
-"""Search for the likeliest parameters, with their intervals."""
+"""Maximum-likelihood search for parameters of a navigation model, with their intervals."""
 
 import itertools
 import math
@@ -36,7 +36,7 @@ CENTRE = 0.41
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of the likelihood."""
+    """Parameter of the likelihood that is searched for, with its keys, unit and bounds."""
 
     index: int
     """Index of the parameter in `likelihood`."""
@@ -57,7 +57,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A parameter and its 95 % interval, SI units."""
+    """Fitted parameter and its 95 % interval, SI units."""
 
     value: float
     low: float
@@ -65,7 +65,9 @@ class FittedParameter:
 
 
 class Likelihood:
-    """-ln L of all recordings under many parameters at once, on all cores; the threads end with the context.
+    """Negative log-likelihood -ln L of all recordings under many parameter sets at once, computed on all cores.
+
+    A context manager, at whose end its threads end.
 
     Args:
         runs: recordings.
@@ -156,12 +158,12 @@ def estimate(
     sightings: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[dict[int, FittedParameter], float]:
-    """Return the likeliest parameters by index, and by how many nats they are likelier than theta.
+    """Return the likeliest parameters by index, and the gain of the log-likelihood over `theta`, nats.
 
-    Intervals come from `deviations`. A noise that is not known within `FACTOR`, and a way or turn that does not differ
-    from the commanded one, get the value of theta again and are left out of the result, the rest is searched anew. The
-    interval of a noise that does not differ from zero begins at zero. A noise without a likeliest value, but smaller
-    than in theta, has an interval that ends where the likelihood has fallen by `ENOUGH`.
+    Intervals come from `deviations`. A noise that is not known within `FACTOR`, and a distance or turn that does not
+    differ from the commanded one, get the value of theta again and are left out of the result; the rest is searched
+    anew. The interval of a noise that does not differ from zero begins at zero. A noise without a likeliest value, but
+    smaller than in theta, has an interval that ends where the likelihood has fallen by `ENOUGH`.
 
     Args:
         theta: begin of the search, (PARAMETERS,).

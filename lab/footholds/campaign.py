@@ -29,7 +29,7 @@ RESTARTS = 3
 
 @dataclass(frozen=True)
 class Trial:
-    """One walk of a campaign."""
+    """Settings of one walk of a campaign: seed, conditions, and the choice of footholds."""
 
     seed: int
     setting: Setting
@@ -40,7 +40,7 @@ class Trial:
 
     @property
     def name(self) -> str:
-        """Name of the trial in the file: equal names are equal walks."""
+        """Name of the trial in the sample file: equal names are equal walks."""
         s = self.setting
         amplitude = "" if s.amplitude is None else f"-{s.amplitude:g}"
         rule = "" if not self.model else f"-{Path(self.model).stem}-{self.explore:g}"
@@ -50,7 +50,7 @@ class Trial:
 def planned(
     grounds: Sequence[Setting], profiles: Sequence[str], seeds: Iterable[int], model: str = "", explore: float = 1.0
 ) -> list[Trial]:
-    """Return the trials of all grounds, map profiles and seeds, seed by seed."""
+    """Return one trial for each combination of ground, map profile and seed, sorted by seed."""
     return [
         Trial(seed, replace(setting, profile=profile), model, explore)
         for seed, setting, profile in itertools.product(seeds, grounds, profiles)
@@ -58,7 +58,7 @@ def planned(
 
 
 def walked(trial: Trial) -> list[StanceSample]:
-    """Walk a trial and return its samples."""
+    """Run the walk of a trial and return a sample for each of its stances."""
     rule = random_rule(trial.seed)
     if trial.model:
         rule = exploring_rule(trial.seed, trial.explore, model_rule(load(trial.model), SelectParams()))
@@ -71,7 +71,10 @@ def walked(trial: Trial) -> list[StanceSample]:
 
 
 def sample_of(stance: ChosenStance, ground: FootholdGround, trial: str) -> StanceSample:
-    """Return the sample of a stance: coefficients of the chosen cell, on the map that the choice was made on."""
+    """Return a stance as a learning sample: ground coefficients K1 to K4 of its cell, slip and load.
+
+    `ground`: the map on which the foothold was chosen; `trial`: name of the trial.
+    """
     return sample_at(
         ground, stance.planned, stance.nominal, stance.stroke, stance.sliding, (trial, stance.leg, stance.step),
         stance.displacement, stance.load,
@@ -79,7 +82,7 @@ def sample_of(stance: ChosenStance, ground: FootholdGround, trial: str) -> Stanc
 
 
 def read(path: Path) -> tuple[list[StanceSample], dict[str, int], int]:
-    """Read a sample file: samples of complete trials, their numbers by trial, lines that could not be read.
+    """Read a sample file: return the samples of complete trials, their number by trial, and the number of bad lines.
 
     Raises:
         SurefootError: the file cannot be read.
@@ -92,7 +95,7 @@ def read(path: Path) -> tuple[list[StanceSample], dict[str, int], int]:
 
 
 def append(path: Path, trial: str = "", samples: Sequence[StanceSample] = ()) -> None:
-    """Append a complete trial to a file, or nothing; a torn line before it stays a line of its own.
+    """Append the samples of a trial to a sample file, on new lines even after a line that was cut off.
 
     Raises:
         SurefootError: the folder cannot be written, or the disk is full.
@@ -110,12 +113,12 @@ def append(path: Path, trial: str = "", samples: Sequence[StanceSample] = ()) ->
 def collect(
     trials: Sequence[Trial], out: Path, jobs: int = 1, show: Callable[[Trial, int], None] = lambda trial, count: None
 ) -> int:
-    """Walk the trials that a file lacks and append their samples; returns how many trials were walked.
+    """Run the trials that a sample file lacks and append their samples; return how many trials were run.
 
     Args:
         trials: all trials of the campaign.
-        out: the file.
-        jobs: walks at a time, a process each.
+        out: the sample file.
+        jobs: number of walks at a time, each in a process.
         show: called with each trial that is done and its number of samples.
     """
     done = read(out)[1] if out.exists() else {}

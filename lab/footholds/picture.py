@@ -1,4 +1,4 @@
-"""Drawing of a slip model: P over (K1, K2), and the samples of its bins."""
+"""Drawings of a slip model: predicted slip P over ground coefficients K1 and K2, samples, and a scored map."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,7 +26,7 @@ def surface(model: LearnedModel, cos_k3: float = 0.0) -> tuple[np.ndarray, np.nd
 
 
 def draw(model: LearnedModel, path: Path) -> Path:
-    """Draw P for cos K3 = 0 and the samples of each bin; returns the path."""
+    """Draw the predicted slip P for cos K3 = 0 and the samples of each bin; return the path."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -48,7 +48,7 @@ def draw(model: LearnedModel, path: Path) -> Path:
 
 
 def draw_scored(layers: Mapping[str, np.ndarray], cell: float, origin: tuple[float, float], path: Path) -> Path:
-    """Draw heights, P, support and what is masked of a scored map; returns the path.
+    """Draw heights, predicted slip P, support and masked cells of a scored map; return the path.
 
     Args:
         layers: z, p, support, mask, (ny, nx) each.

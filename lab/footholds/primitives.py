@@ -1,8 +1,8 @@
 """Campaigns of ground primitives (Walas & Belter 2011, section 3.1), shared among simulators on the network.
 
-Every trial goes to whichever worker is free. The batch of a worker that
-fails goes to another one, and the worker is left out. Only this process writes the file, whole trials only, so none
-counts twice. Trials are pure functions of their names: the bins do not depend on which worker did which trial.
+A batch of trials goes to the next worker that is free. The batch of a worker that fails goes to another one, and that
+worker gets no more. Only this process writes the file, whole trials only, so that no trial counts twice. The name of
+a trial determines its result, on every worker.
 """
 
 import itertools
@@ -42,14 +42,14 @@ Worker = Callable[[ExperimentRequest], ExperimentReply]
 
 @dataclass(frozen=True)
 class PrimitiveJob:
-    """One trial of a campaign with a robot."""
+    """Trial of a campaign of ground primitives, with the robot that does it."""
 
     robot: Robot
     trial: PrimitiveTrial
 
     @cached_property
     def name(self) -> str:
-        """Name of the trial in the file: equal names are equal trials."""
+        """Name of the trial in the sample file: equal names are equal trials."""
         t = self.trial
         where = f"{t.primitive}-{t.height:g}-{math.degrees(t.yaw):.0f}-{t.offset:g}-{math.degrees(t.offset_yaw):.0f}"
         return f"{self.robot.name}-{where}-{t.friction:g}-{t.noise:g}-{t.stance}-{t.stroke:g}-{t.seed}"
@@ -63,14 +63,14 @@ def paper_trials(
     frictions: Sequence[float] = (0.5,), noise: float = 0.0, seeds: Sequence[int] = (0,), offset: float = 0.0,
     stance: str = "tripod",
 ) -> list[PrimitiveTrial]:  # fmt: skip
-    """Return the trials of the paper: seven primitives, four heights, every 45 deg that differs; 105 per set.
+    """Return the trials of Walas & Belter: seven primitives, four heights, each distinct turn by 45 deg; 105 per set.
 
     Args:
         frictions: coefficients of friction of the ground, a set of trials each.
         noise: standard deviation of the heights, m.
         seeds: seeds of noise and direction of the offset, a set of trials each.
-        offset: feet off the middle of the primitive, m.
-        stance: six or tripod.
+        offset: distance of the feet from the middle of the primitive, m.
+        stance: feet that stand, `six` or `tripod`.
     """
     out: list[PrimitiveTrial] = []
     for seed, friction, kind in itertools.product(seeds, frictions, PRIMITIVES):
@@ -86,7 +86,10 @@ def paper_trials(
 
 
 def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) -> list[StanceSample]:
-    """Return one sample for each stance foot: the coefficients under it, on the map as the service prepares it."""
+    """Return a learning sample of each foot of a trial: ground coefficients at its contact, slip and load.
+
+    `smooth`: the map gets a 3 x 3 median, as in the service.
+    """
     robot, trial = job.robot, job.trial
     feet = kinematics.foot_positions(robot.model, robot.neutral)[:, :2]
     ground = build_ground(primitive_ground(feet, trial).map, robot.foot_radius, smooth)
@@ -104,7 +107,7 @@ def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) ->
 
 
 def own_worker(robot: Robot) -> Worker:
-    """Return a worker of this process."""
+    """Return a worker that does its trials in this process."""
 
     def answer(request: ExperimentRequest) -> ExperimentReply:
         outcomes = tuple(outcome_of(robot, trial) for trial in request.trials)
@@ -117,7 +120,7 @@ def run_trials(
     robot: Robot, trials: Sequence[PrimitiveTrial], out: Path, workers: Sequence[Worker],
     show: Callable[[str, int], None] = lambda name, count: None,
 ) -> int:  # fmt: skip
-    """Append the samples of all trials that a file lacks; returns how many trials were done.
+    """Do the trials that a sample file lacks and append their samples; return how many were done.
 
     Args:
         robot: robot that every worker must simulate.

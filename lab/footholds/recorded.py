@@ -1,10 +1,10 @@
-"""Stances of a recorded walk as samples, whoever commanded it: slip as the estimator measured it, no choice of ours.
+"""Stances of a recorded walk as learning samples: slip by the estimator, footholds as the robot placed them.
 
 The stroke f of a stance is the movement of its foot relative to the trunk from the stance's begin to its end,
 
     f = R_0 (R_1^T (p - b_1) - R_0^T (p - b_0)),   p the foot, b and R place and heading of the trunk, odom.
 
-Footholds are looked up in the recorded map, laid over odom as the walker does; without a map the ground is a plane.
+Footholds are looked up in the recorded map, whose frame is taken as odom; without a map the ground is a plane.
 """
 
 import math
@@ -34,16 +34,18 @@ MOST_CELLS = 4_000_000
 def samples_of(
     path: Path, robot: Robot, smooth: bool = True, progress: Callable[[float], None] | None = None
 ) -> list[StanceSample]:
-    """Return the samples of the healthy stances of the last run of a recording.
+    """Return a learning sample for each stance in the last epoch of a recording (after the last reset).
+
+    Stances in which an encoder or the switch of the foot failed (`healthy` is false) are left out.
 
     Args:
-        path: MCAP file with `state/odometry`; its name names the trial.
-        robot: that walked.
-        smooth: 3 x 3 median over the map.
-        progress: gets the share of the recording that is read.
+        path: MCAP file with `state/odometry`; its file name becomes the name of the trial.
+        robot: description of the robot that walked.
+        smooth: the map gets a 3 x 3 median.
+        progress: gets the share of the recording that is read, 0 to 1.
 
     Raises:
-        SurefootError: the file cannot be read, or holds no stance.
+        SurefootError: the file cannot be read, or holds no such stance.
     """
     ground, poses, epoch = None, list[Odometry](), -1
     for item in read_recording(path, (TERRAIN_MAP.key, STATE_ODOMETRY.key), progress):

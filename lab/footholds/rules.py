@@ -1,4 +1,4 @@
-"""Rules that choose footholds: the choice of the service under any slip model, and random draws."""
+"""Rules that choose the footholds of simulated walks: the choice of the service by a slip model, or random draws."""
 
 import math
 from collections.abc import Sequence
@@ -29,12 +29,12 @@ def model_rule(model: SlipModel, params: SelectParams) -> Rule:
 
 
 def random_rule(seed: int) -> Rule:
-    """Return the rule that draws a cell of the window for each leg; equal seeds give equal draws."""
+    """Return the rule that draws each foothold from the free cells of the leg's window; equal seeds, equal draws."""
     return exploring_rule(seed, 1.0, model_rule(HandScore(), SelectParams()))
 
 
 def exploring_rule(seed: int, share: float, rule: Rule) -> Rule:
-    """Return `rule`, with a share of steps whose footholds are drawn at random."""
+    """Return a rule that follows `rule`, but draws the footholds of a share (0 to 1) of the steps at random."""
     if not (math.isfinite(share) and 0.0 <= share <= 1.0):
         raise ValueError(f"share must be between 0 and 1, got {share!r}")
 

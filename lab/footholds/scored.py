@@ -1,4 +1,4 @@
-"""The ground of a map file scored by a slip model, without a running system."""
+"""Scoring of the ground of a map file by a slip model, without a running system."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ def read_map(path: Path) -> HeightMap:
     """Read a height map of any format, or the last grid_map of a bag.
 
     Raises:
-        SurefootError: absent, or not a map.
+        SurefootError: the file is absent, or not a map.
     """
     try:
         path.stat()
@@ -37,10 +37,10 @@ def read_map(path: Path) -> HeightMap:
 def score_map(
     heights: HeightMap, model: SlipModel, foot_radius: float, stroke: tuple[float, float, float], smooth: bool
 ) -> Assessment:
-    """Return the layers `LAYERS` of a whole map.
+    """Return the layers `LAYERS` (heights, ground coefficients, predicted slip, masks ...) for all cells of a map.
 
     Raises:
-        SurefootError: the model does not hold on this map.
+        SurefootError: the model was learned for another cell size, smoothing or foot.
     """
     unfit = model.unfit(heights.cell, smooth, foot_radius)
     if unfit:

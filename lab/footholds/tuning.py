@@ -1,4 +1,4 @@
-"""The weight k of K4 chosen by whole walks: single steps prefer other values than walks do."""
+"""Choice of the weight k of the distance K4 to the nominal foothold, by whole walks: single steps prefer others."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from .walks import Setting, walk
 
 @dataclass(frozen=True)
 class Tried:
-    """Walks under one weight on all grounds and seeds."""
+    """Result of the walks under one weight, over all grounds and seeds."""
 
     weight: float
     """Weight k of the way to the foothold that was tried, 1/m."""
@@ -26,7 +26,7 @@ class Tried:
 
     @property
     def mean(self) -> float:
-        """Geometric mean over the grounds, mm: no ground outweighs the others by its roughness."""
+        """Geometric mean of the sliding over the grounds, mm, so that rough grounds do not outweigh the others."""
         return float(np.exp(np.mean(np.log(self.sliding_mm))))
 
 
@@ -34,7 +34,10 @@ def try_weights(
     model: LearnedModel, grounds: Sequence[Setting], seeds: Iterable[int], weights: Sequence[float], jobs: int = 1,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Tried]:  # fmt: skip
-    """Walk every ground and seed under every weight; seeds must not be those of a comparison."""
+    """Walk on every ground and seed under every weight; return the result of each weight.
+
+    `seeds`: training seeds, not those of a later comparison; `progress`: gets the share that is done.
+    """
     wanted = list(seeds)
     out: list[Tried] = []
     with worker_processes(jobs) as pool:
@@ -51,7 +54,7 @@ def try_weights(
 
 
 def best_of(tried: Sequence[Tried]) -> Tried:
-    """Return the weight with the fewest failed walks, then the least sliding."""
+    """Return the result of the weight with the fewest failed walks, then with the least sliding."""
     return min(tried, key=lambda each: (each.failed, each.mean))
 
 

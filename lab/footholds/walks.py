@@ -1,6 +1,6 @@
 """Walks of a hexapod under a rule that chooses its footholds, and the outcome of every stance.
 
-Truth is read for the outcomes of stances and the verdict, never by walker or rule.
+Outcomes and verdict come from the truth of the simulation; neither the walker nor the rule reads it.
 """
 
 import math
@@ -60,7 +60,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class ChosenStance:
-    """One finished stance with the choice that began it."""
+    """Outcome of one finished stance, with the choice of the foothold that began it."""
 
     leg: int
     """Index in the robot description."""
@@ -127,7 +127,7 @@ class _PendingChoice(NamedTuple):
 
 
 class StanceObserver:
-    """Follows the feet of a simulated walk by the truth, and records each finished stance with its choice."""
+    """Observer of a simulated walk, which records each finished stance, by the truth, with the choice that began it."""
 
     def __init__(self, world: PhysicsWorld) -> None:
         self.tilt = 0.0
@@ -146,11 +146,11 @@ class StanceObserver:
         self._load, self._ticks, self._swung = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_)
 
     def chose(self, step: int, request: FootholdRequest, planned: tuple[float, float]) -> None:
-        """Record a choice; it belongs to the next stance of its leg."""
+        """Record the choice of a foothold, which belongs to the next stance of its leg."""
         self._chosen[request.leg] = _PendingChoice(step, request, planned)
 
     def look(self, world: PhysicsWorld) -> bool:
-        """Read the state after a tick; return whether the robot has fallen."""
+        """Read the true state of the world after a tick; return True if the robot has fallen."""
         truth, feet = world.truth(), world.tracker.feet
         self.tilt = max(self.tilt, truth.tilt)
         for foot in np.flatnonzero(truth.stances > self._stances):
@@ -184,7 +184,7 @@ class StanceObserver:
 
 
 class RuleSelector:
-    """Foothold selector of a walk: asks a rule and reports its choices to an observer."""
+    """Foothold selector of a walk, which gets footholds from a rule and passes its choices to an observer."""
 
     def __init__(self, robot: Robot, ground: FootholdGround, rule: Rule | None, stances: StanceObserver) -> None:
         self.robot, self.ground, self.rule, self.stances = robot, ground, rule, stances
@@ -207,7 +207,7 @@ class RuleSelector:
 
 
 class JoinedWalk(JoinedLoop):
-    """One walk over a terrain, tick by tick; without a rule feet land on their nominal footholds."""
+    """Simulated walk over a terrain, tick by tick; without a rule the feet land on their nominal footholds."""
 
     def __init__(
         self, seed: int, setting: Setting, rule: Rule | None, ground: tuple[Terrain, HeightMap] | None = None
@@ -229,7 +229,7 @@ class JoinedWalk(JoinedLoop):
         self.unreachable, self.margin = 0, math.inf
 
     def tick(self) -> bool:
-        """Advance by one tick; returns whether the walk goes on."""
+        """Advance by one tick; return True while the walk goes on."""
         out = self.decide()
         self.unreachable += out.unreachable
         self.margin = self.margin if out.margin is None else min(self.margin, out.margin)
@@ -272,7 +272,7 @@ class JoinedWalk(JoinedLoop):
 def walk(
     seed: int, setting: Setting, rule: Rule | None = None, ground: tuple[Terrain, HeightMap] | None = None
 ) -> WalkVerdict:
-    """Walk to the end, a refusal, a fall or the time limit; returns the verdict.
+    """Simulate a walk to its end, a refusal, a fall or the time limit; return the verdict.
 
     Args:
         seed: of ground, map and sensors.

@@ -26,7 +26,7 @@ def remote_worker(client: Client, patience_s: float = PATIENCE_S) -> Worker:
 
 @contextmanager
 def remote_workers(places: Sequence[str], patience_s: float = PATIENCE_S) -> Iterator[list[Worker]]:
-    """Connect to simulators.
+    """Connect to simulators, and yield a worker for each.
 
     Args:
         places: `namespace@endpoint` of each simulator, e.g. `surefoot/ragno@tcp/127.0.0.1:7447`.

@@ -1,4 +1,4 @@
-"""Landmark map from a recording: association by look, then all places and poses at once.
+"""Landmark map from a recording: detections are associated by descriptor, then all places and poses are fitted.
 
 Unknown are the poses x_f = (t_f, theta_f) of the frames and the places l_j of the landmarks. The sum of the squares of
 
@@ -6,7 +6,7 @@ Unknown are the poses x_f = (t_f, theta_f) of the frames and the places l_j of t
     (R(theta_f)^T (t_f+1 - t_f) - that by odometry)/sigma_t,  (theta_f+1 - theta_f - that)/sigma_theta   between frames
 
 is made least by the method of Gauss and Newton, weights of large residuals reduced (Huber, 1964); the first pose is
-held. Detections that do not fit in the end are left out, and landmarks with too few.
+fixed. Detections that do not fit in the end are left out, and landmarks with too few.
 """
 
 import math
@@ -32,7 +32,7 @@ LOOKED_AT = 25
 
 @dataclass(frozen=True, eq=False)
 class BuiltMap:
-    """Map with the residuals of its fit."""
+    """Landmark map that was built from a recording, with the residuals of its fit."""
 
     world: FloorLandmarks
     """The landmarks, in the frame of the poses."""
@@ -70,7 +70,7 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
     Args:
         seen: detections and odometry.
         options: None = the defaults of `BuildOptions`.
-        source: named in the map.
+        source: name of the source, kept in the map.
 
     Raises:
         SurefootError: no landmark was seen often enough, or, without `look_sd`, none in two frames in a row.
@@ -83,14 +83,14 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
 def fitted(
     seen: Sightings, track: Index, look_sd: float, options: BuildOptions, source: str, start: Array | None = None
 ) -> BuiltMap:  # fmt: skip
-    """Return the map of detections whose landmarks are known.
+    """Return the landmark map fitted to detections, each of which belongs to a known landmark.
 
     Args:
         seen: detections and odometry.
         track: landmark of each detection, (m,).
         look_sd: noise of the descriptors, kept in the result.
         options: noise, and which errors are common to all detections.
-        source: named in the map.
+        source: name of the source, kept in the map.
         start: poses to begin with, (f, 3) m and rad; None = those of the odometry.
 
     Raises:
@@ -151,10 +151,10 @@ def estimated_look_noise(seen: Sightings) -> float:
 
 
 def associate(seen: Sightings, look_sd: float, options: BuildOptions) -> Index:
-    """Return the landmark of each of m detections, numbered in the order of their first sight, (m,).
+    """Return the landmark number of each of m detections, (m,), in the order in which landmarks are first detected.
 
-    A detection is the landmark that looks alike within noise and lies where it should by odometry; the slack grows with
-    the way since the landmark was seen last.
+    A detection belongs to the landmark whose descriptor is equal within noise and whose place agrees by odometry; the
+    tolerance grows with the distance walked since that landmark was last seen.
 
     Args:
         seen: detections and odometry.
@@ -224,10 +224,10 @@ def _improve(
 
 
 def drift_of(factor: SuperLU, frames: int) -> float:
-    """Return the largest distance of a pose from where it is, one standard deviation, the first one held, m.
+    """Return the largest standard deviation of a pose's position, m, the first pose being fixed.
 
     Args:
-        factor: of the normal matrix, poses first.
+        factor: factorised normal matrix, poses first.
         frames: number of poses; `LOOKED_AT` of them are looked at.
     """
     largest = 0.0

@@ -1,7 +1,7 @@
 """Equations of a landmark map: residuals of detections, odometry and common errors, and their derivative.
 
-Unknown are the poses x_f = (t_f, theta_f) of the frames, the places l_j of the landmarks, and the errors that
-detections or ways share, in this order.
+The unknowns are, in this order, the poses x_f = (t_f, theta_f) of the frames, the places l_j of the landmarks, and
+the errors that detections, or distances by odometry, share.
 """
 
 import math
@@ -25,7 +25,7 @@ HUBER = 2.0
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Noise of the sensors, and conditions for keeping a landmark."""
+    """Settings of map building: noise of the sensors, and conditions for keeping a landmark."""
 
     range_share: float = 0.03
     """Standard deviation of a range as a share of the range."""
@@ -59,7 +59,7 @@ class BuildOptions:
 
 
 def relative(options: BuildOptions, ranges: Array) -> Array:
-    """Return the standard deviations of ranges (n,) m, as parts of them."""
+    """Return the standard deviations of ranges (n,) m, as shares of the ranges, (n,), no unit."""
     return np.hypot(options.range_share, options.range_sd / ranges)
 
 
@@ -80,7 +80,7 @@ def geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tupl
 
 
 def residuals(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> Array:
-    """Return the residuals of range and bearing in standard deviations, (m, 2).
+    """Return the residuals of range and bearing, in multiples of their standard deviations, (m, 2).
 
     `track` (m,): landmark of each detection; `poses` (f, 3): x, y (m), heading (rad); `places` (k, 2) m, map.
     """
@@ -91,17 +91,17 @@ def residuals(seen: Sightings, track: Index, poses: Array, places: Array, option
 def system(
     seen: Sightings, track: Index, poses: Array, places: Array, common: Array, options: BuildOptions
 ) -> tuple[sparse.csc_matrix, Array]:
-    """Return the derivative of all residuals by all that is unknown, and the residuals, in standard deviations.
+    """Return the derivative of all residuals by all unknowns, and the residuals, in standard deviations.
 
-    The first pose is held, the common errors are near 0.
+    The first pose is fixed, and the common errors have a prior about 0.
 
     Args:
         seen: detections and odometry.
         track: landmark of each of m detections, (m,).
         poses: x, y (m), heading (rad) of f frames, (f, 3).
         places: of k landmarks, (k, 2) m.
-        common: errors that all detections share, the part by which all ways are too long, and the errors of the
-            detections of each frame, (c,).
+        common: errors that all detections share, share by which distances by odometry are too long, and the errors of
+            the detections of each frame, (c,).
         options: noise.
 
     Returns:
@@ -189,9 +189,9 @@ def _walked(
 
 
 def errors_of(common: Array, options: BuildOptions) -> tuple[Array, Array]:
-    """Return the errors of all detections, (b,), and of those of each of f frames, (f, s).
+    """Return the errors that all detections share, (b,), and those that the detections of each frame share, (f, s).
 
-    `common` (b + 1 + f s,): these errors in a row, with that of the ways between.
+    `common` (b + 1 + f s,): these errors in a row, with the scale error of odometry between them.
     """
     bends, sways = len(options.bend_sds), len(options.sway_sds)
     return common[:bends], common[bends + 1 :].reshape(-1, max(1, sways))[:, :sways]

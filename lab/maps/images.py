@@ -1,8 +1,8 @@
 """Map of features from images of a walk, or from a photograph of the floor.
 
-A feature is tracked from image to image by place and look. With exact poses its place is the mean of its sightings;
-with those of the estimator or the navigator all poses and places are improved together (`.build`), so that a floor that
-is seen again closes the loop.
+A feature is tracked from image to image by place and descriptor. With exact poses its place is the mean of its
+sightings; with those of the estimator or the navigator all poses and places are improved together (`.build`), so that a
+floor that is seen again closes the loop.
 """
 
 import math
@@ -44,11 +44,11 @@ TILE, OVERLAP = 1000, 60
 def map_of(
     looks: list[FloorLook], eye: Eye, camera: str, source: str, exact: bool, least: int = 3, per_m2: float = PER_M2
 ) -> FeatureMap:
-    """Return the map of images; what all images of the walk have wrong in common is taken off first, see `turned`.
+    """Return the feature map of images, without the camera and floor errors that they all share, see `turned`.
 
     Args:
         looks: features and poses of the images, in order.
-        eye: its extractor and patch found them.
+        eye: feature extractor and floor patch that found them.
         camera: the camera in words, kept in the map.
         source: origin of the images in words, kept in the map.
         exact: the poses are exact; else they are improved together with the places.
@@ -103,7 +103,7 @@ def read_looks(path: Path, eye: Eye, source: str | None) -> tuple[list[FloorLook
 def looks_of(messages: Iterable[tuple[str, Any]], eye: Eye, source: str, robot: Robot) -> list[FloorLook]:
     """Return features and poses of the images among the messages of one run, in order.
 
-    Images that the eye finds fault with, or without odometry and joints close in time, are left out.
+    Images that `eye` rejects, or without odometry and joints close in time, are left out.
 
     Args:
         messages: key and message of each, in any order.
@@ -112,7 +112,7 @@ def looks_of(messages: Iterable[tuple[str, Any]], eye: Eye, source: str, robot: 
         robot: its feet give the height of the camera over the floor.
 
     Raises:
-        Refusal: an image is none, or its camera does not look at the floor.
+        Refusal: a message holds no valid image, or its camera does not look at the floor.
     """
     rank = {HW_IMAGE.key: 1}
     order = sorted(messages, key=lambda item: (item[1].tick, rank.get(item[0], 0)))

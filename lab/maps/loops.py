@@ -59,10 +59,10 @@ def sightings_of(looks: list[FloorLook], tracks: NDArray[np.int64], used: NDArra
 
 
 def closed(looks: list[FloorLook], kind: Kind, least: int, rounds: int = 3) -> tuple[list[FloorLook], float]:
-    """Return the looks with poses that fit together, as a camera that stands straight has them, and their drift.
+    """Return the features of images with corrected poses (closed loops) and without camera tilt, and the drift left.
 
-    At first the images alone improve the odometry; then a floor that is seen again is recognised within the drift that
-    is left, so that one that repeats is not taken for its neighbour.
+    First the images alone improve the odometry; then a floor that is seen again is recognised within the remaining
+    drift, so that a repetitive floor is not taken for its neighbour.
 
     Args:
         looks: features and poses of the images of a walk, in order.
@@ -71,7 +71,7 @@ def closed(looks: list[FloorLook], kind: Kind, least: int, rounds: int = 3) -> t
         rounds: number of times that features are tracked and poses improved.
 
     Returns:
-        Looks, and the largest distance of a pose from where it is, the first one held, one standard deviation, m.
+        Features with poses, and the largest standard deviation of a pose, m, the first one being fixed.
 
     Raises:
         SurefootError: no feature was seen often enough, or a camera is not above the floor.

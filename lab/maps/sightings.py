@@ -1,4 +1,4 @@
-"""Sightings of a recording: detections of landmarks, and the believed poses of the robot."""
+"""Detections of landmarks in a recording, and the estimated poses of the robot at which they were made."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -34,11 +34,11 @@ class Sightings:
     """Effect of k errors that all detections share on range, m, and bearing, rad, per unit of each error, (m, 2, k)."""
 
     def straightened(self, errors: Array, sway: Array) -> "Sightings":
-        """Return the sightings without the errors that all share and those that the detections of a frame share.
+        """Return the detections corrected for errors that all share, and for those that each frame's detections share.
 
         Args:
-            errors: that all share, (k,), one for each column of `bends`; (0,) = nothing is taken off.
-            sway: that the detections of each frame share, (n, s), s <= k, for the first s columns of `bends`.
+            errors: those that all share, (k,), one for each column of `bends`; (0,) = no correction.
+            sway: those that the detections of each frame share, (n, s), s <= k, for the first s columns of `bends`.
         """
         if not len(errors):
             return self
@@ -49,10 +49,10 @@ class Sightings:
 
 
 def read_sightings(path: Path, progress: Callable[[float], None] | None = None) -> Sightings:
-    """Return the sightings of a recording: poses from `state/pose` where it is recorded, else from `state/odometry`.
+    """Return the detections of a recording, with poses from `state/pose` where recorded, else from `state/odometry`.
 
-    A frame belongs to the last pose at or before its stamp. Only the last epoch counts. Frames without detections and
-    frames before the pose is initialised are left out. Truth is not read.
+    A frame belongs to the last pose at or before its stamp. Only the last epoch (after the last reset) counts. Frames
+    without detections and frames before the pose is initialised are left out. Truth is not read.
 
     Args:
         path: MCAP file.

@@ -1,4 +1,4 @@
-"""Summary of a map file: its numbers, and problems of its use."""
+"""Summary of a map file: its numbers, and problems that make it hard to use."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ FEW = 5.0
 
 @dataclass(frozen=True)
 class Summary:
-    """Content of a map file in words and numbers."""
+    """Summary of a map file: facts by name, and problems in words."""
 
     facts: dict[str, Any]
     """Facts about the map by name, in the order shown."""
@@ -71,7 +71,7 @@ def _landmarks(world: FloorLandmarks) -> Summary:
 
 
 def copied(world: FloorLandmarks) -> int:
-    """Return the number of landmarks that look like another one of the map."""
+    """Return the number of landmarks whose descriptor is close to that of another landmark of the map."""
     looks, n = world.descriptors, len(world)
     squares, count = (looks**2).sum(axis=1), 0
     sample = looks[:: max(1, n // 500)]

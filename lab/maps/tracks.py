@@ -1,4 +1,4 @@
-"""Features of the floor, each tracked from image to image by place and look."""
+"""Features of the floor, each tracked from image to image by place and descriptor."""
 
 import math
 from dataclasses import dataclass, fields
@@ -70,14 +70,14 @@ class Tracks:
         return Tracks(self.kind, *(getattr(self, each.name)[which] for each in fields(self)[1:]))
 
     def grown(self, room: int) -> "Tracks":
-        """Return these tracks with zeros behind them, `room` tracks in all."""
+        """Return these tracks, extended by zeros to `room` tracks."""
         more: list[Any] = [getattr(self, each.name) for each in fields(self)[1:]]
         longer: list[Any] = [np.concatenate((a, np.zeros((room - len(a), *a.shape[1:]), a.dtype))) for a in more]
         return Tracks(self.kind, *longer)
 
 
 def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
-    """Return descriptors as numbers (n, b) whose mean has a meaning, no unit: single bits (orb), else as they are.
+    """Return descriptors as numbers (n, b), no unit, of which means can be taken: single bits of ORB, those of SIFT.
 
     `descriptors`: (n, d), bytes of ORB or numbers of SIFT; b = 8 d for ORB, else d.
     """
@@ -85,12 +85,12 @@ def numbers(kind: Kind, descriptors: NDArray[Any]) -> Array:
 
 
 def track(looks: list[FloorLook], kind: Kind, drift: float, later: bool = True) -> tuple[Tracks, Index]:
-    """Return the features of images, and the index of the feature of each sighting in order, (sightings,).
+    """Return the features of images, tracked over them, and the feature index of each sighting in order, (sightings,).
 
     Args:
         looks: features and poses of the images of a walk, in order.
         kind: of the descriptors.
-        drift: part of the way by which its poses drift, one standard deviation; 0 = they are exact.
+        drift: share of the distance walked by which poses drift, one standard deviation; 0 = they are exact.
         later: features of poses that drift are recognised in later passages as well.
     """
     kept, total = Tracks.none(kind), 0
@@ -211,7 +211,7 @@ def often_seen(found: Tracks, least: int) -> NDArray[np.int64]:
     """Return the indices of the features of `least` sightings or more, (k,).
 
     Raises:
-        SurefootError: there are no two.
+        SurefootError: there are fewer than two.
     """
     kept = np.flatnonzero(found.count >= least)
     if len(kept) < 2:

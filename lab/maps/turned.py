@@ -1,4 +1,4 @@
-"""Errors of the camera of a walk and of its floor that all images share, by the features that they show.
+"""Errors of camera and floor that all images of a walk share, estimated from the features in the images.
 
 A camera pitched by p and rolled by q too far, on a floor that leans by (f, g) about the axes of the map, turned aside
 by s and set off by (u, v), shows a feature at
@@ -31,7 +31,7 @@ PLACE_SD, HUBER, ROUNDS = 0.01, 0.02, 5
 
 
 class FloorLook(NamedTuple):
-    """Features of one image, and the pose it was taken from."""
+    """Features of one image of the floor, and the pose it was taken from."""
 
     pose: tuple[float, float, float]
     """Pose of base_link, x, y in m and heading in rad, frame map or odom."""
@@ -58,7 +58,7 @@ def tilts(places: Array, camera: tuple[float, float, float]) -> Array:
 
 
 def effects(look: FloorLook, free: int = ALL) -> Array:
-    """Return the derivative of the seen places of a look by seven errors of camera and floor, (n, 2, 7), m/rad or 1.
+    """Return the derivative of an image's feature places by seven errors of camera and floor, (n, 2, 7), m/rad or 1.
 
     Places are in heading axes of base_link. The errors are pitch p and roll q of the camera, lean f, g of the floor,
     turn aside s, rad, shift u, v, m; columns beyond `free` are 0.
@@ -79,10 +79,10 @@ def turn_of(heading: float) -> Array:
 
 
 def check_cameras(looks: list[FloorLook]) -> None:
-    """Check the cameras of the looks of a walk.
+    """Check that the cameras of the images of a walk are above the floor.
 
     Raises:
-        InvalidField: one is not above the floor.
+        InvalidField: one is not.
     """
     for number, look in enumerate(looks):
         if not 0.0 < look.camera[2] < math.inf:
@@ -135,7 +135,7 @@ def _centred(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) 
 
 
 def set_right(looks: list[FloorLook], error: Array) -> list[FloorLook]:
-    """Return the looks of a walk as a camera without errors sees them, on a floor that does not lean.
+    """Return the features of a walk as a camera without errors would place them, on a level floor.
 
     `error`: pitch, roll, lean of the floor (2), turn aside, rad, and shift (2), m, (7,).
     """

@@ -1,4 +1,4 @@
-"""Plots over time as data for the page's charts, which zoom together and follow the replay."""
+"""Plots of a run over time as data for the charts of the report page, which zoom together and follow the replay."""
 
 import math
 from collections.abc import Mapping
@@ -30,7 +30,10 @@ Chart = dict[str, Any]
 def charts(
     traces: Traces, feet: tuple[str, ...], limits: Mapping[str, float], worst: tuple[Moment, ...]
 ) -> list[Chart]:
-    """Return every chart that the traces have data for."""
+    """Return every chart that the traces of a run have data for, as dicts that the page draws.
+
+    `feet`: names of the legs in message order; `limits`: by key of `LIMITS`, drawn as lines; `worst`: moments to mark.
+    """
     truth, velocity = traces.series("sim/truth"), traces.series("state/velocity")
     stability, odometry = traces.series("state/stability"), traces.series("state/odometry")
     found: list[Chart] = []

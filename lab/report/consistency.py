@@ -24,10 +24,10 @@ OVERCONFIDENT, CAUTIOUS = 1.5, 0.5
 
 @dataclass(frozen=True)
 class ConsistencyTest:
-    """Normalised squares over time.
+    """Normalised squares (NEES of errors, or NIS of innovations) of one quantity over time.
 
     Attributes:
-        name: what was normalised.
+        name: the quantity.
         dof: degrees of freedom.
         rows: time, s, and value, (n, 2).
     """
@@ -38,12 +38,12 @@ class ConsistencyTest:
 
     @property
     def bound(self) -> float:
-        """Value below which 95 % lie if the filter is consistent."""
+        """Value below which 95 % of the normalised squares lie if the filter is consistent."""
         return float(chdtri(self.dof, 1.0 - BOUND))
 
     @property
     def mean(self) -> float:
-        """Mean over degrees of freedom; 1 if the filter is consistent."""
+        """Mean of the normalised squares over the degrees of freedom; 1 if the filter is consistent."""
         return float(self.rows[:, 1].mean() / self.dof)
 
     @property

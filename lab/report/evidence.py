@@ -1,6 +1,6 @@
-"""Evidence in a recording: each function looks for one kind of fault, and returns when it was seen and what was seen.
+"""Evidence of faults in a recording: each function looks for one kind of fault and returns when and what it found.
 
-Truth of a simulation is used where a recording has it, as a bystander would; injected faults are not read anywhere.
+The truth of a simulation is used where a recording has it; injected faults are not read anywhere.
 """
 
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class Clue:
 
 
 def services(s: Signals) -> list[Clue]:
-    """Find services that leave the roster during the run."""
+    """Find services that disappear from the roster of active services in `hw/tick` during the run."""
     found: list[Clue] = []
     times, before = s.times("hw/tick"), set[str]()
     gone: dict[str, float] = {}
@@ -73,7 +73,7 @@ def services(s: Signals) -> list[Clue]:
 
 
 def stops(s: Signals) -> list[Clue]:
-    """Find an emergency stop in force."""
+    """Find the first emergency stop that `sim/status` reports."""
     for row in s.rows["sim/status"]:
         if row.get("stopped"):
             return [Clue("stop", 0.01 * row.get("tick", 0), s.end, f"emergency stop: {row['stopped']}")]
@@ -81,7 +81,7 @@ def stops(s: Signals) -> list[Clue]:
 
 
 def absent(s: Signals) -> list[Clue]:
-    """Find inertial, joint and contact samples that do not come."""
+    """Find gaps of more than `GAP_PERIODS` periods in the inertial, joint and contact samples."""
     found: list[Clue] = []
     for topic, code in ((HW_IMU, "imu"), (HW_JOINTS, "joints"), (HW_CONTACTS, "contacts")):
         if not s.rows[topic.key]:
@@ -94,7 +94,7 @@ def absent(s: Signals) -> list[Clue]:
 
 
 def frozen(s: Signals) -> list[Clue]:
-    """Find inertial samples that repeat, and one encoder that stands still while its command moves."""
+    """Find repeated inertial samples, and encoders that stand still while their command and other joints move."""
     imu = np.hstack([s.column("hw/imu", "gyro"), s.column("hw/imu", "acc")]) if s.rows["hw/imu"] else np.empty((0, 6))
     same = np.append(False, (np.diff(imu, axis=0) == 0.0).all(axis=1)) if len(imu) else np.empty(0, dtype=np.bool_)
     found = [
@@ -118,7 +118,7 @@ def frozen(s: Signals) -> list[Clue]:
 
 
 def followed(s: Signals) -> list[Clue]:
-    """Find joints that do not follow: one is a servo; all, which stand still, are commands that do not arrive."""
+    """Find joints that do not follow their commands: a servo fault of one, or no joint moves and commands are lost."""
     times, q, command = _joints(s)
     if len(times) < 2:
         return []
@@ -183,7 +183,7 @@ def switches(s: Signals) -> list[Clue]:
 
 
 def pushes(s: Signals) -> list[Clue]:
-    """Find accelerations of the trunk that no step causes."""
+    """Find the first acceleration of the trunk above `PUSH`, which no step causes."""
     if s.rows["sim/truth"]:
         times, v = s.times("sim/truth"), s.column("sim/truth", "velocity")[:, :2]
         n = max(1, round(PUSH_S / 0.01))
@@ -204,7 +204,10 @@ def pushes(s: Signals) -> list[Clue]:
 
 
 def sliding(s: Signals) -> list[Clue]:
-    """Find feet that slide on the ground, two at once or by the truth three in turn: friction; one: a consequence."""
+    """Find feet that slide on the ground: several are a sign of low friction, one alone is an effect of another fault.
+
+    Several are two at once or, where the recording has truth, `IN_TURN` of them one after another.
+    """
     if s.rows["sim/truth"]:
         times, way = s.times("sim/truth"), s.column("sim/truth", "contact_sliding")
         n = round(SLIDES_S / 0.01)
@@ -242,7 +245,7 @@ def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
 
 
 def consequences(s: Signals) -> list[Clue]:
-    """Find what follows from a cause: margins below zero, a starved filter, refused steps, held joints."""
+    """Find effects of faults: negative margins, refused or absent inputs, filter out of bounds, held joints, ..."""
     found: list[Clue] = []
     if s.rows["state/stability"]:
         times = s.times("state/stability")
@@ -273,5 +276,5 @@ FINDERS = (services, stops, absent, frozen, followed, switches, pushes, sliding,
 
 
 def gather(s: Signals) -> list[Clue]:
-    """Return all evidence of a recording in the order of its beginning."""
+    """Return the clues of all functions on a recording, sorted by the time at which they begin."""
     return sorted((each for find in FINDERS for each in find(s)), key=lambda each: each.begin)

@@ -1,4 +1,4 @@
-"""One number of a paper beside ours."""
+"""Rows of the tables that compare the numbers of a paper with the results of this project."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -12,17 +12,17 @@ MET, MISSED = "ok", "FAILED"
 
 @dataclass(frozen=True)
 class Finding:
-    """One row of a table.
+    """Row of a table that compares one number of a paper with the result of this project.
 
     Attributes:
         where: section, equation or figure of the paper.
         what: the quantity, with its unit.
         paper: what is printed there; empty when the paper prints no number (a figure without scale, a reference of
             our own).
-        ours: what came out here.
+        ours: result of this project.
         ok: whether ours is within the limit; None without a limit.
-        limit: what it was held against, in words.
-        known: why the paper's statement is known not to come out here; empty if it is expected to.
+        limit: limit of the difference or of ours, in words.
+        known: reason why this project is known to get another result; empty if it should get the paper's.
     """
 
     where: str
@@ -63,7 +63,7 @@ class Reproduction:
 
     @property
     def as_recorded(self) -> bool:
-        """True if every number with a limit is within it, known deviations of what the paper states aside."""
+        """True if every number with a limit is within it, apart from known deviations from the paper."""
         return not any(finding.verdict in (NOT_CONFIRMED, MISSED) for finding in self.findings)
 
     @property
@@ -73,7 +73,7 @@ class Reproduction:
 
 
 def with_known(findings: Iterable[Finding], known: Mapping[str, str]) -> tuple[Finding, ...]:
-    """Return the findings, those of known deviations with their reason.
+    """Return the findings, with `known` set in the rows that are known to deviate from the paper.
 
     Args:
         findings: rows of a paper.
@@ -85,13 +85,13 @@ def with_known(findings: Iterable[Finding], known: Mapping[str, str]) -> tuple[F
 
 
 def near(where: str, what: str, paper: float, ours: float, within: float, digits: int = 2) -> Finding:
-    """Return the finding of a number that must lie within `within` of the paper's, in the unit of the number."""
+    """Return the finding of a number `ours` that may differ from the paper's by at most `within`, all in one unit."""
     ok = abs(ours - paper) <= within
     return Finding(where, what, f"{paper:.{digits}f}", f"{ours:.{digits}f}", ok, f"within {within:g}")
 
 
 def at_most(where: str, what: str, ours: float, limit: float, paper: str = "", form: str = ".3g") -> Finding:
-    """Return the finding of a number that must not be larger than a limit."""
+    """Return the finding of a number `ours` whose absolute value must not exceed a limit."""
     return Finding(where, what, paper, f"{ours:{form}}", abs(ours) <= limit, f"<= {limit:g}")
 
 

@@ -1,4 +1,4 @@
-"""Numbers of a run and the verdict on them. Pure: traces in, rows of a table out."""
+"""Numbers of a run and the verdict on them, computed from the traces of the run without side effects."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ DEG = math.degrees(1.0)
 
 @dataclass(frozen=True)
 class Metric:
-    """A number of a run.
+    """Description of a number of a run, as the report prints it.
 
     Attributes:
         title: what it is, for people.
@@ -95,14 +95,14 @@ class Row:
 
 @dataclass(frozen=True)
 class RunVerdict:
-    """The verdict on a run.
+    """Verdict on a run: its numbers against their limits, and what else went wrong.
 
     Attributes:
         rows: one per metric.
         problems: what went wrong besides the numbers: a service that died, a refused command, ...
         message_hash: hash of all deterministic messages, empty when unknown.
         comparable: False after a time-out, a restart or a degraded tick: the hash means nothing then.
-        watched: False of a recording, which does not hold all problems of its run.
+        watched: False for a recording, which does not hold all problems of its run.
     """
 
     rows: tuple[Row, ...]
@@ -119,7 +119,7 @@ class RunVerdict:
 
     @property
     def word(self) -> str:
-        """Return the verdict in a word or two: a recording shows no more than that limits are met."""
+        """Return FAIL, PASS, or for a recording without a problem LIMITS MET or NO VERDICT: it may lack problems."""
         if not self.ok:
             return "FAIL"
         if self.watched:
@@ -142,7 +142,7 @@ def judge(
     notes: tuple[str, ...] = (),
     watched: bool = True,
 ) -> RunVerdict:
-    """Hold a run against its limits.
+    """Compare the numbers of a run with its limits, and return the verdict.
 
     Args:
         traces: what happened.
@@ -270,7 +270,7 @@ def nees(error: Array, cov: Array) -> Array:
 
 
 def since_ready(rows: Array, gait: Array) -> Array:
-    """Return the rows from the moment the walker is ready on, (k, c), or all when there is none.
+    """Return the rows from the moment the walker is ready on, (k, c): none if it never is, all without gait messages.
 
     A robot that was set down on rough ground rests on few feet until it has put down the others.
 

@@ -10,7 +10,7 @@ from .traces import Traces
 
 @dataclass(frozen=True)
 class Moment:
-    """A worst moment: when (s), its value in the unit of the plot, and what it was."""
+    """Worst moment of a run in one plot: time (s), value in the unit of the plot, and a text for the reader."""
 
     plot: str
     time: float
@@ -47,5 +47,5 @@ def moments(traces: Traces, feet: tuple[str, ...]) -> tuple[Moment, ...]:
 
 
 def foot_name(feet: tuple[str, ...], index: int) -> str:
-    """Return the name of a foot as it is printed."""
+    """Return the name of a foot in capitals, or its number from 1 on where it has no name."""
     return feet[index].upper() if index < len(feet) else str(index + 1)

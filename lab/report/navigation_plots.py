@@ -1,4 +1,4 @@
-"""Plots of a run with goals: where the robot was and thought it was, what it decided and why."""
+"""Plots of a run with goals: true and estimated path of the robot, and the decisions of the navigator."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ COLOURS = (BLUE, ORANGE, GREEN, PURPLE, RED, GREY, INK, "#b5894f")
 
 
 def top_view(traces: Traces) -> Figure:
-    """True and estimated way in the map, with ellipses that hold 95 % of the belief, goals and decisions."""
+    """Return a map of the true and the estimated path, with 95 % ellipses of the estimate, and the goals."""
     figure = page_figure(3.6)
     axes = figure.add_subplot(facecolor=PAPER)
     truth, belief = thinned(traces.series("sim/truth")), traces.series("state/pose")
@@ -42,7 +42,7 @@ def _ellipse(row: Array) -> Ellipse:
 
 
 def decisions(traces: Traces) -> Figure:
-    """Actions over time, entropy of the pose, and how much the chosen action was worth more than the others."""
+    """Return plots over time: actions, entropy of the pose, and the value of each action less the best one's."""
     figure = page_figure(4.6)
     first, second, third = (figure.add_subplot(3, 1, i + 1, facecolor=PAPER) for i in range(3))
     names = list(dict.fromkeys(choice.action for choice in traces.choices))

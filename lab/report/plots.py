@@ -1,4 +1,4 @@
-"""Plots of a run as SVG texts for one HTML page. Only here and in `drawing` is matplotlib used."""
+"""Plots of a run, other than its charts over time, as SVG texts for one HTML page."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Timing:
 
 
 def draw(traces: Traces, timings: Mapping[str, Timing]) -> dict[str, str]:
-    """Return every plot over places the traces allow, title to SVG text; those over time are in `charts`."""
+    """Return the plots that the traces have data for, SVG text by title; those over time are in `charts`."""
     truth = traces.series("sim/truth")
     plots: dict[str, Callable[[], Figure] | None] = {
         "Way over the ground": (lambda: _top_view(traces)) if len(truth) else None,

@@ -1,4 +1,4 @@
-"""The report of a recording, whatever has happened to it: without truth, cut off, of an unknown robot."""
+"""Report of a recording, which may lack the truth, be cut off, or be of an unknown robot."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -62,7 +62,7 @@ def report_recording(
 
 
 def filmed(recording: ReadableRecording, about: About) -> tuple[About, Film | None]:
-    """Return the film of a recording, and the facts with the names of its legs."""
+    """Return `about` with the names of the legs, and the film for the replay; None where the robot is unknown."""
     try:
         robot = robot_of(recording)
     except (SurefootError, RobotError) as error:
@@ -72,11 +72,11 @@ def filmed(recording: ReadableRecording, about: About) -> tuple[About, Film | No
 
 
 def explained(file: Path, *, whole: bool = False) -> tuple[str, ...]:
-    """Return a note on why a recorded run ended badly, and on what its messages lack where it did not.
+    """Return a sentence on why a recorded run went wrong, or on damage or jumps of its clock; else nothing, ().
 
     Args:
         file: MCAP file.
-        whole: the file is whole, so that what cannot be read was not reported yet.
+        whole: the file is whole: messages in it that cannot be read are reported here.
     """
     try:
         found = explain(file)

@@ -29,7 +29,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def frames_of(robot: Robot) -> dict[str, tuple[Array, Array]]:
-    """Return name: (origin (3,) m, rot_base_from_frame (3, 3)) of the frames that a robot carries, in base_link."""
+    """Return origin (3,) m, base_link, and rot_base_from_frame (3, 3) of the frames that a robot carries, by name."""
     rot, _ = forward(robot.model, robot.neutral)
     found = {
         "base_link": (np.zeros(3), np.eye(3)),

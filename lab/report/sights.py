@@ -1,4 +1,4 @@
-"""Images of a run in the report: the last one of each action with its features, matches and gates."""
+"""Camera images of a run in the report: the last one of each action, with features, matches and search regions."""
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,7 +13,7 @@ COLUMNS = 2
 
 
 def figure_of(sights: dict[str, SeenImage]) -> Figure:
-    """Return the images of actions: features, matches with their gates, entropy of the pose."""
+    """Return a figure of the last image of each action: features, matches with their search regions, pose entropy."""
     rows = -(-len(sights) // COLUMNS)
     figure = page_figure(3.1 * rows)
     for i, (action, sight) in enumerate(sights.items()):

@@ -1,4 +1,4 @@
-"""Content of a recording as arrays: the last epoch of a run, of this version or another, whole or cut off."""
+"""Content of a recording as arrays: the messages of the last epoch (a reset begins a new one), as far as readable."""
 
 import json
 from collections import Counter, defaultdict
@@ -44,11 +44,11 @@ class Signals:
     """Version of surefoot that recorded it, where it is another than this one; else empty."""
 
     def joint(self, index: int) -> str:
-        """Return the name of a joint, else its number."""
+        """Return the name of a joint, or `joint <index>` where the robot is unknown."""
         return self.joints[index] if index < len(self.joints) else f"joint {index}"
 
     def foot(self, index: int) -> str:
-        """Return the name of a foot, else its number."""
+        """Return `foot <name>`, or `foot <index>` where the robot is unknown."""
         return f"foot {self.feet[index] if index < len(self.feet) else index}"
 
     def times(self, key: str) -> Array:
@@ -59,7 +59,7 @@ class Signals:
         """Return a field of each message as numbers, (n, ...), in its unit; null or absent is NaN, ragged rows are cut.
 
         Raises:
-            SurefootError: it holds other things than numbers.
+            SurefootError: the field holds other things than numbers.
         """
         found = [row.get(name) for row in self.rows[key]]
         size = min((len(v) for v in found if isinstance(v, Sequence)), default=0)
@@ -77,14 +77,16 @@ class Signals:
 
 
 def read_signals(path: Path, progress: Callable[[float], None] | None = None) -> Signals:
-    """Read the last epoch of a recording; one that is cut off or damaged is read as far as it goes.
+    """Return the messages of the last epoch of a recording: those after the last reset of the system.
+
+    A file that is cut off or damaged is read as far as possible.
 
     Args:
         path: MCAP file.
         progress: gets the share of the recorded time that is read.
 
     Raises:
-        SurefootError: nothing of it can be read.
+        SurefootError: no message of the topics `READ` can be read.
     """
     recording = open_readable(path)
     joints, feet = _names(recording)

@@ -1,4 +1,4 @@
-"""Time series of a run: messages in, one at a time, live or from a recording; arrays out."""
+"""Time series of a run as arrays, collected from its messages one at a time, live or from a recording."""
 
 import math
 from collections import Counter
@@ -71,7 +71,7 @@ class DecisionTrace:
 
 @dataclass(frozen=True)
 class GoalEnd:
-    """End of a goal: time (s), state, place (x, y in the map, m), error, duration (s), recoveries."""
+    """End of a goal: time (s), state, place (x, y in the map, m), error code, duration (s), recoveries."""
 
     time: float
     state: str
@@ -83,7 +83,7 @@ class GoalEnd:
 
 @dataclass
 class Traces:
-    """Accumulates the messages of one epoch. A later epoch starts anew: a reset belongs to another run."""
+    """Time series of the messages of one epoch; a message of a later epoch, after a reset, clears them."""
 
     epoch: int = -1
     rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class Traces:
     _goal: tuple[str, str] = ("", "")
 
     def feed(self, key: str, message: Any) -> None:
-        """Take a message of any key; keys without data on the run are ignored."""
+        """Add a message to the series; keys that have no series, and earlier epochs, are ignored."""
         reader = _READERS.get(key)
         if reader is None or message.epoch < self.epoch:
             return
@@ -117,12 +117,12 @@ class Traces:
         reader(self, key, message)
 
     def series(self, key: str) -> Array:
-        """Return all rows of a key, (n, columns), in the units of its message; (0, 1) when there are none."""
+        """Return the rows of a key, one per message, (n, columns), first the time in s; (0, 1) when there are none."""
         rows = self.rows.get(key)
         return np.array(rows) if rows else np.empty((0, 1))
 
     def note(self, time: float, text: str) -> None:
-        """Mark an event of the run at a time, s."""
+        """Add an event of the run, in words, at a time in s."""
         self.events.append(Mark(time, text))
 
     def _begin(self, epoch: int) -> None:
@@ -276,7 +276,7 @@ def read_traces(kept: Iterable[KeptMessage], notes: Iterable[tuple[float, str]] 
 
 
 def sights_of(file: Path) -> SightKeeper:
-    """Return the images of a recording with what was recognised in them; none where it cannot be read or has none."""
+    """Return the images of a recording with what was recognised in them; no images where none can be read."""
     keys = ("hw/image", "state/landmarks", "state/odometry", "state/pose", "navigator/feedback")
     try:
         if next(iter(read_recording(file, keys[:1])), None) is None:

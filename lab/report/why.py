@@ -1,4 +1,4 @@
-"""Why it went wrong: from a fall, stop, halt, missed goal or slip back to the first cause."""
+"""Explanation of a failed run: from a fall, stop, halt, missed goal or slip back to its first cause."""
 
 import math
 from collections.abc import Callable
@@ -26,7 +26,7 @@ TOGETHER_S = 0.25
 
 @dataclass(frozen=True)
 class Explanation:
-    """Cause of what went wrong.
+    """Explanation of a recorded run: what went wrong, its first cause, and the evidence between both.
 
     Attributes:
         outcome: what went wrong; None: nothing did.
@@ -34,7 +34,7 @@ class Explanation:
         chain: evidence between both, in the order of time, without them.
         damage: why not all of the recording can be read; empty = it is whole.
         jumps: where its clock jumps; empty = nowhere.
-        version: of surefoot that recorded it, where it is another; else empty.
+        version: that of surefoot which made the recording, where it differs from this one; else empty.
     """
 
     outcome: Clue | None
@@ -61,7 +61,11 @@ class Explanation:
 
 
 def explain(path: Path, progress: Callable[[float], None] | None = None) -> Explanation:
-    """Explain a recording (raises SurefootError: nothing of it can be read); `progress` gets the share that is read."""
+    """Return what went wrong in a recorded run, and why; `progress` gets the share that is read.
+
+    Raises:
+        SurefootError: nothing of the recording can be read.
+    """
     signals = read_signals(path, progress)
     outcome = find_outcome(signals)
     if outcome is None:
@@ -90,7 +94,7 @@ def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:
 
 
 def find_outcome(s: Signals) -> Clue | None:
-    """Return the worst thing that happened: the first of those that `LOOKED_FOR` names."""
+    """Return the worst event: the first found of fall, stop, halt, missed goal, slip, lost support, abandoned walk."""
     for find in (_fall, _stop, _halt, _goal, _slip, _unsupported, _abandoned):
         found = find(s)
         if found is not None:

@@ -22,7 +22,7 @@ NO_MASS = 1e-9  # kg, what weighs less is nothing
 
 @dataclass
 class Segment:
-    """One moved body with all that is fixed to it; frame: the body's axes, origin on the joint's axis."""
+    """Moving body of a robot, merged with bodies fixed to it; frame: the body's axes, origin on the joint's axis."""
 
     body: int
     joint: int  # -1 for the trunk
@@ -36,14 +36,14 @@ class Segment:
 
 
 class FileMark(NamedTuple):
-    """A point of the compiled file: the place of a body or site, the centre of a geom or one end of its long axis."""
+    """Reference to a point of the compiled file: place of a body or site, centre of a geom, or end of its long axis."""
 
     kind: str  # body, site or geom
     number: int
     end: int = 0  # -1, 1 = end of a capsule against or along its axis
 
     def place(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Return the point in the world, (3,) m."""
+        """Return the position of the point in the world, (3,) m."""
         at = {"body": data.xpos, "site": data.site_xpos, "geom": data.geom_xpos}[self.kind][self.number]
         if self.end == 0:
             return at.copy()
@@ -53,7 +53,7 @@ class FileMark(NamedTuple):
 
 @dataclass
 class FootPoint:
-    """Contact end of a limb: a sphere, or the spheres of a sole."""
+    """Foot of a limb: a contact sphere, or the spheres of a sole."""
 
     segment: int
     position: Array  # (3,) m, segment frame
@@ -66,7 +66,11 @@ class FootPoint:
 
 
 def trunk_body(model: mujoco.MjModel) -> int:
-    """Return the body with the free joint, else the only root that carries joints (raises RobotError)."""
+    """Return the index of the body with the free joint, else of the only root that carries joints.
+
+    Raises:
+        RobotError: there are several such bodies, or none.
+    """
     parent = model.body_parentid
     free = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_FREE)]
     moved = {int(model.body_rootid[model.jnt_bodyid[j]]) for j in range(model.njnt)}
@@ -78,7 +82,7 @@ def trunk_body(model: mujoco.MjModel) -> int:
 
 
 def check_machine(model: mujoco.MjModel) -> None:
-    """Refuse what a tree of hinges cannot be (raises RobotError); one motor for the first hinges of two limbs can."""
+    """Refuse a model that is no tree of hinges (raises RobotError); first hinges of two limbs may share a motor."""
     for i in range(model.neq):
         equal = model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_data[i, :5].tolist() == [0, 1, 0, 0, 0]
         if equal and model.eq_obj2id[i] >= 0:
@@ -151,13 +155,13 @@ def _merge(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> None
 def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array) -> FootPoint | None:
     """Return the foot at the last segment of a limb, None if nothing can be one, in the axes of that segment.
 
-    It is made of spheres, a named body or site, else of the lowest end of a capsule.
+    The foot is made of spheres, of a named body or site, or else of the lowest end of a capsule.
 
     Args:
         model: compiled file.
         segs: all segments.
         tip: index of the limb's last segment.
-        angles: of all hinges, (njnt,) rad, by which the lowest end is found.
+        angles: of all hinges, (njnt,) rad, at which the lowest end is found.
     """
     data = mujoco.MjData(model)
     pose(model, data, angles)

@@ -1,4 +1,4 @@
-"""Comparison of an imported robot with its source at random postures: by MuJoCo, and by pinocchio as a witness."""
+"""Comparison of an imported robot with its source at random postures, by MuJoCo and, if installed, pinocchio."""
 
 # mujoco and pinocchio have no type stubs for their compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -31,7 +31,7 @@ WITNESS = "pinocchio"
 
 
 class ComparedRobot(NamedTuple):
-    """Quantities of a robot at a posture that are compared; frame base_link."""
+    """Quantities of a robot at one posture that are compared with those of its source; frame base_link."""
 
     mass_kg: Array  # (1,)
     com_m: Array  # (3,)
@@ -47,7 +47,7 @@ class _RandomPosture(NamedTuple):
 
 
 def differences(folder: Path) -> dict[str, float]:
-    """Return the largest differences of a robot folder from MuJoCo's results for its source, by quantity."""
+    """Return the largest differences, by quantity, between a robot folder and MuJoCo's results for its source."""
     robot, notes, text = _read(folder)
     try:
         return _largest(robot, _mujoco(robot, notes, text))
@@ -60,7 +60,7 @@ def witness(folder: Path) -> dict[str, float] | None:
     """Return the largest differences of an imported robot from pinocchio's model of its source, over random postures.
 
     Args:
-        folder: of the robot, with its source.
+        folder: of the imported robot, with its source.
 
     Returns:
         Difference by name of the quantity, which ends in its unit; None where pinocchio is not installed.
@@ -75,10 +75,10 @@ def witness(folder: Path) -> dict[str, float] | None:
 
 
 def checked(folder: Path) -> dict[str, dict[str, float]]:
-    """Return the differences of a robot folder from its source, by program.
+    """Return the largest differences of a robot folder from its source, by program and quantity.
 
     Raises:
-        RobotError: one is larger than `MOST_DIFFERENCE`. Inertias that MuJoCo has balanced differ from the witness's.
+        RobotError: one is larger than `MOST_DIFFERENCE`, except inertias by pinocchio that MuJoCo has balanced.
     """
     found = {"mujoco": differences(folder)}
     other, notes = witness(folder), _read(folder)[1]
@@ -127,7 +127,7 @@ def _largest(robot: Robot, theirs: Any) -> dict[str, float]:
 
 
 def ours(robot: Robot, q: Array, up: Array) -> ComparedRobot:
-    """Return what surefoot computes of a robot at joint angles (nj,) with the specific force `up` (3,) m/s2."""
+    """Return the compared quantities by surefoot at joint angles q (nj,) rad and specific force `up` (3,) m/s2."""
     model = robot.model
     rot, pos = forward(model, q)
     feet, jacobians = feet_and_jacobians(leg_arrays(model), q)

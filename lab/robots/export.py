@@ -15,7 +15,7 @@ def mjcf_of(robot: Robot) -> str:
     """Return the MJCF text of a robot: links with their inertia, joints, servos, feet, inertial unit, keyframe `home`.
 
     Lengths in m, angles in rad, all digits of every number. Play, steps and delay of the servos are left out: MJCF has
-    no words for them.
+    no elements for them.
     """
     top = Element("mujoco", model=robot.name)
     SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
@@ -43,7 +43,7 @@ def mjcf_of(robot: Robot) -> str:
 
 
 def write_mjcf(robot: Robot, path: Path) -> None:
-    """Write the MJCF text of a robot, all of it or nothing."""
+    """Write the MJCF text of a robot to a file, completely or not at all."""
     text = mjcf_of(robot)
     with whole(path) as part:
         part.write_text(text, encoding="utf-8")

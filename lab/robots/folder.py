@@ -14,7 +14,7 @@ from .write import Imported, assume_rotors, imported, plain_name, stand_on, toml
 
 
 def import_robot(file: Path, out: Path) -> Imported:
-    """Write the folder of a robot: robot.toml, source.xml (without meshes) and import.json; all of it or nothing.
+    """Import a robot file into a new folder with robot.toml, source.xml (without meshes) and import.json.
 
     Raises:
         RobotError: the file is no robot, or the folder exists.

@@ -24,7 +24,7 @@ class FootNote(FileModel):
 
 
 class ImportNotes(FileModel):
-    """Parts of an imported robot in its file, and in words what was found, assumed and missing."""
+    """Notes of an import: names of a robot's parts in its file, and what was found, assumed and missing, in words."""
 
     trunk: Text
     joints: dict[str, Text]

@@ -44,7 +44,7 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
         notes: takes a sentence for each number that had to be replaced.
 
     Raises:
-        RobotError: no XML, a declared entity, an included file outside the folder, a name with markup.
+        RobotError: the file is no XML, declares an entity, includes a file outside its folder, or has markup in a name.
     """
     root = _parse(path)
     _check_size(root)

@@ -79,7 +79,7 @@ def standing(robot: Robot, chosen: bool) -> Array:
 
 
 def doubts_of_axes(robot: Robot) -> list[str]:
-    """Return what in the posture of a file contradicts a trunk with x forward and z up.
+    """Return sentences on what contradicts a trunk with x forward and z up in the posture of a file, or an empty list.
 
     Feet that all lie to one side of the hips show where down is. Legs whose first axis is level bend their knees about
     the axis that points left.
@@ -130,7 +130,7 @@ def _under(robot: Robot, leg: int, below: float) -> Array | None:
 
 
 def gait_numbers(robot: Robot) -> dict[str, float]:
-    """Return the numbers of `[gait]` of a robot in its standing posture, by name."""
+    """Return parameters of `[gait]` in robot.toml, by name, from the size of a robot in its standing posture."""
     length, feet = leg_length(robot), foot_positions(robot.model, robot.neutral)
     height = float(-feet[:, 2].mean()) + robot.foot_radius
     slower = math.sqrt(length / SIZE_M)
@@ -156,5 +156,5 @@ def _inner_circle(corners: Array) -> float:
 
 
 def torque_limit(robot: Robot) -> float:
-    """Return the torque of the robot's weight at the length of its legs, Nm."""
+    """Return the torque of the robot's whole weight at a lever of its leg length, Nm."""
     return robot.mass * GRAVITY * leg_length(robot)

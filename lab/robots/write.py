@@ -29,7 +29,7 @@ SMALLEST_BOX = 1e-6  # m, of a flat body's inertia box: its inertia changes by l
 
 @dataclass
 class Imported:
-    """Tables of a robot.toml and what is known about them."""
+    """Result of reading a robot file: tables of a robot.toml, with names in the file and notes on the import."""
 
     tables: dict[str, Any]
     joints: dict[str, str]  # the file's joint name by ours
@@ -114,11 +114,11 @@ def _shared(model: mujoco.MjModel, joint: int, link: str, ours: str, made: Impor
 
 
 def stand_on(made: Imported, robot: Robot) -> None:
-    """Put a standing posture, torques for which the file has none, and the numbers of a gait into the tables.
+    """Add a standing posture, torques where the file has none, and gait parameters to the tables of a robot.
 
     Args:
         made: changed in place.
-        robot: the description with these tables; its neutral posture is the one to begin with.
+        robot: description with these tables, whose neutral posture is the first guess.
     """
     if not can_stand(robot):
         made.missing.append("gait: walks need six joints a leg of two legs, or three a leg of more")
@@ -143,7 +143,7 @@ def stand_on(made: Imported, robot: Robot) -> None:
 
 
 def assume_rotors(made: Imported) -> None:
-    """Put a rotor's inertia into the tables of servos of which the file has none."""
+    """Add an assumed rotor inertia to the tables of servos for which the file has none."""
     for name, servo in made.tables["servos"].items():
         if servo["armature"] <= 0.0:
             servo["armature"] = float(f"{servo['kp'] / SWING**2:.3g}")

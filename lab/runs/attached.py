@@ -1,4 +1,4 @@
-"""Files that a run depends on beside its scenario: the robot's description, models, maps."""
+"""Files that a run depends on beside its scenario, to be attached to its recording: robot, models, maps."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -13,10 +13,10 @@ LARGEST = 16 * 1024 * 1024
 
 
 def attached(compose: Compose, more: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the files of a run by their names in the recording: `robot.toml`, `<service>.<field><suffix>`.
+    """Return the paths of the files of a run, by name in the recording: `robot.toml`, `<service>.<field><suffix>`.
 
     Args:
-        more: variables that configure services, as of a scenario.
+        more: further variables that configure services, as those of a scenario.
     """
     found = {ROBOT_FILE: robot_file(compose.robot)}
     for name, service in compose.services.items():

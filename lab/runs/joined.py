@@ -1,4 +1,4 @@
-"""World, estimator and walker joined by function calls, in the order of a control tick: a walk without a bus."""
+"""Simulated world, estimator and walker joined by function calls in the order of a control tick, without a bus."""
 
 import time
 from typing import Any
@@ -15,7 +15,7 @@ from surefoot.services.walker.interface import WalkerInputs, WalkerOutputs
 
 
 def feed(world: PhysicsWorld, estimator: Estimator) -> None:
-    """Hand the samples of a tick to an estimator; the truth stays in the world."""
+    """Feed the sensor samples of a tick of a simulated world to an estimator, without the truth."""
     samples = world.samples
     imu, joints, contacts = samples.imu, samples.joints, samples.contacts
     if imu is not None:
@@ -25,7 +25,7 @@ def feed(world: PhysicsWorld, estimator: Estimator) -> None:
 
 
 def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]:
-    """Feed the samples of a tick to an estimator; returns the inputs of the walker and the estimate in them."""
+    """Feed the sensor samples of a tick to an estimator; return the walker's inputs, and the estimate in them."""
     feed(world, estimator)
     joints, contacts = world.samples.joints, world.samples.contacts
     estimate, pose = estimator.estimate(), estimator.pose()
@@ -60,7 +60,7 @@ class JoinedLoop:
         self._pending: list[NDArray[np.float64]] = [world.command.copy()] * delay
 
     def decide(self) -> WalkerOutputs:
-        """Return what the walker makes of the samples of this tick."""
+        """Run the estimator and the walker on the sensor samples of this tick; return the outputs of the walker."""
         inputs, _ = sense(self.world, self.estimator)
         began = time.perf_counter()
         out = self.out = self.walker.step(inputs)
@@ -68,7 +68,7 @@ class JoinedLoop:
         return out
 
     def act(self) -> None:
-        """Advance the world by a tick under the command that is due."""
+        """Advance the world by a tick, under the command of `delay` ticks before."""
         command = None if self.out is None else self.out.command
         self._pending.append(self.world.command if command is None else command)
         self.world.step_tick(self._pending.pop(0))

@@ -1,4 +1,4 @@
-"""One scenario from start to verdict."""
+"""Run of a scenario on a live system, from its start to the verdict."""
 
 import platform
 import shlex
@@ -75,7 +75,7 @@ class RunProgress:
 
     @classmethod
     def at(cls, ticks: int, wall_s: float, most: float) -> "RunProgress":
-        """Return the progress after so many ticks and so much wall time, s."""
+        """Return the progress after `ticks` control ticks and `wall_s` s of wall time; `most`: longest simulated time, s."""
         return cls(ticks, ticks * TICK_S, ticks * TICK_S / wall_s, most)
 
 
@@ -98,7 +98,7 @@ class RunOutcome:
 
 
 class Beside(AbstractContextManager[Any], Protocol):
-    """Activity beside a run: entered when the world is built, left after the last tick, before any service is ended."""
+    """Activity beside a run, as a context: entered when the world is built, left before any service is ended."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -120,7 +120,7 @@ def run_scenario(
         options: of the run.
         notify: gets messages of the system.
         show: gets the progress.
-        meddle: makes the activity beside the run.
+        meddle: function that makes an activity beside the run, e.g. faults.
 
     Raises:
         BusError: the system could not be brought up. A run that stalls or is interrupted is reported, too.
@@ -141,7 +141,7 @@ def conduct(
     Args:
         scenario, compose, options: the scenario, its system, options of the run.
         notify, show: get messages of the system and the progress.
-        meddle: makes the activity beside the run.
+        meddle: function that makes an activity beside the run, e.g. faults.
 
     Raises:
         BusError: the system could not be brought up. A run that stalls or is interrupted is reported, too.
@@ -265,7 +265,7 @@ def _about(scenario: Scenario, compose: Compose, options: Options, seed: int) ->
 
 
 def recorder_of(session: Session, patience_s: float) -> RecorderReply | None:
-    """Return the state of the recorder once it has the last tick on disk or after this long; None: it is silent."""
+    """Wait for the recorder to have the last tick on disk, `patience_s` s at most; return its status, None: no reply."""
     deadline = time.monotonic() + patience_s
     while True:
         try:

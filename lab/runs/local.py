@@ -88,7 +88,7 @@ def run_local(
     without: Iterable[str] = (),
     meddle: Callable[[LocalSystem], None] = lambda system: None,
 ) -> LocalRun:
-    """Conduct a scenario in this process.
+    """Run a scenario in this process, and return verdict, hash and times.
 
     Args:
         scenario: what to do.
@@ -96,7 +96,7 @@ def run_local(
         strict: no actuation delay.
         recording: MCAP file, None = only the hash.
         without: services to leave out.
-        meddle: gets the system before the run begins, to wrap what its services do.
+        meddle: gets the system before the run begins, e.g. to wrap methods of its services.
 
     Raises:
         ComposeError: the system cannot be started.

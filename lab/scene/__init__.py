@@ -1,1 +1,1 @@
-"""One picture of a run, from its messages: what the report, the live view, `render` and the Foxglove export show."""
+"""Picture of a run made from its messages, which the report, the live view, `render` and Foxglove export show."""

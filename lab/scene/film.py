@@ -1,4 +1,4 @@
-"""A scene over time, as JSON for the pages, and its compact text inside one HTML file."""
+"""Film: snapshots of a scene over time, as JSON for the web pages, and its compact text inside an HTML file."""
 
 import base64
 import gzip
@@ -43,7 +43,7 @@ class Undecoded(Protocol):
 
 @dataclass(frozen=True)
 class Film:
-    """Snapshots in the order of time, with the marks that stay and the ground.
+    """Film of a run: its scene (body, ground, lasting marks) and snapshots of it in the order of time.
 
     Attributes:
         notes: what the snapshots lack: messages that could not be read, joints of another robot.
@@ -55,7 +55,7 @@ class Film:
 
 
 class ReadCount:
-    """Counts decoded messages of each key, and those that could not be read."""
+    """Counter of the decoded messages of each key, and of those that could not be read."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -63,11 +63,11 @@ class ReadCount:
         self._first, self._joints = dict[str, str](), 0
 
     def reading(self, item: Undecoded) -> "_CountedMessage":
-        """Return a recorded message that counts itself when it is decoded."""
+        """Return a wrapper of a recorded message, which is counted when it is decoded."""
         return _CountedMessage(item, self)
 
     def decode(self, item: Undecoded) -> Any:
-        """Decode a message, and count it."""
+        """Return the decoded message, and count it (raises SurefootError: it cannot be read)."""
         self._looked[item.key] += 1
         try:
             message = item.message()
@@ -104,7 +104,7 @@ class _CountedMessage(NamedTuple):
 
 
 def film_of_recording(recording: ReadableRecording, robot: Robot) -> Film:
-    """Return the film of a recording."""
+    """Return the film of the last epoch of a recording."""
     messages = ((item.stamp_ns * NS, item) for item in recording.messages(KEYS))
     poses = max((recording.found.messages[key] for key in POSTURE), default=0)
     duration_s = min((recording.end_ns - recording.start_ns) * NS, poses * SLOWEST_POSE_S)  # of a clock that jumps
@@ -112,7 +112,7 @@ def film_of_recording(recording: ReadableRecording, robot: Robot) -> Film:
 
 
 def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], duration_s: float) -> Film:
-    """Return the film of one epoch, the last one.
+    """Return the film of the last epoch in some messages: what follows the last reset.
 
     Args:
         robot: the robot that was recorded.
@@ -130,10 +130,10 @@ def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], duration_
 
 
 def snapshots(scene: RobotScene, messages: Iterable[tuple[float, Undecoded]], period_s: float) -> Iterator[Snapshot]:
-    """Yield the scene about each `period_s` of simulated time; within an epoch each is later than the one before.
+    """Yield a snapshot of the scene about each `period_s` of simulated time; times rise within an epoch.
 
     Args:
-        scene: gets the messages.
+        scene: scene that gets the messages.
         messages: each with its simulated time, s, in the order of time.
         period_s: time between snapshots, s.
     """
@@ -166,7 +166,7 @@ def reel(film: Film) -> dict[str, Any]:
 
 
 def header(scene: RobotScene) -> dict[str, Any]:
-    """Return what holds for a whole film: body, styles, values, ground."""
+    """Return the constant parts of a film as a JSON object: body, styles, names of values, ground."""
     body = scene.body
     return {
         "robot": scene.robot.name,
@@ -222,6 +222,6 @@ def _whole(metres: Any) -> list[int]:
 
 
 def packed(content: Any) -> str:
-    """Return JSON, compressed, as base64: safe inside an HTML page whatever names it holds."""
+    """Return an object as JSON, compressed, in base64, which is safe inside an HTML page."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), 7, mtime=0)).decode()

@@ -23,7 +23,7 @@ LEVELS = {"debug": "Debug", "info": "Info", "warning": "Warning", "error": "Erro
 
 
 class FoxgloveScene:
-    """Publisher of snapshots on channels of a context, to whatever file or server listens there."""
+    """Publisher of snapshots of a scene on Foxglove channels, to the files or servers of a Foxglove context."""
 
     def __init__(self, scene: RobotScene, context: Any) -> None:
         self._scene, self._make, library = scene, Primitives(), sdk()
@@ -39,12 +39,12 @@ class FoxgloveScene:
         self.again()
 
     def again(self) -> None:
-        """Publish lasting items with the next snapshot again, for a client that has just joined."""
+        """Make the next snapshot include the lasting items again, for a client that has just connected."""
         self._begun, self._marks = False, 0
         self._ground: DrawnGround | None = None
 
     def publish(self, shown: Snapshot) -> None:
-        """Publish a snapshot, and what lasts where it is new."""
+        """Publish a snapshot, with the robot, the ground and lasting marks where they are new."""
         stamp, scene = round(shown.time * 1e9), self._scene
         if scene.epoch != self._epoch:
             self._epoch, self._marks = scene.epoch, 0

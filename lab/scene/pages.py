@@ -1,4 +1,4 @@
-"""Parts of the pages that show a scene: a document that asks for nothing from outside, and the picture with its bar."""
+"""Parts of the web pages that show a scene: a self-contained HTML document, and the picture with its controls."""
 
 import html
 from collections.abc import Iterable
@@ -21,12 +21,12 @@ REPLAY_BAR = """<button class="play" title="space">&#9654;</button>
 
 @cache
 def asset(name: str) -> str:
-    """Return a script or style sheet of the pages."""
+    """Return the text of a script or style sheet of the web pages."""
     return (WEB / name).read_text(encoding="utf-8")
 
 
 def page(title: str, body: str, scripts: Iterable[str], start: str) -> str:
-    """Return an HTML document with its scripts and styles inside."""
+    """Return an HTML document with its scripts and styles inside; `start`: JavaScript that is run last."""
     code = "\n".join(asset(name) for name in scripts)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -38,7 +38,7 @@ def page(title: str, body: str, scripts: Iterable[str], start: str) -> str:
 
 
 def stage(name: str, bar: str) -> str:
-    """Return the picture with its numbers, views and layers, over a bar of controls."""
+    """Return the HTML of the picture with its numbers, views and layers; `bar`: HTML of the controls."""
     return (
         f'<section class="stage" id="{name}"><div class="picture"><canvas></canvas><div class="clock"></div>'
         '<div class="words"></div><div class="numbers"></div><div class="looks"></div>'

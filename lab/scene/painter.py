@@ -1,4 +1,4 @@
-"""The picture of the pages without a browser, painted with Pillow: orthographic, painter's order, no GL."""
+"""Painter of the scene without a browser, with Pillow: orthographic view, parts drawn from back to front, no GL."""
 
 import math
 from typing import Any, NamedTuple
@@ -35,19 +35,19 @@ class Viewpoint(NamedTuple):
 
     @property
     def axes(self) -> Array:
-        """Unit vectors to the right, up, and towards the viewer, by rows, world, (3, 3)."""
+        """Unit vectors of the view in world axes, (3, 3), by rows: to the right, up, and towards the viewer."""
         (sa, ca), (se, ce) = ((math.sin(x), math.cos(x)) for x in (AZIMUTH, ELEVATION))
         return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
     def see(self, points: Array) -> Array:
-        """Return points (n, 3) m, world, as pixels to the right and down, and their nearness, px, (n, 3)."""
+        """Return points (n, 3) m, world, in view coordinates, (n, 3) px: to the right, down, and towards the viewer."""
         seen = (points - self.target) @ self.axes.T
         middle = np.array([0.5 * self.size[0], 0.54 * self.size[1], 0.0])
         return middle + seen * [self.scale, -self.scale, self.scale]
 
 
 class Painter:
-    """Paints snapshots of one scene; the ground is painted once, and shifted after."""
+    """Painter of the snapshots of one scene; the ground is painted once and moved after."""
 
     def __init__(self, scene: RobotScene, size: tuple[int, int], *, still: tuple[Array, float] | None = None) -> None:
         """Choose the view.
@@ -65,7 +65,7 @@ class Painter:
         self._sky = Image.linear_gradient("L").resize(self.size)
 
     def paint(self, shown: Snapshot, past: list[Snapshot]) -> Image.Image:
-        """Return the picture of a snapshot, with the way of those before it."""
+        """Return the picture of a snapshot, with the path of the robot in the snapshots `past`."""
         target = self.still[0] if self.still else np.array([*shown.position[:2], 0.6 * shown.position[2]])
         camera = Viewpoint(self.scale, target, self.size)
         image = Image.composite(Image.new("RGB", self.size, LOW_SKY), Image.new("RGB", self.size, SKY), self._sky)

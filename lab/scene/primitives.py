@@ -98,7 +98,7 @@ class Primitives:
         )  # fmt: skip
 
     def parts(self, body: Body, link: int) -> dict[str, list[Any]]:
-        """Return the primitives of a link in its frame."""
+        """Return the Foxglove primitives that draw a link, by kind, in the frame of the link."""
         limbs = [limb for limb in body.limbs if body.link[limb.begin] == link]
         balls = [ball for ball in body.balls if body.link[ball.at] == link]
         faces = [face for face in body.faces if body.link[face.corners[0]] == link]
@@ -109,7 +109,7 @@ class Primitives:
         }
 
     def drawn(self, items: tuple[Item, ...], extent: float) -> dict[str, list[Any]]:
-        """Return the primitives of items beside a robot of this extent, m."""
+        """Return the Foxglove primitives of drawn items, by kind; `extent`: size of the robot, m, which scales them."""
         m = self.messages
         kinds = ("lines", "triangles", "spheres", "cylinders", "arrows", "texts")
         made: dict[str, list[Any]] = {kind: [] for kind in kinds}
@@ -140,7 +140,7 @@ class Primitives:
         return made
 
     def grid(self, ground: DrawnGround, frame: str, stamp_ns: int) -> Any:
-        """Return the ground as a grid of heights, m."""
+        """Return the ground as the Grid message of its heights, m, in `frame`."""
         m, cols = self.messages, ground.heights.shape[1]
         corner = np.array([ground.origin[0] - 0.5 * ground.cell, ground.origin[1] - 0.5 * ground.cell, 0.0])
         kind = m.PackedElementFieldNumericType.Float32
@@ -152,7 +152,7 @@ class Primitives:
         )  # fmt: skip
 
     def mesh(self, ground: DrawnGround) -> Any:
-        """Return the ground as triangles between its known cells."""
+        """Return the ground as a message of triangles between its known cells."""
         rows, cols = ground.heights.shape
         known = np.isfinite(ground.heights)
         whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]

@@ -45,11 +45,11 @@ class Shot(NamedTuple):
 
 
 class Rendered(NamedTuple):
-    """Pictures that were written.
+    """Result of rendering: number of pictures, and notes.
 
     Attributes:
-        frames: number of them.
-        notes: what they lack, one sentence each.
+        frames: number of pictures.
+        notes: what the pictures lack, one sentence each.
     """
 
     frames: int
@@ -57,7 +57,7 @@ class Rendered(NamedTuple):
 
 
 def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], None] = lambda share: None) -> Rendered:
-    """Write the picture of a recording. Times without a pose for more than `GAP_S` are left out.
+    """Write a moving or still picture of a recording; stretches of more than `GAP_S` without a pose are left out.
 
     Raises:
         SurefootError: the recording cannot be read, shows no robot in that time, or the kind of file is not known.

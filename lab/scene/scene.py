@@ -48,7 +48,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 class Item(NamedTuple):
-    """Points (n, 3) m in the world that are drawn in a style; of an arrow, tails and heads in turn.
+    """Drawn item: points (n, 3) m, world, in a style; of an arrow, tails and heads in turn.
 
     Attributes:
         style: name in `STYLES`.
@@ -62,7 +62,7 @@ class Item(NamedTuple):
 
 
 class Lasting(NamedTuple):
-    """An item of a scene that stays visible from a time on, s."""
+    """Item of a scene that stays visible from a time on, s."""
 
     time: float
     item: Item
@@ -101,7 +101,7 @@ class Snapshot:
 
 @dataclass
 class RobotScene:
-    """Latest messages of one robot, and snapshots made of them."""
+    """Scene of one robot: its latest messages, of which snapshots are made."""
 
     robot: Robot
     ground: DrawnGround | None = None
@@ -120,19 +120,19 @@ class RobotScene:
         self._waiting: dict[str, Callable[[], Any]] = {}
 
     def feed(self, key: str, read: Callable[[], Any]) -> None:
-        """Take a message of any key; `read` decodes it, and is called only when a snapshot needs it."""
+        """Set the latest message of a key; `read` decodes it, and is called only when a snapshot needs it."""
         if key in KEYS:
             self._waiting[key] = read
 
     def forget(self) -> None:
-        """Drop all messages but the maps: another system goes on under the same keys, and counts its epochs anew."""
+        """Drop all messages but the maps, for another system with the same keys, whose epochs start anew."""
         self._latest = {old: kept for old, kept in self._latest.items() if old.startswith("terrain/")}
         self.epoch, self._world_from_odom, self._stances, self._chosen = -1, None, (), {}
         self._waiting.clear()
         self.marks.clear()
 
     def snapshot(self) -> Snapshot | None:
-        """Return the scene now; None before the first joint angles, or those of another robot."""
+        """Return a snapshot of the scene now; None before the first joint angles, or of another robot's."""
         for key, read in self._take():
             self._accept(key, read)
         truth, joints = self._latest.get("sim/truth"), self._latest.get("hw/joints")

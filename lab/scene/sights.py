@@ -1,6 +1,6 @@
-"""Images of a run with what was recognised in them: features, matches with the map, and the gate of each match.
+"""Camera images of a run with what was recognised in them: features, and matches with the map.
 
-One image is kept of each action, the last one, with the belief that restricted the search in it.
+The last image of each action is kept, with the gate (search radius) of each match, which the believed pose set.
 """
 
 import math
@@ -29,7 +29,7 @@ ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 
 
 class SeenImage(NamedTuple):
-    """One image and what was recognised in it."""
+    """Camera image of a run, with the landmarks that were recognised in it."""
 
     time: float
     """Middle of the exposure, s of simulated time."""
@@ -48,10 +48,10 @@ class SeenImage(NamedTuple):
 
 @dataclass
 class SightKeeper:
-    """Gathers the sights of a run from its messages.
+    """Collector of the camera images of a run and of what was recognised in them, from its messages.
 
     Attributes:
-        by_action: last sight of each action.
+        by_action: last image with landmarks of each action.
     """
 
     by_action: dict[str, SeenImage] = field(default_factory=dict[str, SeenImage])
@@ -70,7 +70,7 @@ class SightKeeper:
         self._belief = message
 
     def moved(self, message: Any) -> None:
-        """Take a message `state/odometry`, whose floor is at height 0."""
+        """Keep the pose of base_link of a message `state/odometry`; the floor is at height 0."""
         (x, y, z), yaw = message.position, message.yaw
         c, s = math.cos(yaw), math.sin(yaw)
         level = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -78,7 +78,7 @@ class SightKeeper:
         self._moments.append((OdometryAt(message.stamp_ns, (x, y, yaw), rot), FloorPose(rot, z)))
 
     def landmarks(self, message: Any, action: str) -> None:
-        """Take a message `state/landmarks` while an action is under way."""
+        """Keep the landmarks of a message `state/landmarks`, with their image, as the last of an action."""
         image = next((each for each in self._images if each.stamp_ns == message.image_stamp_ns), None)
         if not message.fresh or image is None or not self._moments:
             return
@@ -114,14 +114,14 @@ def features(sight: SeenImage, pixels: NDArray[np.uint8]) -> Array:
 
 
 def gates(sight: SeenImage) -> list[Array]:
-    """Return the outline of the gate of each match in the image, (25, 2) px; none where the whole map was compared."""
+    """Return the outline of the search region of each match, (25, 2) px; none where the whole map was compared."""
     ring = np.stack((np.cos(ROUND), np.sin(ROUND)), axis=1)
     pairs = zip(sight.places, sight.reach, strict=True)
     return [in_image(place + reach * ring, sight) for place, reach in pairs if math.isfinite(reach)]
 
 
 def words(sight: SeenImage) -> str:
-    """Return what was seen in an image, in words."""
+    """Return a sentence on an image: time, features, matches, entropy of the pose, flags."""
     seen, where = sight.seen, "whole map" if sight.seen.anywhere else "gates"
     entropy = f", entropy {sight.entropy:.1f} nats" if math.isfinite(sight.entropy) else ""  # of no believed pose
     flags = "".join(f", {flag}" for flag in seen.flags)

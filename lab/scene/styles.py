@@ -1,4 +1,4 @@
-"""Looks of what is drawn beside a robot, and the numbers beside the picture."""
+"""Styles of the items that are drawn beside a robot, and the numbers beside the picture."""
 
 from typing import NamedTuple
 

@@ -1,1 +1,1 @@
-"""Certificates of a system's processes and people, and the rules of what each may do, made from the table of topics."""
+"""Certificates of a system's processes and people, and access rules for them, made from the table of topics."""

@@ -1,4 +1,4 @@
-"""Grants: what each identity may do on which key, made from the table of topics and the declarations of the services.
+"""Grants: rights of each identity (service or person) on the keys of the bus, made from the table of topics and the declarations of the services.
 
 The owner of a topic publishes it, its reader subscribes to it, the caller of a query sends it, its server answers;
 nothing else is granted. Keys are relative to the namespace of the robot; ``*`` stands for one word.
@@ -25,7 +25,7 @@ TOKENS = f"{LIVE}/*/*", f"{STARTS}/*/*"
 
 
 class Verb(Enum):
-    """Use of a key by an identity."""
+    """Kind of use of a key that a grant allows."""
 
     PUBLISH = "publish"
     READ = "read"
@@ -36,7 +36,7 @@ class Verb(Enum):
 
 
 class Role(Enum):
-    """Kind of person by what it may do on the bus."""
+    """Role of a person, which sets the allowed uses of the bus."""
 
     OPERATOR = "operator"  # reads every topic, sends every query, stops the robot
     GUEST = "guest"  # reads every topic, sends the queries that change nothing
@@ -51,7 +51,7 @@ class Grant(NamedTuple):
 
 
 def grants(services: Iterable[type[Service[Any]]], people: dict[str, Role]) -> tuple[Grant, ...]:
-    """Return the grants of the services of a system and of people by name; the router, which has all, is left out."""
+    """Return the grants of services and people, `people`: role by name; the router, which may do all, has no rows."""
     found = [Grant(service.name, *one) for service in services if service.name != ROUTER for one in _of(service)]
     found += [Grant(name, *one) for name, role in people.items() for one in _of_role(role)]
     return tuple(dict.fromkeys(found))
@@ -99,13 +99,13 @@ def _of_role(role: Role) -> Iterator[tuple[Verb, str]]:
 
 
 def areas(granted: Iterable[Grant]) -> tuple[str, ...]:
-    """Return key expressions that hold every granted key: a word that begins with ``@`` is matched by itself only."""
+    """Return key expressions that cover all granted keys: `**`, and one for each first word with ``@``."""
     words = {grant.key.partition("/")[0] for grant in granted}
     return ("**", *sorted(f"{word}/**" for word in words if word.startswith("@")))
 
 
 def limits() -> dict[int, tuple[str, ...]]:
-    """Return the keys that share each limit on the size of a payload, by the limit in bytes."""
+    """Return the keys that share each limit on the size of a payload: keys by limit in bytes."""
     found: dict[int, list[str]] = {MAX_FRAME_BYTES: [FRAME.format("*"), BATCH.format("*")]}
     rows: list[Topic[Any] | Query[Any, Any]] = [*topics.TOPICS, *topics.QUERIES]
     bulky = {row.key for row in rows if any(issubclass(model, (Bulk, BulkRequest)) for model in _models(row))}

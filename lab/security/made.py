@@ -23,11 +23,11 @@ NAME = re.compile(r"[A-Za-z0-9:][A-Za-z0-9._:-]{0,62}")
 
 
 class Membership(NamedTuple):
-    """Persons that get a certificate of a system, beside its services; hosts and validity of all certificates.
+    """People who get a certificate of a system, beside its services, with hosts and validity of all certificates.
 
     Attributes:
         operators: names of people who may command.
-        guests: names of people who may look.
+        guests: names of people who may only read.
         hosts: names and addresses of the processes, besides loopback.
         days: validity of the certificates.
     """
@@ -39,11 +39,13 @@ class Membership(NamedTuple):
 
 
 def make(services: Sequence[type[Service[Any]]], namespace: str, wanted: Membership) -> Path:
-    """Write authority, certificates and settings of services and people; an authority that is there stays.
+    """Write authority, certificates and Zenoh settings of services and people into a folder; return the folder.
+
+    An existing authority is kept.
 
     Raises:
-        SurefootError: `cryptography` is not installed, or a name is no word, that of a service, or that of an operator
-            and of a guest.
+        SurefootError: `cryptography` is not installed, or the name of a person is malformed, that of a service, or
+            both operator and guest.
     """
     for field, given in wanted._asdict().items():
         for name in given if isinstance(given, tuple) else ():
@@ -72,7 +74,7 @@ def make(services: Sequence[type[Service[Any]]], namespace: str, wanted: Members
 
 
 def classes(compose: Compose) -> list[type[Service[Any]]]:
-    """Return the classes of a system's services (raises SurefootError: one has no class here)."""
+    """Return the classes of a system's services (raises SurefootError: one is not installed)."""
     found: list[type[Service[Any]]] = []
     for name in compose.services:
         try:

@@ -32,7 +32,7 @@ _ALL = ("put", "delete", "query", "reply", "liveliness_token", *_DECLARED)
 
 
 def settings_of(folder: Path, identity: str, namespace: str, granted: Sequence[Grant]) -> dict[str, Any]:
-    """Return the settings of one identity, whose key and certificate are in a folder."""
+    """Return the Zenoh settings of one identity, whose key and certificate are in a folder, as a JSON object."""
     key, certificate = str(folder / f"{identity}.key"), str(folder / f"{identity}.pem")
     return {
         "transport": {

@@ -25,7 +25,7 @@ THREADED = 512
 
 
 class BatchRoom(NamedTuple):
-    """Inputs and results of a step of many episodes; one row per episode."""
+    """Work arrays of a step of many episodes: inputs and results, one row per episode."""
 
     episodes: Ints
     """Number of the episode that begins next, (count,)."""
@@ -106,7 +106,7 @@ class EpisodeBatch:
     An observation is distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 = blocked.
 
     Args:
-        model: the robot.
+        model: navigation model of the robot.
         count: number of episodes at a time, 1 to 100000.
 
     Attributes:
@@ -140,7 +140,7 @@ class EpisodeBatch:
         self.reseed(0)
 
     def reseed(self, seed: int) -> None:
-        """Begin the next episodes with those of a seed (>= 0), from the first on."""
+        """Set the seed (>= 0) from which the following episodes are drawn, beginning with its first one."""
         if seed < 0:
             raise SurefootError("invalid", f"got {seed}, allowed is a seed >= 0", "seed")
         self._run = (seed % (1 << 62)) + 1

@@ -28,7 +28,7 @@ def _group() -> None:
 
 
 def seeds_of(text: str) -> "Seeds":
-    """Return the episodes of `A:B` (SurefootError: not of that form)."""
+    """Return the range of episodes that a text `A:B` names (raises SurefootError: it is not of that form)."""
     from surefoot.errors import SurefootError
 
     from .evaluation import Seeds

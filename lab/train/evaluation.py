@@ -46,13 +46,13 @@ def episodes(
     stream: int = EVALUATION,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Record:
-    """Return the results of a policy, a record RESULT of each episode, (count,), computed on all cores.
+    """Run a policy in simulated episodes on all cores; return a record RESULT of each episode, (count,).
 
     Args:
         world: the model's arrays.
         policy: decides the actions.
         seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
-        knows: true pose and drift are given to the policy.
+        knows: True: the policy gets the true pose and drift.
         stream: number of the stream of random numbers.
         progress: gets the share that is done.
     """
@@ -70,7 +70,7 @@ def episodes(
 
 
 def summary(results: Record) -> dict[str, Any]:
-    """Return mean, spread, success and consistency of episodes, times in s; times of failed episodes count as they are.
+    """Return statistics of episodes by name: times (s, those of failed episodes included), success, consistency.
 
     `results`: a record RESULT of each episode, (n,), as `run_episodes` returns them.
     """
@@ -97,7 +97,7 @@ def summary(results: Record) -> dict[str, Any]:
 
 
 def paired(ours: Record, others: Record) -> dict[str, Any]:
-    """Return the mean difference of times, ours - others, s, of the same seeds, with its 95 % interval and p-value.
+    """Return statistics of the difference of times, ours - others, s, over the same episodes: mean, 95 % interval, p.
 
     ours, others: a record RESULT of each episode, (n,), those of one seed in the same place.
     """

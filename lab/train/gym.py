@@ -30,7 +30,7 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
     rad/m, 1 = blocked. The reward is minus the seconds of the action, plus a bonus at the goal.
 
     Args:
-        model: the robot, or the name or file of one.
+        model: navigation model, or its name or file.
         render_mode: nothing is drawn.
     """
 
@@ -44,7 +44,7 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
         self.observation_space = gym.spaces.Box(LOW, HIGH, (OBSERVATION,), np.float64)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode; a seed begins its episodes anew, without one the next episode follows.
+        """Begin the first episode of a seed, or without a seed the next episode of the present one.
 
         Returns:
             Observation (6,): distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 =
@@ -74,11 +74,11 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
 
 
 class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[Any]]):
-    """Many navigating robots in one kernel call; an episode that ended begins anew with the next step.
+    """Vector environment of gymnasium with many navigating robots; an ended episode begins anew with the next step.
 
     Args:
         num_envs: number of robots.
-        model: the robot, or the name or file of one.
+        model: navigation model, or its name or file.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012 - as gymnasium declares it
@@ -109,7 +109,7 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Do one action in each of the n episodes, or begin those anew that have ended; `actions`: by index, (n,).
+        """Do one action in each of the n episodes, or begin a new one where it has ended; `actions`: by index, (n,).
 
         Returns:
             Observations (n, 6), as `reset` returns them; rewards (n,) s; goals reached (n,); times out (n,); infos.

@@ -1,9 +1,9 @@
 """Sarsa(lambda) on the augmented MDP of the paper: d, phi and the entropy h on a grid with linear interpolation.
 
-delta = r + gamma Q(s', a') - Q(s, a), Q(s', .) = 0 at the goal; E[c, a] = max(E[c, a], w_c) (replacing traces);
-T += alpha delta E; E *= gamma lambda; equation (3) and section V-B. Corrected: the greedy action is taken with
-probability 1 - eps, not eps. An episode that is cut off after 700 s ends in no terminal state: its last value is
-estimated like all others.
+delta = r + gamma Q(s', a') - Q(s, a), Q(s', .) = 0 at the goal; E[c, a] = max(E[c, a], w_c) (replacing traces); T +=
+alpha delta E; E *= gamma lambda; equation (3) and section V-B of Osswald et al. (2010). Corrected: the greedy action is
+taken with probability 1 - eps, not eps. An episode that is cut off after 700 s ends in no terminal state: its last
+value is estimated like all others.
 """
 
 import math
@@ -74,7 +74,7 @@ def corners(table: Array, grid: Array, d: float, phi: float, h: float, cells: In
 
 
 class Lessons(NamedTuple):
-    """Tables that a training fills, with its settings and times."""
+    """Tables that a training changes, with its settings and the times of its episodes."""
 
     table: Array
     """Action values, (layers, nd, nphi, A) s."""
@@ -115,7 +115,7 @@ class LearningRoom(NamedTuple):
 
 
 def learning_room(world: Arrays, size: int) -> LearningRoom:
-    """Return scratch for a model and a flattened table of `size` numbers."""
+    """Return the work arrays of `learn`, for a model and a flattened table of `size` numbers."""
     traces = EligibilityTraces(
         np.full(size, -1, dtype=np.int64),
         np.zeros(size, dtype=np.int64),
@@ -224,12 +224,12 @@ def learn(lessons: Lessons, model: ModelTables, run: int, start: int, end: int, 
     """Learn from episodes start .. end - 1, in place.
 
     Args:
-        lessons: what is learned; `seconds` has an element for each episode of the whole training.
+        lessons: tables that are changed; `seconds` has an element for each episode of the whole training.
         model: actions and scene.
         run: seed of the training.
         start: number of the first episode.
         end: number of the last episode + 1.
-        room: scratch.
+        room: work arrays.
     """
     policy = PolicyTables(SARSA, np.zeros(NUMBERS), lessons.table, lessons.grid, np.eye(3))
     table, mean_table = lessons.table.reshape(-1), lessons.mean_table.reshape(-1)

@@ -23,7 +23,7 @@ SELECTED_ON = 500  # episodes
 
 @dataclass
 class Trained:
-    """One training: seed, mean time (s) and success on the episodes of the selection, and whether it was kept."""
+    """Result of one training: seed, mean time (s) and success on the selection episodes, and True if it was kept."""
 
     seed: int
     mean_s: float
@@ -49,13 +49,13 @@ def make_sarsa(
     """Train a policy by Sarsa with seeds seed .. seed + runs - 1 on all cores; return the best one and all trainings.
 
     Args:
-        model: the robot.
-        schedule: settings.
+        model: navigation model of the robot.
+        schedule: settings of the training.
         seed: of the first training.
         runs: number of trainings.
         out: policy file; checkpoints are kept beside it and removed at the end.
         resume: go on from checkpoints that are there.
-        progress: gets the share that is done, and a training in words.
+        progress: gets the share that is done, and the state of a training in words.
     """
     lock, over, world, done = threading.Lock(), threading.Event(), arrays(model), dict[int, int]()
 
@@ -90,5 +90,5 @@ def make_sarsa(
 
 
 def checkpoint(out: Path, seed: int) -> Path:
-    """Return the file of a training's checkpoint."""
+    """Return the path of the checkpoint of a training with this seed, beside the policy file `out`."""
     return out.with_name(f"{out.stem}.seed{seed}.checkpoint.npz")

@@ -74,7 +74,7 @@ class Schedule:
 
 @dataclass
 class Training:
-    """A training under way; a checkpoint holds its state."""
+    """Training of a policy in progress, whose state a checkpoint holds."""
 
     model: NavigationModel
     seed: int
@@ -96,7 +96,7 @@ class Training:
         self._room = learning_room(self.world, self.table.size)
 
     def advance(self, episodes: int) -> None:
-        """Learn from the next `episodes` episodes of the training."""
+        """Train for the next `episodes` episodes."""
         end = min(self.done + episodes, self.schedule.episodes)
         learn(self._lessons, self.world.tables, self.seed + 1, self.done, end, self._room)
         self.done = end
@@ -119,11 +119,11 @@ class Training:
         return Policy("sarsa", self.world.names, tables, about)
 
     def identity(self) -> str:
-        """Return the hash of model, schedule and seed that a checkpoint must have."""
+        """Return a hash of model, schedule and seed, by which a checkpoint is matched to its training."""
         return hashlib.sha256(f"{self.model.sha256()} {self.schedule.sha256()} {self.seed}".encode()).hexdigest()
 
     def keep(self, path: Path) -> None:
-        """Write a checkpoint, complete or not at all."""
+        """Write a checkpoint, completely or not at all."""
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer,
@@ -137,7 +137,7 @@ class Training:
             part.write_bytes(buffer.getvalue())
 
     def take_up(self, path: Path) -> None:
-        """Go on from a checkpoint (SurefootError: it is of another training, or damaged)."""
+        """Continue from a checkpoint (raises SurefootError: it is of another training, or damaged)."""
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
                 held = {name: file[name] for name in ("identity", "done", "table", "mean_table", "seconds")}
@@ -152,11 +152,11 @@ class Training:
 
 
 def train(training: Training, checkpoint: Path | None, note: Callable[[Training], None]) -> Policy:
-    """Learn to the end and return the policy.
+    """Run a training to its end and return the policy.
 
     Args:
-        training: to begin or to go on with.
-        checkpoint: where to keep it every PIECE episodes, or None.
+        training: training to begin or to continue.
+        checkpoint: file to which it is written every PIECE episodes, or None.
         note: called after each piece.
     """
     while training.done < training.schedule.episodes:

@@ -1,1 +1,1 @@
-"""Live view of a running system in a browser, by what Python brings: an HTTP server and server-sent events."""
+"""Live view of a running system in a browser, with an HTTP server of the standard library and server-sent events."""

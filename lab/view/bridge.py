@@ -1,4 +1,4 @@
-"""Live bridge to Foxglove, Lichtblick and rerun: the scene of a running system on a WebSocket on this machine."""
+"""Live bridge to Foxglove, Lichtblick and rerun: serves the scene of a running system on a local WebSocket."""
 
 import threading
 import time
@@ -24,10 +24,10 @@ LINES = 100
 
 
 class FoxgloveBridge:
-    """Publisher of frames of a running system until it is closed; clients can read and nothing else.
+    """Publisher of the scene of a running system to Foxglove clients, which can only read, until it is closed.
 
     Attributes:
-        port: where it listens on 127.0.0.1.
+        port: port on 127.0.0.1 at which clients connect.
     """
 
     def __init__(self, client: Client, robot: Robot, port: int = PORT) -> None:

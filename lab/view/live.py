@@ -1,4 +1,4 @@
-"""Frames of a running system: the newest messages as the page draws them, 30 times a second while a page looks."""
+"""Frames of a running system, made of the newest messages 30 times a second while a page is open."""
 
 import json
 import math
@@ -45,13 +45,13 @@ class Shown:
     """State of the view at one time, as parts of JSON that all pages share.
 
     Attributes:
-        number: counts up.
-        epoch, marks: number of the run, and how many items stay so far in it.
-        world: counts changes of the ground and of the services that live; a page asks for the head again.
+        number: number of the state, which counts up.
+        epoch, marks: number of the run, and number of its lasting items so far.
+        world: counts changes of the ground and of the services that live; a page then requests the head again.
         frame: the frame, JSON; "null" before the first joint angles.
         report: number of the report on health, with its JSON.
         sight: number of the last image that vision read, with its JSON.
-        at_ms: wall time at which it was made, ms since 1970.
+        at_ms: wall time of the state, ms since 1970.
     """
 
     number: int = 0
@@ -65,10 +65,10 @@ class Shown:
 
 
 class LiveFrames:
-    """Collects the newest messages and makes frames of them on a thread of its own, which rests while no page looks.
+    """Maker of frames from the newest messages, on a thread of its own that rests while no page is open.
 
     Args:
-        stop: the emergency stop.
+        stop: function that sends the emergency stop.
     """
 
     def __init__(self, client: Client, robot: Robot, stop: Stop) -> None:
@@ -89,7 +89,7 @@ class LiveFrames:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread that makes frames; readers of frames get no more."""
+        """End the thread that makes frames; readers get no more of them."""
         self._closed.set()
         with self._news:
             self._news.notify_all()
@@ -97,11 +97,11 @@ class LiveFrames:
 
     @property
     def closed(self) -> bool:
-        """Return whether there will be no more frames."""
+        """True if no more frames will be made."""
         return self._closed.is_set()
 
     def head(self) -> dict[str, Any]:
-        """Return what holds for all frames: the robot, its ground, and what can be asked of the driver."""
+        """Return the constant parts of all frames as a JSON object: robot, ground, and actions the driver offers."""
         self._newest.ask_for_maps()
         offered = self._offered()
         with self._newest.lock:
@@ -126,15 +126,15 @@ class LiveFrames:
         return content
 
     def reader(self) -> "Reader":
-        """Return a reader of frames for one more page that watches."""
+        """Return a reader of frames for one more open page."""
         return Reader(self)
 
     def unseen(self) -> Shown:
-        """Return the state of a page that lacks everything; what was made while no page looked is old by now."""
+        """Return an empty state with the present number, for a page that waits for the next state."""
         return Shown(self._shown.number)
 
     def wait_newer(self, number: int, timeout_s: float) -> Shown:
-        """Return the state once it is newer than `number`, or as it is after so long."""
+        """Return the state as soon as it is newer than `number`, or as it is after `timeout_s` s."""
         with self._news:
             self._readers += 1
             try:
@@ -144,7 +144,7 @@ class LiveFrames:
                 self._readers -= 1
 
     def marks(self, begin: int, end: int) -> list[str]:
-        """Return items that stay, JSON, by their numbers in this epoch."""
+        """Return the lasting items `begin` to `end` - 1 of this run, a JSON text each."""
         return self._marks[begin:end]
 
     def _take_health(self, delivery: Delivery) -> None:
@@ -214,14 +214,14 @@ class LiveFrames:
         return {"services": services, "time": self._status, "log": list(self._log)}
 
     def act(self, action: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Carry out what a button asks for; return `accepted` and a reason.
+        """Carry out the action of a button of the page; return `accepted` and `reason` by name.
 
         Args:
             action: `stop`, or a key of `QUERIES`.
             fields: of the request. Of `push` the force is along the robot's heading, to its left and up, N.
 
         Raises:
-            SurefootError: no such action, a field it does not have, or the refusal of the service.
+            SurefootError: there is no such action or field, or the service refuses it.
         """
         if action == "stop":
             accepted, reason = self._stop("the live view")
@@ -245,13 +245,13 @@ class LiveFrames:
 
 
 class Reader:
-    """Progress of one open page: `next` returns the newest frame, and the marks and reports that the page lacks."""
+    """Reader of frames for one open page, which tracks what the page has: `next` returns what is new."""
 
     def __init__(self, live: LiveFrames) -> None:
         self._live, self._seen = live, live.unseen()
 
     def next(self, timeout_s: float) -> str | None:
-        """Return the next text for the page, JSON; None when nothing is new in that time."""
+        """Return the next message for the page, JSON; None when nothing is new within `timeout_s` s."""
         shown, seen = self._live.wait_newer(self._seen.number, timeout_s), self._seen
         if shown.number == seen.number:
             return None

@@ -22,14 +22,14 @@ ASK_S = 2.0
 
 
 def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) -> Robot:
-    """Return the robot of a running system: the one named, else its driver's, else that of the keys' prefix.
+    """Return the robot of a running system: that of `name`, else as its driver reports, else by the prefix of its keys.
 
     Args:
         name: name or folder; None = as the driver reports.
         warn: gets a sentence when the driver was built from another description.
 
     Raises:
-        SurefootError: it is not known here.
+        SurefootError: the robot is not known here.
     """
     try:
         driver = client.call("hw/description", ASK_S)
@@ -46,12 +46,12 @@ def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) 
 
 
 class NewestScene:
-    """Scene that takes the newest messages when it is looked at.
+    """Scene of a running system that reads the newest message of each topic when `look` is called.
 
     Attributes:
-        scene: of the robot; hold `lock` to read it.
-        grounds: counts the grounds that the scene has had.
-        runs: counts the runs: epochs of a driver, and drivers that were started anew.
+        scene: scene of the robot; hold `lock` to read it.
+        grounds: number of grounds that the scene has had.
+        runs: number of runs: epochs of a driver, and new starts of a driver.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class NewestScene:
                     self.scene.feed(key, lambda reply=reply: reply)
 
     def look(self) -> tuple[bool, Snapshot | None]:
-        """Return whether messages came since the last look, and the scene now; hold `lock`."""
+        """Update the scene; return True if messages came since the last call, and a snapshot. Needs `lock` held."""
         came = False
         for newest in self._newest:
             delivery = newest()

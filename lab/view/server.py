@@ -38,10 +38,10 @@ FIELDS = TypeAdapter(dict[str, Any])
 
 
 class ViewServer:
-    """Serves a page until it is closed.
+    """HTTP server of the live view's page, until it is closed.
 
     Attributes:
-        port: where it listens on 127.0.0.1.
+        port: port on 127.0.0.1.
         token: what every request must carry.
     """
 

@@ -1,4 +1,4 @@
-"""The last image that a running system read, with features, matches and gates, for the page; only where vision runs."""
+"""Newest camera image that vision has read, with features, matches and search regions, for the live page."""
 
 import base64
 import json
@@ -23,10 +23,10 @@ WIDEST, QUALITY = 480, 60
 
 
 class LiveSight:
-    """Gathers what an image showed from the newest messages; asks for images once vision has published landmarks.
+    """Collector of the newest image with its landmarks; subscribes to images once vision has published landmarks.
 
     Attributes:
-        shown: number of the sight, which counts up, and its JSON; "null" = there is none in this run.
+        shown: number of the newest image, which counts up, and its JSON; "null" = there is none in this run.
     """
 
     def __init__(self, client: Client) -> None:
@@ -35,7 +35,7 @@ class LiveSight:
         self.shown = (0, "null")
 
     def images(self) -> None:
-        """Take the newest image; before the other messages of a look, which may refer to it."""
+        """Take the newest image; called before `take`, as messages of landmarks refer to their image."""
         images = self._images  # a page that comes or goes may take them away meanwhile
         delivery: Delivery | None = images() if images else None
         if delivery is not None and not delivery.prime:
@@ -43,7 +43,7 @@ class LiveSight:
                 self._keeper.image(delivery.message())
 
     def take(self, delivery: Delivery) -> None:
-        """Keep the newest message of any key that a sight needs."""
+        """Use a message if it is one of landmarks, odometry or pose."""
         if delivery.key == STATE_LANDMARKS.key and not self._images:
             self._images = self._client.bus.newest(HW_IMAGE)
         take = {
@@ -61,7 +61,7 @@ class LiveSight:
             self.shown = (self.shown[0] + 1, "null")
 
     def look(self) -> tuple[int, str]:
-        """Return the number of the newest sight, which counts up, and its JSON; "null" = there is none in this run."""
+        """Return the number of the newest image with landmarks, which counts up, and its JSON; "null": none."""
         keeper = self._keeper
         sight = keeper.by_action.get("")
         if sight is not None and sight.image.stamp_ns != self._last:
@@ -74,10 +74,10 @@ class LiveSight:
 
 
 def drawn(sight: SeenImage) -> dict[str, Any]:
-    """Return a sight as the page draws it, places in pixels of the picture.
+    """Return an image with features, matches and search regions as a JSON object, places in pixels of the picture.
 
     Raises:
-        SurefootError: what came is no image.
+        SurefootError: the message holds no image.
     """
     pixels = greys(sight.image)
     picture = Image.fromarray(pixels)

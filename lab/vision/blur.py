@@ -1,7 +1,7 @@
 """Share of the landmarks in view that an image recognises: along a recorded walk, and against the camera's speed.
 
 In view are the features of the map whose floor point lies in the image and in the part of the floor that vision looks
-at. A belief within centimetres restricts the search, as in a navigator that knows its place.
+at. A pose estimate exact to centimetres restricts the search, as in a navigator whose robot is localised.
 """
 
 import math
@@ -63,7 +63,7 @@ def _camera() -> Camera:
 
 @dataclass(frozen=True)
 class StillCamera:
-    """Camera of the standing robot in its neutral stance, which a trial moves.
+    """Camera of a robot that stands in its neutral stance; the base moves as stated for each image.
 
     Attributes:
         optics: of the camera.
@@ -74,7 +74,7 @@ class StillCamera:
     texture: Texture
 
     def pose(self, x: float, y: float, yaw: float) -> CameraPose:
-        """Return the pose of the camera for one of base_link on the floor."""
+        """Return the pose of the camera, level, where base_link is at x, y (m) and yaw (rad) on the floor."""
         robot = _robot()
         place = np.array([x, y, self.base.height])
         return camera_pose(robot, _camera(), place, np.array(quat_from_rpy(0.0, 0.0, yaw)), robot.neutral)
@@ -86,10 +86,10 @@ class StillCamera:
         return FloorPose(np.eye(3), -float(foot_positions(robot.model, robot.neutral)[:, 2].min()))
 
     def shot(self, at: tuple[float, float, float], ahead: float, turn: float, seed: int) -> CameraImage:
-        """Return the image whose exposure has its middle at a pose x, y, yaw of a base that moves.
+        """Return an image of the moving camera, whose exposure has its middle at a given pose of base_link.
 
         Args:
-            at: m and rad.
+            at: pose x, y, yaw, m and rad.
             ahead: speed forward, m/s.
             turn: rate, rad/s.
             seed: of noise.
@@ -105,7 +105,7 @@ class StillCamera:
 
 
 def still_camera(texture: Texture, exposure: float | None = None) -> StillCamera:
-    """Return the camera over a texture; `exposure` in s, None = that of its file."""
+    """Return the camera over a floor of a texture; `exposure`: time, s, None = that of the camera's file."""
     optics = Optics.of(read_profile(CameraFile, CAMERA, "camera")[0])
     return StillCamera(optics if exposure is None else replace(optics, exposure=exposure), texture)
 
@@ -124,11 +124,11 @@ def map_by_grid(camera: StillCamera, kind: Kind, xs: Sequence[float], ys: Sequen
 
 
 def in_view(world: FeatureMap, patch: Patch, image: CameraImage, pose: CameraPose) -> NDArray[np.bool_]:
-    """Return True, (n,), for each of the n features of a map that an image shows within the patch that is looked at.
+    """Return a flag for each feature of a map, (n,): True if an image shows it, within a patch of the floor.
 
     Args:
         world: map of n features, frame map.
-        patch: part of the floor, in heading axes of base_link.
+        patch: part of the floor that vision uses, in heading axes of base_link.
         image: gives size, focal length and centre, px.
         pose: of the camera and of base_link.
     """
@@ -163,13 +163,13 @@ def _matched(eye: Eye, world: FeatureMap, image: CameraImage, base: FloorPose, p
 def by_speed(
     camera: StillCamera, world: FeatureMap, motions: Iterable[tuple[float, float]], trials: int
 ) -> list[MatchCount]:
-    """Return the matches of images of a camera in steady motion, at random places of the map.
+    """Return the numbers of matched landmarks in images of a camera in steady motion, at random places of the map.
 
     Args:
-        camera: with its exposure.
-        world: map.
+        camera: camera with its exposure.
+        world: map of features.
         motions: speeds forward, m/s, and turns, rad/s.
-        trials: images of each.
+        trials: number of images of each motion.
     """
     rng, found = np.random.default_rng(1), list[MatchCount]()
     low, high = world.positions.min(axis=0), world.positions.max(axis=0)
@@ -187,7 +187,10 @@ def by_speed(
 
 
 def along(walk: RecordedMotion, images: Iterable[TakenAt | None], world: FeatureMap) -> dict[str, list[MatchCount]]:
-    """Return the matches of images along a recorded walk, by state of the gait; the tilt is the estimator's."""
+    """Return the numbers of matched landmarks in images along a recorded walk, by state of the gait.
+
+    The tilt of the camera is taken from the estimator of the recording.
+    """
     history, found = MotionHistory(walk.robot), dict[str, list[MatchCount]]()
     eye = Eye(Extractor(world.kind, COUNT), world, Patch(pixel=world.pixel), ALL)
     poses: list[CameraPose | None] = []
@@ -219,6 +222,6 @@ def camera_at(walk: RecordedMotion, tick: int) -> CameraPose:
 
 
 def share(found: Sequence[MatchCount]) -> float:
-    """Return the share of the landmarks in view that were matched; NaN where none was in view."""
+    """Return the share of the landmarks in view that were matched, over all images; NaN where none was in view."""
     total = sum(each.in_view for each in found)
     return sum(each.matched for each in found) / total if total else math.nan

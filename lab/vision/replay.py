@@ -1,7 +1,7 @@
-"""A recorded walk seen again by a camera: the same motion over another floor, with vision and belief in the loop.
+"""Replay of a recorded walk with a simulated camera over another floor, through vision and localisation.
 
-The robot's way is that of the recording, so nothing walks: images are computed along it, the service vision reads them,
-and the navigator's belief takes what it publishes. Truth moves the camera and measures the errors; neither reads it.
+The robot moves as in the recording: images are rendered along its path, the service vision reads them, and the
+navigator's localiser takes the landmarks. The truth moves the camera and measures errors; neither service reads it.
 """
 
 import math
@@ -43,7 +43,7 @@ KEYS = (topics.HW_JOINTS.key, topics.STATE_ODOMETRY.key, topics.STATE_GAIT.key, 
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """Messages of a walk by tick; `hw/joints` at its own rate."""
+    """Recorded messages of a walk by control tick; `hw/joints` at its own rate."""
 
     robot: Robot
     ticks: list[dict[str, Any]]
@@ -56,7 +56,7 @@ class RecordedMotion:
 
 
 def read_motion(path: Path, seconds: float = math.inf, robot: str = "nao") -> RecordedMotion:
-    """Return the motion of a recording, its first seconds; raises SurefootError where it lacks a topic of `KEYS`."""
+    """Return the first `seconds` s of a recorded walk (raises SurefootError: it lacks a topic of `KEYS`)."""
     table: dict[int, dict[str, Any]] = {}
     for item in read_recording(path, KEYS):
         message = item.message()
@@ -70,7 +70,7 @@ def read_motion(path: Path, seconds: float = math.inf, robot: str = "nao") -> Re
 
 
 def floor(texture: str, seed: int, terrain: str = "corridor", width: float = 2.0) -> Texture:
-    """Return a named texture as the floor of a terrain; `width` m of a picture, `seed` of a procedural one."""
+    """Return the floor of a terrain with a named texture; `width`: of a picture, m; `seed`: of a procedural texture."""
     return paint(make_terrain(terrain), texture, width, 1.0, seed)
 
 
@@ -86,12 +86,12 @@ class TakenAt(NamedTuple):
 def images_of(
     motion: RecordedMotion, texture: Texture, seed: int, exposure: float | None = None, faults: Iterable[Fault] = ()
 ) -> Iterable[TakenAt | None]:
-    """Yield for each tick the image that arrives in it, or None.
+    """Yield for each tick of a walk the rendered image that arrives in it, or None.
 
     Args:
         seed: of noise and delays.
         exposure: s; None = that of the camera `nao_eyes`.
-        faults: of the camera.
+        faults: faults of the camera.
     """
     file = read_profile(CameraFile, "nao_eyes", "camera")[0]
     if exposure is not None:
@@ -115,7 +115,7 @@ def images_of(
 
 
 class Published(NamedTuple):
-    """Belief of the navigator and truth after one image of a replay."""
+    """Pose estimate of the navigator against the truth, after one message of vision in a replay."""
 
     tick: int
     gait: str
@@ -150,12 +150,12 @@ class _Outlet:
 
 @dataclass
 class WalkReplay:
-    """Vision and belief along a recorded motion.
+    """Replay of vision and localisation along a recorded motion.
 
     Attributes:
         world: map of features.
-        params: model of the navigator.
-        begin: error of the belief at the begin, x, y (m) and heading (rad).
+        params: name of the navigation model.
+        begin: error of the pose estimate at the begin, x, y (m) and heading (rad).
         change: called with tick, vision and localiser before each tick.
     """
 
@@ -165,7 +165,7 @@ class WalkReplay:
     change: Callable[[int, VisionService, Localiser], None] = lambda tick, vision, localiser: None
 
     def run(self, motion: RecordedMotion, images: Iterable[TakenAt | None]) -> list[Published]:
-        """Return belief and truth after each message of vision, those without a new image included."""
+        """Return pose estimate and truth after each message of vision, including those without a new image."""
         config = NavigatorConfig(robot=motion.robot.name, params=self.params)
         localiser = Localiser(config, load_params(self.params))
         localiser.tracker.world = FloorLandmarks(self.world.positions, self.world.codes, sd=self.world.sd)

@@ -68,7 +68,7 @@ class PeerTrack(NamedTuple):
 
 
 class InekfState(NamedTuple):
-    """State of the filter with N points, changed in place."""
+    """State of the invariant extended Kalman filter with N contact points, changed in place."""
 
     rot: Array  # (3, 3) rot_world_from_imu
     v: Array  # (3,) m/s, world axes
@@ -81,7 +81,7 @@ class InekfState(NamedTuple):
 
 
 def new_track(n: int) -> PeerTrack:
-    """Return a track with room for the estimates at n inertial rows, all zero."""
+    """Return a track of n inertial rows with all estimates zero, to be filled."""
     return PeerTrack(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
 
 
@@ -288,7 +288,7 @@ def readings(log: Log, several: bool) -> Readings:
 
 
 def inekf(log: Log, noise: InekfNoise) -> PeerTrack:
-    """Return the track of the contact-aided invariant filter over a log."""
+    """Return the track of the contact-aided invariant extended Kalman filter over a log."""
     cut, out = segments(log), new_track(len(log.stamp_ns))
     bias, sd_g = np.zeros(6), 0.02
     w, q, begin = at_rest(log)

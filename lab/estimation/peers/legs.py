@@ -22,7 +22,7 @@ TILT = 0.02  # rad, stated error of the attitude
 
 
 def path(log: Log, v: Array, rot: Array) -> Array:
-    """Return the way of the IMU at each row, (n, 3) m, world: velocities along attitudes, summed up.
+    """Return the path of the IMU at each row, (n, 3) m, world: the integral of its velocity.
 
     v: (n, 3) m/s, IMU axes; rot: rot_world_from_imu, (n, 3, 3).
     """
@@ -54,7 +54,7 @@ def foot_velocities(log: Log) -> Array:
 
 
 def legs(log: Log) -> PeerTrack:
-    """Return the track of a log by its standing feet alone; velocity is held from one sample of them to the next."""
+    """Return the track of a log by its standing feet, without a filter; the velocity is held between foot samples."""
     n, known = len(log.stamp_ns), foot_velocities(log)
     good = np.flatnonzero(np.isfinite(known).all(axis=1))
     rot = attitude(log)
@@ -83,9 +83,9 @@ def gyro_attitude(log: Log, first: int = 0) -> Array:
 
 
 def inertial_velocity(log: Log, first: int) -> Array:
-    """Return the velocity of the IMU at rows from `first` on, (n - first, 3) m/s, world, by its own samples alone.
+    """Return the velocity of the IMU at rows from `first` on, (n - first, 3) m/s, world, by inertial samples alone.
 
-    It begins with the true one of row `first`. Biases are the means of the standstill at the beginning.
+    The integral begins with the true velocity of row `first`. Biases are the means of the standstill at the beginning.
     """
     truth, up = log.known(), np.array([0.0, 0.0, GRAVITY])
     rest, force, _ = at_rest(log)

@@ -37,7 +37,7 @@ class LinearNoise(NamedTuple):
 
 
 class LinearState(NamedTuple):
-    """State of the filter with L feet, changed in place."""
+    """State of the linear Kalman filter with L feet, changed in place."""
 
     x: Array  # (6 + 3 L,) position m, velocity m/s, feet m, world axes
     cov: Array  # (6 + 3 L, 6 + 3 L)
