@@ -75,7 +75,7 @@ class RunProgress:
 
     @classmethod
     def at(cls, ticks: int, wall_s: float, most: float) -> "RunProgress":
-        """Return the progress after `ticks` control ticks and `wall_s` s of wall time; `most`: longest simulated time, s."""
+        """Return the progress after `ticks` and `wall_s` s of wall time; `most`: longest simulated time, s."""
         return cls(ticks, ticks * TICK_S, ticks * TICK_S / wall_s, most)
 
 
@@ -265,7 +265,7 @@ def _about(scenario: Scenario, compose: Compose, options: Options, seed: int) ->
 
 
 def recorder_of(session: Session, patience_s: float) -> RecorderReply | None:
-    """Wait for the recorder to have the last tick on disk, `patience_s` s at most; return its status, None: no reply."""
+    """Return the recorder's status once the last tick is on disk or after `patience_s` s; None: no reply."""
     deadline = time.monotonic() + patience_s
     while True:
         try:

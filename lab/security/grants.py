@@ -1,4 +1,4 @@
-"""Grants: rights of each identity (service or person) on the keys of the bus, made from the table of topics and the declarations of the services.
+"""Grants: rights of each service and person on the keys of the bus, by the topics and the services' declarations.
 
 The owner of a topic publishes it, its reader subscribes to it, the caller of a query sends it, its server answers;
 nothing else is granted. Keys are relative to the namespace of the robot; ``*`` stands for one word.
