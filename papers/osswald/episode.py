@@ -1,6 +1,6 @@
-"""Episode in the paper's world, step by step: true pose, belief, features of the state, actions.
+"""Episode of Osswald et al.'s simulated world, step by step: true and estimated pose, state features, actions.
 
-The kernels are those of training and evaluation, so an episode here is the one that they count, bit for bit.
+The kernels are those of training and evaluation, so that an episode here equals theirs bit for bit.
 """
 
 from collections.abc import Callable
@@ -26,14 +26,14 @@ last decision."""
 
 @dataclass(frozen=True)
 class Episode:
-    """An episode of k actions; row 0 of what has k + 1 rows is the start.
+    """Course of an episode of k actions; in arrays with k + 1 rows, row 0 is the start.
 
     Attributes:
         time: s, (k + 1,).
         truth: x, y (m) and heading (rad) in the map, (k + 1, 3).
         mean: estimated x, y (m) and heading (rad), (k + 1, 3).
         cov: covariance of the estimate, (k + 1, 3, 3).
-        features: d (m), phi (rad) and h (nats) of equations (4) to (6), (k + 1, 3).
+        features: d (m), phi (rad) and h (nats) of equations (4) to (6) of Osswald et al., (k + 1, 3).
         blocked: a wall is close ahead, (k + 1,).
         actions: index of each action, (k,).
         stands: actions that stand, (k,).
@@ -68,9 +68,9 @@ class Episode:
 
 
 def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
-    """Return episode `episode` of seed `run` with the actions that `decide` returns.
+    """Run episode `episode` of seed `run` with the actions that `decide` returns, and return its course.
 
-    It is called once more at the end, with the last reward; that action is not done.
+    `decide` is called once more at the end, with the last reward; that action is not done.
     """
     scene, room = world.tables.scene[0], episode_room(world.states)
     state = _begun(world, run, episode)
@@ -127,7 +127,7 @@ def _begun(world: Arrays, run: int, episode: int) -> EpisodeState:
 
 
 def deciding(world: Arrays, policy: Policy) -> Decide:
-    """Return the function by which `follow` follows a policy."""
+    """Return the function `decide` for `follow` that takes the actions of a policy."""
     room, scene = room_to_choose(world.states, len(world.names)), world.tables.scene[0]
 
     def decide(mean: Array, cov: Array, status: Record, reward: float) -> int:
@@ -137,5 +137,5 @@ def deciding(world: Arrays, policy: Policy) -> Decide:
 
 
 def follow_all(world: Arrays, policy: Policy, run: int, first: int, count: int) -> tuple[Episode, ...]:
-    """Return episodes first .. first + count - 1 of seed `run` with the actions of a policy."""
+    """Run episodes first .. first + count - 1 of seed `run` with a policy; return their courses."""
     return tuple(follow(world, deciding(world, policy), run, e) for e in range(first, first + count))

@@ -25,7 +25,7 @@ ELLIPSE_EVERY = 8  # actions
 
 
 def draw(study: NavigationStudy, out: Path | None) -> tuple[Path, ...]:
-    """Write all figures into a folder, which is made; without one draw nothing."""
+    """Draw all figures of the study into the folder `out`; return their paths, none if it is None."""
     plots: dict[str, Callable[[NavigationStudy], Figure]] = {
         "fig3-training-paths": _figure_3,
         "fig4-training-times": _figure_4,

@@ -1,4 +1,4 @@
-"""Sarsa(lambda) of section V-B in plain Python: it shows the path of a training, and checks the kernel.
+"""Sarsa(lambda) of Osswald et al., section V-B, in plain Python, which shows paths and checks the kernel.
 
     delta = r + gamma Q(s', a') - Q(s, a),  Q(s', .) = 0 at the goal
     E[c, a] = max(E[c, a], w_c),  T += alpha delta E,  E *= gamma lambda
@@ -20,13 +20,13 @@ from .episode import Episode, follow
 
 
 class Learner:
-    """Sarsa(lambda) during one episode of a training, as the paper states it.
+    """Learner by Sarsa(lambda) during one episode of a training, as Osswald et al. state it.
 
     Args:
-        training: whose next episode it is; it is not changed.
+        training: training whose next episode is run; it is not changed.
 
     Attributes:
-        table: action values, the training's to begin with, (layers, nd, nphi, A) s.
+        table: action values, at first those of the training, (layers, nd, nphi, A) s.
     """
 
     def __init__(self, training: Training) -> None:
@@ -45,15 +45,15 @@ class Learner:
         seed(self._explore, training.seed + 1, training.done, learning.EXPLORE)
 
     def walk(self) -> Episode:
-        """Return the next episode of the training, during which the learner learns."""
+        """Run the next episode of the training while learning from it, and return its course."""
         return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
 
     def decide(self, mean: Array, cov: Array, status: Record, reward: float) -> int:
         """Learn from the reward of the last action, and return the index of the next one.
 
         Args:
-            mean: believed x, y (m), heading (rad) and more, frame map, (n,).
-            cov: its covariance, (n, n).
+            mean: estimated x, y (m), heading (rad) and more, frame map, (n,).
+            cov: covariance of the estimate, (n, n).
             status: counters and flags of the episode, a record STATUS, see `EpisodeState`.
             reward: minus the seconds of the last action, plus a bonus at the goal.
         """
@@ -102,7 +102,7 @@ class Learner:
 
 
 def paths(training: Training, every: int) -> tuple[tuple[int, Episode], ...]:
-    """Train to the end; return the number and the path of every `every`-th episode."""
+    """Run a training to its end; return number and course of every `every`-th episode."""
     found: list[tuple[int, Episode]] = []
     while training.done < training.schedule.episodes:
         found.append((training.done, Learner(training).walk()))

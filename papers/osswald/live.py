@@ -1,4 +1,4 @@
-"""Runs of the simulated Nao, section VI-C, read from the results of `python -m benchmarks goals`."""
+"""Results of the simulated Nao for Osswald et al., section VI-C, read from those of `python -m benchmarks goals`."""
 
 import json
 from pathlib import Path
@@ -16,10 +16,10 @@ ARMS = {"hand": "93.16 +- 10.14", "sarsa": "86.53 +- 8.60"}
 
 
 def read(path: Path) -> dict[str, list[dict[str, Any]]]:
-    """Return the runs of each controller in the hard world; torn lines are left out.
+    """Return the benchmark runs of each controller in the world `hard`; lines that cannot be read are left out.
 
     Raises:
-        SurefootError: no file, or no runs of `hand` and `sarsa` in it.
+        SurefootError: there is no file, or fewer than two runs of `hand` or `sarsa` in it.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -43,7 +43,7 @@ def read(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def findings(path: Path) -> list[Finding]:
-    """Return the two times beside the paper's, and whether the learned policy is faster by its t-test."""
+    """Return rows with the times to the goal beside the paper's, and the gain of the learned policy with its t-test."""
     runs = read(path)
     times = {arm: _times(found) for arm, found in runs.items()}
     where, rows = "VI-C, live", list[Finding]()

@@ -24,7 +24,9 @@ def moving_mean(values: Array, window: int = WINDOW) -> Array:
 
 
 def converged(seconds: Array) -> int:
-    """Return the first episode from which on the mean of WINDOW episodes stays within SETTLED of the mean at the end.
+    """Return the index of the first episode from which the moving mean stays within SETTLED of the mean at the end.
+
+    The moving mean at an episode is that of the times of it and the WINDOW - 1 episodes after it.
 
     Args:
         seconds: time of each training episode, (n,) s; the end is the last third of it.
@@ -35,21 +37,22 @@ def converged(seconds: Array) -> int:
 
 
 def first_near_the_end(seconds: Array) -> int:
-    """Return the first episode from which on the mean of WINDOW episodes is within SETTLED of the mean at the end.
+    """Return the index of the first episode whose moving mean is within SETTLED (a share) of the mean at the end.
 
-    It may leave that again later. `seconds`: time of each episode, (n,) s.
+    The moving mean at an episode is that of the times of it and the WINDOW - 1 episodes after it; later ones may be
+    farther off. `seconds`: time of each training episode, (n,) s; the end is the last third of it.
     """
     end = float(seconds[-seconds.size // 3 :].mean())
     return int(np.argmax(np.abs(moving_mean(seconds) - end) <= SETTLED * end))
 
 
 def stops(e: Episode) -> NDArray[np.int64]:
-    """Return the indices of the actions at which the robot comes to stand, (s,): stands in a row are one stop."""
+    """Return the indices of the actions at which the robot stops, (s,): consecutive stands count as one stop."""
     return np.flatnonzero(e.stands & ~np.concatenate(([False], e.stands[:-1])))
 
 
 def spread_of_intervals(episodes: Iterable[Episode]) -> float:
-    """Return sd / mean of the time from stop to stop: 0 = regular, 1 = at random, NaN without intervals."""
+    """Return standard deviation over mean of the times between stops: 0 = regular, 1 = random; NaN: no intervals."""
     gaps = np.concatenate([np.diff(e.time[stops(e)]) for e in episodes])
     return float(gaps.std() / gaps.mean()) if gaps.size > 1 else math.nan
 
@@ -87,19 +90,19 @@ def matches_expected(world: Arrays, episodes: Iterable[Episode]) -> float:
 
 
 def turns_against_drift(episodes: Iterable[Episode]) -> float:
-    """Return the share of turns that undo what the drift has turned."""
+    """Return the share of the turns on the spot that are opposite to the drift of their episode."""
     signs = np.concatenate([e.turns[e.turns != 0] * np.sign(e.drift) for e in episodes])
     return float((signs < 0.0).mean())
 
 
 def reversals(e: Episode) -> int:
-    """Return how often a turn follows one to the other side with no more than one action in between."""
+    """Return the number of turns on the spot that follow a turn to the other side, at most one action between them."""
     at = np.flatnonzero(e.turns)
     return int(((np.diff(e.turns[at]) != 0) & (np.diff(at) <= 2)).sum())
 
 
 def typical(episodes: Sequence[Episode]) -> Episode:
-    """Return the episode whose time and number of stands are nearest to the means, in standard deviations."""
+    """Return the episode whose time and number of stands are nearest to the means over all, in standard deviations."""
     rows = np.array([(e.seconds, e.stands.sum()) for e in episodes])
     spread = rows.std(axis=0)
     off = np.abs(rows - rows.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)

@@ -1,4 +1,4 @@
-"""Osswald, Hornung & Bennewitz (2010), section VI: learned navigation against a controller made by hand."""
+"""Reproduction of Osswald, Hornung & Bennewitz (2010), section VI: learned navigation and a hand-made controller."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""The blur study from pixels: features of the floor that a walking camera loses, and those that a standing one keeps.
+"""Study of motion blur with rendered images: features of the floor that a walking camera loses against a standing one.
 
-The camera turns at the rate that moves its image as a walk of the simulated Nao does. How long the light makes the
-exposure is not printed; the exposure is what varies here.
+The camera turns at a rate whose image flow is that of a walk of the simulated Nao. Osswald et al. do not print the
+exposure time; it is varied here.
 """
 
 from pathlib import Path
@@ -28,12 +28,12 @@ TEXTURE = "parquet"
 
 
 def kept(camera: StillCamera, world: FeatureMap, flow: float) -> list[MatchCount]:
-    """Return the matches of images whose floor moves by `flow`, px/s."""
+    """Return the numbers of matched features in images whose floor moves by `flow`, px/s."""
     return by_speed(camera, world, [(0.0, flow / camera.optics.focal)], TRIALS)
 
 
 class KeptFeatures(NamedTuple):
-    """Landmarks in view and recognised at one exposure, standing and walking."""
+    """Numbers of features in view and recognised at one exposure time, standing and walking."""
 
     exposure: float
     """s."""
@@ -43,12 +43,12 @@ class KeptFeatures(NamedTuple):
 
     @property
     def lost(self) -> float:
-        """Share of what standing recognises that walking loses."""
+        """Share of the features recognised when standing that are not recognised when walking."""
         return 1.0 - self.walks[0] / max(1, self.stands[0])
 
 
 def study() -> list[KeptFeatures]:
-    """Return what the images of each exposure keep (raises SurefootError: OpenCV is not installed)."""
+    """Return the recognised features at each exposure time (raises SurefootError: OpenCV is not installed)."""
     texture = floor(TEXTURE, 0)
     world = map_by_grid(still_camera(texture, 0.01), "orb", [0.1 * k for k in range(-2, 7)], (-0.2, 0.0, 0.2))
     found: list[KeptFeatures] = []
@@ -63,7 +63,7 @@ def study() -> list[KeptFeatures]:
 
 
 def reproduced(out: Path | None) -> tuple[list[Finding], tuple[Path, ...]]:
-    """Return the rows of the study and its figure, in a folder; one row with the reason where OpenCV is not installed.
+    """Return the rows of the study and the path of its figure; without OpenCV one row with the reason, and no figure.
 
     Args:
         out: folder of the figure, None = there is none.

@@ -1,4 +1,4 @@
-"""Experiments of section VI in simulation: tuning, trainings, 100 + 100 episodes, and the claims of the text.
+"""Experiments of Osswald et al., section VI, in simulation: tuning, trainings, 100 + 100 episodes, claims.
 
 Nothing here is chosen by the episodes that are reported: the hand controller's entropy threshold, and which of ten
 trainings stands for the paper's one, are chosen on random streams of their own.
@@ -44,15 +44,15 @@ TRAINED = 0.8
 
 @dataclass(frozen=True)
 class Vision:
-    """One of the two worlds: moderate blur (VI-B) or strong blur (VI-D).
+    """Results in one of the two simulated worlds: moderate blur (section VI-B) or strong blur (VI-D).
 
     Results of episodes are records RESULT, as `run_episodes` returns them.
 
     Attributes:
-        model: all its numbers.
+        model: navigation model of the world.
         world: the model as arrays.
         thresholds: mean time (s) and success of the 35 deg controller by entropy threshold (nats), tuning episodes.
-        threshold: nats, the one with least time of those with full success.
+        threshold: nats, of those with full success the one with the least time.
         trained: time of the episodes of each training, s, (trainings, 1500).
         chosen: index of the training that did best on the episodes of the selection.
         hand: results of the 35 deg controller, (100,).
@@ -84,17 +84,17 @@ class Vision:
 
     @property
     def learned_walks(self) -> tuple[Episode, ...]:
-        """Episodes of the chosen training, step by step."""
+        """Course of the episodes with the policy of the chosen training."""
         return self.walks[self.chosen]
 
 
 @dataclass(frozen=True)
 class NavigationStudy:
-    """All of section VI.
+    """Results of all experiments of Osswald et al., section VI.
 
     Attributes:
-        normal: VI-A to C.
-        blur: VI-D.
+        normal: world with moderate blur, sections VI-A to C.
+        blur: world with strong blur, section VI-D.
         paths: every 10th episode of the chosen training in normal vision: number and path.
         turning: 35 deg and other thresholds (deg) of the hand controller: results on 1000 episodes, and 50 walks.
         refusal: the error that refuses the printed gamma.
@@ -114,7 +114,7 @@ class NavigationStudy:
 def tune(world: Arrays, seeds: Seeds = TUNING_EPISODES) -> tuple[dict[float, tuple[float, float]], float]:
     """Return time, s, and success of the 35 deg controller by entropy threshold, nats, and the threshold to use (VI-B).
 
-    That is the one with the least mean time of those with full success; without such, with the most success.
+    The threshold to use is that with the most success, and of several the one with the least mean time.
     """
     found: dict[float, tuple[float, float]] = {}
     for h in THRESHOLDS:
@@ -133,7 +133,10 @@ def choose_of(world: Arrays, policies: list[Policy]) -> int:
 
 
 def compare(model: NavigationModel, progress: Callable[[float], None] = lambda share: None) -> Vision:
-    """Train, and return the hand controller and the learned policies in one world; `progress` gets the share done."""
+    """Train policies in one world, and return their results and those of the hand-made controller.
+
+    `progress`: gets the share that is done.
+    """
     world = arrays(model)
     thresholds, threshold = tune(world)
     own = hand(world, stand_above=threshold)
@@ -165,14 +168,14 @@ def compare(model: NavigationModel, progress: Callable[[float], None] = lambda s
 
 
 def train(model: NavigationModel, seed: int, schedule: Schedule = AS_PRINTED) -> Training:
-    """Return a training of Sarsa(lambda) on a seed, run to its end."""
+    """Run a training of Sarsa(lambda) with a seed to its end, and return it."""
     training = Training(model, seed, schedule)
     training.advance(schedule.episodes)
     return training
 
 
 def with_printed_gamma() -> tuple[str, Record]:
-    """Return the refusal of the printed discount gamma .95, and results of a policy trained with it all the same.
+    """Return the error text that refuses the printed discount gamma .95, and results of a policy trained with it.
 
     Results are a record RESULT of each of 100 episodes, (100,), as `run_episodes` returns them. Guards against endless
     stands are off.
@@ -190,7 +193,7 @@ def with_printed_gamma() -> tuple[str, Record]:
 
 
 def study(progress: Callable[[float, str], None] = lambda share, step: None) -> NavigationStudy:
-    """Return everything that section VI needs: trainings, episodes and comparisons; takes about half a minute."""
+    """Run all experiments of Osswald et al., section VI, and return the results; takes about half a minute."""
     normal, blur = (load(name, (THREE_STATES,)) for name in ("paper", "paper-blur"))
     step = "trainings and 100 + 100 episodes"
     seen = compare(normal, lambda share: progress(0.4 * share, f"{step}, moderate blur"))

@@ -1,4 +1,4 @@
-"""Products of elementary functions of one input each, (10) to (13) of Walas & Belter (2011)."""
+"""Products of elementary functions of one input each, equations (10) to (13) of Walas & Belter (2011)."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ LARGEST = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Elementary:
-    """Elementary terms of Walas & Belter (10): phi_q = prod_i f_iq(u_i).
+    """Elementary terms of a slip model, equation (10) of Walas & Belter: phi_q = prod_i f_iq(u_i).
 
     f is one of (u - a)^round(lambda), sin(lambda u - a), exp(-lambda u). a of the sine is a phase, not a centre; in the
     exponential it would only scale c, so it is left out.

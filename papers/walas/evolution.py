@@ -2,7 +2,7 @@
 
 Mutation draws the terms of one gene again, crossover exchanges the genes between two points, and the best half of
 parents and children goes on. The paper selects by the sum of distances and solves for the weights by least squares;
-here both use the same norm.
+here both steps use the same norm.
 """
 
 import numpy as np

@@ -16,7 +16,7 @@ from .study import StabilityStudy
 
 
 def draw(study: StabilityStudy, out: Path | None) -> tuple[Path, ...]:
-    """Write all figures into a folder, which is made; without one draw nothing."""
+    """Draw all figures of a study and write them into the folder `out`; return their paths, none if it is None."""
     plots: dict[str, Callable[[StabilityStudy], Figure]] = {
         "fig15-com-displacement": _figure_15,
         "fig16-21-procedure": _figure_16,

@@ -1,4 +1,4 @@
-"""Searches for terms as Walas & Belter (2011), section 3.2, and files of the models that they find."""
+"""Searches for the terms of a slip model as in Walas & Belter (2011), section 3.2, and files of models found."""
 
 import pickle
 from dataclasses import replace
@@ -21,12 +21,12 @@ WIDEST = 3.0
 
 
 def finder(family: str, terms: int, evaluations: int, blind: bool = False) -> Finder:
-    """Return the search of the paper: evolution of elementary terms, or a swarm of Gaussians.
+    """Return a search for terms as in Walas & Belter: evolution of elementary terms, or a swarm of Gaussians.
 
     Args:
         family: elementary or gaussian.
         terms: number of terms.
-        evaluations: costs to compute.
+        evaluations: number of evaluations of the cost.
         blind: leave cos K3 out, as in Fig. 8.
     """
 
@@ -56,11 +56,11 @@ def _blind(basis: Basis) -> Basis:
 
 
 def keep(model: LearnedModel, path: Path) -> str:
-    """Write a model of any terms for the walks of a study; returns the path."""
+    """Write a slip model to a file, for the walks of a study in other processes; return the path."""
     path.write_bytes(pickle.dumps(model))
     return str(path)
 
 
 def kept(path: str) -> LearnedModel:
-    """Return the slip model in a file that this study has written."""
+    """Return the slip model in a file that `keep` has written."""
     return pickle.loads(Path(path).read_bytes())

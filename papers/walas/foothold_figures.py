@@ -20,7 +20,7 @@ MM = 1e3
 
 
 def draw(study: FootholdStudy, out: Path | None) -> tuple[Path, ...]:
-    """Write all figures into a folder, which is made; without one draw nothing."""
+    """Draw all figures of a study and write them into the folder `out`; return their paths, none if it is None."""
     plots: dict[str, Callable[[FootholdStudy], Figure]] = {
         "fig07-data": lambda s: _cloud(s.exact, s.models["primitives K1, K2"], "Fig. 7: stances and bin means"),
         "fig08-elementary": lambda s: _surface(s.models["primitives K1, K2"], s.exact, "Fig. 8: elementary terms"),

@@ -1,7 +1,7 @@
 """Trials and walks behind Figs. 7 to 12 of Walas & Belter (2011), kept in a folder so that a study can be continued.
 
 Walks are tripod walks of 0.9 m at friction 0.5 over the ground of section 3.4 (`mixed`: flagstones, hills, depressions,
-stones; +8.7 to -0.35 cm) with its exact map. Seeds of collection and of walks differ.
+stones; +8.7 to -0.35 cm) with its exact map. Walks that collect samples have other seeds.
 """
 
 import json
@@ -34,7 +34,7 @@ NOISE = 0.003
 
 @dataclass(frozen=True)
 class WalkKey:
-    """One walk of the study."""
+    """Settings of one walk of the study: case, seed, conditions, and the model that chooses footholds."""
 
     case: str
     seed: int
@@ -45,7 +45,7 @@ class WalkKey:
     """k of Q = P + k K4, 1/m; None = that of the model."""
 
     def rule(self) -> Rule | None:
-        """Return the rule of the walk: the paper's choice (least Q of single cells), random, or None for nominal."""
+        """Return the rule that chooses footholds: least Q of single cells, random draws, or None for nominal ones."""
         if self.model:
             return model_rule(kept(self.model), SelectParams(robust=False, distance_weight=self.weight))
         return random_rule(self.seed) if self.case.startswith("random") else None
@@ -63,7 +63,7 @@ class WalkResult:
     samples: tuple[StanceSample, ...]
 
     def accumulated(self, steps: int, column: int = 1) -> np.ndarray:
-        """Return S(n), the sum of a column over all stances of the steps up to n, (steps,), no unit.
+        """Return S(n), the sum of a column of `rows` over all stances up to step n, (steps,), no unit.
 
         `column`: 1 = sliding, 2 = displacement, each over the length of the stroke.
         """
@@ -80,7 +80,7 @@ class WalkResult:
 
 
 def walked(key: WalkKey) -> dict[str, Any]:
-    """Do one walk; returns its outcome as plain values, as the folder keeps them."""
+    """Simulate one walk; return its outcome as plain values, as they are kept in the folder of the study."""
     joined = JoinedWalk(key.seed, key.setting, key.rule()).run()
     robot, ground = joined.robot, joined.selector.ground
     facts = {"friction": key.setting.friction, "robot": robot.name, "robot_hash": robot.hash, "source": f"{key.case}"}
@@ -94,7 +94,7 @@ def walked(key: WalkKey) -> dict[str, Any]:
 
 
 class Runs:
-    """Walks and trials of a study; a folder keeps those that are done."""
+    """Walks and trials of a study, kept in a folder so that they are done only once."""
 
     def __init__(
         self, folder: Path, jobs: int | None = None, progress: Callable[[str], None] = lambda step: None
@@ -118,7 +118,7 @@ class Runs:
                 continue  # a torn line
 
     def walks(self, keys: Sequence[WalkKey]) -> list[WalkResult]:
-        """Return the results of walks in their order."""
+        """Return the results of walks, in the order of `keys`; those that the folder lacks are done and added to it."""
         missing = [key for key in keys if (key.case, key.seed) not in self._done]
         for key in (key for key in keys if key not in missing):
             self._progress(f"walk of before: {key.case}, seed {key.seed}")
@@ -130,7 +130,10 @@ class Runs:
         return [_result(self._done[key.case, key.seed]) for key in keys]
 
     def primitives(self, seeds: Sequence[int], noise: float) -> list[StanceSample]:
-        """Return the outcomes of all primitives: without noise once, else once for each seed."""
+        """Return samples of trials on ground primitives, which are done where the folder lacks them.
+
+        `seeds`: one set of trials each; `noise`: standard deviation of the heights, m.
+        """
         robot, out = load_robot(ROBOT), self.folder / "primitives.jsonl"
         trials = paper_trials(noise=noise, seeds=seeds)
         run_trials(robot, trials, out, [own_worker(robot)])

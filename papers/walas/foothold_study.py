@@ -13,7 +13,7 @@ from .foothold_runs import WalkResult
 
 @dataclass(frozen=True, eq=False)
 class FootholdStudy:
-    """Trials, models and walks of the section of Walas & Belter on footholds."""
+    """Results of the study of Walas & Belter, section 3: trials, learned models and walks."""
 
     exact: list[StanceSample]
     """Stances on exact primitives."""
@@ -29,6 +29,6 @@ class FootholdStudy:
 
 
 def predicted(model: LearnedModel, a: float, b: float) -> float:
-    """Return P of K1 / (8 cell), K2 / (8 cell) at cos K3 = 0, cut to the ranges that were learned."""
+    """Return the slip P of a model at K1 = 8 cell a, K2 = 8 cell b, cos K3 = 0, cut to its learned ranges."""
     low, high = np.array(model.ranges).T
     return float(model.terms.values(np.clip(np.array([[a, b, 0.0]]), low, high))[0])

@@ -1,6 +1,7 @@
-"""Walas & Belter (2011), section 3: learning where to step, Figs. 7 to 12 again.
+"""Reproduction of Walas & Belter (2011), section 3: learning where to step, Figs. 7 to 12.
 
-The paper prints orders, not numbers: each is checked over seeds with 95 % intervals of 2000 resamplings.
+The paper states which method is better, not numbers: each order is checked over seeds, with 95 % intervals of 2000
+resamplings.
 """
 
 import itertools
@@ -83,7 +84,7 @@ def study(
     progress: Callable[[float, str], None] = lambda share, step: None,
     jobs: int | None = None,
 ) -> FootholdStudy:
-    """Do the trials and walks that a folder lacks; returns everything the figures need."""
+    """Do the trials and walks that a folder lacks; return all data of the figures and findings."""
     steps = itertools.count(1)
     runs = Runs(folder, jobs, lambda step: progress(next(steps) / (SETS + COLLECTED + CASES * seeds), step))
     exact = runs.primitives([0], 0.0)
@@ -147,7 +148,7 @@ def _window(model: LearnedModel) -> tuple[Array, Array, Array]:
 
 
 def findings(s: FootholdStudy) -> tuple[Finding, ...]:
-    """Return each claim of Walas & Belter (2011), section 3, in its order, with what came out here."""
+    """Return a row for each claim of Walas & Belter (2011), section 3, in its order, with the result here."""
     rows = (*_figure_7(s), *_figures_8_9(s), *_figure_10(s), *_figure_11(s), *_figure_12(s))
     return with_known(rows, KNOWN)
 

@@ -40,10 +40,9 @@ TILT_SD = 0.02  # rad, of the estimated tilt: bias of this robot's accelerometer
 
 
 def feet_of(robot: Robot, reading: Reading) -> Array:
-    """Return the contact points of the feet, (L, 3) m, level axes, from the mean foot.
+    """Return the contact points of the feet, (L, 3) m, level axes, relative to the mean of the feet.
 
-    The place of the CoM in the support polygon is what counts, and a tilt error moves the trunk's origin by its height
-    times the error.
+    The origin is the mean foot as a tilt error would move the trunk's origin by its height times the error.
     """
     feet = foot_positions(robot.model, reading.joints) @ reading.rot.T
     feet -= feet.mean(axis=0)
@@ -52,13 +51,16 @@ def feet_of(robot: Robot, reading: Reading) -> Array:
 
 
 def kinematic_com(robot: Robot, reading: Reading) -> Array:
-    """Return the CoM by kinematics and the measured tilt, (2,) m, level axes, from the mean foot."""
+    """Return the CoM by kinematics and the measured tilt, (2,) m, level axes, relative to the mean of the feet."""
     middle = foot_positions(robot.model, reading.joints).mean(axis=0)
     return (reading.rot @ (com(robot.model, reading.joints) - middle))[:2]
 
 
 def forces_of(robot: Robot, reading: Reading, factor: float, sensor: PressureSensor | None = None) -> FootForces:
-    """Return the foot forces, N, level axes, from reported torques times `factor`, fused with the pressure sensors."""
+    """Return the foot forces by joint torques, N, level axes, fused with pressure sensors if given.
+
+    `factor`: on the torque that the current gives by the motor's data sheet.
+    """
     torque = factor * DATA_SHEET * reading.current
     found = forces_from_torques(robot, reading.joints, torque, reading.g_up, TORQUE_VARIANCE)
     rot = reading.rot
@@ -71,9 +73,9 @@ def forces_of(robot: Robot, reading: Reading, factor: float, sensor: PressureSen
 
 
 def measured_com(robot: Robot, reading: Reading, factor: float | None, sensor: PressureSensor | None = None) -> Array:
-    """Return the CoM by the forces under the feet, (2,) m, level axes, from the mean foot.
+    """Return the CoM by the foot forces, (2,) m, level axes, relative to the mean of the feet.
 
-    factor: on the torques, None = from the known weight; sensor: under the feet, weighed with the torques.
+    `factor`: on the torques by the data sheet, None = from the known weight; `sensor`: pressure sensors to fuse.
     """
     if factor is None:
         pose = reading.pose()
@@ -88,9 +90,9 @@ def measured_com(robot: Robot, reading: Reading, factor: float | None, sensor: P
 
 
 def printed_com(robot: Robot, reading: Reading, factor: float = 1.0) -> Array:
-    """Return the CoM (2,) m, level axes, from the mean foot, by (30) and (31) of Walas & Belter as printed.
+    """Return the CoM by equations (30), (31) of Walas & Belter as printed, (2,) m, level axes, from the mean foot.
 
-    F = J^-T Q without the legs' weight, y = -A2+ A1 F; factor: on the torque for a current of the data sheet.
+    F = J^-T Q without the legs' weight, y = -A2+ A1 F; factor: on the torque that the current gives by the data sheet.
     """
     found = leg_inverses(robot, reading.joints, reading.g_up)
     torque = factor * DATA_SHEET * reading.current
@@ -104,7 +106,7 @@ def printed_com(robot: Robot, reading: Reading, factor: float = 1.0) -> Array:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Readings while the trunk moves 10 cm forward, back, and 10 cm backward, and the CoM in each.
+    """Sensor readings while the trunk moves 10 cm forward, back, and 10 cm backward, with the CoM of each.
 
     It repeats Figs 22 and 23 of Walas & Belter.
     """
@@ -117,24 +119,23 @@ class Sweep:
     calibration: Calibration
 
     def ways(self, path: Array) -> tuple[float, float]:
-        """Return the way forward and the way backward along x between neutral and the ends, m, of a path (k, 2) m."""
+        """Return the distances moved forward and backward along x from the start to the ends, m, of a path (k, 2) m."""
         return float(path[:, 0].max() - path[0, 0]), float(path[0, 0] - path[:, 0].min())
 
     @property
     def gain_by_trunk(self) -> float:
-        """Return the torque gain by 4.7 as printed: 20 cm of the trunk over the ways of the printed CoM."""
+        """Return the torque gain by section 4.7 as printed: the trunk's travel (20 cm) over that of the printed CoM."""
         moved = self.ways(np.array([r.trunk - self.readings[0].trunk for r in self.readings]))
         return gain_of_47(sum(moved), self.ways(self.printed))
 
     @property
     def gain_by_com(self) -> float:
-        """Return the torque gain by 4.7 with the CoM's way by kinematics in place of the trunk's: the legs stay
-        behind."""
+        """Return the torque gain by section 4.7, with the CoM's travel by kinematics in place of the trunk's."""
         return gain_of_47(sum(self.ways(self.kinematic)), self.ways(self.printed))
 
 
 def sweep(robot: Robot, seed: int = 0, reach: float = 0.10, stops: int = 4) -> Sweep:
-    """Return the calibration of section 4.7: trunk over its feet to +reach and -reach m, each stop from both sides.
+    """Do the calibration of section 4.7: move the trunk to +reach and -reach m over the feet, and return readings.
 
     `stops`: number of stops on the way to each end; `seed`: of the sensors.
     """
@@ -206,7 +207,7 @@ def _error(robot: Robot, reading: Reading, sensor: PressureSensor | None) -> flo
 
 @dataclass(frozen=True)
 class StandingStudy:
-    """Forces, CoM and region of Messor in its neutral stance (Fig. 24 of Walas & Belter)."""
+    """Forces, CoM and support region of Messor in its neutral stance (Fig. 24 of Walas & Belter)."""
 
     reading: Reading
     feet: Array  # (L, 3) m
@@ -216,7 +217,10 @@ class StandingStudy:
 
 
 def standing(robot: Robot, factor: float, seed: int = 0) -> StandingStudy:
-    """Return forces and CoM of the robot in its neutral stance, measured with a calibrated factor of the torques."""
+    """Return forces and CoM of the robot in its neutral stance.
+
+    `factor`: calibrated factor on the torques by the data sheet; `seed`: of the sensors.
+    """
     reading = Stand(robot, seed).read()
     sensor = PressureSensor()
     forces = forces_of(robot, reading, factor, sensor)
@@ -237,9 +241,9 @@ class GaitStudy:
 
 
 def gait(robot: Robot, factor: float, seed: int = 0, distance: float = 0.25, leg: int = 1) -> GaitStudy:
-    """Return the force at the tip of one leg during a walk with the tripod gait, with the true pose.
+    """Return the force at the tip of one leg during a walk with the tripod gait, whose walker gets the true pose.
 
-    `factor`: of the torques; `distance`: m; `leg`: its index; `seed`: of the sensors.
+    `factor`: on the torques by the data sheet; `distance`: m; `leg`: its index; `seed`: of the sensors.
     """
     world = PhysicsWorld(robot, make_terrain("flat"), seed)
     walker = LeggedWalker(robot, WalkerParams.for_robot(robot))

@@ -1,4 +1,4 @@
-"""Walas & Belter (2011), sections 4.1 to 4.3: the CoM's displacement and the slope, from the description of Ragno."""
+"""Reproduction of Walas & Belter (2011), sections 4.1 to 4.3, with Ragno: displacement of the CoM, and a slope."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ SLOPE_TABLE = {0.25: (0.473, 0.5), 0.35: (0.658, 6.5), 0.45: (0.826, 11.6), 0.55
 
 @dataclass(frozen=True)
 class Posture:
-    """Ragno with all legs turned by one angle (Fig. 15 of Walas & Belter)."""
+    """Places of CoM, hips and feet of Ragno with all legs turned by one angle (Fig. 15 of Walas & Belter)."""
 
     turn_deg: float
     com: Array  # (3,) m, base_link
@@ -39,7 +39,7 @@ class Posture:
 
 @dataclass(frozen=True)
 class Slope:
-    """The robot on the 30 degree slope with one friction coefficient (Fig. 17 of Walas & Belter).
+    """Stability of the robot on the 30 degree slope with one friction coefficient (Fig. 17 of Walas & Belter).
 
     `sixteen` is the region by 16 directions, `region` by as many as its shape needs, `hull` that of the feet, (k, 2) m;
     `plain` and `corrected` are checks without and with the shift of the CoM by the legs, r_KIN.
@@ -225,5 +225,5 @@ def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
 
 
 def extended_check(s: Slope, measured: Array) -> tuple[Margin, Check]:
-    """Return margin and check of a movement by a measured CoM (3,) m: 4.6 (Fig. 21) of Walas & Belter."""
+    """Return margin and check of the movement from a measured CoM (3,) m: section 4.6, Fig. 21 of Walas & Belter."""
     return margin(s.region, measured), check(s.region, measured, MOVE, s.shift)

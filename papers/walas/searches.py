@@ -1,4 +1,4 @@
-"""Search for the terms of a slip model without derivatives, and the cost of a set of terms."""
+"""Result of a derivative-free search for the terms of a slip model, and the cost of a set of terms."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Cost = Callable[[Basis], float]
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """Best basis of a search without derivatives."""
+    """Result of a derivative-free search: the best basis with its cost."""
 
     basis: Basis
     cost: float

@@ -1,4 +1,4 @@
-"""Walas & Belter (2011), section 4: static stability, all figures and numbers again."""
+"""Reproduction of Walas & Belter (2011), section 4: static stability, all figures and numbers."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -31,7 +31,7 @@ NOTES = (
 
 
 def study(progress: Callable[[float, str], None] = lambda share, step: None) -> StabilityStudy:
-    """Return the stability results of Walas & Belter, computed again; takes about half a minute."""
+    """Run all experiments of Walas & Belter, section 4, and return the results; takes about half a minute."""
     ragno, messor = load_robot("ragno"), load_robot("messor")
     progress(0.0, "Ragno: displacement of the CoM, slope")
     postures = walas_ragno.postures(ragno)
@@ -48,7 +48,7 @@ def study(progress: Callable[[float, str], None] = lambda share, step: None) -> 
 
 
 def findings(s: StabilityStudy) -> tuple[Finding, ...]:
-    """Return every number of the paper's section beside ours, in its order."""
+    """Return a row for every number of Walas & Belter, section 4, with the result here, in its order."""
     rows = walas_ragno.figure_15(s.ragno, s.postures)
     rows += walas_ragno.figure_17(s.slopes)
     rows += _extended(s)

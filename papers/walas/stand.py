@@ -1,6 +1,6 @@
 """Robot that stands in the simulator and moves its trunk over its feet, with its sensor readings at rest.
 
-The simulated servos have the constant of the corrected paper, 0.6356 Nm/A; the driver believes in the data sheet's
+The simulated servos have the constant of the corrected paper, 0.6356 Nm/A; the driver uses the data sheet's
 0.845. So a reported torque is 1.33 times the true one, and the factor to be found is 0.7522.
 """
 
@@ -27,7 +27,7 @@ REST_S, MEAN_S = 1.0, 0.6  # waiting after a movement, and time over which a rea
 
 @dataclass(frozen=True)
 class Reading:
-    """Sensors of the robot at rest, mean over a moment, and the true centre of mass, trunk and forces."""
+    """Mean sensor readings of the robot at rest, with the true centre of mass, trunk and forces."""
 
     joints: Array  # (nj,) rad
     current: Array  # (nj,) A
@@ -43,12 +43,12 @@ class Reading:
         return level_from_up(self.g_up / np.linalg.norm(self.g_up))
 
     def pose(self, nm_per_a: float = DATA_SHEET) -> SweptPose:
-        """Return the present pose and torques as a sample for the calibration; `nm_per_a`: torque by current, Nm/A."""
+        """Return posture and torques as a sample for the calibration; `nm_per_a`: torque by current, Nm/A."""
         return SweptPose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
 
 
 class Stand:
-    """A robot that stands in the simulator and moves its trunk over its feet."""
+    """Simulated robot that stands and moves its trunk over its feet."""
 
     def __init__(self, robot: Robot, seed: int = 0, *, ideal: bool = False, gain: float = 1.0) -> None:
         self.robot = robot

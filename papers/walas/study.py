@@ -11,7 +11,7 @@ from . import ragno as walas_ragno
 
 @dataclass(frozen=True)
 class StabilityStudy:
-    """Robots, pressure sensor and results of all experiments on stability, for claims and figures."""
+    """Results of the study of Walas & Belter, section 4: robots, sensor, and all experiments on stability."""
 
     ragno: Robot
     messor: Robot
@@ -26,5 +26,5 @@ class StabilityStudy:
 
     @property
     def demo(self) -> walas_ragno.Slope:
-        """The slope with the friction coefficient that Fig. 17 of Walas & Belter is drawn with."""
+        """Result on the slope with the friction coefficient that Fig. 17 of Walas & Belter is drawn with."""
         return next(s for s in self.slopes if s.mu == walas_ragno.DEMO_MU)

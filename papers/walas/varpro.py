@@ -32,7 +32,7 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 class RefinedTerms:
-    """Gaussians with weights at a minimum of the cost, and the number of evaluations that it took."""
+    """Result of `refine`: Gaussians with weights at a minimum of the cost, and the number of evaluations."""
 
     basis: Gaussians
     weights: Array
@@ -45,7 +45,7 @@ class RefinedTerms:
 def refine(
     start: Gaussians, u: Array, y: Array, w: Array, bounds: Bounds, ridge: float = RIDGE, evaluations: int = 200
 ) -> RefinedTerms:
-    """Return the Gaussians at a minimum of the cost near a start.
+    """Return the Gaussians, with weights, at a local minimum of the cost near a start.
 
     Args:
         start: first Gaussians; centres and widths are cut to the bounds.
@@ -53,7 +53,7 @@ def refine(
         y: target, (n,), no unit.
         w: diagonal of W, (n,).
         bounds: bounds of centres and widths.
-        ridge: rho.
+        ridge: weight rho of the penalty on the weights c.
         evaluations: largest number of evaluations of the residual.
     """
     from scipy.optimize import least_squares

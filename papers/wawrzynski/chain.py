@@ -29,7 +29,7 @@ class Chain(NamedTuple):
 
 
 class ChainState(NamedTuple):
-    """Result of the recursion at the foot."""
+    """Result of the recursion along a leg, at the foot: place, velocity and axes of the IMU."""
 
     p_1: Array  # (3,) IMU in the foot frame, m
     v_1: Array  # (3,) velocity of the IMU in the foot frame by kinematics only, m/s
@@ -146,7 +146,7 @@ def _turn(theta: float) -> Array:
 
 @kernel
 def descend(chain: Chain, theta: Array, theta_rate: Array, w: Array) -> ChainState:
-    """Run the recursion (5)-(9), (11), (12) from the IMU down to the foot.
+    """Run the recursion (5)-(9), (11), (12) of Wawrzynski et al. from the IMU down to the foot.
 
     (7) p_i = R_i (l_i + p_{i+1});  (8) v_i = R_i v_{i+1} + theta'_i z x p_i  (printed p_i x z theta': wrong sign);
     (9) W_i = R_i W_{i+1};  (12) w_i = R_i w_{i+1} - theta'_i z  (printed with the IMU's z axis: the joint's is meant).
@@ -174,13 +174,13 @@ def descend(chain: Chain, theta: Array, theta_rate: Array, w: Array) -> ChainSta
 
 @kernel
 def velocity_kinematics(state: ChainState) -> Array:
-    """Return v^K, (10) of Wawrzynski et al.: W_1^T v_1, (3,) m/s in IMU axes; true if the foot does not move at all."""
+    """Return v^K = W_1^T v_1, (10) of Wawrzynski et al., (3,) m/s, IMU axes: IMU velocity if the foot is fixed."""
     return state.imu_axes.T @ state.v_1
 
 
 @kernel
 def velocity_kinematics_gyro(state: ChainState, pivot: Array) -> Array:
-    """Return v^KG, equations (13), (14): W_1^T (v_1 + w_1 x (p_1 - c_1)), (3,) m/s in IMU axes.
+    """Return v^KG = W_1^T (v_1 + w_1 x (p_1 - c_1)), (13), (14) of Wawrzynski et al., (3,) m/s in IMU axes.
 
     Args:
         state: result of `descend`.

@@ -1,4 +1,4 @@
-"""Errors of our estimators and of tuned referees (peers of the field) on the same logs."""
+"""Comparison of our estimators with tuned referees (estimators of others) by their errors on the same logs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -38,15 +38,15 @@ def compare(
     chosen: LogSet, subjects: Iterable[str], references: Iterable[str], seeds: Iterable[int], measure: str = "rmse",
     retune: bool = False,
 ) -> Comparison:  # fmt: skip
-    """Score estimators as they are, and referees tuned for the set.
+    """Return the errors of estimators as they are, and of referees (of others) that are tuned, on a set of logs.
 
     Args:
-        chosen: the set.
+        chosen: the set of logs.
         subjects: estimators with their own settings.
         references: estimators with noise tuned for this set; `name*` in the result if it is a subject as well.
         seeds: of the logs.
-        measure: for which referees are tuned.
-        retune: search their noise again.
+        measure: error for which the referees are tuned.
+        retune: search the noise of the referees again.
     """
     logs = chosen.logs(seeds)
     scores: dict[str, Sequence[Score]] = {name: [score(log, track(name, log)) for log in logs] for name in subjects}
@@ -60,7 +60,7 @@ def compare(
 
 
 def ratio(ours: Sequence[Score], theirs: Sequence[Score], measure: str) -> tuple[float, float]:
-    """Return the ratio of mean errors over the same logs, and half of its 95 % interval (linearised, paired)."""
+    """Return the ratio of the mean errors `ours` / `theirs` over the same logs, and half of its 95 % interval."""
     a, b = (np.array([getattr(s, measure) for s in scores]) for scores in (ours, theirs))
     value = float(a.mean() / b.mean())
     if len(a) < 2:
@@ -70,13 +70,13 @@ def ratio(ours: Sequence[Score], theirs: Sequence[Score], measure: str) -> tuple
 
 
 def closed_loop(name: str, seeds: Iterable[int]) -> tuple[list[Score], int]:
-    """Run walks with the present code; return scores of the published estimates, and the number of good verdicts."""
+    """Run walks with the present code; return scores of the published estimates, and how many walks passed."""
     walks = [walk(name, seed, fresh=True) for seed in seeds]
     return [score(one.log, one.published) for one in walks], sum(one.ok for one in walks)
 
 
 def consistency(name: str, kind: str, seeds: Iterable[int]) -> tuple[float, float]:
-    """Return the mean NEES of the velocity (3 degrees of freedom) and of the tilt (2), one row of each walk."""
+    """Return the mean NEES of velocity (3 degrees of freedom) and tilt (2) over walks, by one random row of each."""
     v: list[float] = []
     tilt: list[float] = []
     for log in synthetic_sets([kind])[0].logs(seeds):
@@ -92,7 +92,7 @@ def consistency(name: str, kind: str, seeds: Iterable[int]) -> tuple[float, floa
 
 
 def ablation(name: str, chosen: LogSet, seeds: Iterable[int]) -> dict[str, float]:
-    """Return the ratio of the error with a hypothesis to that without it, by name of the hypothesis."""
+    """Return the ratio of the velocity error with a hypothesis of the estimator to that without it, by hypothesis."""
     logs = chosen.logs(seeds)
     base = np.mean([score(log, track(name, log)).rmse for log in logs])
     out: dict[str, float] = {}
@@ -103,7 +103,7 @@ def ablation(name: str, chosen: LogSet, seeds: Iterable[int]) -> dict[str, float
 
 @dataclass(frozen=True)
 class FaultRatio:
-    """Errors of velocity and odometry with a fault over those without it, no unit, and a note."""
+    """Ratio of the errors of velocity and odometry with a fault to those without it, no unit, and a note."""
 
     name: str
     v: float
@@ -112,7 +112,7 @@ class FaultRatio:
 
 
 def fault_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[FaultRatio]:
-    """Return the errors of an estimator under each fault over those on the clean log."""
+    """Yield the errors of an estimator with each fault of `FAULTS`, over those on the logs without it."""
     logs = chosen.logs(seeds)
     clean = [track(name, log) for log in logs]
     scores = [score(log, found) for log, found in zip(logs, clean, strict=True)]
@@ -133,7 +133,7 @@ def fault_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[Fa
 
 
 def start_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[FaultRatio]:
-    """Return the errors of an estimator after each fault of the start over those without it, from 3 s after it on."""
+    """Yield the errors of an estimator with each fault of the start over those without it, from 3 s after it on."""
     logs = chosen.logs(seeds)
     clean = [track(name, log) for log in logs]
     for start, change in STARTS.items():

@@ -18,7 +18,7 @@ LIMIT = 0.3  # m/s, of the axes but those of the IMU alone
 
 
 def draw(done: Sequence[Experiment], out: Path | None) -> tuple[Path, ...]:
-    """Write all figures into a folder, which is made; without one draw nothing."""
+    """Draw all figures of the experiments into the folder `out`; return their paths, none if it is None."""
     return write_figures({"fig3-velocity": lambda all_: _figure_3(all_[0]), "errors": _errors}, done, out)
 
 

@@ -28,9 +28,9 @@ PAPER_SOURCES = ("params.py", "feet/mount.py", "paper/*.py")
 
 @dataclass(frozen=True)
 class LogSet:
-    """Logs of one kind by seed; a set recorded by others is one log.
+    """Set of logs of one kind, made by seed; a set recorded by others is a single log.
 
-    Estimators that ours is compared with are tuned on such a log as well, which favours them.
+    Referees (estimators of others) are tuned on that log as well, which favours them.
     """
 
     name: str
@@ -62,26 +62,26 @@ def _bound(make: Callable[[str, int], Log], name: str) -> Callable[[int], Log]:
 
 
 def synthetic_sets(kinds: Iterable[str] = ("twist", "turn", "slip", "edges", "false")) -> list[LogSet]:
-    """Return seeded walks of a made-up biped."""
+    """Return sets of synthetic walks of a biped, one for each kind of disturbance."""
     return [LogSet(kind, _bound(_synthetic, kind)) for kind in kinds]
 
 
 def walk_sets(names: Iterable[str] = tuple(SCENARIOS)) -> list[LogSet]:
-    """Return closed-loop walks of the simulated robots."""
+    """Return sets of closed-loop walks of the simulated robots, one for each name in `SCENARIOS`."""
     return [LogSet(name, _bound(_walk, name)) for name in names]
 
 
 def humanoid_sets() -> list[LogSet]:
-    """Return the logs of other robots that are on this machine."""
+    """Return sets of logs of real and simulated humanoids by others, as far as they are on this machine."""
     return [LogSet(name, _bound(_humanoid, name), drawn=False) for name in HUMANOIDS if (DATA / f"{name}.npz").exists()]
 
 
 def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False) -> dict[str, Any]:
-    """Return the noise with which another estimator fits a set of logs best; it is searched for once and kept.
+    """Return the noise parameters with which a referee fits a set of logs best, searched for once and kept in a file.
 
     Args:
-        chosen: the set.
-        name: of the estimator, one that ours is compared with; others give an empty table.
+        chosen: the set of logs.
+        name: name of the referee; estimators without tuned noise give an empty table.
         measure: error of the score that is to be least, `rmse` or `smooth`.
         fresh: search again, though nothing of logs and code has changed.
     """

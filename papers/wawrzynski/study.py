@@ -1,4 +1,4 @@
-"""Section VI in simulation: Bioloid walks a metre in about 28 s, and every estimator runs over what it sensed."""
+"""Section VI of Wawrzynski et al. in simulation: Bioloid walks 1 m in about 28 s, every estimator runs on its log."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -35,16 +35,16 @@ LOST = 0.0357  # m/s: an estimate that is off by the walking speed is useless
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One walk.
+    """Results of all estimators on one walk.
 
     Attributes:
         seed: of the run.
-        ok: the scenario's verdict.
-        log: what was sensed and true.
-        walking: inertial rows of the walk, (n,).
+        ok: True if the run met the limits of its scenario.
+        log: sensor samples and truth.
+        walking: flags of the inertial rows of the walk, (n,).
         tracks: estimates by name.
         scores: errors over the walk, by name.
-        average: mean velocity along the IMU's x axis by (38) and the true one, m/s, by name.
+        average: mean velocity along the IMU's x axis by equation (38) and the true one, m/s, by name.
         noise: rms of the error of v_x about its mean over 0.3 s, m/s, by name; `kinematics, exact` with exact encoders.
         lost_after: s from the start of the estimate until the IMU alone is off by the walking speed for good.
         apart: rms difference of v_x by kinematics with and without gyro, m/s.
@@ -68,18 +68,18 @@ class Experiment:
 
     @property
     def way(self) -> float:
-        """Net way of the walk, m."""
+        """Distance from the begin to the end of the walk, m."""
         at = self.log.position[self.walking]
         return float(np.hypot(*(at[-1] - at[0])[:2]))
 
 
 def estimators() -> tuple[str, ...]:
-    """Return the names of the estimators compared: the paper's four, and ours beside them."""
+    """Return the names of the estimators that are compared: the paper's four, and those of this project."""
     return (*PAPER, "ekf", *(("best",) if "best" in names() else ()))
 
 
 def experiment(seed: int, rest_s: float = REST_S) -> Experiment:
-    """Return the estimates of one walk of a seed, after a stand of `rest_s` s."""
+    """Simulate a walk of a seed, after standing for `rest_s` s, and return the results of all estimators."""
     scenario = load_scenario(find_scenario(SCENARIOS["bioloid"]))
     first, *others = scenario.steps
     scenario = replace(scenario, steps=(replace(first, after_s=first.after_s + rest_s), *others))
@@ -88,7 +88,7 @@ def experiment(seed: int, rest_s: float = REST_S) -> Experiment:
 
 
 def evaluate(seed: int, ok: bool, columns: Columns, robot: str) -> Experiment:
-    """Run every estimator over the columns of a walk of seed `seed`, and return their errors; `ok`: its verdict."""
+    """Run every estimator over the recorded columns of a walk, and return the results; `ok`: the run passed."""
     log = log_of_columns(f"bioloid {seed}", columns, load_robot(robot))
     walking = _walking(log)
     rows = np.flatnonzero(walking)
@@ -134,7 +134,7 @@ def roughness(x: Array, log: Log) -> float:
 
 
 def with_exact_encoders(log: Log, columns: Columns) -> Log:
-    """Return the log that encoders without steps, zero errors and play of the joints would have made."""
+    """Return the log that ideal encoders (no steps, zero errors or play of the joints) would have made."""
     stamps = columns["base_stamp_ns"]
     true = np.stack([np.interp(log.foot_ns, stamps, q) for q in columns["base_joints"].T], axis=1)
     assert log.robot is not None
@@ -147,7 +147,7 @@ def with_exact_encoders(log: Log, columns: Columns) -> Log:
 def run(
     seeds: Iterable[int] = SEEDS, progress: Callable[[float, str], None] = lambda share, step: None
 ) -> list[Experiment]:
-    """Walk once for each seed, as many at a time as there are cores."""
+    """Simulate and evaluate a walk for each seed, as many at a time as there are cores; return the experiments."""
     wanted, done = list(seeds), list[Experiment]()
     with worker_processes() as pool:
         for one in pool.map(partial(experiment), wanted):

@@ -2,7 +2,7 @@
 
 The paper's robot: a biped of 35 cm that walks 3.57 cm/s with steps of 0.5 s, IMU at 100 Hz, servo encoders of
 0.293 deg and foot switches at 30 Hz. Its Table I is not public: the legs are the six-joint chain of `bioloid_chains`.
-TrueMotion is kinematic: a sliding foot does not push the body.
+The truth is kinematic: a sliding foot does not push the body.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Wawrzynski, Mozaryn & Klimaszewski, section VI: velocity of a walking Bioloid by four estimates."""
+"""Reproduction of Wawrzynski, Mozaryn & Klimaszewski, section VI: velocity of a walking Bioloid by four estimates."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -51,7 +51,7 @@ def findings(done: Sequence[Experiment]) -> list[Finding]:
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:
-    """Return mean and half of its 95 % interval as text."""
+    """Return the mean of some values and half of its 95 % interval as text."""
     low, high = interval(np.array(values))
     return f"{np.mean(values):.{digits}f} +- {0.5 * (high - low):.{digits}f}"
 
