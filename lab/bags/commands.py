@@ -37,7 +37,7 @@ def import_log(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Recording to write [the log's name].")] = None,
     json: Json = False,
 ) -> None:
-    """Make a recording of a log of others, with estimates and margins as if the services had run on the robot."""
+    """Make a recording of another program's log, with estimates and margins as if the services had run on the robot."""
     from surefoot.errors import SurefootError
     from surefoot.record.fields import FieldPath
     from surefoot.robot.reader import load_robot
@@ -132,7 +132,7 @@ def export_recording(
     robot: Annotated[str | None, typer.Option(help="Robot description [that of the recording].")] = None,
     json: Json = False,
 ) -> None:
-    """Write a recording in a format of others."""
+    """Write a recording in a format of other programs."""
     use_json(json)
     with Progress(f"{file.name} to {to}", reads=[file]) as progress:
         from surefoot.record.recording import open_readable

@@ -60,7 +60,7 @@ class CalibratedValue:
 
     @property
     def proven(self) -> bool:
-        """True if the log shows that the parameter is not what was stated."""
+        """True if the log shows that the parameter differs from what the log or the robot file states."""
         return self.observable and abs(self.value) > self.half
 
 

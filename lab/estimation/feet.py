@@ -1,4 +1,4 @@
-"""Feet and contacts of logs without a robot description: what is stated about them, and what is assumed."""
+"""Feet and contacts of logs without a robot description, from statements on the feet and from assumptions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -57,7 +57,7 @@ class FeetOptions:
         return cls(kind, numbers.get("foot_radius"), size, on, off)
 
     def over(self, other: "FeetOptions") -> "FeetOptions":
-        """Return these options of the feet; what they leave open comes from `other`."""
+        """Return these options of the feet, with those that are not stated taken from `other`."""
         mine = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(other, **{key: value for key, value in mine.items() if value is not None})
 

@@ -1,4 +1,4 @@
-"""Logs from files: recordings of this project (MCAP), CSV and NPZ of others."""
+"""Reading of logs from files: recordings of this project (MCAP), and CSV and NPZ of other programs."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

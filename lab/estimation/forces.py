@@ -1,4 +1,4 @@
-"""Zero and scale of the force cells of feet, by the swing and by the weight."""
+"""Calibration of the force cells of feet: zero by the forces in swing, scale by the weight of the robot."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Feet of a log as functions of the parameters that calibration looks for."""
+"""Foot positions of a log as functions of the leg parameters that calibration estimates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""True motion of the IMU in a log of others: from its columns, with velocities from captured positions if need be."""
+"""True motion of the IMU in a log of another program: from its columns, with velocities from positions if need be."""
 
 import numpy as np
 

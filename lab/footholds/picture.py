@@ -14,7 +14,7 @@ SIZE = 201
 
 
 def surface(model: LearnedModel, cos_k3: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return K1 (n,), K2 (n,) in mm and P (n, n) over them, NaN outside the wedge |K1| <= K2 or what was learned."""
+    """Return K1 (n,), K2 (n,) in mm and the slip P (n, n) over them, NaN outside |K1| <= K2 or the learned range."""
     scale = 8.0 * model.conditions.cell
     (low1, high1), (_, high2), _ = model.ranges
     k1, k2 = np.linspace(low1, high1, SIZE) * scale, np.linspace(0.0, high2, SIZE) * scale

@@ -111,7 +111,7 @@ def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
 
 @app.command()
 def check(file: File, radius: Radius = 0.15, json: Json = False) -> None:
-    """Read a map file and look for what makes it useless. Exit code 1: something was found; 2: it is no map."""
+    """Read a map file and report problems of its use. Exit code 1: there are some; 2: it is no map."""
     from .summary import summary_of
 
     use_json(json)

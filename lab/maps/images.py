@@ -199,7 +199,7 @@ def map_of_photograph(
 
 
 def holds_images(path: Path) -> bool:
-    """Return True if a recording has images; False for what is no recording."""
+    """Return True if a file is a recording with images, else False."""
     try:
         return next(iter(read_recording(path, (HW_IMAGE.key,))), None) is not None
     except SurefootError:

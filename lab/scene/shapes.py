@@ -1,4 +1,4 @@
-"""Shape of a robot as points that its links carry, and parts between them; the ground as a coarse grid."""
+"""Drawable shape of a robot: points on its links, with limbs, balls and faces between them; and a coarse ground."""
 
 from typing import NamedTuple
 

@@ -66,7 +66,7 @@ class SightKeeper:
         self._images.append(message)
 
     def believed(self, message: Any) -> None:
-        """Keep the believed pose of a message `state/pose`."""
+        """Keep the estimated pose of a message `state/pose`."""
         self._belief = message
 
     def moved(self, message: Any) -> None:

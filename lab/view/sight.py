@@ -55,7 +55,7 @@ class LiveSight:
                 take(delivery.message())
 
     def forget(self) -> None:
-        """Drop what was seen and the subscription of images, until vision publishes landmarks again."""
+        """Drop the newest image and the subscription of images, until vision publishes landmarks again."""
         if self._images:
             self._images, self._keeper, self._last = None, SightKeeper(), 0
             self.shown = (self.shown[0] + 1, "null")

@@ -1,4 +1,4 @@
-"""Comparison of our estimators with tuned referees (estimators of others) by their errors on the same logs."""
+"""Comparison of this project's estimators with tuned referees (those of others) by their errors on the same logs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -46,7 +46,7 @@ def reproduce(out: Path | None, progress: Callable[[float, str], None] = lambda 
 
 
 def findings(done: Sequence[Experiment]) -> list[Finding]:
-    """Return all rows of the table of findings: the paper's numbers beside ours."""
+    """Return the rows of the table of findings: the numbers of Wawrzynski et al. with the results here."""
     return [*_experiment(done), *_average(done), *_conclusions(done), *_beside(done), *_errata()]
 
 
