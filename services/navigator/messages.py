@@ -14,7 +14,7 @@ from .pilot import Pilot
 
 @dataclass(frozen=True)
 class LostView:
-    """Result of the check of the believed pose against the landmarks seen."""
+    """Verdict whether the robot is lost: whether its believed pose fits the landmarks that its camera recognised."""
 
     lost: bool = False
     """True if the belief is wrong."""
