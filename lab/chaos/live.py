@@ -70,8 +70,8 @@ def run_live(
         scenario: what to do.
         seed: of the events.
         events: how many.
-        options: as of a run.
-        kinds: to draw from; empty = those that the seed allows.
+        options: those of the same run without faults.
+        kinds: of faults that are drawn; empty = all, of which the seed leaves some out.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
         notify: called with each message on what the system does.
         show: gets the progress of the run.

@@ -17,7 +17,7 @@ from surefoot.services.walker.memory import MemoryFile
 
 
 class Recovery(NamedTuple):
-    """Method of the runtime in which a fault is recovered from, and a test of the calls that count."""
+    """One way in which the runtime recovers from a fault: its method, and which calls of it were a recovery."""
 
     owner: type[Any]
     method: str

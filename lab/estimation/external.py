@@ -32,15 +32,15 @@ class Externals(NamedTuple):
 
 
 def externals_of(columns: Columns, rot_base_from_imu: Array, notes: list[str]) -> Externals | None:
-    """Return the samples of other sources, such as a camera, in a log; None if there are none.
+    """Return the poses and velocities in a log that come from a camera or the like; None if there are none.
 
     Args:
         columns: of the log, with those that begin with `external_`: positions (e, 3) m, headings (e,) rad and others.
-        rot_base_from_imu: (3, 3); the heading of an orientation is that of base_link.
+        rot_base_from_imu: (3, 3); orientations in the log are those of the IMU, headings those of base_link.
         notes: gets the number of samples, and of those that cannot be used.
 
     Raises:
-        SurefootError: noise or heading are missing, or the delay is out of range.
+        SurefootError: the log states no noise or no heading of a source, or its delay is out of range.
     """
     stamps = columns.get("external_stamp_ns")
     if stamps is None:

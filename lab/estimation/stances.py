@@ -267,9 +267,9 @@ def find_noise(windows: list[StanceWindow], residuals: list[Array], start: Stanc
     """Return the noise of feet and IMU that has the largest restricted likelihood.
 
     Args:
-        windows: of the log.
-        residuals: places of the standing feet in each window, (N, 3) m, in a frame that falls and does not turn.
-        start: first guess; its `turn` stays.
+        windows: stances of a log.
+        residuals: positions of the standing feet in each window, (N, 3) m, in a frame that falls and does not turn.
+        start: first guess of foot, creep and accelerometer; `turn` is not fitted.
         sensor: known noise of the accelerometer, m/s^1.5.
     """
     some = slice(None, None, max(1, len(windows) // NOISE_WINDOWS))

@@ -225,5 +225,8 @@ def consistency(found: tuple[Slope, ...], weight: float) -> Finding:
 
 
 def extended_check(s: Slope, measured: Array) -> tuple[Margin, Check]:
-    """Return margin and check of the movement from a measured CoM (3,) m: section 4.6, Fig. 21 of Walas & Belter."""
+    """Return the margin on a slope and whether the planned movement keeps it, from a measured CoM (3,) m.
+
+    Walas & Belter, section 4.6, Fig. 21.
+    """
     return margin(s.region, measured), check(s.region, measured, MOVE, s.shift)

@@ -29,7 +29,7 @@ class Chain(NamedTuple):
 
 
 class ChainState(NamedTuple):
-    """Result of the recursion along a leg, at the foot: place, velocity and axes of the IMU."""
+    """Position, velocity and axes of the IMU in the frame of a standing foot, from the joints between them."""
 
     p_1: Array  # (3,) IMU in the foot frame, m
     v_1: Array  # (3,) velocity of the IMU in the foot frame by kinematics only, m/s

@@ -134,7 +134,7 @@ class Incoming(Protocol):
         ...
 
     def request(self) -> Request:
-        """Return the decoded request (raises Refusal)."""
+        """Return the decoded request (raises Refusal if it cannot be decoded, for `fail`)."""
         ...
 
     def reply(self, reply: Wire) -> None:

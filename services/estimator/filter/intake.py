@@ -66,7 +66,7 @@ class FilterParts(NamedTuple):
 
 
 def new_clock() -> Clock:
-    """Return a clock without samples."""
+    """Return the state of the comparison of sensor stamps with wall time, before the first stamp."""
     return Clock(np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(1))
 
 

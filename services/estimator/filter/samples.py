@@ -180,10 +180,12 @@ def insert_feet(
 
 @kernel
 def insert_external(samples: SampleStore, end: int, stamp_ns: int, row: Array) -> int:
-    """Insert a sample of another source, (26,) as in `ExternalLayout`, among the first `end` rows, in place.
+    """Insert a pose or velocity of a camera or the like among the first `end` rows, by its stamp, in place.
+
+    `row`: (26,) as in `ExternalLayout`.
 
     Returns:
-        The number of rows then; -1: there is a sample of this stamp.
+        The number of rows after that; -1 if there is a row of this stamp already, which stays.
     """
     stamps = samples.external_stamps
     at = place_of(stamps[:end], stamp_ns)

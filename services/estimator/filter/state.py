@@ -290,10 +290,12 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     """Predict state and covariance over a step of d s by one inertial sample, in place.
 
     Args:
+        state: of the filter.
         w: gyro, (3,) rad/s, IMU axes, mean over the step.
         q: accelerometer, (3,) m/s^2, IMU axes, mean over the step.
         d: the step, s.
-        felt: variances of the sample by the jerk of the moment; see `felt_variance`.
+        noise: variances of the filter.
+        felt: variances that shocks and jerk add to gyro and accelerometer in this step.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     turn, half, force, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)

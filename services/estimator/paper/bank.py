@@ -141,7 +141,7 @@ class PaperEstimators:
         self._history.put(self._stamp_ns, self._row)
 
     def on_feet(self, sample: FootSample) -> None:
-        """Take a sample of the feet, whose contacts are flags."""
+        """Correct each estimator of the paper by a sample of the feet, with contacts that are true or false."""
         if sample.stamp_ns <= self._feet_ns or sample.stamp_ns < self._stamp_ns - LATE_NS:
             return
         self.standstill.on_feet(sample.position)

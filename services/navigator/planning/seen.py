@@ -170,7 +170,7 @@ class SeenObstacles:
         return True
 
     def joined(self) -> FloorGrid:
-        """Return the static map with the marks as obstacles."""
+        """Return a copy of the static map in which cells with obstacles that sensors saw are occupied, too."""
         cells = self.grid.cells.copy()
         for cell in self.marks:
             cells[cell] = OCCUPIED

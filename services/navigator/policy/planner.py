@@ -139,7 +139,11 @@ def _sweep(v: Array, q: Array, actions: Record, switching: Array, room: PlanRoom
 
 
 def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
-    """Return the axes of a planner's table, (GRID,): distances to d_max m, layers of drift 0 to drift_max rad per m."""
+    """Return the axes of a planner's table of values, GRID numbers.
+
+    Distance to the goal: 0 to d_max m; drift of the heading: 0 to drift_max rad per metre walked. `world`: arrays of
+    the model, with its actions.
+    """
     grid = np.zeros(GRID)
     grid[[D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M]] = 0.0, d_max, 0.0, drift_max, 1.0, -_per_m(world)
     return grid

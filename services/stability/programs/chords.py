@@ -27,13 +27,14 @@ BALANCED = 1e-10  # of the weight, largest error that a step may add to the bala
 def beyond_chords(
     r: Reduced, order: Ints, place: Array, force: Array, over: Array, tolerance: float, size: float
 ) -> Array:
-    """Return up to three more points (p, 2) of a region over each chord between support points whose triangle is wide.
+    """Return points of a support region, (p, 2), up to three beyond each chord where its bounds are still apart.
 
-    The scaled frame has its origin at the centroid of the n contacts, and their largest distance from it as unit.
+    A chord joins two neighbouring support points; the region lies within the triangle over it that their outer bounds
+    make. The scaled frame has its origin at the centroid of the n contacts, and their largest distance from it as unit.
 
     Args:
-        r: programs of the contact set.
-        order: (count,) support points in the order of their directions' angles, or longer.
+        r: cone programs of the contact set.
+        order: support points in the order of their directions' angles; its first `count` entries are used.
         place: (k, 2) support points, scaled frame.
         force: (k, n, 3) their forces, in units of the weight, cone coordinates.
         over: (count, 2) height and area of the triangle over each chord, in that order, scaled frame.

@@ -1,7 +1,8 @@
-"""Newton steps of the interior-point method, and linear algebra over lanes.
+"""Newton steps of the interior-point method, and linear algebra over lanes: programs that are solved side by side.
 
-Steps are taken in the scaled space of `interior.scale` and added to s and x as increments: recomputing s and x from the
-scaled point loses eight digits near the boundary. The normal equations of a lane have as many unknowns as its program.
+Steps are taken in scaled variables and added to the slacks s and the unknowns x as increments: recomputing s and x
+from the scaled point loses eight digits near the boundary. The normal equations of a lane have as many unknowns as its
+program.
 """
 
 import math

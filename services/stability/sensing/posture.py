@@ -349,11 +349,12 @@ def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: A
 
 @row_kernel
 def contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
-    """Return the derivatives of the points that touch level ground by the joints of their legs, (L, 3, n) m/rad.
+    """Return the Jacobians of L points that touch level ground, by the n joints of a leg: (L, 3, n) m/rad, base_link.
 
     Args:
-        rot: orientations of its links, (links, 3, 3), base_link from link.
-        pos: their origins in base_link, (links, 3) m.
+        model: links and joints of the robot.
+        rot: orientations of the links, (links, 3, 3), base_link from link.
+        pos: origins of the links in base_link, (links, 3) m.
         up: unit vector, base_link, (3,).
         radius: of the foot spheres, (L,) m.
     """
