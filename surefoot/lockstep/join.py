@@ -157,7 +157,10 @@ class Join:
         if here and not self._first_ns <= message.stamp_ns <= self._last_ns + tick * TICK_NS:
             return "stamp"
         if key in self._latched_keys:
-            self._latched[key, epoch] = value
+            if (
+                self._latched.get((key, epoch)) != value
+            ):  # sent again it stays the same object: services look for a new one
+                self._latched[key, epoch] = value
             if len(self._latched) > MAX_AHEAD:  # before the first tick: any epoch may be the run's
                 del self._latched[next(iter(self._latched))]
             self._lacking = None

@@ -81,6 +81,18 @@ def test_latched_input_is_awaited_and_then_stays() -> None:
     assert [seen[TERRAIN_MAP.key].version for seen in bench.subject.seen] == [1, 1]
 
 
+def test_a_latched_input_that_is_sent_again_is_the_same_object() -> None:
+    """A driver sends it again when a member is late, at any tick: who looks for a new map must not find one."""
+    bench = Bench(Mapped())
+    for tick, version in enumerate((1, 1, 2)):
+        bench.bus.publisher(TERRAIN_MAP).put(height_map(1, version=version))
+        bench.node.pump()
+        bench.both(tick)
+    first, second, third = (seen[TERRAIN_MAP.key] for seen in bench.subject.seen)
+    assert second is first
+    assert (first.version, third.version) == (1, 2)
+
+
 def test_latched_input_of_an_epoch_before_is_not_the_map() -> None:
     bench = Bench(Mapped())
     bench.bus.publisher(TERRAIN_MAP).put(height_map(1))
