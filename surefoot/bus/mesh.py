@@ -78,13 +78,14 @@ class Mesh:
         with suppress(zenoh.ZError):  # the session is closed, or the router gone: it introduces when it is back
             self._known |= self._visible() & linked
             before, self._lost = self._lost, self._known - linked
-            if again := before & self._lost:
+            again = before & self._lost
+            if again and not self._over.is_set():
                 alive = self._alive()
                 self._looks = self._looks + 1 if again - alive else 0
                 if self._looks >= LOOKS or (alive and self._known & self._linked() <= alive):
                     self._known -= again - alive  # else it saw too little to know who has ended
                     self._looks = 0
-                if again & alive:
+                if again & alive and not self._over.is_set():
                     self._introduce(self._over)
                 self._named = sorted(again & alive)
 

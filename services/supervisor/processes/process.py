@@ -97,9 +97,10 @@ def resolve_command(command: Sequence[str]) -> list[str]:
 def starved_s(pid: int) -> float:
     """Return the seconds that a process's threads have waited for a processor; 0 where the kernel does not count."""
     waited = 0
-    for thread in Path(f"/proc/{pid}/task").glob("*/schedstat"):
-        with suppress(OSError, ValueError, IndexError):  # the thread has ended
-            waited += int(thread.read_text(encoding="ascii").split()[1])
+    with suppress(OSError):  # the process has ended
+        for thread in Path(f"/proc/{pid}/task").glob("*/schedstat"):
+            with suppress(OSError, ValueError, IndexError):  # the thread has ended
+                waited += int(thread.read_text(encoding="ascii").split()[1])
     return waited * 1e-9
 
 

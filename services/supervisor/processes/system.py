@@ -207,7 +207,9 @@ class System:
             told = state.stopping_since
             return Observed(phase="exited", since=now, exit_code=code, failures=failures, stopping_since=told)
         signs, check = self._signs[name], self._services[name].healthcheck
-        silence = self._silence(name, now)
+        silence = (
+            0.0 if check is None else self._silence(name, now, min(NOTICED_S, 0.5 * check.interval_s * check.retries))
+        )
         well = check is None or (signs.well and silence <= check.interval_s * check.retries)
         if not well and not state.healthy:
             return replace(state, progress=now - silence, why=signs.words(now))
@@ -217,17 +219,17 @@ class System:
             return replace(state, healthy=True, healthy_since=now, unhealthy_since=None, why="")
         return replace(state, healthy=False, unhealthy_since=now, why=signs.words(now))
 
-    def _silence(self, name: str, now: float) -> float:
+    def _silence(self, name: str, now: float, noticed: float) -> float:
         """Return the time in which a process could have given a sign of life and gave none, s.
 
-        What was waited is read only of a process that is silent: there are some thirty threads to each.
+        What was waited is read only of a process that is silent for `noticed` s: there are some thirty threads to each.
         """
-        if self._signs[name].quiet(now) < NOTICED_S:
+        if self._signs[name].quiet(now) < noticed:
             return self._signs[name].quiet(now)
         starved = self._processes[name].starved_s()
         with self._noting:
             signs = self._signs[name]
-            if signs.starved is None and signs.quiet(now) >= NOTICED_S:
+            if signs.starved is None and signs.quiet(now) >= noticed:
                 self._signs[name] = signs = replace(signs, starved=starved)
         return signs.silence(now, starved)
 
