@@ -15,7 +15,7 @@ import pytest
 from surefoot.bus.inbox import OBSERVED_ITEMS, QUERY_ITEMS, Inbox, Lane
 from surefoot.bus.interface import Delivery, Raw
 from surefoot.bus.memory import MemoryBus
-from surefoot.bus.unread import LinkTrouble, Unread
+from surefoot.bus.unread import LinkTrouble, Unread, connections
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.node import Node
@@ -170,7 +170,8 @@ def test_a_connection_whose_other_end_reads_now_and_then_is_not_stuck() -> None:
         one, address = server.accept()
         with one:
             links = [SimpleNamespace(dst=f"tcp/127.0.0.1:{address[1]}", zid="a1b2")]
-            looks = Unread(SimpleNamespace(info=SimpleNamespace(links=lambda: links)))  # type: ignore[arg-type]
+            session: Any = SimpleNamespace(info=SimpleNamespace(links=lambda: links))
+            looks = Unread(session, lambda: dict(connections()))
             one.setblocking(False)
             with suppress(BlockingIOError):
                 while True:
@@ -186,6 +187,15 @@ def test_a_connection_whose_other_end_reads_now_and_then_is_not_stuck() -> None:
             while looks.look():
                 reader.recv(1 << 20)
             wait_until(lambda: stuck() == ["a1b2"])
+
+
+def test_sessions_of_one_process_read_its_connections_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    reads: list[int] = []
+    monkeypatch.setattr("surefoot.bus.unread.connections", lambda: reads.append(1) or iter(()))
+    session: Any = SimpleNamespace(info=SimpleNamespace(links=list))
+    for looks in [Unread(session) for _ in range(40)]:
+        assert looks.look() == []
+    assert len(reads) <= 2  # the others of the process may have read them just now
 
 
 def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_ends(net: Net) -> None:
