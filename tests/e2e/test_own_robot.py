@@ -107,7 +107,7 @@ def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
         assert set(tick.roster) >= {"estimator", "walker", "stability"}
         assert 0.2 < (tick.tick - began.tick) * 0.01 / took < 1.1  # its clock is the wall's
         odometry = next(iter(client.messages(STATE_ODOMETRY, WAIT_S)))
-        # the joints show the way; where a busy machine leaves ticks out, they jump to the newest command, and feet slide
+        # by its joints; where a busy machine leaves ticks out, they jump to the newest command, and feet slide
         assert odometry.position[0] == pytest.approx(0.05, abs=0.025)
         assert before.position != next(iter(client.messages(HW_JOINTS, WAIT_S))).position
         status = next(s for s in client.messages(STATE_STABILITY, WAIT_S) if s.status == "ok" and s.tick > tick.tick)

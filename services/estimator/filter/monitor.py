@@ -28,6 +28,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import turned
 from surefoot.kernels.jit import kernel
 
+from ..inputs.check import ABOVE
 from .delay import learn_delay, lift_delay
 from .encoders import exchanged, jumped, learn_repeats, unknown
 from .hypotheses import likeliest, mode
@@ -48,6 +49,20 @@ def _swung(rot: Array, turn: Array, y: Array, dt: float) -> Array:
         j, k = (i + 1) % 3, (i + 2) % 3
         out[i] = (turn[k] * y[j] - turn[j] * y[k]) / dt
     return turned(rot, out)
+
+
+@kernel
+def _below(rot: Array, feet: Array) -> bool:
+    """Return whether the feet (L, 3), m, IMU axes, are below the IMU on the mean; `rot`: rot_odom_from_imu (3, 3).
+
+    The feet of a robot that lies move as they like while switches or heights take some of them for standing.
+    """
+    mean = np.zeros(3)
+    for f in range(feet.shape[0]):
+        if not math.isnan(feet[f, 0] + feet[f, 1] + feet[f, 2]):
+            for i in range(3):
+                mean[i] += feet[f, i]
+    return bool(turned(rot, mean)[2] < -ABOVE * math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2))
 
 
 @kernel
@@ -105,7 +120,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     flies = push[0] ** 2 + push[1] ** 2 + push[2] ** 2 < (0.5 * GRAVITY) ** 2
     push[2] -= GRAVITY
     gained, share = push * dt, math.exp(-dt / FIXED.delay_s)
-    steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.delay_period
+    steady = 1e-9 * (stamps[end - 1] - stamps[max(end - 2, 0)]) < FIXED.delay_period and _below(rot, samples.feet[row])
     size, seen, fade = np.zeros(count), np.empty(3), math.exp(-dt / FIXED.strange_s)
     state.memory[M.legs : M.legs + 2] *= math.exp(-dt / FIXED.legs_s)
     for f in range(count):

@@ -51,7 +51,7 @@ TIMELY_NS = 25_000_000  # by which the feet may be older than the gyro
 LONGEST_TURN_NS = 200_000_000  # between two samples of the feet that are compared
 NO_SLOPE, OTHER_SLOPE = 0.1, -0.25  # slopes below which the gyro is in deg/s, has the other sign
 OTHER_WAY = -0.4  # correlation below which the feet turn against the gyro
-ABOVE = 0.5  # cosine between up and the way to the feet beyond which the feet are above: not of a robot on its side
+ABOVE = 0.5  # cosine between up (down) and the way to the feet beyond which they are above (below): else it may lie
 SMALLEST = 1e-4  # m^2, spread of points that are compared
 
 GOOD, IN_G, ACC_SIGN, IN_DEG, GYRO_SIGN = range(5)

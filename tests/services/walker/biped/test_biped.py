@@ -110,6 +110,17 @@ def test_a_lost_robot_folds_and_says_so(force):
     assert plant.fallen
 
 
+def test_feet_of_a_robot_that_lies_show_no_delay_of_their_stamps() -> None:
+    plant = Plant("bioloid", seed=11).stand()
+    way = 1.1 * 11  # 26 ms were taken off 1.3 s after this push
+    plant.world.push((30.0 * math.sin(way), 30.0 * math.cos(way), 0.0), 0.2)
+    for _ in range(250):
+        plant.tick()
+        assert not any("stamps of the feet" in reason for reason in plant.estimator.estimate().reasons)
+    assert plant.out is not None
+    assert plant.out.reason.startswith("fallen")
+
+
 def test_a_step_after_much_tilt_is_shorter():
     plant = Plant("bioloid").begin("walk")
     state, params = plant.walker.state, plant.walker.params
