@@ -8,7 +8,7 @@ import numpy as np
 
 from surefoot.record.recording import ReadableRecording, Recorded, open_readable
 
-from ..report.judge import METRICS, Row, distance
+from ..report.judge import METRICS, Row, distance, since_ready
 from ..report.traces import KEYS, Traces, read_traces
 
 READ = (*KEYS, "terrain/map")
@@ -47,7 +47,8 @@ def _ended(recording: ReadableRecording, ends: dict[str, int]) -> Iterator[Recor
 
 
 def _numbers(traces: Traces, at_s: float) -> dict[str, float | None]:
-    truth, stability = traces.series("sim/truth"), traces.series("state/stability")
+    truth = traces.series("sim/truth")
+    stability = since_ready(traces.series("state/stability"), traces.series("state/gait"))
     slips = [1e3 * stance.sliding for stance in traces.stances if stance.time >= at_s]
     later = stability[stability[:, 0] >= at_s] if len(stability) else stability
     margins = {

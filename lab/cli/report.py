@@ -17,7 +17,8 @@ def report(
 ) -> None:
     """Write the report of a recording, by the limits it carries. Exit code 1: a limit was not met.
 
-    A recording holds no steps that were refused or unfinished: its best verdict is that all limits are met.
+    A recording holds no steps that were refused or unfinished: its best verdict is that all limits are met. Where a
+    part of it or the data of a limit is missing, and no other limit is missed, the answer is NO VERDICT.
     """
     use_json(json)
     if out is not None and (out.suffix.lower() not in (".html", ".htm") or out.is_dir()):
@@ -25,18 +26,25 @@ def report(
     with Progress(f"report of {file.name}", reads=[file]) as progress:
         from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
+        from ..report.judge import METRICS
         from ..report.recorded import report_recording
 
         loaded = None if scenario is None else load_scenario(find_scenario(scenario))
         path, verdict = report_recording(file, loaded, out or file.with_suffix(".html"), progress.at)
+    missed = [row for row in verdict.rows if row.ok is False]
+    lines = [("note", note) for note in verdict.notes]
+    lines += [("missed", f"{METRICS[r.name].title}: {r.text}, the limit is {r.limit_text}") for r in missed]
+    lines += [("report", near(path)), ("verdict", verdict.word)]
     write_answer(
         {
             "ok": verdict.ok,
             "verdict": verdict.word,
+            "failed": [row.name for row in verdict.rows if row.ok is False],
+            "notes": verdict.notes,
             "values": {r.name: r.value for r in verdict.rows},
             "report": near(path),
         },
-        f"report        {near(path)}\nverdict       {verdict.word}",
+        "\n".join(f"{name:<14}{text}" for name, text in lines),
     )
     if not verdict.ok:
         raise typer.Exit(EXIT_CHECK)

@@ -69,7 +69,7 @@ class Row:
         name: key of `METRICS`.
         value: None when the run has no data on it.
         limits: (side, limit) pairs the value was held against.
-        ok: None without a limit; a limit on a value that is missing is not met.
+        ok: None without a limit, and where a recording lacks the value; a live run that lacks it misses the limit.
     """
 
     name: str
@@ -103,6 +103,7 @@ class RunVerdict:
         message_hash: hash of all deterministic messages, empty when unknown.
         comparable: False after a time-out, a restart or a degraded tick: the hash means nothing then.
         watched: False for a recording, which does not hold all problems of its run.
+        partly: True where only a part of a recording can be read.
     """
 
     rows: tuple[Row, ...]
@@ -111,6 +112,7 @@ class RunVerdict:
     comparable: bool = True
     notes: tuple[str, ...] = field(default=())
     watched: bool = True
+    partly: bool = False
 
     @property
     def ok(self) -> bool:
@@ -119,12 +121,16 @@ class RunVerdict:
 
     @property
     def word(self) -> str:
-        """Return FAIL, PASS, or for a recording without a problem LIMITS MET or NO VERDICT: it may lack problems."""
+        """Return FAIL, PASS, or for a recording without a problem LIMITS MET or NO VERDICT: it may lack problems.
+
+        A recording that lacks a part, or the data of a limit, and misses no other limit has no verdict.
+        """
         if not self.ok:
             return "FAIL"
         if self.watched:
             return "PASS"
-        return "LIMITS MET" if any(row.ok for row in self.rows) else "NO VERDICT"
+        limited = [row.ok for row in self.rows if row.limits]
+        return "LIMITS MET" if limited and all(limited) and not self.partly else "NO VERDICT"
 
     def value(self, name: str) -> float | None:
         """Return the value of a metric of `METRICS`, in its unit; None: the run has no data on it."""
@@ -141,6 +147,7 @@ def judge(
     problems: tuple[str, ...] = (),
     notes: tuple[str, ...] = (),
     watched: bool = True,
+    partly: bool = False,
 ) -> RunVerdict:
     """Compare the numbers of a run with its limits, and return the verdict.
 
@@ -152,7 +159,8 @@ def judge(
         comparable: whether the hash means anything.
         problems: what went wrong besides the numbers; the verdict cannot be ok then.
         notes: what else the reader should know.
-        watched: all problems of the run are known.
+        watched: all problems of the run are known, and a limit on a value without data is missed.
+        partly: only a part of the run can be read.
     """
     values = measure(traces, wall_s)
     rows: list[Row] = []
@@ -161,8 +169,15 @@ def judge(
         held: tuple[tuple[Side, float], ...] = tuple(
             (LIMITS[key].side, limit) for key, limit in limits.items() if LIMITS[key].metric == name
         )
-        rows.append(Row(name, value, held, _meets(value, held) if held else None))
-    return RunVerdict(tuple(rows), problems, message_hash, comparable, (*notes, *_below_siblings(rows)), watched)
+        rows.append(Row(name, value, held, _meets(value, held) if held and (watched or value is not None) else None))
+    notes = (*notes, *_below_siblings(rows), *(() if watched else _without_data(rows)))
+    return RunVerdict(tuple(rows), problems, message_hash, comparable, notes, watched, partly)
+
+
+def _without_data(rows: list[Row]) -> list[str]:
+    """Return a sentence on the limits of which a recording holds no data; nothing where it holds all."""
+    titles = [METRICS[row.name].title for row in rows if row.limits and row.value is None]
+    return [f"the recording holds no data on: {', '.join(titles)}"] if titles else []
 
 
 def _below_siblings(rows: list[Row]) -> list[str]:

@@ -26,7 +26,7 @@ def moments(traces: Traces, feet: tuple[str, ...]) -> tuple[Moment, ...]:
         i = int(truth[:, 8].argmax())
         tilt = float(truth[i, 8] * judge.DEG)
         found.append(Moment("tilt", truth[i, 0], tilt, f"largest tilt, {tilt:.1f} deg"))
-    stability = traces.series("state/stability")
+    stability = judge.since_ready(traces.series("state/stability"), traces.series("state/gait"))
     if len(stability) and np.isfinite(stability[:, 1]).any():
         i = int(np.nanargmin(stability[:, 1]))
         margin = 1000.0 * float(stability[i, 1])

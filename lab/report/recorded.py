@@ -34,12 +34,16 @@ def report_recording(
         progress: gets the share that is done.
 
     Raises:
-        SurefootError: nothing of the file can be read.
+        SurefootError: nothing of the file can be read, or it holds no message of a run.
     """
     recording = open_readable(file)
     run, summary = recording.metadata.get("run", {}), recording.metadata.get("surefoot", {})
     traces = read_traces(recording.messages((*KEYS, "terrain/map"), lambda share: progress(READ * share)))
-    notes = (*recording.notes, *explained(file, whole=not recording.damage))
+    if not traces.rows:
+        raise SurefootError("invalid", f"{file} has none of {', '.join(KEYS)} that can be read", "recording")
+    why, partly = explained(file, whole=not recording.damage)
+    partly |= traces.refused
+    notes = (*recording.notes, *why)
     progress(EXPLAINED)
     if SCENARIO in recording.metadata:
         own = recorded_scenario(recording.metadata, file)
@@ -47,7 +51,8 @@ def report_recording(
         notes += (UNFINISHED,) if own.steps and traces.last_tick + 1 >= own.max_ticks else ()
     limits = {} if scenario is None else scenario.limits
     hashed = summary.get("run_hash", "")
-    verdict = judge(traces, limits, message_hash=hashed, notes=notes, watched=False)
+    partly |= bool(recording.damage)
+    verdict = judge(traces, limits, message_hash=hashed, notes=notes, watched=False, partly=partly)
     about = About(
         scenario=file.stem if scenario is None else scenario.name,
         description=str(file) if scenario is None else scenario.description,
@@ -71,8 +76,11 @@ def filmed(recording: ReadableRecording, about: About) -> tuple[About, Film | No
     return replace(about, feet=robot.leg_names, no_film="; ".join(film.notes)), film
 
 
-def explained(file: Path, *, whole: bool = False) -> tuple[str, ...]:
-    """Return a sentence on why a recorded run went wrong, or on damage or jumps of its clock; else nothing, ().
+def explained(file: Path, *, whole: bool = False) -> tuple[tuple[str, ...], bool]:
+    """Explain a recorded run: why it went wrong, which messages cannot be read, where its clock jumps.
+
+    Returns:
+        One sentence, or none where nothing of this is the case; and whether messages are unreadable or the clock jumps.
 
     Args:
         file: MCAP file.
@@ -81,9 +89,10 @@ def explained(file: Path, *, whole: bool = False) -> tuple[str, ...]:
     try:
         found = explain(file)
     except SurefootError:
-        return ()
+        return (), True
+    partly = bool(found.jumps or found.damage)
     bad = found.outcome is not None or bool(found.jumps) or (whole and bool(found.damage))
-    return (found.sentence,) if bad else ()
+    return ((found.sentence,) if bad else ()), partly
 
 
 def _seed(run: dict[str, str]) -> int:

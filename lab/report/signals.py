@@ -21,6 +21,8 @@ READ = (
     "navigator/feedback", "sim/truth", "sim/status",
 )  # fmt: skip
 
+NEEDED = {"hw/imu": ("gyro", "acc"), "hw/joints": ("position",), "hw/contacts": ("touch",)}
+"""Fields without which a message is none; others may be missing, as in recordings of other versions."""
 CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
 """Keys with a message each control tick."""
 JUMP_S, BACK_S = 60.0, 0.05
@@ -93,8 +95,9 @@ def read_signals(path: Path, progress: Callable[[float], None] | None = None) ->
     found, epoch, lost = Signals(joints=joints, feet=feet, version=recording.version), -1, Counter[str]()
     for item in recording.messages(READ, progress):
         try:
-            row = json.loads(item.data)
+            row = json.loads(item.data, parse_constant=_refuse)
             now = int(row["epoch"])
+            _ = [row[name] for name in NEEDED.get(item.key, ())]
         except (ValueError, KeyError, TypeError, OverflowError):
             lost[item.key] += 1
             continue
@@ -109,6 +112,11 @@ def read_signals(path: Path, progress: Callable[[float], None] | None = None) ->
         raise SurefootError("invalid", f"{path} has none of {', '.join(READ)}", "recording")
     found.jumps = _jumps(found)
     return found
+
+
+def _refuse(constant: str) -> float:
+    """Raise ValueError for NaN or Infinity in JSON."""
+    raise ValueError(constant)
 
 
 def _names(recording: ReadableRecording) -> tuple[tuple[str, ...], tuple[str, ...]]:

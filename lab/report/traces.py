@@ -99,6 +99,8 @@ class Traces:
     touches: int | None = None
     """Times that the robot began to touch an obstacle of the world; None = it has none."""
     last_tick: int = -1
+    refused: bool = False
+    """Some messages could not be read."""
     _finished: tuple[int, ...] = ()
     _gait: tuple[str, str] = ("", "")
     _touching: bool = False
@@ -268,6 +270,7 @@ def read_traces(kept: Iterable[KeptMessage], notes: Iterable[tuple[float, str]] 
         except Refusal as refusal:
             first.setdefault(item.key, refusal.message)
             refused[item.key] += 1
+    traces.refused = bool(refused)
     for key, count in refused.items():
         traces.note(0.0, f"{count} of {key} could not be read: {first[key]}")
     for time_s, text in notes:

@@ -53,7 +53,7 @@ class Explanation:
     @property
     def _found(self) -> str:
         if self.outcome is None:
-            return f"nothing went wrong: {LOOKED_FOR}"
+            return f"nothing went wrong{' in what can be read' if self.damage else ''}: {LOOKED_FOR}"
         if self.cause is None:
             return f"{self.outcome.text} at {self.outcome.begin:.2f} s; no cause was found in the recording"
         lead = self.outcome.begin - self.cause.begin

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from surefoot.errors import SurefootError
 from surefoot.lab.cli.view import _recorded as shown
 from surefoot.lab.report.judge import judge
 from surefoot.lab.report.page import About, render
@@ -22,17 +23,21 @@ from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_
 from .test_report import content
 
 
-def copy(source, target, metadata, keep=lambda key: True):
-    """Write a recording anew with other metadata, and without some keys."""
+def copy(source, target, metadata, keep=lambda key: True, change=lambda key, data: data):
+    """Write a recording anew with other metadata, without some keys, and with other bytes of some messages."""
     writer = RecordingWriter(target, metadata)
     for item in read_recording(source):
         if keep(item.key):
-            raw = item.raw()
+            raw = replaced(item.raw(), item.key, change)
             header = Header(stamp_ns=item.stamp_ns, source=item.key.rpartition("/")[2])
             topic: Any = topic_of(item.key)
             writer.write(topic, header, raw)
     writer.close({})
     return target
+
+
+def replaced(raw, key, change):
+    return raw._replace(payload=change(key, raw.payload))
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +114,38 @@ def test_a_recording_passes_nothing_beyond_its_limits(recorded, tmp_path, limits
     path, verdict = report_recording(recorded, scenario, tmp_path / "report.html")
     assert verdict.word == word
     assert f": {word}</title>" in path.read_text(encoding="utf-8")
+
+
+def test_a_limit_without_data_gives_no_verdict_but_another_may_be_missed(recorded, tmp_path):
+    bare = copy(recorded, tmp_path / "bare.mcap", {"namespace": "surefoot/ragno"}, lambda key: key != "sim/truth")
+    for limits, word in (({"no_fall": 0.0}, "NO VERDICT"), ({"no_fall": 0.0, "min_margin_m": 9.0}, "FAIL")):
+        scenario = replace(load_scenario(find_scenario("rough-terrain")), limits=limits)
+        _, verdict = report_recording(bare, scenario, tmp_path / "bare.html")
+        assert verdict.word == word
+        assert verdict.notes[-1].startswith("the recording holds no data on: fell")
+
+
+def test_a_recording_with_messages_that_their_topics_do_not_allow_gives_no_verdict(recorded, tmp_path):
+    scenario = replace(load_scenario(find_scenario("rough-terrain")), limits={"no_fall": 0.0})
+    for key, field in (("hw/imu", b'"gyro":['), ("hw/joints", b'"position":['), ("sim/truth", b'"quat_wxyz":[')):
+        spoilt = copy(
+            recorded,
+            tmp_path / "spoilt.mcap",
+            {},
+            change=lambda _, data, field=field: data.replace(field, field + b"NaN,"),
+        )
+        _, verdict = report_recording(spoilt, scenario, tmp_path / "spoilt.html")
+        assert verdict.word == "NO VERDICT"
+        assert verdict.ok
+        assert any(f"of {key} are no messages" in note for note in verdict.notes)
+        assert "nothing went wrong in what can be read" in explain(spoilt).sentence
+
+
+def test_a_recording_without_a_run_has_no_report(recorded, tmp_path):
+    other = copy(recorded, tmp_path / "other.mcap", {}, lambda key: key.startswith("health/"))
+    with pytest.raises(SurefootError, match=r"other\.mcap has none of sim/truth"):
+        report_recording(other, None, tmp_path / "other.html")
+    assert not (tmp_path / "other.html").exists()
 
 
 DAMAGE = {
