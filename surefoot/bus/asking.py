@@ -37,7 +37,9 @@ class Asking:
         self.refused: Counter[tuple[str, str]] = Counter()
         """Answers of other processes, by key and process."""
         self._session, self._namespace = session, namespace
-        self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+        self._queriers: dict[tuple[str, bool, float], tuple[str, zenoh.Querier]] = {}
+        """Key and querier by query, whether one process is asked, and timeout. One that asked a process that has been
+        replaced is dropped: all peers keep about a kilobyte for a key that only its owner declares."""
         self._owners: dict[str, str] = {}
 
     def ask(
@@ -110,8 +112,9 @@ class Asking:
 
     def _querier(self, query: Query[Any, Any], timeout: float, instance: str) -> zenoh.Querier:
         key = participants_key(query, instance) if instance else query.key
-        querier = self._queriers.get((key, timeout))
-        if querier is None:
+        place = (query.key, bool(instance), timeout)
+        before, querier = self._queriers.get(place, ("", None))
+        if querier is None or before != key:
             encoding_of(query.reply)
             querier = self._session.declare_querier(
                 key,
@@ -122,7 +125,7 @@ class Asking:
                 priority=zenoh.Priority.INTERACTIVE_HIGH,
                 express=True,
             )
-            self._queriers[(key, timeout)] = querier
+            self._queriers[place] = key, querier
         return querier
 
     def _unanswered(

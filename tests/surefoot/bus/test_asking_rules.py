@@ -1,5 +1,6 @@
 """Rules by which an answer is believed, with replies and tokens in an order that no network can be made to keep."""
 
+import weakref
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +17,10 @@ ROUTER = ""
 """Replier of a note that the router itself writes."""
 
 
+class Querier(SimpleNamespace):
+    """Querier that can be referred to weakly, so that its end is noticed."""
+
+
 class Network:
     """Session whose queries get the given repliers, in their order, and whose tokens are those given.
 
@@ -30,6 +35,8 @@ class Network:
         self.repliers: Sequence[str] = ()
         self.ends = self.matching = True
         self.given: list[Any] = []
+        self.queriers: list[str] = []
+        """Keys of the queriers that are declared at present."""
 
     def liveliness(self) -> Any:
         def get(key: str, timeout: float) -> list[Any]:
@@ -39,7 +46,10 @@ class Network:
         return SimpleNamespace(get=get)
 
     def declare_querier(self, key: str, **_: Any) -> Any:
-        return SimpleNamespace(get=self._get, matching_status=SimpleNamespace(matching=self.matching))
+        querier = Querier(get=self._get, matching_status=SimpleNamespace(matching=self.matching))
+        self.queriers.append(key)
+        weakref.finalize(querier, self.queriers.remove, key)
+        return querier
 
     def _get(self, *, handler: Any, **_: Any) -> None:
         names = [SimpleNamespace(zid=by) if by else None for by in self.repliers]
@@ -117,6 +127,14 @@ def test_a_participant_takes_the_answer_of_the_process_it_names(network: Network
     shows(network, "real", "other")
     assert network.answers(client, "other", "real", to="real") == 1
     assert client.refused == {(STABILITY_REGION.key, "other"): 1}
+
+
+def test_a_querier_of_a_process_that_was_replaced_is_dropped(network: Network, client: Asking) -> None:
+    for process in ("first", "second", "third"):
+        assert network.answers(client, process, to=process) == 0
+    network.tokens["alive/stability"] = ("third",)
+    assert network.answers(client, "third") == 0
+    assert network.queriers == ["@stability/region/third", "stability/region"]
 
 
 def test_the_sign_of_a_start_is_believed_of_health_alone_and_while_there_is_no_token(
