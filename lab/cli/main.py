@@ -1,7 +1,9 @@
 """The command `surefoot`: verbs and nouns, one file each; a heavy library is imported by the verb that needs it."""
 
 import os
+import signal
 import sys
+import threading
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as in every service
 
@@ -87,7 +89,12 @@ def common(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; exit code 0: ok, 1: a check failed, 2: usage error, 130: interrupted."""
+    """Run the command line; exit code 0: ok, 1: a check failed, 2: usage error, 130: interrupted.
+
+    SIGTERM ends a command as Ctrl-C does, so that it removes what is half written.
+    """
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
         with compilation_reported(notify):

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -77,7 +76,6 @@ def run(
         check_world(loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
     options = Options(seed, record, rtf, strict, listen, out)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
     with viewer(endpoint, namespace_of(compose.robot), compose.robot, wanted=view), line:
         outcome = conduct(loaded, compose, options, line.notify, line.show)
     _show(outcome, json=json)

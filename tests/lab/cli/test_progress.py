@@ -1,6 +1,7 @@
 """Long work states what it is within its first second, then its share and the time left, and on Ctrl-C what is kept."""
 
 import re
+import signal
 import threading
 from contextlib import suppress
 from itertools import pairwise
@@ -121,12 +122,25 @@ def test_a_long_command_names_its_work_and_states_share_and_time_left(in_process
     assert re.search(rf"^{re.escape(what)}: \d+ %, about \d+ s left", err, re.MULTILINE)
 
 
-@pytest.mark.parametrize(("words", "inner"), [(words, inner) for words, _, inner in LONG if inner])
-def test_ctrl_c_in_a_long_command_ends_with_one_sentence_and_no_half_file(
-    monkeypatch, in_process, talkative, recorded, words, inner
+@pytest.fixture
+def sigterm():
+    """SIGTERM has no handler before, and the one of the test runner after the test."""
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize(
+    ("words", "inner", "number"),
+    [(words, inner, signal.SIGINT) for words, _, inner in LONG if inner]
+    + [(words, inner, signal.SIGTERM) for words, _, inner in LONG if words.startswith(("why", "estimate"))],
+)
+def test_ctrl_c_or_sigterm_in_a_long_command_ends_with_one_sentence_and_no_half_file(
+    monkeypatch, in_process, talkative, recorded, sigterm, words, inner, number
 ):
     def stop(*_, **__):
-        raise KeyboardInterrupt
+        assert signal.getsignal(number) is signal.default_int_handler  # else it ends the test runner
+        signal.raise_signal(number)
 
     if "wawrzynski" in words:
         monkeypatch.setattr("surefoot.papers.wawrzynski.velocity.run", lambda **_: [])
