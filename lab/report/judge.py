@@ -147,7 +147,6 @@ def judge(
     problems: tuple[str, ...] = (),
     notes: tuple[str, ...] = (),
     watched: bool = True,
-    partly: bool = False,
 ) -> RunVerdict:
     """Compare the numbers of a run with its limits, and return the verdict.
 
@@ -160,7 +159,6 @@ def judge(
         problems: what went wrong besides the numbers; the verdict cannot be ok then.
         notes: what else the reader should know.
         watched: all problems of the run are known, and a limit on a value without data is missed.
-        partly: only a part of the run can be read.
     """
     values = measure(traces, wall_s)
     rows: list[Row] = []
@@ -171,7 +169,7 @@ def judge(
         )
         rows.append(Row(name, value, held, _meets(value, held) if held and (watched or value is not None) else None))
     notes = (*notes, *_below_siblings(rows), *(() if watched else _without_data(rows)))
-    return RunVerdict(tuple(rows), problems, message_hash, comparable, notes, watched, partly)
+    return RunVerdict(tuple(rows), problems, message_hash, comparable, notes, watched)
 
 
 def _without_data(rows: list[Row]) -> list[str]:

@@ -51,8 +51,8 @@ def report_recording(
         notes += (UNFINISHED,) if own.steps and traces.last_tick + 1 >= own.max_ticks else ()
     limits = {} if scenario is None else scenario.limits
     hashed = summary.get("run_hash", "")
-    partly |= bool(recording.damage)
-    verdict = judge(traces, limits, message_hash=hashed, notes=notes, watched=False, partly=partly)
+    verdict = judge(traces, limits, message_hash=hashed, notes=notes, watched=False)
+    verdict = replace(verdict, partly=partly or bool(recording.damage))
     about = About(
         scenario=file.stem if scenario is None else scenario.name,
         description=str(file) if scenario is None else scenario.description,

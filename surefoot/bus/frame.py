@@ -16,6 +16,10 @@ from surefoot.schemas.topics import Topic
 
 MAX_FRAME_BYTES = 8 * MAX_JSON_BYTES
 """A frame or batch beyond 8 MiB is refused: those of ours have some 100 kB, with a camera."""
+MAX_INDEX_BYTES = 1 << 18
+"""An index beyond 256 KiB is refused: that of a batch has some kB."""
+PRIME_BYTES = 1 << 14
+"""Most bytes of a frame that tests links (prime): those of ours have 1 to 2 kB."""
 MAX_INSTANCE = 64
 """Most characters of a process's name: those of ours have 32, and a refused one is logged."""
 
@@ -51,19 +55,29 @@ class Frame:
         instance, _, self._index = index.partition(b";")
         self.instance = instance[:MAX_INSTANCE].decode("ascii", "replace")
         """Name of the process that published the frame, as written in the frame."""
-        self.size = len(payload)
+        self.size = len(payload) + len(index)
 
-    def deliveries(self) -> list[Delivery]:
+    def deliveries(self, bound: bool = True) -> list[Delivery]:
         """Return the messages of the frame on the reader's topics, in the order they were published.
 
+        Args:
+            bound: the service is bound to the process that published it; of any other a frame may test links alone,
+                and one that is larger than that is refused before it costs the time of decoding.
+
         Raises:
-            Refusal: malformed, the index has another form or does not fit the payload; too_large, the frame or a
-                message is.
+            Refusal: malformed, the index has another form or does not fit the payload; too_large, the frame, its index
+                or a message is; unbound.
         """
+        if not bound and self.size > PRIME_BYTES:
+            text = f"frame of {self.size} bytes by {self.instance!r}, to which the {self.owner} is not bound"
+            raise Refusal("unbound", text)
         found: list[Delivery] = []
         payload, topics = self._payload, self._topics
         if self.size > MAX_FRAME_BYTES:
             raise Refusal("too_large", f"frame of {self.size} bytes; at most {MAX_FRAME_BYTES} are accepted")
+        if len(self._index) > MAX_INDEX_BYTES:
+            text = f"index of {len(self._index)} bytes of a frame; at most {MAX_INDEX_BYTES} are accepted"
+            raise Refusal("too_large", text)
         try:
             begin = 1
             for entry in self._index.decode("ascii").split(";"):

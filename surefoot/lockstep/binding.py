@@ -6,6 +6,8 @@ from surefoot.bus.interface import Delivery, Life
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import HW_TICK
 
+MOST_TRIED = 3
+"""Processes that are asked in turn if they act as a service: one that does not answer takes a fifth of a second."""
 MOST_EARLY = 64
 """Processes whose early frames are counted apart; a flood under many names is not."""
 
@@ -23,6 +25,8 @@ class Bindings:
         self.bound: dict[str, str] = {}
         """Process of each service that has proved its links."""
         self._early: Counter[tuple[str, str]] = Counter()
+        self._turn: Counter[str] = Counter()
+        """Number of the first candidate of each service that is returned next."""
 
     def on_life(self, life: Life) -> str:
         """Record that a process appeared or left; return the bound process if another appears beside it, else ""."""
@@ -39,9 +43,19 @@ class Bindings:
         return instance in self._visible.get(service, ())
 
     def candidates(self, service: str) -> tuple[str, ...]:
-        """Return the processes that may answer as a service: the bound one, or those that may take its place."""
+        """Return the processes that may answer as a service: the bound one, or those that may take its place.
+
+        Of many it returns `MOST_TRIED`, the newest first, and the next ones at the next call.
+        """
         seen, bound = self._visible.get(service, {}), self.bound.get(service)
-        return (bound,) if bound is not None and (bound in seen or not seen) else tuple(seen)
+        if bound is not None and (bound in seen or not seen):
+            return (bound,)
+        newest = tuple(reversed(seen))
+        if len(newest) <= MOST_TRIED:
+            return newest
+        first = self._turn[service] % len(newest)
+        self._turn[service] = first + MOST_TRIED
+        return (newest + newest)[first : first + MOST_TRIED]
 
     def bind(self, service: str, instance: str) -> bool:
         """Record that a process has tested its links; return whether the service is bound to this process now."""

@@ -216,7 +216,7 @@ class Node:
 
     def _on_frame(self, frame: Frame) -> None:
         try:
-            deliveries = frame.deliveries()
+            deliveries = frame.deliveries(self._bound.get(frame.owner) == frame.instance)
         except Refusal as refusal:
             self.refuse(refusal.code, refusal.message)
             return

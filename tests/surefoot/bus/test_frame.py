@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from surefoot.bus.frame import Frame, FramePart, pack
+from surefoot.bus.frame import MAX_INDEX_BYTES, PRIME_BYTES, Frame, FramePart, pack
 from surefoot.bus.interface import Stamp
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, HW_JOINTS, STATE_ODOMETRY, STATE_VELOCITY, TOPICS, Kind
@@ -72,3 +72,21 @@ def test_framed_are_what_belongs_to_a_tick() -> None:
     for topic in TOPICS:
         periodic = topic.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or topic.key == "hw/tick"
         assert topic.framed == periodic
+
+
+def test_a_frame_of_a_process_that_is_not_bound_is_refused_before_it_is_decoded() -> None:
+    made = Frame("walker", TAKEN, b"[]", b"stranger;" + b";".join([b"cmd/joints,0,5,1,0,0"] * 1000))
+    assert made.size > PRIME_BYTES
+    with expect_error(Refusal, "unbound", text="by 'stranger', to which the walker is not bound"):
+        made.deliveries(bound=False)
+    assert len(made.deliveries()) == 1000
+    few = Frame("walker", TAKEN, b"[]", b"stranger;cmd/joints,0,-1,0,0,0")
+    assert [d.prime for d in few.deliveries(bound=False)] == [True]
+
+
+def test_an_index_counts_in_the_size_of_a_frame_and_has_a_limit() -> None:
+    index = b"walker;" + b";".join([b"cmd/joints,0,5,1,0,0"] * (MAX_INDEX_BYTES // 20))
+    made = Frame("walker", TAKEN, b"[]", index)
+    assert made.size == len(index) + 2
+    with expect_error(Refusal, "too_large", text="index of "):
+        made.deliveries()

@@ -5,7 +5,7 @@ import pytest
 from surefoot.bus.codec import encode
 from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Delivery, Life, Raw, Stamp
-from surefoot.lockstep.binding import Bindings, is_prime
+from surefoot.lockstep.binding import MOST_TRIED, Bindings, is_prime
 from surefoot.lockstep.commands import STALE_TICKS
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER, MISLED_PRIMES
@@ -262,3 +262,16 @@ def test_a_process_without_a_token_is_bound_to_nothing() -> None:
 def test_a_damaged_manifest_proves_no_link() -> None:
     assert is_prime(Delivery(HW_TICK, None, Raw(b"", None, "")))
     assert not is_prime(Delivery(HW_TICK, None, Raw(b"{", None, "")))
+
+
+def test_of_many_processes_with_a_token_few_are_tried_at_a_time_the_newest_first_and_each_in_turn() -> None:
+    bindings = Bindings()
+    for number in range(100):
+        bindings.on_life(Life("estimator", f"stranger {number}", True))
+    bindings.on_life(Life("estimator", "real", True))
+    tried = [bindings.candidates("estimator") for _ in range(34)]
+    assert tried[0] == ("real", "stranger 99", "stranger 98")
+    assert {len(names) for names in tried} == {MOST_TRIED}
+    assert {name for names in tried for name in names} == {"real", *(f"stranger {number}" for number in range(100))}
+    assert bindings.bind("estimator", "real")
+    assert bindings.candidates("estimator") == ("real",)
