@@ -1,4 +1,4 @@
-"""The systems that a router knows beside that of a session, for the error of a client that finds nobody."""
+"""The systems that a router knows beside that of a session, for the error of a client that no service answers."""
 # pyright: reportUnknownMemberType=false
 
 import json
