@@ -2,7 +2,6 @@
 
 import math
 import operator
-import reprlib
 from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
+from surefoot.errors import shown as shown
 from surefoot.nearest import did_you_mean
 
 
@@ -100,11 +100,6 @@ def instance(value: Any, field: str, kind: type[Any], what: str) -> None:
     """Check the type of an argument (raises FieldError: `type`, with what is expected in words)."""
     if not isinstance(value, kind):
         raise FieldError("type", field, f"got {shown(value)}, expected {what}")
-
-
-def shown(value: Any) -> str:
-    """Return a shortened one-line text of a value, for error messages."""
-    return " ".join(reprlib.repr(value).split())
 
 
 def _first(found: Array, wrong: NDArray[np.bool_]) -> str:

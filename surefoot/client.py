@@ -15,10 +15,12 @@ from queue import Empty, SimpleQueue
 from typing import Any, Self, cast
 
 from surefoot.bus.codec import refusal_of
+from surefoot.bus.elsewhere import others_running
 from surefoot.bus.endpoint import checked, to_connect
 from surefoot.bus.interface import Delivery
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
-from surefoot.errors import CallError, Refusal, SurefootError
+from surefoot.client_arguments import key_part, wait_s
+from surefoot.errors import BusError, CallError, FieldError, Refusal, SurefootError, shown
 from surefoot.nearest import did_you_mean
 from surefoot.schemas.base import Wire
 from surefoot.schemas.rows import M
@@ -44,6 +46,24 @@ def query_named(key: str) -> Query[Any, Any]:
     raise SurefootError("unknown_query", f"no query {key!r}{known}")
 
 
+def _topic(topic: Topic[M] | str) -> Topic[M]:
+    """Return the row of a topic given as row or key (raises SurefootError)."""
+    if isinstance(topic, str):
+        return topic_named(topic)
+    if not isinstance(topic, Topic):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise FieldError("type", "topic", f"got {shown(topic)}, expected a key such as 'state/velocity', or its row")
+    return topic
+
+
+def _query(query: Query[Any, Any] | str) -> Query[Any, Any]:
+    """Return the row of a query given as row or key (raises SurefootError)."""
+    if isinstance(query, str):
+        return query_named(query)
+    if not isinstance(query, Query):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise FieldError("type", "query", f"got {shown(query)}, expected a key such as 'stability/check', or its row")
+    return query
+
+
 def _known(key: str, keys: list[str], others: list[str], other: str) -> str:
     """Where the key belongs, else the nearest of many keys, or all when none is near."""
     if key in others:
@@ -56,6 +76,7 @@ class Client:
 
     def __init__(self, bus: ZenohBus) -> None:
         self.bus = bus
+        self._closed = False
         self.refused: Counter[str] = Counter()
         """Messages that were none of their topic, by key; they are left out."""
 
@@ -67,6 +88,7 @@ class Client:
 
     def close(self) -> None:
         """Close the connection to the system; running subscriptions end."""
+        self._closed = True
         self.bus.close()
 
     def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
@@ -78,19 +100,42 @@ class Client:
             fields: fields of the request.
 
         Raises:
-            SurefootError: no such query, or a field the request does not have.
+            SurefootError: no such query, a field the request does not have, or a wait that is none.
             CallError: `absent` (no service answers), `timeout`, or the service's refusal.
+            BusError: the client is closed.
         """
-        row = query_named(query) if isinstance(query, str) else query
-        return self.bus.call(row, make_request(row, fields), timeout_s)
+        row, limit = _query(query), wait_s(timeout_s, "that of the query")
+        request = make_request(row, fields)
+        self._open()
+        try:
+            return self.bus.call(row, request, limit)
+        except CallError as error:
+            if error.code != "absent":
+                raise
+            raise CallError("absent", f"{error.message}{self._others()}", error.field) from None
+
+    def _others(self) -> str:
+        """Return which other systems run if none has the name of this client's, in words."""
+        return others_running(self.bus.session, self.bus.endpoint)
+
+    def _open(self) -> None:
+        """Refuse the use of a closed client (raises BusError)."""
+        if self._closed:
+            raise BusError(
+                "closed", "client: got a closed one, allowed is an open one; surefoot.connect() opens another"
+            )
 
     def subscribe(self, topic: Topic[M] | str, sink: Callable[[M], None]) -> Callable[[], None]:
         """Call `sink` with each message of a topic, on another thread; return a function that ends this.
 
         Raises:
-            SurefootError: no such topic.
+            SurefootError: no such topic, or a sink that cannot be called.
+            BusError: the client is closed.
         """
-        row = topic_named(topic) if isinstance(topic, str) else topic
+        row = _topic(topic)
+        if not callable(sink):
+            raise FieldError("type", "sink", f"got {shown(sink)}, expected a function that takes a message")
+        self._open()
 
         def take(delivery: Delivery) -> None:
             if delivery.prime:
@@ -104,9 +149,22 @@ class Client:
 
         return self.bus.listen(row, take)
 
-    def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> Iterator[M]:
-        """Yield the messages of a topic (row or key) as they come; end when none comes for ``timeout_s``."""
-        topic = topic_named(topic) if isinstance(topic, str) else topic
+    def messages(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> Iterator[M]:
+        """Return an iterator over the messages of a topic (row or key) as they come.
+
+        Args:
+            topic: key, such as `state/velocity`, or its row of the table.
+            timeout_s: the iterator ends when no message comes for so long, s of wall time; None = never.
+
+        Raises:
+            SurefootError: no such topic, or a wait that is none.
+            BusError: the client is closed.
+        """
+        row, limit = _topic(topic), wait_s(timeout_s, "no end")
+        self._open()
+        return self._messages(row, limit)
+
+    def _messages(self, topic: Topic[M], timeout_s: float | None) -> Iterator[M]:
         queue: SimpleQueue[M] = SimpleQueue()
         end = self.subscribe(topic, queue.put)
         try:
@@ -117,13 +175,24 @@ class Client:
         finally:
             end()
 
-    def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
-        """Return the next message of a topic (raises CallError if none comes, with the reason if time is paused)."""
-        topic = topic_named(topic) if isinstance(topic, str) else topic
+    def latest(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> M:
+        """Return the next message of a topic.
+
+        Args:
+            topic: key, such as `state/velocity`, or its row of the table.
+            timeout_s: longest wait, s of wall time; None = no end.
+
+        Raises:
+            SurefootError: no such topic, or a wait that is none.
+            CallError: no message comes in time; the text names the reason if time is paused.
+            BusError: the client is closed.
+        """
+        topic = _topic(topic)
         for message in self.messages(topic, timeout_s):
             return message
         why = self.standing_still()
-        raise CallError("timeout", f"no message on {topic.key!r} within {timeout_s:g} s{f': {why}' if why else ''}")
+        reason = f": {why}" if why else self._others()
+        raise CallError("timeout", f"no message on {topic.key!r} within {timeout_s:g} s{reason}")
 
     def standing_still(self) -> str:
         """Return why simulated time does not run, in words; empty while it runs, or when no simulator answers."""
@@ -152,8 +221,10 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
         fleet: first part of the keys' prefix.
 
     Raises:
+        FieldError: `robot` or `fleet` is no name that keys can hold; the name of a robot that does not run is one.
         BusError: no router answers.
         ConfigError: the value given is no endpoint.
     """
-    where = checked("endpoint", endpoint) if endpoint else to_connect()
-    return Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=f"{fleet}/{robot}")))
+    prefix = f"{key_part(fleet, 'fleet', 'surefoot')}/{key_part(robot, 'robot', 'ragno')}"
+    where = to_connect() if endpoint is None or endpoint == "" else checked("endpoint", endpoint)
+    return Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=prefix)))

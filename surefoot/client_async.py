@@ -26,8 +26,21 @@ class AsyncClient:
         """Send a request to the owner of a query and return its reply, as `Client.call` does."""
         return await asyncio.to_thread(self.client.call, query, timeout_s, **fields)
 
-    async def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> AsyncIterator[M]:
-        """Yield the messages of a topic (row or key) as they come; end when none comes for ``timeout_s``."""
+    def messages(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> AsyncIterator[M]:
+        """Return an iterator over the messages of a topic (row or key) as they come.
+
+        Args:
+            topic: key, such as `state/velocity`, or its row of the table.
+            timeout_s: the iterator ends when no message comes for so long, s of wall time; None = never.
+
+        Raises:
+            SurefootError: no such topic, or a wait that is none.
+            BusError: the client is closed.
+        """
+        self.client.messages(topic, timeout_s)  # checks; nothing is subscribed before it is read
+        return self._messages(topic, timeout_s)
+
+    async def _messages(self, topic: Topic[M] | str, timeout_s: float | None) -> AsyncIterator[M]:
         loop, queue = asyncio.get_running_loop(), asyncio.Queue[M]()
 
         def take(message: M) -> None:
@@ -43,7 +56,7 @@ class AsyncClient:
         finally:
             end()
 
-    async def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
+    async def latest(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> M:
         """Return the next message of a topic that comes, as `Client.latest` does."""
         return await asyncio.to_thread(self.client.latest, topic, timeout_s)
 
@@ -57,6 +70,7 @@ async def connect_async(robot: str = "ragno", endpoint: str | None = None, fleet
         fleet: first part of the keys' prefix.
 
     Raises:
+        FieldError: `robot` or `fleet` is no name that keys can hold; the name of a robot that does not run is one.
         BusError: no router answers.
         ConfigError: the value given is no endpoint.
     """

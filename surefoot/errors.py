@@ -1,5 +1,6 @@
 """Exceptions with a code, whose text names the received value, the allowed values and the field."""
 
+import reprlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -65,3 +66,8 @@ class ConfigError(SurefootError):
 
 class BusError(SurefootError):
     """Error of a bus that cannot be opened or used: busy port, no router, closed session."""
+
+
+def shown(value: Any) -> str:
+    """Return a shortened one-line text of a value, for error messages."""
+    return " ".join(reprlib.repr(value).split())

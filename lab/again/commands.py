@@ -1,15 +1,18 @@
 """`surefoot why`, `verify`, `whatif`, `bisect`: recorded runs explained, repeated, and side by side."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..cli.completion import changes
 from ..cli.output import EXIT_CHECK, Json, near, notify, refuse_existing, use_json, write, write_json, write_table
 from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from .bisect import FirstDifference
+    from .repeat import Verification
 
 app = typer.Typer()
 Recording = Annotated[Path, typer.Argument(help="MCAP file of a run.")]
@@ -80,12 +83,26 @@ def verify(
         elif found.recorded != found.repeated:
             write(f"keys that differ: {', '.join(found.keys) or 'not recorded'}")
             _show(found.first)
-        if found.altered:
-            write(f"keys whose messages are not those that were recorded: {', '.join(found.altered)}")
-        part = "the part that can be compared" if found.damage and not found.recorded else "the run"
-        write(f"{part} {'repeats to the bit' if found.repeats else 'does not repeat'}")
+        for line in _ending(found):
+            write(line)
     if not found.same:
         raise typer.Exit(EXIT_CHECK)
+
+
+def _ending(found: "Verification") -> Iterator[str]:
+    """Yield in words which messages of the file were altered after the run, and whether the run repeats."""
+    from surefoot.record.recording import topic_of
+
+    inputs = [key for key in found.altered if (topic := topic_of(key)) is not None and topic.owner == "driver"]
+    outputs = [key for key in found.altered if key not in inputs]
+    for kind, keys in (("inputs (of the driver)", inputs), ("outputs (of services)", outputs)):
+        if keys:
+            yield f"altered in the file since it was recorded, {kind}: {', '.join(keys)}"
+    if found.altered and found.repeats:
+        yield "the run repeats: its repetition has the recorded hash to the bit, the altered messages do not fit it"
+        return
+    part = "the part that can be compared" if found.damage and not found.recorded else "the run"
+    yield f"{part} {'repeats to the bit' if found.repeats else 'does not repeat'}"
 
 
 def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
@@ -143,7 +160,9 @@ def whatif(
     at: Annotated[float, typer.Option(min=0.0, help="Simulated time from which the changes hold, s.")] = 0.0,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", help="friction=.6, mass=1.2, servo=.8, push=y:20 (N), foot=lf:+.02 (m)."),
+        typer.Option(
+            "--set", help="friction=.6, mass=1.2, servo=.8, push=y:20 (N), foot=lf:+.02 (m).", autocompletion=changes
+        ),
     ] = None,
     out: Keep = None,
     json: Json = False,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..cli.bag import app as bag
+from ..cli.completion import formats, robots
 from ..cli.output import Json, notify, refuse_existing, use_json, write, write_answer, write_json, write_table
 from ..cli.progress import Progress
 
@@ -22,7 +23,7 @@ OFF_SHARE = 0.6
 @bag.command("import")
 def import_log(
     log: Annotated[Path, typer.Argument(help="ROS 1 or 2 bag, MCAP, CSV or NPZ; docs/logs.md.")],
-    robot: Annotated[str, typer.Option(help="Robot description: a name, or a folder.")],
+    robot: Annotated[str, typer.Option(help="Robot description: a name, or a folder.", autocompletion=robots)],
     imu: Annotated[str, typer.Option(help="Topic of a sensor_msgs/Imu.")] = "/imu/data",
     joints: Annotated[str, typer.Option(help="Topic of a sensor_msgs/JointState.")] = "/joint_states",
     contacts: Annotated[str | None, typer.Option(help="TOPIC[.FIELD[a:b]] of foot forces or flags.")] = None,
@@ -125,11 +126,13 @@ def _words(text: str | None) -> tuple[str, ...]:
 @bag.command("export")
 def export_recording(
     file: Annotated[Path, typer.Argument(help="Recording (MCAP).")],
-    to: Annotated[str, typer.Option(help="rosbag2, csv, parquet, tum or foxglove.")],
+    to: Annotated[str, typer.Option(help="rosbag2, csv, parquet, tum or foxglove.", autocompletion=formats)],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File or folder to write [the recording's name].")
     ] = None,
-    robot: Annotated[str | None, typer.Option(help="Robot description [that of the recording].")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Robot description [that of the recording].", autocompletion=robots)
+    ] = None,
     json: Json = False,
 ) -> None:
     """Write a recording in a format of other programs."""

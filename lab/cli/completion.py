@@ -1,10 +1,12 @@
-"""Names that bash and zsh complete: scenarios, systems, robots, services, keys. See `surefoot --install-completion`.
+"""Names that bash and zsh complete: of scenarios, robots, services, keys. See `surefoot --install-completion`.
 
 Each function takes the beginning that was typed and returns the names that begin so.
 """
 
 from collections.abc import Iterable
 from contextlib import suppress
+
+import typer
 
 
 def _of(names: Iterable[str], incomplete: str) -> list[str]:
@@ -53,12 +55,32 @@ def queries(incomplete: str) -> list[str]:
     return _of((row.key for row in QUERIES), incomplete)
 
 
-def parameters(incomplete: str) -> list[str]:
-    """Return the names of parameters of any service that begin with `incomplete`."""
+def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Return the names of parameters that begin with `incomplete`, of the service on the command line if it is known.
+
+    Args:
+        ctx: words of the command line so far; `service` is the name of a service.
+        incomplete: beginning that was typed.
+    """
     from surefoot.lockstep.discover import service_class, service_names
 
-    names: set[str] = set()
-    for each in service_names():
+    known, names = service_names(), set[str]()
+    service = ctx.params.get("service")
+    for each in [service] if service in known else known:
         with suppress(ImportError):  # its extra is not installed
             names.update(service_class(each).Config.model_fields)
     return _of(names, incomplete)
+
+
+def formats(incomplete: str) -> list[str]:
+    """Return the formats of an exported recording that begin with `incomplete`."""
+    from ..bags.exporting import FORMATS
+
+    return _of(FORMATS, incomplete)
+
+
+def changes(incomplete: str) -> list[str]:
+    """Return the quantities that a repetition of a run can change, each with its `=`, that begin with `incomplete`."""
+    from ..again.repeat import FAULT, FOOT, PUSH, WORLD
+
+    return _of((f"{name}=" for name in (*WORLD, PUSH, FAULT, FOOT)), incomplete)

@@ -4,9 +4,9 @@ import math
 import string
 from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Annotated, Any, Literal, get_args, get_origin
 
-from surefoot.errors import FieldError
+from surefoot.errors import InvalidField
 from surefoot.schemas.base import Message
 
 LINES = 15
@@ -32,7 +32,7 @@ class Curves:
         self._kept: deque[tuple[float, tuple[float, ...]]] = deque()
 
     def add(self, message: Message) -> None:
-        """Keep the values of a message (raises FieldError: the field has no numbers)."""
+        """Keep the values of a message (raises InvalidField: the field has no numbers)."""
         value = message.model_dump(mode="json", include={self.field})[self.field]
         now = message.stamp_ns * 1e-9
         if self._kept and now < self._kept[-1][0]:
@@ -78,7 +78,17 @@ def _numbers(value: Any, field: str) -> Iterator[float]:
     elif isinstance(value, int | float):
         yield float(value)
     else:
-        raise FieldError("type", field, f"got {value!r}, expected numbers to plot")
+        raise InvalidField(field, f"got {value!r}, expected numbers to plot")
+
+
+def has_numbers(annotation: Any) -> bool:
+    """Return whether a field of this type can be drawn: it holds numbers, also in lists or where they may be absent."""
+    inside = get_args(annotation)
+    if get_origin(annotation) is Annotated:
+        return has_numbers(inside[0])
+    if inside and get_origin(annotation) is not Literal:
+        return any(has_numbers(part) for part in inside)
+    return annotation is Any or (isinstance(annotation, type) and issubclass(annotation, int | float))
 
 
 def _legend(field: str, newest: Sequence[float]) -> list[str]:

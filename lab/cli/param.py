@@ -6,6 +6,7 @@ import typer
 
 from .completion import parameters, services
 from .connect import client
+from .negative import NumbersCommand
 from .output import Connect, Json, Namespace, use_json, write_answer, write_json, write_table
 
 if TYPE_CHECKING:
@@ -13,16 +14,34 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Parameters of running services: list, get, set.", no_args_is_help=True)
 ServiceName = Annotated[str, typer.Argument(help="Name of a service.", autocompletion=services)]
+AnyService = Annotated[
+    str | None, typer.Argument(help="Name of a service [all that run].", autocompletion=services, show_default=False)
+]
 Name = Annotated[str, typer.Argument(help="Name of a parameter.", autocompletion=parameters)]
+AnyName = Annotated[
+    str | None, typer.Argument(help="Name of a parameter [all].", autocompletion=parameters, show_default=False)
+]
 
 
 @app.command("list")
 def list_parameters(
-    service: ServiceName, connect: Connect = None, namespace: Namespace = None, json: Json = False
+    service: AnyService = None, connect: Connect = None, namespace: Namespace = None, json: Json = False
 ) -> None:
-    """List the parameters of a running service; those marked live can be set."""
+    """List the parameters of a running service, or of all that run; those marked live can be set."""
     use_json(json)
-    reply = _config(service, connect, namespace)
+    if service is not None:
+        _show(_config(service, connect, namespace), service, json=json)
+        return
+    found = _configs(connect, namespace)
+    if json:
+        write_json({name: reply.model_dump(mode="json") for name, reply in found.items()})
+        return
+    for name, reply in found.items():
+        _show(reply, name, json=False)
+
+
+def _show(reply: "ConfigReply", service: str, *, json: bool) -> None:
+    """Write the parameters of a service as a table, or as JSON."""
     if json:
         write_json(reply)
         return
@@ -32,15 +51,22 @@ def list_parameters(
 
 @app.command()
 def get(
-    service: ServiceName, name: Name, connect: Connect = None, namespace: Namespace = None, json: Json = False
+    service: ServiceName,
+    name: AnyName = None,
+    connect: Connect = None,
+    namespace: Namespace = None,
+    json: Json = False,
 ) -> None:
-    """Print the present value of a parameter, as JSON."""
+    """Print the present value of a parameter, as JSON; without its name list all of the service."""
     use_json(json)
+    if name is None:
+        _show(_config(service, connect, namespace), service, json=json)
+        return
     found = _named(_config(service, connect, namespace), service, name)
     write_answer(found, found.value)
 
 
-@app.command("set")
+@app.command("set", cls=NumbersCommand)
 def set_parameter(
     service: ServiceName,
     name: Name,
@@ -67,6 +93,24 @@ def _config(service: str, connect: str | None, namespace: str | None) -> "Config
     query = CONFIG_GET.of(known_service(service))
     with client(connect, namespace) as robot:
         return robot.bus.call(query, ConfigRequest())
+
+
+def _configs(connect: str | None, namespace: str | None) -> "dict[str, ConfigReply]":
+    """Return the configuration of each service that answers, by name."""
+    from surefoot.errors import CallError
+    from surefoot.lockstep.discover import service_names
+    from surefoot.schemas.system import ConfigRequest
+    from surefoot.schemas.topics import CONFIG_GET
+
+    found: dict[str, ConfigReply] = {}
+    with client(connect, namespace) as robot:
+        for service in service_names():
+            try:
+                found[service] = robot.bus.call(CONFIG_GET.of(service), ConfigRequest())
+            except CallError as error:
+                if error.code != "absent":
+                    raise
+    return found
 
 
 def known_service(service: str) -> str:

@@ -23,7 +23,10 @@ def render(
     json: Json = False,
 ) -> None:
     """Paint a recording as a moving picture: robot, ground, support region, centre of mass, forces."""
+    from ..scene.endings import kind_of
+
     use_json(json)
+    kind_of(out)
     refuse_existing(out, force=force)
     with Progress(out.name, reads=[file]) as progress:
         from ..scene.render import Shot

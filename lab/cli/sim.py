@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from .connect import client
+from .negative import NumbersCommand
 from .output import EXIT_CHECK, Connect, Json, Namespace, use_json, write_answer
 
 app = typer.Typer(help="Simulated time: pause, step, disturb, begin anew.", no_args_is_help=True)
@@ -34,7 +35,7 @@ def resume(connect: Connect = None, namespace: Namespace = None, json: Json = Fa
     _act("sim/step", {"ticks": None}, "simulated time goes on from tick {tick}", connect, namespace, json=json)
 
 
-@app.command()
+@app.command(cls=NumbersCommand)
 def step(
     ticks: Annotated[int, typer.Argument(min=1, help="Control ticks of 10 ms.")] = 1,
     connect: Connect = None,
@@ -46,7 +47,7 @@ def step(
     _act("sim/step", {"ticks": ticks}, text, connect, namespace, json=json)
 
 
-@app.command()
+@app.command(cls=NumbersCommand)
 def speed(
     factor: Annotated[float, typer.Argument(min=0.0, help="Real-time factor, 0 = as fast as it goes.")],
     connect: Connect = None,
@@ -58,7 +59,7 @@ def speed(
     _act("sim/speed", {"rtf": factor}, text, connect, namespace, json=json)
 
 
-@app.command()
+@app.command(cls=NumbersCommand)
 def push(
     forward: Annotated[float, typer.Argument(help="Force along world x, N.")],
     left: Annotated[float, typer.Argument(help="Force along world y, N.")] = 0.0,
@@ -70,7 +71,7 @@ def push(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Push the robot. (A negative force needs `--` before it: `surefoot sim push -- -5`.)"""
+    """Push the robot, as in `surefoot sim push -5` (backward)."""
     fields = {"force": (forward, left, up), "duration": duration, "body": body, "at_tick": at_tick}
     _act(
         "sim/push", fields, f"{body} is pushed from tick {{tick}} on for {duration:g} s", connect, namespace, json=json
@@ -93,7 +94,7 @@ def fault(
     _act("sim/fault", fields, f"{kind} from tick {{tick}} on for {duration:g} s", connect, namespace, json=json)
 
 
-@app.command("set")
+@app.command("set", cls=NumbersCommand)
 def set_quantity(
     quantity: Annotated[str, typer.Argument(help="friction, mass or servo.")],
     value: Annotated[float, typer.Argument(help="Friction coefficient, or factor on mass or servo gain.")],

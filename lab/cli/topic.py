@@ -110,6 +110,8 @@ def echo(
             raise typer.BadParameter(f"{key} has no field {name!r}; it has {', '.join(topic.model.model_fields)}")
     if plot is not None and (raw or json or field):
         raise typer.BadParameter("goes without --raw, --json and --field", param_hint="--plot")
+    if plot is not None:
+        _check_plot(topic, plot)
     show = _printer({field} if field else None, as_json=raw or json) if plot is None else _Plotter(plot)
     with client(connect, namespace) as robot:
         try:
@@ -124,6 +126,16 @@ def echo(
             if isinstance(show, _Plotter) and show.curves.begun:
                 show.draw()
     raise typer.Exit(EXIT_CHECK)
+
+
+def _check_plot(topic: "Topic[Any]", name: str) -> None:
+    """Refuse to draw a field that holds no numbers; the text names those that do."""
+    from .curves import has_numbers
+
+    drawn = [each for each, about in topic.model.model_fields.items() if has_numbers(about.annotation)]
+    if name not in drawn:
+        text = f"{topic.key}: field {name!r} holds no numbers; those that do are {', '.join(drawn)}"
+        raise typer.BadParameter(text, param_hint="--plot")
 
 
 def _printer(fields: set[str] | None, *, as_json: bool) -> "Callable[[Message], None]":

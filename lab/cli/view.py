@@ -27,9 +27,7 @@ def view(
     """Show a running system, or a recording, in a browser on this machine; over SSH by a tunnel. Ends with Ctrl-C."""
     use_json(json)
     if file is not None:
-        from ..view.server import ViewServer
-
-        _serve(ViewServer(_recorded(file), None, port, remark), duration)
+        _view_recording(file, port, duration)
         return
     with seen(connect, namespace, robot, wait) as shown:
         view_system(shown, port, duration)
@@ -53,6 +51,19 @@ def view_system(shown: ShownSystem, port: int | None = None, duration_s: float =
         _serve(ViewServer(live_page(shown.system.namespace), live, port, remark), duration_s)
     finally:
         live.close()
+
+
+def _view_recording(file: Path, port: int | None, duration_s: float) -> None:
+    """Serve the report of a recording; the port is taken first, since the report needs up to a minute."""
+    from ..view.server import ViewServer
+
+    server = ViewServer("", None, port, remark)
+    try:
+        server.page = _recorded(file).encode()
+    except BaseException:
+        server.close()
+        raise
+    _serve(server, duration_s)
 
 
 def _recorded(file: Path) -> str:

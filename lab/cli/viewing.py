@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from .completion import robots
 from .connect import joined
 from .output import notify, state, write, write_json
 
@@ -22,7 +23,10 @@ if TYPE_CHECKING:
 
 View = Annotated[bool, typer.Option("--view", help="Show it in a browser: prints the address of the live view.")]
 Duration = Annotated[float, typer.Option(min=0.0, help="End after so many s of wall time, 0 = Ctrl-C.")]
-Shape = Annotated[str | None, typer.Option("--robot", help="Robot description: a name, or a folder [the driver's].")]
+Shape = Annotated[
+    str | None,
+    typer.Option("--robot", help="Robot description: a name, or a folder [the driver's].", autocompletion=robots),
+]
 START_S = 900
 """Wall time until the system answers, whose kernels may have to be compiled."""
 KNOCK_S = 0.2

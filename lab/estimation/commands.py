@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..cli.completion import robots
 from ..cli.output import Json, use_json, write, write_json, write_table
 from ..cli.progress import Progress
 
@@ -26,7 +27,9 @@ def estimate(
     estimator: Annotated[
         str | None, typer.Option(help="Estimator or referee: best, ekf, imu, kinematics, inekf ...")
     ] = None,
-    robot: Annotated[str | None, typer.Option(help="Robot description, for logs with joint angles.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Robot description, for logs with joint angles.", autocompletion=robots)
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for estimates, plots and trajectories.")
     ] = None,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..cli.completion import robots
 from ..cli.output import Json, use_json, write, write_answer, write_json, write_table
 from ..cli.progress import Progress
 
@@ -95,7 +96,9 @@ def primitives(
 def gather(
     recordings: Annotated[list[Path], typer.Argument(help="Recordings (.mcap) of walks, whoever commanded them.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="File of samples; recordings it holds are left out.")],
-    robot: Annotated[str, typer.Option(help="Name or folder; empty = that of each recording.")] = "",
+    robot: Annotated[
+        str, typer.Option(help="Name or folder; empty = that of each recording.", autocompletion=robots)
+    ] = "",
     exact: Annotated[bool, typer.Option("--exact", help="The map has no noise: no median over it.")] = False,
     json: Json = False,
 ) -> None:

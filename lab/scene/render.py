@@ -1,6 +1,5 @@
 """A recording as a moving picture (WebP, GIF, MP4) or a still one (PNG)."""
 
-import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -14,11 +13,10 @@ from surefoot.errors import SurefootError
 from surefoot.record.recording import open_readable
 from surefoot.record.robots import robot_of
 
+from .endings import ANIMATED, kind_of
 from .film import Film, film_of_recording
 from .painter import Painter
 
-ANIMATED = (".webp", ".gif", ".mp4")
-ENDINGS = (*ANIMATED, ".png")
 GAP_S, MOST_GAPS = 1.0, 5
 """Time without a pose that a moving picture leaves out, s, and most of them that are named."""
 
@@ -62,11 +60,7 @@ def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], N
     Raises:
         SurefootError: the recording cannot be read, shows no robot in that time, or the kind of file is not known.
     """
-    kind = out.suffix.lower()
-    if kind not in ENDINGS:
-        raise SurefootError("invalid", f"{out} ends in {kind!r}; known are {', '.join(ENDINGS)}", "out")
-    if kind == ".mp4" and shutil.which("ffmpeg") is None:
-        raise SurefootError("not_installed", "an MP4 needs the program ffmpeg on the path; .webp needs nothing", "out")
+    kind = kind_of(out)
     opened = open_readable(recording)
     film = film_of_recording(opened, robot_of(opened))
     notes = (*((opened.damage,) if opened.damage else ()), *film.notes)

@@ -12,7 +12,9 @@ class StabilityConfig(ServiceConfig):
 
     live = ("mu", "tolerance_m", "directions", "measured_com")
 
-    mu: float = Field(default=0.6, ge=0, description="friction coefficient taken for every foot while walking, no unit")
+    mu: float = Field(  # the limit of a contact in a request, MAX_MU
+        default=0.6, ge=0, le=10_000, description="friction coefficient taken for every foot while walking, no unit"
+    )
     tolerance_m: float = Field(
         default=1e-3, gt=0, le=1, description="m, accuracy of the region in state/stability (margins are exact)"
     )

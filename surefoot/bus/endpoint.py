@@ -22,7 +22,7 @@ def checked(source: str, endpoint: str, *, any_port: bool = False) -> str:
 
     ``any_port``: port 0 is allowed, for a listener that no other process has to find.
     """
-    match = _FORM.fullmatch(endpoint)
+    match = _FORM.fullmatch(endpoint) if isinstance(endpoint, str) else None  # pyright: ignore[reportUnnecessaryIsInstance]
     if match is None or not (0 if any_port else 1) <= int(match.group(2)) <= 65535:
         raise ConfigError("invalid", f"{source}: got {endpoint!r}, expected tcp/<host>:<port 1-65535>", source)
     return endpoint

@@ -1,11 +1,14 @@
 """The public client: wrong names are reported, topics are read and queries called in a few lines."""
 
+import asyncio
 import threading
+from typing import Any
 
 import pytest
 
 from surefoot.client import Client, connect, make_request, query_named, topic_named
-from surefoot.errors import BusError, CallError, ConfigError, SurefootError
+from surefoot.client_async import AsyncClient
+from surefoot.errors import BusError, CallError, ConfigError, FieldError, SurefootError
 from surefoot.schemas.stability import RegionReply
 from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.topics import HEALTH, STABILITY_REGION, STATE_VELOCITY
@@ -103,3 +106,68 @@ def test_reading_again_and_again_leaves_nothing_behind(net: Net) -> None:
     tool.close()
     end()
     end()
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "field", "text"),
+    [
+        ({"robot": None}, FieldError, "robot", "got None, expected the name of a robot, such as 'ragno'"),
+        ({"robot": ""}, FieldError, "robot", "got '', expected the name"),
+        ({"robot": "tcp/127.0.0.1:9"}, FieldError, "robot", "an endpoint is passed as endpoint='tcp/127.0.0.1:9'"),
+        ({"robot": "ra*no"}, FieldError, "robot", "without *, $, # and ?"),
+        ({"fleet": 3}, FieldError, "fleet", "got 3, expected the name of a fleet"),
+        ({"endpoint": 7}, ConfigError, "endpoint", "got 7, expected tcp/<host>:<port 1-65535>"),
+    ],
+)
+def test_what_names_no_robot_or_router_is_refused_before_the_network(
+    given: dict[str, Any], kind: type[SurefootError], field: str, text: str
+) -> None:
+    with expect_error(kind, field=field, text=text):
+        connect(**{"endpoint": "tcp/127.0.0.1:9", **given})
+
+
+def test_wrong_arguments_are_refused_at_the_call(net: Net) -> None:
+    tool = Client(net.open("client"))
+    for wait in (-1, float("nan"), float("inf"), "a"):
+        for use in (tool.latest, tool.messages, AsyncClient(tool).messages):
+            with expect_error(FieldError, field="timeout_s", text="allowed is 0 to 1e+09 s, or None for no end"):
+                use(STATE_VELOCITY, timeout_s=wait)  # type: ignore[arg-type]
+        with expect_error(FieldError, field="timeout_s", text="or None for that of the query"):
+            tool.call("stability/region", timeout_s=wait, contacts=[])  # type: ignore[arg-type]
+    for wrong in (None, 3):
+        for use in (tool.latest, tool.messages):
+            with expect_error(FieldError, field="topic", text=f"got {wrong}, expected a key such as"):
+                use(wrong)  # type: ignore[arg-type]
+        with expect_error(FieldError, field="query", text=f"got {wrong}, expected a key such as"):
+            tool.call(wrong)  # type: ignore[arg-type]
+    with expect_error(FieldError, field="sink", text="got 3, expected a function that takes a message"):
+        tool.subscribe(STATE_VELOCITY, 3)  # type: ignore[arg-type]
+
+
+def test_a_closed_client_says_so(net: Net) -> None:
+    tool = Client(net.open("client"))
+    tool.close()
+    uses = (
+        lambda: tool.call("stability/region", contacts=[]),
+        lambda: tool.latest(STATE_VELOCITY),
+        lambda: tool.messages(STATE_VELOCITY),
+        lambda: tool.subscribe(STATE_VELOCITY, print),
+        lambda: asyncio.run(AsyncClient(tool).latest(STATE_VELOCITY)),
+    )
+    for use in uses:
+        with expect_error(BusError, "closed", text="surefoot.connect() opens another"):
+            use()
+
+
+def test_an_unknown_robot_is_reported_with_those_that_run(net: Net) -> None:
+    fleet, _, robot = net.namespace.partition("/")
+    with connect("nix", net.address, fleet) as tool:
+        with expect_error(CallError, "absent", text="no system runs at this router"):
+            tool.call("stability/region", contacts=[])
+        serve(net.open(), lambda request: EMPTY)
+        with connect(robot, net.address, fleet) as other:
+            reached(other.bus, STABILITY_REGION)
+        with expect_error(CallError, "absent", text=f"; running here: {net.namespace} (<fleet>/<robot>)"):
+            tool.call("stability/region", contacts=[])
+        with expect_error(CallError, "timeout", text=f"; running here: {net.namespace} "):
+            tool.latest(STATE_VELOCITY, 0.01)

@@ -11,7 +11,8 @@ import pytest
 
 from surefoot.errors import SurefootError
 from surefoot.lab.again.bisect import first_difference
-from surefoot.lab.again.repeat import Change, RecordedRun, changed, kept, verify
+from surefoot.lab.again.commands import _ending
+from surefoot.lab.again.repeat import Change, RecordedRun, Verification, changed, kept, verify
 from surefoot.lab.cli.main import main
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import ReadableRecording, RecordingWriter, read_recording, recording_info, topic_of
@@ -73,6 +74,26 @@ def test_a_recording_repeats_its_run_and_a_changed_one_is_found(recorded: Path, 
     changed_file = verify(other)
     assert (changed_file.recorded, changed_file.altered) == (changed_file.repeated, ("state/gait",))
     assert not changed_file.same
+
+
+@pytest.mark.parametrize(
+    ("altered", "last", "lines"),
+    [
+        ((), "one", ["the run repeats to the bit"]),
+        (
+            ("hw/imu", "state/gait"),
+            "one",
+            ["inputs (of the driver): hw/imu", "outputs (of services): state/gait", "not fit it"],
+        ),
+        (("state/gait",), "other", ["outputs (of services): state/gait", "the run does not repeat"]),
+    ],
+)
+def test_the_end_of_a_verification_parts_what_was_altered_from_what_repeats(
+    altered: tuple[str, ...], last: str, lines: list[str]
+) -> None:
+    shown = list(_ending(Verification("one", last, (), None, {}, altered)))
+    assert len(shown) == len(lines)
+    assert all(line.endswith(end) for line, end in zip(shown, lines, strict=True)), shown
 
 
 def test_without_a_change_whatif_gives_the_recorded_hash_and_with_one_only_what_follows_differs(

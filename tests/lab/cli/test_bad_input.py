@@ -1,12 +1,18 @@
 """Bad words and files end with exit code 2, one sentence that names them, and without a file that was not there."""
 
+import socket
+from typing import Any
+
 import pytest
+from pydantic import ValidationError
 
 from surefoot.errors import Refusal
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import fail
 from surefoot.lab.cli.progress import Progress
+from surefoot.services.stability.config import StabilityConfig
+from surefoot.services.stability.programs.contacts import MAX_MU
 
 
 @pytest.fixture(autouse=True)
@@ -31,6 +37,11 @@ def here(monkeypatch, tmp_path):
         ("bag import file.csv --robot ragno --contact-on -5", "--contact-on, --contact-off: got -5"),
         ("topic hz state/velocity --window 1e999", "--window: got inf, allowed are finite numbers"),
         ("sim push 1 1e999", "surefoot: left: got inf"),
+        ("sim step -1", "greater than or equal to 1 (got '-1')"),
+        ("sim speed -.5", "greater than or equal to 0 (got '-.5')"),
+        ("sim push -5 --unknown", "--unknown"),
+        ("sim push --unknown", "No such option: --unknown"),
+        ("topic echo state/gait --plot state", "field 'state' holds no numbers; those that do are"),
         ("run flat --seed x", "unable to parse string as an integer (got 'x')"),
         ("run flat --rtf -5", "greater than or equal to 0.01 (got '-5')"),
         ("bag import file.csv --robot ragno --contact-on 1 --contact-off 2", "0 <= off <= on"),
@@ -114,3 +125,37 @@ def test_stamps_of_compiled_kernels_are_in_the_users_cache_folder(monkeypatch, t
 def test_a_field_with_a_line_break_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert fail(Refusal("invalid", "stability/region has no field 'fric\\ntion'", "fric\ntion")) != 0
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words", ["param set stability mu -1", "sim push -5 -1e-3", "sim set mass -inf", "sim push -- -5"]
+)
+def test_a_negative_argument_reaches_its_check(words: str, complaint: Any) -> None:
+    code = 2 if "inf" in words else 1
+    assert ("finite" if "inf" in words else "no system answers") in complaint(*words.split(), code=code)
+
+
+def test_a_picture_of_an_unknown_kind_is_refused_before_the_work(complaint: Any) -> None:
+    err = complaint("render", "file.mcap", "-o", "x.txt")
+    assert err.startswith("surefoot: out: x.txt ends in '.txt'; known are .webp")
+
+
+def test_a_taken_port_is_reported_before_a_recording_is_read(complaint: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("surefoot.lab.cli.view._recorded", lambda file: pytest.fail("the report was begun"))
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert f"port {port} of 127.0.0.1 is taken" in complaint("view", "file.mcap", "--port", port, code=1)
+
+
+def test_a_port_is_free_again_after_a_recording_that_cannot_be_read(complaint: Any) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    for _ in range(2):
+        assert "file.mcap" in complaint("view", "file.mcap", "--port", port)
+
+
+def test_the_friction_of_the_status_has_the_limits_of_a_contact() -> None:
+    assert StabilityConfig(mu=MAX_MU).mu == MAX_MU
+    for wrong in (-1.0, 1e9):
+        with pytest.raises(ValidationError, match="mu"):
+            StabilityConfig(mu=wrong)

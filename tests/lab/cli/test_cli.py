@@ -6,7 +6,7 @@ import shlex
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -14,11 +14,13 @@ import pytest
 from surefoot.bus.codec import encode
 from surefoot.bus.interface import Raw
 from surefoot.client import query_named
+from surefoot.errors import CallError
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli.connect import endpoint
 from surefoot.record.recording import RecordingWriter
 from surefoot.schemas.cmd import WalkReply
 from surefoot.schemas.hw import Imu
+from surefoot.schemas.system import ConfigReply, ServiceParameter
 from surefoot.schemas.topics import HW_IMU, QUERIES
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
 from tests.processes import run_process, running_child
@@ -195,6 +197,23 @@ def test_a_call_that_is_not_accepted_fails(in_process, monkeypatch, accepted, ex
         code, out, _ = in_process("call", "cmd/walk", '{"action": "stop"}', *words)
         assert code == expected
         assert json.loads(out)["accepted"] is accepted
+
+
+def test_parameters_are_listed_of_all_services_that_run_and_of_one(answer, monkeypatch):
+    mu = ServiceParameter(name="mu", value="0.6", default="0.6", live=True, meaning="friction")
+
+    def call(query, request):
+        if query.owner not in ("stability", "walker"):
+            raise CallError("absent", f"no service answers {query.key!r}")
+        return ConfigReply(parameters=(mu,), config_hash="")
+
+    monkeypatch.setattr(
+        "surefoot.lab.cli.param.client", lambda *_: nullcontext(SimpleNamespace(bus=SimpleNamespace(call=call)))
+    )
+    assert [line for line in answer("param", "list").splitlines() if line.isalpha()] == ["stability", "walker"]
+    assert set(json.loads(answer("param", "list", "--json"))) == {"stability", "walker"}
+    assert answer("param", "get", "stability") == answer("param", "list", "stability")
+    assert answer("param", "get", "stability", "mu") == "0.6\n"
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.key)

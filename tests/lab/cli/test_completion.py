@@ -19,6 +19,12 @@ from surefoot.lab.cli import completion
         (["topic", "echo", "state/velocity/ek"], ["state/velocity/ekf"]),
         (["call", "stability/r"], ["stability/region"]),
         (["logs", "esti"], ["estimator"]),
+        (["param", "set", "stability", "m"], ["measured_com", "mu"]),
+        (["bag", "export", "x", "--to", "t"], ["tum"]),
+        (["whatif", "run.mcap", "--set", "fr"], ["friction="]),
+        (["estimate", "log.csv", "--robot", "lu"], ["lupo"]),
+        (["view", "run.mcap", "--robot", "lu"], ["lupo"]),
+        (["bag", "import", "log.csv", "--robot", "lu"], ["lupo"]),
     ],
 )
 def test_a_word_is_completed(words: list[str], found: list[str]) -> None:
@@ -30,6 +36,6 @@ def test_a_word_is_completed(words: list[str], found: list[str]) -> None:
 
 
 def test_every_beginning_is_open() -> None:
-    for names in ("scenarios", "systems", "robots", "services", "topics", "queries"):
+    for names in ("scenarios", "systems", "robots", "services", "topics", "queries", "formats", "changes"):
         assert len(getattr(completion, names)("")) >= 3
         assert getattr(completion, names)("no such") == []

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from surefoot.errors import FieldError
-from surefoot.lab.cli.curves import LABEL, LINES, SPAN_S, Curves
+from surefoot.lab.cli.curves import LABEL, LINES, SPAN_S, Curves, has_numbers
 from surefoot.schemas.hw import Imu
 from surefoot.schemas.stability import StabilityStatus
 
@@ -42,6 +42,12 @@ def test_old_values_leave_and_a_new_run_begins_anew() -> None:
     assert float(curves.lines()[0].split()[0]) == 1.0
     curves.add(imu(2.0, (3.0, 3.0, 3.0)))
     assert curves.lines()[LINES].split() == ["2.00", "to", "2.00", "s"]
+
+
+def test_fields_that_hold_numbers_can_be_drawn() -> None:
+    drawn = [name for name, about in StabilityStatus.model_fields.items() if has_numbers(about.annotation)]
+    assert {"mu", "margin_planned", "com_planned", "region", "tick"} <= set(drawn)
+    assert not {"status", "source"} & set(drawn)
 
 
 def test_values_that_are_absent_are_left_out_and_words_refused() -> None:

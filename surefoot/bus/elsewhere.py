@@ -1,0 +1,42 @@
+"""The systems that a router knows beside that of a session, for the error of a client that no service answers."""
+# pyright: reportUnknownMemberType=false
+
+import json
+
+import zenoh
+
+from surefoot.bus.asking import LIVE, TOKENS_S
+from surefoot.bus.endpoint import is_secure
+from surefoot.bus.options import ZenohOptions
+
+JOIN_MS = 1000
+"""Limit on the time to join the network once more, ms."""
+
+
+def others_running(session: zenoh.Session, options: ZenohOptions) -> str:
+    """Return in words which systems run at the endpoint of a session in whose own namespace no service lives.
+
+    The text is empty if services live there, or at a secure endpoint, where each namespace has certificates of its own.
+    """
+    if any(token.ok is not None for token in session.liveliness().get(f"{LIVE}/*/*", timeout=TOKENS_S)):
+        return ""
+    if is_secure(options.connect):
+        return ""
+    config = zenoh.Config()
+    settings = {
+        "mode": "client",
+        "connect/endpoints": list(options.connect),
+        "connect/timeout_ms": JOIN_MS,
+        "scouting/multicast/enabled": False,
+    }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    try:
+        with zenoh.open(config) as whole:
+            tokens = whole.liveliness().get(f"**/{LIVE}/*/*", timeout=TOKENS_S)
+            found = {str(token.ok.key_expr).rsplit("/", 3)[0] for token in tokens if token.ok is not None}
+    except zenoh.ZError:
+        return ""
+    if not found:
+        return "; no system runs at this router"
+    return f"; running here: {', '.join(sorted(found))} (<fleet>/<robot>)"
