@@ -138,7 +138,7 @@ class Localiser:
 
     @property
     def map_from_odom(self) -> Pose:
-        """Pose of odom in map, m and rad."""
+        """Pose of frame odom in frame map, x, y (m) and heading (rad)."""
         return (0.0, 0.0, 0.0) if self.odom is None else between(self.tracker.pose, self.odom)
 
     def resume(self, pose: Pose, cov: Array, odom: Pose | None, now: Pose | None) -> None:
@@ -147,8 +147,7 @@ class Localiser:
         Args:
             pose: believed x, y (m), heading (rad) then, frame map.
             cov: its covariance, (3, 3).
-            odom: odometry of that moment, x, y (m), heading (rad), frame odom; None = there was none.
-            now: odometry of now, likewise.
+            odom, now: odometry then and now, x, y (m), heading (rad), frame odom; None = there was or is none.
         """
         if odom is not None and now is not None:
             pose = placed(between(pose, odom), now)
@@ -242,7 +241,7 @@ class Localiser:
         self._turn_camera()
 
     def _turn_camera(self) -> None:
-        """Turn frames back from now on if the landmarks show the camera turned."""
+        """Turn the next frames back by the camera's turn if the landmarks show one; the belief is widened by it."""
         found = self.strain.sure_turn
         if found is not None:
             before = self.camera_turn
@@ -356,7 +355,7 @@ class Localiser:
 
     @property
     def alike(self) -> tuple[Pose, ...]:
-        """Candidates for the pose of a lost robot now, about equally likely, m and rad; empty = there are none."""
+        """Poses of a lost robot now that are about equally likely, x, y (m), heading (rad), frame map; empty = none."""
         if self._found is None or not self.lost.lost:
             return ()
         moved = _relative(self.tracker.pose, self._found.reference)
@@ -369,19 +368,19 @@ class Localiser:
 
 
 def _share(model: NavigationModel, kind: str) -> float:
-    """Return the share of landmarks in view that an action of a kind recognises in a frame, the least of them."""
+    """Return the least share of landmarks in view that a frame recognises in actions of a kind; 0 = no action."""
     return min((action.match for action in model.actions.values() if action.kind == kind), default=0.0)
 
 
 def _relative(pose: Pose, here: Pose) -> Pose:
-    """Return a pose, x, y in m and heading in rad, in the axes of another."""
+    """Return a pose, x, y (m) and heading (rad), as seen from another pose `here` of the same frame."""
     c, s = math.cos(here[2]), math.sin(here[2])
     dx, dy = pose[0] - here[0], pose[1] - here[1]
     return (c * dx + s * dy, c * dy - s * dx, float(wrap(pose[2] - here[2])))
 
 
 def detections(frame: LandmarkDetections) -> Detections:
-    """Return the landmarks of a frame as arrays, ranges in m and bearings in rad from base_link.
+    """Return a frame's landmarks as arrays: ranges (m), bearings (rad) from base_link, descriptors.
 
     Raises:
         DetectionError: descriptors of different lengths.

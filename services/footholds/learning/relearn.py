@@ -52,7 +52,7 @@ def relearned(
 
 
 def unseen(model: LearnedModel, samples: Sequence[StanceSample]) -> list[StanceSample]:
-    """Return the samples of trials that a model has not learned from."""
+    """Return the samples of trials (walks) that a model has not learned from."""
     known = {*model.trials}
     return [each for each in samples if identity(each) not in known]
 

@@ -253,18 +253,14 @@ def nearest_look(
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
         cov: its covariance, (3, 3) or larger.
-        distance: detected, m.
-        bearing: detected, rad, left of the heading positive.
+        distance, bearing: detected, m and rad, left of the heading positive.
         look: descriptor of the detection, (k,), no unit.
         world: landmarks of the map with their index of places.
         noise, limits: standard deviations of range, bearing and descriptor; limits of gate and likeness.
 
     Returns:
-        Landmark (row of the map) or -1; fate: MATCHED (0), FAR (2: no landmark in the gate), UNLIKE (3: none there
-        looks
-        like it) or AMBIGUOUS (4: two there look like it); normalised innovation squared of that landmark; squared
-        distance
-        of the descriptors.
+        Landmark or -1; fate MATCHED, FAR (none in the gate), UNLIKE or AMBIGUOUS (0, 2, 3, 4); normalised innovation
+        squared; squared distance of the descriptors.
     """
     r, b = variances(distance, noise)
     gate, alike = limits.gate, limits.look_sds * noise.look_sd * math.sqrt(look.size)

@@ -20,10 +20,10 @@ from .astar import EVEN, HEAVIEST, UNIT, Bytes, Ints32
 from .grid import FloorGrid
 
 LARGE = 300_000
-"""Number of free cells from which on a map gets marks (cells whose costs to all others are kept, which speed up
-searches):
-they take 16 bytes a cell, and a second or so to make for four million cells."""
+"""Number of free cells from which on a map gets marks: they take 16 bytes a cell, and a second or so to make for four
+million. A mark is a cell whose costs to all others are kept to speed up searches."""
 MARKS = 4
+"""Number of marks of a large map."""
 FARTHEST_CLEARANCE = 1e3
 """Largest distance of a clearance, m."""
 WIDEST = 200
