@@ -19,12 +19,9 @@ def leg_table(model: KinematicModel, leg: int) -> LegTable:
     """Return a leg as 32 numbers for the kernels.
 
     0-2 hip, base_link, m; 3-4 cos and sin of the heading; 5-7 coxa, femur, tibia, m; 8-11 cos, sin of the coxa's lower
-    and
-    upper limit; 12 whether its range exceeds 180 deg; 13-16 and 17 so for the femur; 18-19 smallest and largest
-    distance of
-    the foot from the femur joint, m; 20 whether the knee may bend at all; 21-31 are 0. A roll-pitch-pitch leg has
-    another
-    table, with 21 not 0. NaN (a leg without closed form) makes every point unreachable.
+    and upper limit; 12 whether its range exceeds 180 deg; 13-16 and 17 so for the femur; 18-19 smallest and largest
+    distance of the foot from the femur joint, m; 20 whether the knee may bend at all; 21-31 are 0. A roll-pitch-pitch
+    leg has another table, with 21 not 0. NaN (a leg without closed form) makes every point unreachable.
     """
     hip, psi = model.hip[leg, :3], float(model.hip[leg, 3])
     coxa, femur, tibia = (float(value) for value in model.segment[leg])
@@ -51,8 +48,7 @@ def _sector(x: float, y: float, cos_low: float, sin_low: float, cos_high: float,
     """Return the signed distance of (x, y) from the two rays that bound a sector, m; > 0 inside.
 
     The rays leave the origin at a lower and a higher angle, given by cosine and sine; `wide` > 0.5: the sector exceeds
-    half
-    a turn.
+    half a turn.
     """
     low = cos_low * y - sin_low * x
     high = sin_high * x - cos_high * y

@@ -104,9 +104,8 @@ class MapPose(NamedTuple):
     def free(self) -> Array:
         """Return the variances of z and of x, y, m^2, as if the rotation were known, and that of yaw, rad^2, (3,).
 
-        With c = P_zr (2,) the covariance of z with roll and pitch and P_rr that of these (P: of the pose) it is
-        P_zz - c P_rr^-1 c; so for x, y with yaw. Errors of rotation are left out: they turn the whole map about the
-        robot.
+        With c = P_zr (2,) the covariance of z with roll and pitch and P_rr that of these (P: of the pose) it is P_zz -
+        c P_rr^-1 c; so for x, y with yaw. Errors of rotation are left out: they turn the whole map about the robot.
         """
         p = self.covariance
         a, b, c, u, w = p[3, 3], p[3, 4], p[4, 4], p[2, 3], p[2, 4]
@@ -199,8 +198,7 @@ class Mapper:
         """Record the pose of a tick; return False for a jump by more than 10 cm, which empties the map.
 
         Growth of a variance beyond its largest value so far adds to the drift. Where the variance falls by a tenth (a
-        fix of
-        the pose), growth counts from the lower value on.
+        fix of the pose), growth counts from the lower value on.
         """
         pose, last = self.placed(pose), self.pose
         jumped = last is not None and not np.abs(pose.position - last.position).max() <= JUMP
@@ -234,8 +232,7 @@ class Mapper:
         An image that contradicts the map is refused, unless it and the image before show the same turn of the camera,
         or the same scale of its depths while the ground under the feet agrees with the map. Images are corrected by
         that turn or scale from then on. Where the feet contradict the map, too, or ten images in a row were refused,
-        the map
-        begins anew.
+        the map begins anew.
 
         Args:
             view: the image.
@@ -280,8 +277,7 @@ class Mapper:
         """Return an image less the error of the camera that it shows; None where no error explains it, or not yet.
 
         `points`: of the ground in the image; `layers`: the map; `scaled`: a scale is looked for, as the feet agree with
-        the
-        map, else the ground may lie lower.
+        the map, else the ground may lie lower.
         """
         camera = pose.position + product(view.position[None], pose.rot.T)[0]
         turn = turn_onto(layers.height, self.grid, points.place, camera)

@@ -24,8 +24,8 @@ def spread(cov: Array) -> float:
 def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
     """Return the distance of a pose from a goal's last waypoint, m, and the turn to the goal's heading, rad.
 
-    The turn is left positive, 0 where the goal asks for no heading. `mean`: believed x, y (m), heading (rad) in the
-    map first, (n,).
+    The turn is left positive, 0 where the goal asks for no heading. `mean`: believed x, y (m), heading (rad), frame
+    map, (n,).
     """
     gx, gy = goal.route[-1]
     turned = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
@@ -57,9 +57,13 @@ def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> 
 def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
     """Return True if the heading lies within the goal's tolerance with `sure` standard deviations to spare.
 
-    It is True for a goal that asks for no heading. `mean`, `cov`: believed x, y (m), heading (rad), frame map, (n,), n
-    >= 3,
-    and their covariance, (n, n).
+    It is True for a goal that asks for no heading.
+
+    Args:
+        goal: states heading and tolerance.
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        sure: standard deviations to spare.
     """
     if goal.yaw is None:
         return True

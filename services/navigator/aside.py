@@ -31,8 +31,7 @@ def leading(localiser: Localiser, maps: Maps) -> Aside:
     """Return a function without arguments that returns a walk which helps a lost robot to single out one pose.
 
     It takes candidate poses and maps as they are at the call, and returns x, y of the walk's end in the robot's axes,
-    m, or
-    None.
+    m, or None.
     """
 
     def lead() -> Point | None:

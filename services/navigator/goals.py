@@ -30,7 +30,7 @@ class GaitView:
     refused: str = ""
     """Reason why the walker refused its last order; empty = it did not."""
     ends_in: float | None = None
-    """Time until the last planned step lands, s."""
+    """Time until the last planned step lands, s; None = not published, or no step is planned."""
     reason: str = ""
     """Reason of a refused state."""
 
@@ -84,13 +84,13 @@ class NavigationGoal:
     nearest: float = math.inf
     """Least distance to the present waypoint so far, m."""
     nearest_at: float = 0.0
-    """Simulated time at which it was reached, s."""
+    """Simulated time at which the robot was nearest to the present waypoint, s."""
     least: float = FAR
     """Least way over the waypoints that was left so far, m; new routes do not begin it anew."""
     least_at: float = 0.0
-    """Simulated time at which it was left, s."""
+    """Simulated time at which the least way was left, s."""
     detour: float = 0.0
-    """Most by which the way that is left has been longer since then, m."""
+    """Most by which the way that is left has exceeded the least way since that time, m."""
     looks: int = 0
     """Looks at the present waypoint so far."""
     waited: float = 0.0
@@ -187,7 +187,7 @@ class NavigationGoal:
             raise ValueError(f"it is at waypoint {self.index}, allowed are 0 to {last + 1}")
 
     def kept(self) -> dict[str, Any]:
-        """Return the fields as plain values of JSON; an infinite distance becomes 1e9 m."""
+        """Return the fields as plain values of JSON; an infinite `nearest` becomes 1e9 m."""
         return {**asdict(self), "nearest": min(self.nearest, FAR), "recoveries": dict(self.recoveries)}
 
     def go_on(self, now: float) -> None:

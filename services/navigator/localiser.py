@@ -41,13 +41,13 @@ from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 
 ODOMETRY_S = 0.1
-"""Longest time between two uses of odometry, s; more often would only cost time."""
+"""Interval of two uses of odometry, s; more often would only cost time."""
 SMOOTH = 0.1
-"""Weight of a new NIS in its running mean."""
+"""Weight of a new normalised innovation squared in its running mean."""
 RESTART_SD = (0.10, 0.15)
 """Standard deviations added to the covariance after a restart: m and rad."""
 WORK = 16_000
-"""Work of a tick on the search for a lost pose, see `places.search`: about 0.5 ms."""
+"""Work of a tick on the search for a lost pose, sightings compared with a pose or pairs looked at: about 0.5 ms."""
 WIDEN, WIDER, WIDENED_S = 0.5, 3.0, 10.0
 """Probability of a misfit from which on the belief is widened instead of given up, factor of its standard deviations,
 and time in which it is widened once, s."""
@@ -62,8 +62,8 @@ The first frame has none."""
 SINCE = 0.1
 """Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
 LATE_S, AHEAD_S = 0.2, 0.02
-"""Largest ages of a frame that is used, s: older ones (two periods of the camera) show another place; frames of the
-future, beyond two ticks, would stop the clock of the belief."""
+"""Largest age of a frame that is used, s, and largest time by which it may lie ahead: older ones (two periods of the
+camera) show another place; frames of the future, beyond two ticks, would stop the clock of the belief."""
 
 
 class Localiser:

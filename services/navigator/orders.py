@@ -59,7 +59,7 @@ class Orders:
         """Repeat an order that a standing walker has not started within 1 s, as after a restart of the walker.
 
         A restarted navigator has no order to repeat: it goes on from the walker's order number and decides anew.
-        `now`: simulated time, s.
+        Simulated time: `now`, s.
         """
         if self._given_at is None:
             self._given_at = now

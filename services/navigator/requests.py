@@ -51,8 +51,7 @@ class Requests:
 
         Raises:
             Refusal: an unknown frame, a tick that has passed, a fallen or uncalibrated robot, an unknown policy, or a
-                place
-                that cannot be reached.
+                place that cannot be reached.
         """
         place = (*request.position, 0.0 if request.yaw is None else request.yaw)
         if request.frame == "odom":
@@ -66,8 +65,7 @@ class Requests:
 
         Raises:
             Refusal: a tick that has passed, a fallen or uncalibrated robot, an unknown policy, or a place that cannot
-                be
-                reached.
+                be reached.
         """
         return self._accept(request, request.positions, "positions", None)
 

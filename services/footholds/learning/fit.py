@@ -73,7 +73,7 @@ class LearnOptions:
     title: str = "learned"
     candidates: Sequence[Candidate] = CANDIDATES
     folds: int = 5
-    """Number of folds, of whole trials each."""
+    """Number of folds, of whole terrains each, or of whole trials where there is but one terrain."""
     seed: int = 0
     distance_weight: float = 2.0
     """Weight k of Q = P + k K4, 1/m; chosen by whole walks, not by the fit."""
@@ -89,7 +89,7 @@ class LearnOptions:
 
 
 def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda share: True) -> LearnedModel:
-    """Return the slip model of the candidate that ranks stances by slip best in cross-validation.
+    """Return the slip model of the candidate that ranks stances (steps of a foot) by slip best in cross-validation.
 
     Args:
         samples: stances of one robot, cell, filter and foot.
@@ -160,7 +160,7 @@ def identity(sample: StanceSample) -> str:
 
 
 def sources_of(samples: SampleSet) -> list[str]:
-    """Return one line per source: its name, numbers of samples and trials, the first and the last trial."""
+    """Return one line per source of samples: its name, numbers of samples and trials, the first and the last trial."""
     by_source: dict[str, list[str]] = {}
     for each in samples.kept:
         by_source.setdefault(f"{each.source}, friction {each.friction:g}", []).append(each.trial)

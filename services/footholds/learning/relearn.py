@@ -31,7 +31,7 @@ def relearned(
 
     Args:
         model: the old model.
-        samples: of the same cell, filter, foot and robot; those that cannot be learned from are left out.
+        samples: of the model's cell, filter, foot and robot; those that cannot be learned from are left out.
         form: `counted` weighs each sample alike whenever it came; `paper` averages a bin's old and new values.
         weight: of the new samples, 0 to 1; 1 = as much as the old.
 

@@ -96,8 +96,7 @@ def coordinates(k1: Array, k2: Array, cos_k3: Array, cell: float) -> Array:
     """Return points on the axes of a lattice, (n, 3), no unit: K1 / K2, K2 / (8 cell), cos K3 of ground coefficients.
 
     They are clipped to -1 .. 1, 0 .. 4 and -1 .. 1; K1 / K2 of flat ground is 0. `k1` (n,) m, `k2` (n,) m, `cos_k3`
-    (n,):
-    coefficients; `cell`: edge of a cell, m.
+    (n,): coefficients; `cell`: edge of a cell, m.
     """
     b = k2 / (8.0 * cell)
     ratio = np.where(b < FLAT, 0.0, k1 / np.where(k2 == 0.0, 1.0, k2))
@@ -157,8 +156,7 @@ def faded(a: Bins, b: Bins, c: float) -> dict[Key, Bin]:
     """Return re-learned bins by (19) of Walas & Belter: r <- (r_old + c r_new) / (1 + c), without regard to counts.
 
     r: mean slip of a bin. Bins of the old set only stay, those of the new set only are added. Counts of bins that both
-    have
-    are those of the old set.
+    have are those of the old set.
 
     Args:
         a: the old bins, by index on the lattice.

@@ -38,13 +38,11 @@ LEAST_RANGE = 1e-3
 
 Table = tuple[Layer, Layer, Layer, float]
 """Slip P at the nodes of a grid over K1 / K2, K2 / (8 cell), cos K3, (17, 65, 33); first value and steps per unit of
-each
-axis, (3, 2); ranges of the model, (3, 2); rise of P per K2 / (8 cell) above its range, negative: P is unknown outside
-the ranges."""
+each axis, (3, 2); ranges of the model, (3, 2); rise of P per K2 / (8 cell) above its range, negative: P is unknown
+outside the ranges."""
 Support = tuple[NDArray[np.int32], NDArray[np.int64], Layer, int]
 """Samples of each bin, (a, b, c); index on the lattice of its element [0, 0, 0], (3,); origin of the lattice and bins
-per
-unit of each axis, (3, 2); samples that a bin needs, 0 = none."""
+per unit of each axis, (3, 2); samples that a bin needs, 0 = none."""
 
 
 @dataclass(frozen=True)

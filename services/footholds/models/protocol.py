@@ -6,8 +6,7 @@ from ..features import Features, Layer
 
 UNLEARNED = -1.0
 """Predicted slip P of a cell outside the inputs that a model has learned; other values outside [0, 1] are artefacts of
-a
-fit."""
+a fit."""
 
 
 class SlipModel(Protocol):
@@ -55,8 +54,7 @@ class SlipModel(Protocol):
 
         Returns:
             Predicted slip, no unit, (ny, nx) float32. NaN where the coefficients are, -1 outside the learned inputs;
-            another
-            value outside [0, 1] is an artefact of a fit and makes the cell unknown.
+            another value outside [0, 1] is an artefact of a fit and makes the cell unknown.
         """
         ...
 

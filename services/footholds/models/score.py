@@ -53,8 +53,9 @@ class AnywhereModel:
 class HandScore(AnywhereModel):
     """Hand-made slip model of seven weights, none with a unit; the slip P is clipped to [0, 1].
 
-    P = flat + peak s(a - dead) - hole s(-a - dead) + rough s(b - |a| - dead) + face max(c, 0) - lean max(-c, 0), with
-    a = K1 / (8 cell), b = K2 / (8 cell), c = cos K3, s(x) = x / (1 + x) for x > 0, else 0.
+        P = flat + peak s(a - dead) - hole s(-a - dead) + rough s(b - |a| - dead) + face max(c, 0) - lean max(-c, 0)
+
+    with a = K1 / (8 cell), b = K2 / (8 cell), c = cos K3, s(x) = x / (1 + x) for x > 0, else 0.
     """
 
     flat: float = 0.04

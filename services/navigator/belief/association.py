@@ -30,9 +30,8 @@ class Fates(NamedTuple):
     """Index of the landmark in the map, -1 = none, (m,)."""
     fate: Ints
     """Fates, (m,): 0 matched, 1 impossible range or bearing, 2 no landmark in the gate, 3 none there looks like it, 4
-    two
-    there do, 5 its landmark is matched by another detection, 6 no rigid motion of the others explains it, 7 beyond the
-    maximum per frame."""
+    two there do, 5 its landmark is matched by another detection, 6 no rigid motion of the others explains it, 7 beyond
+    the maximum per frame."""
     nis: Array
     """Normalised innovation squared against the landmark most like the detection, 2 degrees of freedom, (m,)."""
     gap: Array

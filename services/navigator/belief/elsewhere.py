@@ -30,8 +30,7 @@ KEPT_S = 10.0
 """Longest time between the first frame and the last of those that are searched together, s."""
 LARGEST = 32_000
 """Largest work of one search: sightings compared with a pose or pairs of candidates; about 1 ms. A search that needs
-more
-is no evidence."""
+more is no evidence."""
 LEAST_FALSE = 0.005
 """Least odds that a sighting is false, however large the map is."""
 RATE = 1e-4
@@ -43,7 +42,7 @@ class OtherPlaces:
     """Evidence of the last frames of a camera that the robot is at another place than the believed one.
 
     Args:
-        world: landmarks.
+        world: landmarks of the map.
         noise: of the camera.
     """
 

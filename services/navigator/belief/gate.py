@@ -38,7 +38,7 @@ class _Deviations(NamedTuple):
     common_bearing_sd: float = 0.0
     """Bearing error common to all detections of a frame, rad."""
     look_sd: float = 0.05
-    """Noise of each element of a descriptor."""
+    """Noise of each element of a descriptor, no unit."""
 
 
 class SightNoise(_Deviations):
@@ -76,7 +76,8 @@ class MatchLimits(NamedTuple):
     gate: float = 9.21
     """Largest normalised innovation squared, chi^2_2(.99)."""
     look_sds: float = 2.0
-    """Descriptors of one landmark differ by less than this many times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %."""
+    """Descriptors (k numbers) of one landmark differ by less than this times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %.
+    """
     ratio: float = 0.8
     """Largest distance to the nearest descriptor over that to the second nearest in the gate."""
     shortest: float = 0.02
@@ -84,7 +85,7 @@ class MatchLimits(NamedTuple):
     longest: float = 50.0
     """Largest range, m; farther detections are invalid."""
     spread: float = 1.3
-    """Variance of a residual at the refined motion over that of a detection."""
+    """Variance of a residual at the refined motion over that of a detection, for the limit of an inlier."""
     pairs: int = 190
     """Number of motions that are tried: all pairs of up to 20 matches."""
     most: int = 10
@@ -138,8 +139,7 @@ def gated(
     """Return the normalised innovation squared nu^T S^-1 nu of a detection against a landmark, 2 degrees of freedom.
 
     nu: range and bearing detected less those expected from the believed pose; S its covariance. It is inf where the
-    robot
-    stands on the landmark or S is not positive definite.
+    robot stands on the landmark or S is not positive definite.
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
@@ -182,8 +182,7 @@ def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate:
     """Return the radius, m, of a circle about the place of a detection that holds every landmark in its gate.
 
     In the gate |nu_r| < g sqrt(S_rr) and |nu_phi| < g sqrt(S_phiphi), with nu the innovation of range and bearing, S
-    its
-    covariance, g^2 = gate; the variance of the position is at most the larger eigenvalue of its block of Sigma.
+    its covariance, g^2 = gate; the variance of the position is at most the larger eigenvalue of its block of Sigma.
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
@@ -205,7 +204,7 @@ def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate:
 
 @row_kernel
 def apart2(a: Array, b: Array, enough: float) -> float:
-    """Return the squared distance of two descriptors (k,), no unit; the sum ends early once it is >= `enough`."""
+    """Return the squared distance of descriptors `a`, `b` (k,), no unit; the sum ends early once it is >= `enough`."""
     total = 0.0
     for i in range(a.size):
         d = a[i] - b[i]
@@ -220,8 +219,7 @@ def _cells(grid: Array, x: float, y: float, reach: float) -> tuple[int, int, int
     """Return first and last column, first and last row of the grid cells that a square of half side `reach` m touches.
 
     The result is empty if last < first. The limits apply before the numbers become whole ones: a wide belief reaches
-    beyond
-    any grid.
+    beyond any grid.
 
     Args:
         grid: (5,): x and y of the lower-left corner, m, frame map, edge of a cell, m, number of rows and of columns.

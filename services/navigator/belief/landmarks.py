@@ -19,7 +19,7 @@ FARTHEST = 1e5
 SMALLEST_SPREAD = 0.01
 """Least extent of a map, m: landmarks in one point do not determine a heading."""
 PER_BUCKET = 4.0
-"""Mean number of landmarks in a bucket of the index."""
+"""Mean number of landmarks in a cell of the index."""
 
 
 class LandmarkMapError(Refusal):
@@ -31,8 +31,8 @@ class FloorLandmarks:
     """Map of the landmarks on the floor by which a camera finds the robot's place, in frame map; immutable.
 
     Raises:
-        LandmarkMapError: no landmarks or too many, arrays that do not fit each other, values that are not finite,
-            all landmarks in one point.
+        LandmarkMapError: no landmarks or too many, arrays that do not fit each other, values that are not finite, all
+            landmarks in one point.
     """
 
     positions: Array
@@ -153,8 +153,8 @@ def _sorted_by_place(positions: Array) -> tuple[Array, Ints, Ints]:
         positions: of the landmarks, (n, 2) m, frame map.
 
     Returns:
-        x and y of the grid's corner, m, edge of a cell, m, rows, columns, (5,); first member of each cell,
-        (rows * columns + 1,); members: landmarks cell by cell, (n,).
+        x and y of the grid's corner, m, edge of a cell, m, rows, columns, (5,); first member of each cell, (rows *
+        columns + 1,); members: landmarks cell by cell, (n,).
     """
     n = positions.shape[0]
     low, size = positions.min(axis=0), np.ptp(positions, axis=0)

@@ -51,7 +51,7 @@ class FrameEvidence:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Footprint of a camera on the floor: a sector about the heading of base_link."""
+    """Part of the floor that a camera sees: a sector about the heading of base_link."""
 
     nearest: float = 0.35
     """Least distance from base_link, m."""
@@ -66,8 +66,9 @@ class LostModel:
     """Numbers of the check whether the believed pose is wrong: shares and rates of its hypotheses.
 
     The hypotheses are that the pose is right, that the robot was displaced, that the map does not fit, that the robot
-    is off the map, and that it sees nothing. The shares of a hypothesis are positive and add up to 1, rates are
-    positive; neither is checked.
+    is off the map, and that it sees nothing. Each expects shares of detections here (a landmark near enough by the
+    believed pose looks like it), elsewhere (only landmarks farther off do) and strange (none does). The shares of a
+    hypothesis are positive and add up to 1, rates are positive; neither is checked.
     """
 
     right: Shares = (0.72, 0.20, 0.08)
@@ -99,7 +100,7 @@ class LostModel:
     recovery_rate: float = 1e-3
     """Rate at which a wrong pose becomes right by itself, 1/s."""
     gate: float = 9.21
-    """Gate of the normalised innovation squared of a match."""
+    """Largest normalised innovation squared of a match."""
     scale: float = 1.2
     """Mean of half the normalised innovation squared of a right pose."""
     misfit_scale: float = 4.0
@@ -217,7 +218,9 @@ def evidence_of(
 
 
 def passed(state: LostState, dt: float, model: LostModel) -> LostState:
-    """Return the state dt s later without a frame: probabilities follow the rates, counts fade.
+    """Return the state of the check `dt` s later without a frame: probabilities follow the rates, counts fade.
+
+    `state`: before; `model`: rates and time constant.
 
     Raises:
         Refusal: dt is negative or not finite.
@@ -251,8 +254,7 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
     """Return the state of the check whether the pose is lost after one more frame of detections.
 
     The logarithm of a likelihood ratio counts at most `model.most` nats 0.1 s after the last frame, `model.most_apart`
-    nats
-    after 1 s or more, and evenly between.
+    nats after 1 s or more, and evenly between.
 
     Args:
         state: probabilities of the hypotheses before the frame, and counts.
@@ -287,8 +289,7 @@ def shares_of(state: LostState, model: LostModel) -> Shares:
     """Return the shares of detections here, elsewhere and strange that a right pose leads to.
 
     Here: a landmark in the gate looks like the detection; elsewhere: only landmarks out of it do; strange: none does.
-    The
-    last two are the model's shares, or less where detections of a right pose have shown less.
+    The last two are the model's shares, or less where detections of a right pose have shown less.
     """
     total = model.weight + math.fsum(state.usual)
     found = [(model.weight * share + count) / total for share, count in zip(model.right, state.usual, strict=True)]
@@ -310,14 +311,16 @@ def _counted(state: LostState, frame: FrameEvidence, model: LostModel) -> Shares
 def echoed(
     state: LostState, distance: float, expected: tuple[float, float], slack: float, model: LostModel
 ) -> LostState:
-    """Return the state of the check after one echo of the ranger; one within `echo_s` of the last is ignored.
+    """Return the state of the check whether the pose is lost after one echo of the ranger.
+
+    An echo less than `model.echo_s` after the last one that counted is ignored.
 
     Args:
         state: before the echo.
         distance: of the echo, or the end of the reach, m.
         expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
         slack: difference from these that still counts as agreement, m.
-        model: shares of echoes.
+        model: shares of echoes that are as by the map, nearer, farther.
     """
     if state.echo[1] < model.echo_s:
         return state

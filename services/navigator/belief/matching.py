@@ -120,8 +120,7 @@ def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise
     """Return for each of m detections the number of landmarks anywhere in the map that have a similar descriptor, (m,).
 
     It is at least 1 but where the gate holds no landmark or none that looks like the detection. The limit of likeness
-    is
-    that of the default `MatchLimits`.
+    is that of the default `MatchLimits`.
 
     Args:
         matches: fates of the detections at the believed pose.

@@ -70,11 +70,10 @@ class PlaceList(NamedTuple):
     """The best places found so far in the search for a lost robot's pose."""
 
     places: Array
-    """Places, one a row, (p, 14).
+    """A place a row, (p, 14): pose, log evidence, explained sightings, covariance.
 
-    x, y (m), heading (rad) of the robot's reference frame in the map, log evidence (nats), number of explained
-    sightings,
-    covariance of x, y, heading row by row (9)."""
+    Pose: x, y (m), heading (rad) of the robot's reference frame in the map; evidence in nats; covariance of x, y,
+    heading row by row (9)."""
     chosen: Ints
     """Landmark of each sighting at each place, -1 = none, (p, s)."""
 
@@ -127,8 +126,7 @@ def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
 
     Returns:
         Covariance of the pose (3, 3), m and rad, and the log of its determinant (inf: the sightings do not determine
-        the
-        pose, which then stays).
+        the pose, which then stays).
     """
     c, s = math.cos(pose[HEADING]), math.sin(pose[HEADING])
     a, v, jx, jy, spread = np.zeros((3, 3)), np.zeros(3), np.empty(3), np.empty(3), seen.spread
@@ -358,8 +356,7 @@ def search(seen: Evidence, found: PlaceList, cursor: Ints, tries: int, work: int
         seen: sightings and their candidates.
         found: the best places so far, changed in place.
         cursor: pair of sightings (2), their candidates (2), poses tried, places filled, (6,), changed in place; a new
-            search
-            begins with zeros, but the first element 1.
+            search begins with zeros, but the first element 1.
         tries: number of poses that are tried at most in the whole search.
         work: sightings that are compared with a pose, or pairs of candidates that are looked at, in this call.
 

@@ -36,9 +36,8 @@ ALIKE, LIKELY, MOST_ALIKE = 1e-3, 0.95, 4
 their largest number."""
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]
 """Reason for no pose. unseen: fewer than two sightings look like landmarks of the map; unknown: no place explains them,
-or
-chance explains them as well; ambiguous: another place explains them as well, or not all poses were tried; unsure: too
-few of them, or too loose a heading."""
+or chance explains them as well; ambiguous: another place explains them as well, or not all poses were tried; unsure:
+too few of them, or too loose a heading."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +130,8 @@ class Relocaliser:
         """Add the detections of one frame to the sightings.
 
         Args:
-            seen: its detections.
-            pose: of base_link then, x, y (m) and heading (rad), in a frame that moves with no odometry.
+            seen: landmarks detected in it.
+            pose: of base_link then, x, y (m) and heading (rad), in a frame that is one for all frames of the camera.
             time: of the frame, s.
             noise: of the camera in this frame; None = that of the constructor.
 

@@ -291,8 +291,8 @@ class PoseTracker:
 def of_sight(variance: float, common: float, n: float) -> float:
     """Return the measurement variance of the n-th sight of a landmark, whose error in the map is common to all sights.
 
-    n sights with a variance v each and c in common have the variance v / n + c: the newest adds the information
-    n / (v + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
+    n sights with a variance v each and c in common have the variance v / n + c: the newest adds the information n / (v
+    + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
 
     Args:
         variance: v, of one sight by itself, m^2 or rad^2.

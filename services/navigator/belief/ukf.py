@@ -99,10 +99,8 @@ def _displace(
         left: way to the left of that heading, m.
         walked: way over which the drift acts, m.
         work: (3 n, max(n, 4)). Read: rows 0 .. n - 1, the lower triangle L with L L^T = n cov. Written: new x and y
-            less
-            their old means, m, of the points mean + column of L (rows n .. 2 n - 1) and mean - column (the last n
-            rows);
-            row 2 of L, the heading, gets the turn that the column's drift adds.
+            less their old means, m, of the points mean + column of L (rows n .. 2 n - 1) and mean - column (the last n
+            rows); row 2 of L, the heading, gets the turn that the column's drift adds.
     """
     n = mean.size
     drifts = n > DRIFT
@@ -131,8 +129,7 @@ def _offsets(work: Array, n: int, i: int, j: int, mean: float) -> tuple[float, f
 
     Args:
         work: (3 n, max(n, 4)): lower triangle L with L L^T = n cov in the first n rows, then x and y displacements, m,
-            of
-            the n points mean + column and of the n points mean - column.
+            of the n points mean + column and of the n points mean - column.
         n: number of states.
         i: element of the state: 0 x, 1 y, 2 heading, 3 drift, 4 and more errors that observations share.
         j: column of L.
@@ -196,8 +193,8 @@ def innovation(
     """Return the innovation of range (m) and bearing (rad, wrapped), and its covariance (m^2, m rad, rad^2).
 
     Innovation: what is seen less what the belief expects. Rows n .. 2 n - 1 of `work` hold range and bearing of the
-    sigma
-    points mean + column less their means (columns 0, 1) and those of mean - column (2, 3). The belief stays as it is.
+    sigma points mean + column less their means (columns 0, 1) and those of mean - column (2, 3). The belief stays as it
+    is.
 
     Args:
         mean: x, y (m), heading (rad), frame map, drift (rad per m), errors z that sightings share, (n,).

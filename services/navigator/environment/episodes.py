@@ -17,8 +17,7 @@ from .world import act, begin
 
 RESULT = named("seconds ended decisions stands turns error nees_sum nees_at")
 """Result of an episode: s, outcome (1 goal reached, 2 cut off), number of actions, of stands, of turns, final error of
-the
-estimate, m, sum over decisions of the pose's NEES (normalised error squared, 3 degrees of freedom), NEES after one.
+the estimate, m, sum over decisions of the pose's NEES (normalised error squared, 3 degrees of freedom), NEES after one.
 """
 NEES_DECISION = 20
 """Number of the decision after which the normalised error squared of the pose is kept in the result."""
@@ -96,10 +95,8 @@ def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int
     """Return the results of episodes start .. start + count - 1 of seed `run`, a record each, (count,).
 
     Fields: `seconds` (s), `ended` (1 goal reached, 2 cut off), `decisions`, `stands` and `turns` (counts), `error`
-    (distance
-    of the belief from the truth at the end, m), `nees_sum` and `nees_at` (normalised errors squared of the pose: sum
-    over
-    all decisions, and the one after decision 20, 0 in shorter episodes).
+    (distance of the belief from the truth at the end, m), `nees_sum` and `nees_at` (normalised errors squared of the
+    pose: sum over all decisions, and the one after decision 20, 0 in shorter episodes).
 
     Args:
         world: arrays of the model.

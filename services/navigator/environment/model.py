@@ -32,8 +32,7 @@ class EpisodeState(NamedTuple):
     """True state, (7,).
 
     x, y (m), heading (rad), frame map, drift now (rad per m), roll and pitch error of the camera (rad), drift at the
-    start
-    (rad per m)."""
+    start (rad per m)."""
     mean: Array
     """Belief after the last frame, (n,).
 

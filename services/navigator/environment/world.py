@@ -110,8 +110,7 @@ def drift_at(scene: Record, began: float, way: float) -> float:
 
     Args:
         scene: record of the scene; course: 0 constant, 1 other sign from half of the way on, 2 none before half of the
-            way,
-            3 evenly to the opposite; start and goal, m.
+            way, 3 evenly to the opposite; start and goal, m.
         began: drift at the start, rad per m.
         way: walked so far, m.
     """
@@ -138,8 +137,8 @@ def copy_belief(mean: Array, cov: Array, to_mean: Array, to_cov: Array) -> None:
 def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
     """Write how roll and pitch errors of a camera move the range and bearing at which it sees a landmark.
 
-    A pitch error p shifts (x, y) in the robot's heading axes by p (height + x^2 / height, x y / height), a roll error
-    q by q (x y / height, height + y^2 / height).
+    A pitch error p shifts (x, y) in the robot's heading axes by p (height + x^2 / height, x y / height), a roll error q
+    by q (x y / height, height + y^2 / height).
 
     Args:
         range_: distance of the landmark along the floor, m.

@@ -254,8 +254,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
         goal: index of a cell in the region of the start; or -1: all cells in reach are settled.
         marks: costs between marks (chosen cells) and all cells of that region, (cells, marks); (cells, 0) = none.
         g: written, (cells,), no unit: with c the cost from the start, -c - 1 of settled cells, c of seen ones, 2^31 - 1
-            of
-            others. The cells inside of a run stay seen; where nothing is left to search, they are settled, too.
+            of others. The cells inside of a run stay seen; where nothing is left to search, they are settled, too.
 
     Returns:
         Number of settled cells.

@@ -175,8 +175,7 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
     """Return the squared distance of every cell centre to that of the nearest wall, cells^2, (rows, cols).
 
     It is exact up to `most` cells, then constant. d^2(r, c) = min over k of (k - c)^2 + down(r, k)^2, with down(r, k)
-    the
-    distance of cell (r, k) to the nearest wall in its column.
+    the distance of cell (r, k) to the nearest wall in its column.
 
     Args:
         wall: True where a cell is blocked, (rows, cols).

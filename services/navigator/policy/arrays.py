@@ -34,10 +34,9 @@ SCENE = named(
 """Fields of the scene, SI units, angles in rad.
 
 Walls; radius of the robot, and way ahead that a wall blocks; start, goal, limit of time; landmarks per m^2, most used
-of
-a frame; drift per m: size, 1 = normally distributed, deviation that the filter expects; deviations of the start and of
-the camera's tilt; its height; largest numbers of stands and of turns in a row; reward at the goal, discount per action;
-course of the drift: 0 constant, 1 flip, 2 step, 3 ramp.
+of a frame; drift per m: size, 1 = normally distributed, deviation that the filter expects; deviations of the start and
+of the camera's tilt; its height; largest numbers of stands and of turns in a row; reward at the goal, discount per
+action; course of the drift: 0 constant, 1 flip, 2 step, 3 ramp.
 """
 STATUS = named("time last stands turns blocked outcome steps way")  # of an episode, or of the live navigator
 """Fields of an episode's or live navigator's counters.

@@ -35,17 +35,15 @@ class PolicyTables(NamedTuple):
     """Parameters, (8,).
 
     HAND and STEER: entropy (nats) above which it stands, its growth by distance (nats per m), bearing (rad) beyond
-    which it
-    turns, share of the bearing that an arc takes out. PLANNER: shares of the belief's standard deviations in position,
-    heading and drift over which values are averaged, weight of the gain of a stand. The rest is 0."""
+    which it turns, share of the bearing that an arc takes out. PLANNER: shares of the belief's standard deviations in
+    position, heading and drift over which values are averaged, weight of the gain of a stand. The rest is 0."""
     table: Array
     """Action values by drift (PLANNER) or entropy (SARSA), distance, bearing, action, (layers, nd, nphi, A) s."""
     grid: Array
     """Axes of the table, (6,).
 
     Distance of its first and last row (m), value of its first and last layer, mirrored (1 layers, -1 bearings), value
-    that
-    each m beyond the last row adds."""
+    that each m beyond the last row adds."""
     shown: Array
     """Covariance of a pose seen from one stand, (3, 3), robot axes, m and rad."""
 
@@ -125,8 +123,7 @@ def _by_hand(
     """Write the values of a controller of rules: it stands when unsure, turns to a goal far aside, else walks.
 
     The choice of the rules has the largest value, the other actions have less, in the order of the rules. A policy of
-    the
-    kind STEER takes the arc that comes nearest to a share of the bearing after the turn by the drift.
+    the kind STEER takes the arc that comes nearest to a share of the bearing after the turn by the drift.
 
     Args:
         policy: thresholds of the rules, and share of the bearing.
@@ -309,8 +306,7 @@ def _planned(
     """Write the values of all actions, s (negative): the table averaged over a share of the belief's spread.
 
     Value of a stand: -its seconds, -the time that stopping and starting cost, + the weighted gain of its sight, + the
-    best
-    value of going on after it.
+    best value of going on after it.
 
     Args:
         policy: table of values, shares of the spread, weight of the gain.

@@ -36,14 +36,12 @@ def add_values(
     """Add `weight` times the values of all actions in a table, by linear interpolation, to `out`, in place.
 
     If grid[4] = 1, a negative layer is read at (-phi, -layer); if -1, a negative phi at -phi: left and right actions
-    are
-    then exchanged.
+    are then exchanged.
 
     Args:
         table: action values by layer, distance, bearing and action, (nl, nd, nphi, A) s.
         grid: distance of the first and last row (m), value of the first and last layer, mirrored (1, -1 or 0), value
-            that
-            each m beyond the last row adds, (6,).
+            that each m beyond the last row adds, (6,).
         actions: of the model, records whose `mirror` is the index of the action to the other side, (A,).
         d: distance of the goal, m.
         phi: bearing of the goal, rad.

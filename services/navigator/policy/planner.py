@@ -224,12 +224,9 @@ def shown_by_standing(world: Arrays) -> Array:
     """Return the covariance (3, 3) of a pose measured by the camera frames of one stand, robot axes, m and rad.
 
     Information of the landmarks that are recognised on average: density * match * integral of H^T R^-1 H over the floor
-    in
-    view (H: range and bearing by the pose, R their noise), times the frames that arrive before the decision; scaled
-    down
-    where more would be seen than are used. A tilt common to all frames moves the pose by height * tilt, which no number
-    of
-    landmarks averages out.
+    in view (H: range and bearing by the pose, R their noise), times the frames that arrive before the decision; scaled
+    down where more would be seen than are used. A tilt common to all frames moves the pose by height * tilt, which no
+    number of landmarks averages out.
     """
     stands = [row for row in world.tables.actions if row.kind == slots.STAND]
     if not stands:
