@@ -14,6 +14,10 @@ from .models.protocol import SlipModel
 from .select import SelectParams, window_costs
 
 LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support", "clear")
+"""Layers that can be asked for: height z and foot-centre height (m), coefficients of 3 x 3 cells k1, k2 (m), cos_k3,
+distance k4 from the nominal foothold (m), mean predicted slip p, cost q, bits of reasons against a cell, deviation of
+single slips, share of p that was learned, radius of free cells (m).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +43,7 @@ class Assessment:
 
 
 def window_about(ground: FootholdGround, x: float, y: float, size: int) -> Window:
-    """Return the window of size x size cells about the cell that holds a point, map frame, m."""
+    """Return the window of size x size cells about the cell that holds a point x, y, map frame, m."""
     row, col = ground.surface.index(x, y)
     return Window(row - size // 2, col - size // 2, size, size)
 
@@ -66,8 +70,8 @@ def assess(
         model: predicts the slip P of a cell.
         window: cells to score.
         nominal: place from which the distance K4 counts, map frame, m; None: K4 = 0 everywhere, so the cost is P.
-        stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
-        names: layers wanted, of `LAYERS`.
+        stroke: movement of the foot relative to the body while it stands, map axes, (3,) m.
+        names: layers wanted: z, centre, k1, k2, cos_k3, k4, p, q, mask, spread, support, clear.
         params: limits of a foothold, and weight k of the cost Q = P + k K4.
         placement: the leg for the reach and collision tests; None tests the ground alone.
     """
@@ -92,7 +96,7 @@ def assess(
 
 
 def _patch(z: Layer, window: Window) -> Layer:
-    """Return the cells of a window, NaN outside the map."""
+    """Return the cells of a window of a layer (ny, nx), NaN outside the map."""
     out = np.empty((window.rows, window.cols), dtype=np.float32)
     patch(z, window.row, window.col, out)
     return out
@@ -101,7 +105,7 @@ def _patch(z: Layer, window: Window) -> Layer:
 def _clear(mask: Mask, cell: float) -> Layer:
     """Return the radius of the disc of free cells about each cell, m: the distance of the nearest that is not free.
 
-    `mask` (r, c): 0 = free; beyond it nothing is. `cell`: edge of a cell, m.
+    `mask`: reasons against each cell, (r, c), 0 = free; beyond the window nothing is. `cell`: edge of a cell, m.
     """
     from scipy.ndimage import distance_transform_edt
 

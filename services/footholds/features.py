@@ -18,10 +18,13 @@ Vector = NDArray[np.float64]
 
 
 class Features(NamedTuple):
-    """Ground coefficients K1, K2 and cos K3 (Walas & Belter) of the cells of a window or map."""
+    """Ground coefficients K1, K2 and cos K3 (Walas & Belter) of the cells of a window or map.
+
+    They are made of the 3 x 3 cells about each, or of a plane fitted to more cells.
+    """
 
     k1: Layer
-    """K1, (ny, nx) m: > 0 on a top edge, < 0 in a hole, 0 on any plane."""
+    """K1, (ny, nx) m: of 3 x 3 cells > 0 on a top edge, < 0 in a hole, 0 on a plane; of fitted planes >= 0."""
     k2: Layer
     """K2, (ny, nx) m: steepness and roughness, |K1| <= K2."""
     cos_k3: Layer
@@ -29,7 +32,7 @@ class Features(NamedTuple):
 
 
 def push_direction(stroke: Vector) -> tuple[float, float, float]:
-    """Return the unit vector of the stroke f, (3,) m; a zero or non-finite stroke gives (0, 0, 0)."""
+    """Return the unit vector of a stroke f, (3,) m, in its axes; a zero or non-finite stroke gives (0, 0, 0)."""
     fx, fy, fz = float(stroke[0]), float(stroke[1]), float(stroke[2])
     length = math.sqrt(fx * fx + fy * fy + fz * fz)
     if not (math.isfinite(length) and length > 1e-12):
@@ -41,8 +44,8 @@ def map_features(z: Layer, stroke: Vector, cell: float) -> Features:
     """Return the ground coefficients K1 (m), K2 (m) and cos K3 of every cell of a map, (ny, nx) each.
 
     Args:
-        z: heights, (ny, nx) m, NaN = unknown.
-        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m; zero: cos K3 is 0.
+        z: heights, (ny, nx) m, row along y, column along x, NaN = unknown.
+        stroke: movement f of the foot relative to the body while it stands, map axes, (3,) m; zero: cos K3 is 0.
         cell: edge of a cell, m.
     """
     out = Features(np.empty_like(z), np.empty_like(z), np.empty_like(z))
@@ -51,7 +54,7 @@ def map_features(z: Layer, stroke: Vector, cell: float) -> Features:
 
 
 def window_features(z: Layer, row: int, col: int, rows: int, cols: int, stroke: Vector, cell: float) -> Features:
-    """Return the ground coefficients of the window of rows x cols cells that starts at cell (row, col).
+    """Return the ground coefficients K1 (m), K2 (m), cos K3 of a window of rows x cols cells that starts at (row, col).
 
     The window may reach beyond the map; its coefficients are NaN there.
 
@@ -61,7 +64,7 @@ def window_features(z: Layer, row: int, col: int, rows: int, cols: int, stroke: 
         col: first column.
         rows: number of rows.
         cols: number of columns.
-        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m; zero: cos K3 is 0.
+        stroke: movement f of the foot relative to the body while it stands, map axes, (3,) m; zero: cos K3 is 0.
         cell: edge of a cell, m.
     """
     local = np.empty((rows + 2, cols + 2), dtype=np.float32)
@@ -86,16 +89,16 @@ class _Rows(NamedTuple):
 
 
 class _PushTerms(NamedTuple):
-    """Direction of the push, and products of it."""
+    """Direction of the push (the stroke of the foot), and products of it, for one pass over the cells."""
 
     fx: np.float32
     """x of the unit vector, map axes."""
     fy: np.float32
     """y of the push's unit vector, map axes."""
     n_z: np.float32
-    """z of the ground normal as in (3) over the edge of a cell: four edges, m."""
+    """z of the ground's normal, not of unit length: four edges of a cell, m."""
     lift: np.float32
-    """n_z times z of the unit vector, m."""
+    """n_z times z of the push's unit vector, m."""
     ahead: bool
     """True if the push points to +x."""
     sx: np.float32
@@ -106,7 +109,15 @@ class _PushTerms(NamedTuple):
 
 @row_kernel
 def _row(rows: _Rows, push: _PushTerms, k1: Layer, k2: Layer, cos_k3: Layer) -> None:
-    """Write one row of coefficients, (nx,) each, without the first and the last cell."""
+    """Write one row of coefficients, (nx,) each, without the first and the last cell.
+
+    Args:
+        rows: heights of the row and its neighbours, m.
+        push: direction of the push.
+        k1: written, m.
+        k2: written, m.
+        cos_k3: written, no unit.
+    """
     up, mid, down, near, far = rows
     fx, fy, n_z, lift, ahead, sx, sy = push
     n = mid.shape[0] - 2

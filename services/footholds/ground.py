@@ -18,7 +18,7 @@ MOST_CHANGED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class FootholdGround:
-    """Layers over one grid on which footholds are chosen, map frame."""
+    """Layers over one grid on which footholds are chosen, map frame, (ny, nx) each."""
 
     surface: HeightMap
     """Heights of the ground, filtered, m."""
@@ -29,9 +29,9 @@ class FootholdGround:
     smooth: bool
     """True if the surface went through the 3 x 3 median."""
     relief: Relief
-    """Planes fitted about every cell."""
+    """Planes fitted to the cells about every cell."""
     scale: int
-    """Cells on each side of a plane, by the noise of the map."""
+    """Cells on each side of a plane, 1 to 4, by the noise of the map."""
 
     @property
     def version(self) -> int:
@@ -39,7 +39,7 @@ class FootholdGround:
         return self.surface.version
 
     def near(self, x: float, y: float) -> bool:
-        """Return whether a point, m, is finite and near enough to the map to have a cell number."""
+        """Return True if a point x, y (m, map frame) is finite and near enough to the map to have a cell number."""
         far = 1e6 * self.surface.cell
         x0, y0 = self.surface.origin
         return abs(x - x0) <= far and abs(y - y0) <= far
@@ -77,7 +77,7 @@ def updated_ground(ground: FootholdGround, raw: HeightMap, heights: HeightMap) -
 def changed_cells(old: Layer, new: Layer) -> tuple[slice, slice]:
     """Return the smallest rectangle of rows and columns that holds all cells that differ; NaN equals NaN.
 
-    old, new: layers of the same shape (ny, nx) and unit.
+    old, new: layers of equal shape (ny, nx) and unit.
     """
     first, last, left, right = _changed(old, new)
     return slice(first, last), slice(left, right)
@@ -136,9 +136,9 @@ def ground_features(
 
     Args:
         ground: layers of the map.
-        relief: by planes at the scale of the map; False: by 3 x 3 cells, as Walas & Belter do.
+        relief: True: by planes at the scale of the map; False: by 3 x 3 cells, as Walas & Belter do.
         window: first row, first column, rows and columns; may leave the map, its coefficients are NaN there.
-        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
+        stroke: movement f of the foot relative to the body while it stands, map axes, (3,) m.
     """
     surface = ground.surface
     if relief:

@@ -17,11 +17,11 @@ class LatchedGround:
     Args:
         key: topic that the maps come on, which a refusal names.
         foot_radius: of the robot, m.
-        smooth: as in the configuration.
+        smooth: 3 x 3 median over the heights.
         unsure: deviation of a height, m, above which a cell of a map with variances counts as unknown.
 
     Attributes:
-        ground: None without a map.
+        ground: the prepared map; None without a map.
     """
 
     def __init__(self, key: str, foot_radius: float, smooth: bool, unsure: float) -> None:
@@ -56,7 +56,11 @@ class LatchedGround:
         return True
 
     def _measured(self, message: ElevationMap) -> FootholdGround | None:
-        """Return the ground of a map with variances; cells that are too unsure count as not seen. None: all are."""
+        """Return the ground of a map with variances; cells that are too unsure count as not seen. None: all are.
+
+        Raises:
+            HeightMapError: the message holds no map, or variances that cannot be.
+        """
         heights = HeightMap.from_base64(message.model_dump(), message.heights)
         try:
             data = b64decode(message.variances, validate=True)
@@ -72,7 +76,11 @@ class LatchedGround:
         return build_ground(heights, self._foot_radius, self._smooth, np.where(sure, variance, np.float32(np.nan)))
 
     def known(self) -> FootholdGround:
-        """Return the prepared map (raises Refusal `not_ready`: there is none)."""
+        """Return the prepared map.
+
+        Raises:
+            Refusal: there is none (`not_ready`).
+        """
         if self.ground is None:
             raise Refusal("not_ready", f"no usable map has come on {self._key} yet")
         return self.ground

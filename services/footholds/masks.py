@@ -48,7 +48,7 @@ _REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP, _UNLEARNED = (int(reason) for reaso
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits that a foothold must keep."""
+    """Limits that a foothold must keep; a cell beyond one is excluded."""
 
     slip: float = 0.4
     """Largest predicted slip, way per stroke; a guess, not measured."""
@@ -64,7 +64,7 @@ class Limits:
 
 
 class _HeightGrid(NamedTuple):
-    """A map of heights for kernels."""
+    """A map of ground heights, and where its cells lie, for kernels."""
 
     z: Layer
     """Ground heights, (ny, nx) m."""
@@ -77,16 +77,16 @@ class _HeightGrid(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """A leg about to land, for the reach and collision tests."""
+    """A leg about to land, for the tests of reach and collision."""
 
     leg: LegTable
-    """Table of the leg, see `reach.leg_table`."""
+    """32 numbers of the leg (hip, lengths, limits of joints) for kernels; NaN = a leg without closed form."""
     base: Array
     """Position of base_link at landing, map frame, (3,) m."""
     rot: Array
     """rot_map_from_base at landing, (3, 3)."""
     stroke: Array
-    """Movement of the foot relative to the body in stance, map axes, (3,) m."""
+    """Movement of the foot relative to the body while it stands, map axes, (3,) m."""
 
 
 NO_LEG = Placement((math.nan,) * LEG_NUMBERS, np.zeros(3), np.eye(3), np.zeros(3))
@@ -102,12 +102,12 @@ def mask_window(
         ground: layers of the map.
         row: first row of the window; may lie outside the map, such cells are unknown.
         col: first column.
-        slip: predicted slip per stroke, no unit, (rows, cols), NaN = unknown, `UNLEARNED` = outside the model.
+        slip: predicted slip per stroke, no unit, (rows, cols), NaN = unknown, -1 = outside what the model has learned.
         limits: what a foothold must keep.
         placement: the leg and the pose it lands from; None tests the ground alone.
 
     Returns:
-        (rows, cols) uint8, sum of `Reason` bits; 0 = free.
+        (rows, cols) uint8, sum of bits: 1 reach, 2 collision, 4 unknown, 8 steep, 16 slip, 32 unlearned; 0 = free.
     """
     out = np.empty(slip.shape, dtype=np.uint8)
     surface = ground.surface
@@ -121,9 +121,11 @@ def mask_window(
 
 @kernel
 def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
-    """Count the cells of each bit of a mask, in place.
+    """Write the number of cells with each bit of a mask to `counts`.
 
-    `mask`: sums of `Reason` bits, (rows, cols), 0 = free; `counts` (7,): cells with bit 0 .. 5, then free cells.
+    Args:
+        mask: sums of bits (1 reach, 2 collision, 4 unknown, 8 steep, 16 slip, 32 unlearned), (rows, cols), 0 = free.
+        counts: written, (7,): cells with each bit, lowest first, then free cells.
     """
     counts[:] = 0
     for i in range(mask.shape[0]):
@@ -138,9 +140,13 @@ def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
 
 @row_kernel
 def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
-    """Return the slope along x and y of the plane through the 3 x 3 cells about a cell, rise per way; NaN = unknown.
+    """Return the slope along x and y, rise per way, of the plane through the 3 x 3 cells about a cell; NaN = unknown.
 
-    z: heights, (ny, nx) m, NaN = unknown; cell: edge of a cell, m; row, col: of the middle, inside the border.
+    Args:
+        z: heights, (ny, nx) m, row along y, column along x, NaN = unknown.
+        cell: edge of a cell, m.
+        row: of the middle; at the border of the map the slope is unknown.
+        col: of the middle.
     """
     ny, nx = z.shape
     if row < 1 or col < 1 or row >= ny - 1 or col >= nx - 1:
@@ -155,14 +161,14 @@ def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
 
 @row_kernel
 def _cuts(ground: _HeightGrid, a: Vector, b: Vector, first: float, radius: float) -> bool:
-    """Return whether the segment a-b comes closer to the ground than a radius, m; checked once a cell or more often.
+    """Return True if the segment from a to b comes closer to the ground than a radius; checked at least once a cell.
 
     Args:
-        ground: the map.
+        ground: heights of the map.
         a: one end, map frame, m.
-        b: the other end, m.
+        b: the other end, map frame, m.
         first: share of the way from a to b that is left out.
-        radius: of the leg, m.
+        radius: of the leg, m, measured vertically.
     """
     ax, ay, az = a
     bx, by, bz = b
@@ -188,13 +194,13 @@ def _cuts(ground: _HeightGrid, a: Vector, b: Vector, first: float, radius: float
 def _leg_bits(
     ground: _HeightGrid, leg: LegTable, base: Vector, rot: Rotation, foot: Vector, keep: tuple[float, float, float]
 ) -> int:
-    """Return the bits of reach and collision of a leg.
+    """Return 1 if a leg does not reach a foot place with margin, 2 if it would cut the ground, else 0.
 
     Args:
-        ground: the map.
-        leg: table of the leg.
+        ground: heights of the map.
+        leg: 32 numbers of the leg for kernels.
         base: position of base_link, map frame, m.
-        rot: rot_map_from_base.
+        rot: rot_map_from_base, row by row.
         foot: centre of the foot, map frame, m.
         keep: reach margin, radius of the leg and highest ground under it, m.
     """
@@ -227,8 +233,16 @@ def _highest(
 ) -> float:  # fmt: skip
     """Return the highest known ground under any pose of the leg, m: over the window and a knee's reach about the hip.
 
-    NaN is returned for a leg without closed form, which reaches nothing. `corner` is the first row and column of the
-    window and `shape` its size; the other arguments are those of `Placement`.
+    NaN is returned for a leg without closed form, which reaches nothing.
+
+    Args:
+        ground: heights of the map.
+        corner: first row and column of the window.
+        shape: rows and columns of the window.
+        leg: 32 numbers of the leg for kernels.
+        base: position of base_link at landing, map frame, (3,) m.
+        rot: rot_map_from_base, (3, 3).
+        stroke: movement of the foot relative to the body while it stands, map axes, (3,) m.
     """
     z, cell, x0, y0 = ground.z, ground.cell, ground.x0, ground.y0
     row0, col0 = corner
@@ -256,17 +270,18 @@ def _mask(
     z: Layer, centres: Layer, grid: tuple[float, float, float, float], corner: tuple[int, int], slip: Layer,
     limits: tuple[float, float, float, float, float, bool], placement: tuple[LegTable, Array, Array, Array], out: Mask,
 ) -> None:  # fmt: skip
-    """Write the reasons against the cells of a window, (rows, cols).
+    """Write the reasons against the cells of a window to `out`.
 
     Args:
-        z: ground heights, (ny, nx) m.
-        centres: heights of foot centres, (ny, nx) m.
+        z, centres: heights of the ground, and of the centre of a foot that rests on it, (ny, nx) m, NaN = unknown.
         grid: edge of a cell, x and y of the centre of cell [0, 0] and radius of the foot, m.
         corner: first row and column of the window.
-        slip: P of the cells, (rows, cols).
-        limits: slip, slope, wedge (m), reach margin (m) and leg radius (m) of `Limits`, and whether there is a leg.
-        placement: fields of `Placement`. A plain tuple: it crosses into a kernel in a third of the time.
-        out: receives the bits, (rows, cols).
+        slip: predicted slip per stroke, (rows, cols), NaN = unknown, -1 = outside what the model has learned.
+        limits: largest slip, slope, lift of the foot (m), reach margin (m), radius of the leg (m), whether there is a
+            leg.
+        placement: numbers of the leg, position and rotation of base_link, stroke, in a tuple, which kernels take
+            faster.
+        out: written, (rows, cols): sums of the bits 1 reach, 2 collision, 4 unknown, 8 steep, 16 slip, 32 unlearned.
     """
     slip_limit, slope_limit, wedge, margin, leg_radius, test_leg = limits
     cell, x0, y0, foot_radius = grid

@@ -61,6 +61,7 @@ def select_params(
 
     Args:
         request: with the mode, and the seed of mode `random`.
+        params: of the choice, by configuration.
         explore: share of the choices in mode `robust` that are drawn at random.
         draw: seed of that draw, and number of the choice.
 
@@ -80,7 +81,15 @@ def select_params(
 def assess_reply(
     layers: Sequence[str], ground: FootholdGround, window: Window, found: Assessment, model: str
 ) -> AssessReply:
-    """Return the reply with the layers of a window."""
+    """Return the reply with the layers of a window.
+
+    Args:
+        layers: names of the layers.
+        ground: map that they are of.
+        window: cells that they cover.
+        found: the layers, and counts of cells by reason.
+        model: name of the slip model.
+    """
     surface = ground.surface
     return AssessReply(
         layers=tuple(layers), rows=window.rows, cols=window.cols, cell=surface.cell,
@@ -98,7 +107,15 @@ def _mask_counts(counts: tuple[int, ...]) -> MaskCounts:
 def model_reply(
     model: SlipModel, weight: float | None, unfit: str, learner: Relearner | None, refused: Mapping[str, int]
 ) -> ModelReply:
-    """Return the reply on the slip model in use, the number of outcomes for re-learning, and refusals by reason."""
+    """Return the reply on the slip model in use, the number of outcomes for re-learning, and refusals by reason.
+
+    Args:
+        model: in use.
+        weight: k of the distance in the cost, 1/m, by configuration; None = the model's.
+        unfit: reason why the chosen model is not in use; empty = it is.
+        learner: re-learns the model; None = off.
+        refused: number of refused model files by reason.
+    """
     facts: dict[str, Any] = {}
     if isinstance(model, LearnedModel):
         facts = {
@@ -114,14 +131,22 @@ def model_reply(
 
 
 def asked_landings(legs: Sequence[LegRequest], robot: Robot, path: str = "") -> list[Landing]:
-    """Return the landings of a request; `path` is the field that holds `legs` (raises Refusal: an unknown leg)."""
+    """Return the landings of a request; `path`: field of the request that holds `legs`, for a refusal.
+
+    Raises:
+        Refusal: a leg that the robot does not have.
+    """
     return [
         Landing(leg_index(robot, leg.leg, f"{path}legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(legs)
     ]
 
 
 def leg_index(robot: Robot, name: str, field: str) -> int:
-    """Return the index of a leg in the robot description (raises Refusal: the robot has no leg of that name)."""
+    """Return the index of a leg in the robot description; `field`: of the request, for a refusal.
+
+    Raises:
+        Refusal: the robot has no leg of that name.
+    """
     if name not in robot.leg_names:
         raise Refusal("unknown_leg", f"{robot.name} has the legs {', '.join(robot.leg_names)}; got {name!r}", field)
     return robot.leg_names.index(name)

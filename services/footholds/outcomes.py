@@ -21,14 +21,14 @@ def sample_at(
     displacement: float | None = None,
     load: float = math.nan,
 ) -> StanceSample:
-    """Return the sample of a stance; robot, friction and source are left to the caller.
+    """Return the sample of one step of a foot (a stance); robot, friction and source are left to the caller.
 
     Args:
         ground: map that the choice was made on.
         planned: x, y of the foothold that was chosen, map frame, m.
         nominal: x, y of the nominal foothold, map frame, m.
-        stroke: f, movement of the foot relative to the body, map axes, m.
-        sliding: way of the contact point in the stance, m.
+        stroke: f, movement of the foot relative to the body while it stands, map axes, m.
+        sliding: way of the contact point while the foot stands, m.
         name: trial, leg and step, which name the stance.
         displacement: horizontal way of the foot centre, m; None = not known, the sliding stands for it.
         load: mean normal force, N; NaN = not known.

@@ -33,13 +33,13 @@ class PatchFoothold:
     foothold: tuple[float, float, float] | None
     """Centre of the foot; None when no cell is free."""
     slip: float
-    """Predicted slip per stroke; NaN without a foothold."""
+    """Predicted slip per stroke, no unit; NaN without a foothold."""
     spread: float
-    """Standard deviation of the slip of single stances; NaN = not known."""
+    """Standard deviation of the slip of single steps, per stroke; NaN = not known."""
     rectangle: tuple[float, float, float, float] | None
     """x_min, y_min, x_max, y_max of the largest rectangle of free cells that holds the foothold."""
     counts: dict[str, int]
-    """Cells excluded per reason, and `free`."""
+    """Number of cells excluded per reason (reach, collision, unknown, steep, slip, unlearned), and `free`."""
 
 
 def choose_on_patch(
@@ -53,11 +53,11 @@ def choose_on_patch(
         z: heights, (ny, nx) m, row along y, column along x, NaN = unknown; 3 to 301 cells a side.
         cell: edge of a cell, m.
         nominal: where the foot would land without a choice, x and y from the middle of the patch, m.
-        model: the slip model; `LearnedModel.scaled` makes one for a robot of another size.
-        stroke: movement of the foot relative to the body in the coming stance, (3,) m, axes of the patch.
+        model: predicts the slip; a learned one holds for its own cell and foot, or scaled for a robot of another size.
+        stroke: movement of the foot relative to the body while it stands, (3,) m, axes of the patch.
         foot_radius: radius of the foot sphere, m.
         limits: slope, slip and how deep a foot may wedge; None = the usual ones.
-        allowed: cells that the leg can reach, (ny, nx); None = all.
+        allowed: True for cells that the leg can reach, (ny, nx); None = all.
         smooth: 3 x 3 median over the heights first.
         distance_weight: k, 1/m, of the cost Q = P + k K4 by slip P and distance K4 (m) from the nominal foothold; None
             = that of the model.
@@ -100,7 +100,7 @@ def _check_arguments(
     z: Layer, nominal: tuple[float, float], stroke: Sequence[float], foot_radius: float,
     allowed: NDArray[np.bool_] | None, distance_weight: float | None,
 ) -> None:  # fmt: skip
-    """Raise SurefootError if an argument of `choose_on_patch` is out of range or has the wrong shape."""
+    """Raise SurefootError if an argument for the choice on a patch is out of range or has the wrong shape."""
     if z.ndim != 2 or not all(3 <= n <= MAX_SIDE for n in z.shape):
         raise SurefootError("invalid", f"z must have 3 to {MAX_SIDE} cells a side, got shape {z.shape}", "z")
     if not (math.isfinite(foot_radius) and foot_radius > 0.0):

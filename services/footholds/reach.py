@@ -16,12 +16,12 @@ from .rolled_reach import ALONG, LEG_NUMBERS, OUTSIDE, SLACK, LegTable, rolled_t
 
 
 def leg_table(model: KinematicModel, leg: int) -> LegTable:
-    """Return a leg as numbers for the kernels, (LEG_NUMBERS,).
+    """Return a leg as 32 numbers for the kernels.
 
-    0-2 hip, 3-4 cos and sin of the heading, 5-7 coxa, femur, tibia; 8-11 cos, sin of the coxa's lower and upper
-    limit; 12 whether the coxa's range exceeds 180 deg; 13-16 the same for the femur, 17 its flag; 18-19 smallest and
-    largest distance of the foot from the femur joint; 20 whether the knee may bend at all; 21-31 are 0. Of a
-    roll-pitch-pitch leg see `rolled_table`. NaN (a leg without closed form) makes every point unreachable.
+    0-2 hip, base_link, m; 3-4 cos and sin of the heading; 5-7 coxa, femur, tibia, m; 8-11 cos, sin of the coxa's lower
+    and upper limit; 12 whether its range exceeds 180 deg; 13-16 and 17 so for the femur; 18-19 smallest and largest
+    distance of the foot from the femur joint, m; 20 whether the knee may bend at all; 21-31 are 0. A roll-pitch-pitch
+    leg has another table, with 21 not 0. NaN (a leg without closed form) makes every point unreachable.
     """
     hip, psi = model.hip[leg, :3], float(model.hip[leg, 3])
     coxa, femur, tibia = (float(value) for value in model.segment[leg])
@@ -45,7 +45,11 @@ def leg_table(model: KinematicModel, leg: int) -> LegTable:
 
 @row_kernel
 def _sector(x: float, y: float, cos_low: float, sin_low: float, cos_high: float, sin_high: float, wide: float) -> float:
-    """Return the signed distance of (x, y) from the two rays that bound a sector, m; > 0 inside."""
+    """Return the signed distance of (x, y) from the two rays that bound a sector, m; > 0 inside.
+
+    The rays leave the origin at a lower and a higher angle, given by cosine and sine; `wide` > 0.5: the sector exceeds
+    half a turn.
+    """
     low = cos_low * y - sin_low * x
     high = sin_high * x - cos_high * y
     return max(low, high) if wide > 0.5 else min(low, high)
@@ -53,7 +57,16 @@ def _sector(x: float, y: float, cos_low: float, sin_low: float, cos_high: float,
 
 @row_kernel
 def _arc(r: float, z: float, cos: float, sin: float, femur: float, tibia: float) -> float:
-    """Return the distance of (r, z) from the arc of the foot with the femur at one limit, m; inf beyond its ends."""
+    """Return the distance of (r, z) from the arc of the foot with the femur at one limit, m; inf beyond its ends.
+
+    Args:
+        r: of the foot, along the leg's plane from the femur joint, m.
+        z: of the foot, up from the femur joint, m.
+        cos: of the femur's limit.
+        sin: of the femur's limit.
+        femur: length, m.
+        tibia: length, m.
+    """
     ex, ez = r - femur * cos, z - femur * sin
     if cos * ez - sin * ex > 0.0:  # the nearest point of the circle has its knee down
         return math.inf
@@ -65,13 +78,13 @@ def solve(leg: LegTable, px: float, py: float, pz: float) -> tuple[float, float,
     """Return how far a foot centre is inside the reach of a leg, and the places of its femur joint and knee.
 
     Args:
-        leg: the leg as numbers, (LEG_NUMBERS,), by `leg_table`.
+        leg: the leg as 32 numbers for the kernels.
         px: x of the foot centre, base_link, m.
         py: y of the foot centre, m.
         pz: z of the foot centre, m.
 
     Returns:
-        Distance to the nearest edge of the workspace, m (never more than the true one), or OUTSIDE; then x, y, z of
+        Distance to the nearest edge of the workspace, m (never more than the true one), or -1 outside; then x, y, z of
         the femur joint and of the knee, base_link, m (0 when outside).
     """
     if leg[ALONG] != 0.0:

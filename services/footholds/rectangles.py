@@ -34,6 +34,9 @@ def largest_rectangle(free: NDArray[np.bool_], row: int, col: int) -> tuple[int,
 
 
 def in_metres(surface: HeightMap, cells: tuple[int, int, int, int]) -> tuple[float, float, float, float]:
-    """Return x_min, y_min, x_max, y_max of a rectangle of cells, between the centres of the outermost cells, m, map."""
+    """Return x_min, y_min, x_max, y_max, m, map frame, of a rectangle, between the centres of its outermost cells.
+
+    `cells`: first and last row, first and last column; `surface`: map that they belong to.
+    """
     top, bottom, left, right = cells
     return (*surface.centre(top, left), *surface.centre(bottom, right))

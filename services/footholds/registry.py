@@ -23,7 +23,7 @@ Log = Callable[[str, str], None]
 
 
 class SlipModels:
-    """Store of the slip models of the foothold service."""
+    """Store of the slip models of the foothold service: the one asked for, the one in use, and those learned."""
 
     def __init__(self, config: FootholdsConfig, robot: Robot, log: Log) -> None:
         self.config, self.robot, self.log = config, robot, log
@@ -42,7 +42,7 @@ class SlipModels:
         """Map that the model in force has to hold on; None before the first one."""
 
     def find(self, name: str) -> SlipModel:
-        """Return the model of a name or path.
+        """Return the model of a name (`shipped`, `hand-made`) or of a file's path.
 
         Raises:
             ModelError: no model, or one of another robot.

@@ -26,7 +26,7 @@ def made_up_map(robot: Robot) -> HeightMap:
 
 
 def made_up_ground(robot: Robot, smooth: bool) -> FootholdGround:
-    """Return `made_up_map` prepared for the choice of footholds, with a corner changed after that.
+    """Return a made-up map prepared for the choice of footholds, with a corner changed after that.
 
     `smooth`: with the median filter.
     """

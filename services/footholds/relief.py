@@ -39,7 +39,7 @@ LEAST_KNOWN = 0.4
 
 
 class Relief(NamedTuple):
-    """Planes through the cells about each cell: slopes, roughness and deviation, (ny, nx) float32.
+    """Planes through the cells about each cell of a map, (ny, nx) float32 each.
 
     NaN where the cell or too much about it is unknown, and at the border.
     """
@@ -51,13 +51,14 @@ class Relief(NamedTuple):
     rough: Layer
     """Deviation of the heights from the plane, m."""
     unsure: Layer
-    """Deviation u of the slope, rise per way."""
+    """Standard deviation u of the slope, rise per way."""
 
 
 def scale_of(raw: HeightMap, surface: HeightMap) -> int:
-    """Return the scale of a map, the number of cells on each side of a plane: the noisier the map, the larger.
+    """Return the scale of a map, the number of cells on each side of a plane, 1 to 4: the noisier the map, the larger.
 
-    The noise is what the median filter, which made `surface` of `raw`, has moved the heights by.
+    `raw`: map as received; `surface`: the map after the median filter. The noise is what the filter moved the heights
+    by.
     """
     moved = np.abs(raw.z[::3, ::3] - surface.z[::3, ::3])
     moved = moved[np.isfinite(moved)]
@@ -114,7 +115,7 @@ def blur_relief(relief: Relief, variance: Layer, cell: float, scale: int) -> Non
 
 
 def _extreme(best: np.ufunc, layer: Layer, by: int) -> Layer:
-    """Return the greatest or least known value within some rows and columns of each cell; best is fmax or fmin."""
+    """Return the greatest (`best` = fmax) or least (fmin) known value within `by` rows and columns of each cell."""
     ny, nx = layer.shape
     rows = layer.copy()
     for k in range(1, min(by, ny - 1) + 1):
@@ -130,12 +131,12 @@ def _extreme(best: np.ufunc, layer: Layer, by: int) -> Layer:
 def relief_features(
     relief: Relief, window: tuple[int, int, int, int], stroke: NDArray[np.float64], cell: float, scale: int
 ) -> Features:
-    """Return the ground coefficients of a window of cells by planes, (rows, cols) each.
+    """Return the ground coefficients K1 (m), K2 (m), cos K3 of a window of cells by fitted planes, (rows, cols) each.
 
     Args:
         relief: planes of the map.
         window: first row, first column, rows and columns; may leave the map, its coefficients are NaN there.
-        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
+        stroke: movement f of the foot relative to the body while it stands, map axes, (3,) m.
         cell: edge of a cell, m.
         scale: cells on each side of a plane.
     """
@@ -150,12 +151,12 @@ def relief_features(
 
 
 def patch_features(z: Layer, scale: int, stroke: Sequence[float], cell: float, border: int) -> Features:
-    """Return the ground coefficients of the middle of a patch and `border` cells about it, (2 b + 1, 2 b + 1) each.
+    """Return the ground coefficients K1 (m), K2 (m), cos K3 of the middle cells of a patch, (2 b + 1, 2 b + 1) each.
 
     Args:
         z: heights, (n, n) m, NaN = unknown.
         scale: cells on each side of a plane.
-        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m.
+        stroke: movement f of the foot relative to the body while it stands, map axes, (3,) m.
         cell: edge of a cell, m.
         border: b, cells on each side of the middle.
     """
@@ -170,7 +171,17 @@ def _coefficients(
     window: tuple[Layer, Layer, Layer, Layer], push: tuple[float, float, float], cell: float, faint: float, k1: Layer,
     k2: Layer, cos_k3: Layer,
 ) -> None:  # fmt: skip
-    """Write K1, K2, cos K3 of planes, (rows, cols); `faint` is the steepness that noise explains."""
+    """Write the ground coefficients K1, K2, cos K3 of fitted planes.
+
+    Args:
+        window: slopes along x and y, deviation of the heights (m), deviation of the slope, (rows, cols) each.
+        push: direction of the stroke, unit vector or zero, map axes.
+        cell: edge of a cell, m.
+        faint: steepness that noise explains, rise per way; 0 = a map without noise.
+        k1: written, (rows, cols) m.
+        k2: written, (rows, cols) m.
+        cos_k3: written, (rows, cols), no unit.
+    """
     slope_x, slope_y, rough, unsure = window
     fx, fy, fz = push
     for i in range(k1.shape[0]):
@@ -191,7 +202,16 @@ def _coefficients(
 def _planes(
     z: Layer, cell: float, scale: int, part: tuple[int, int, int, int], out: tuple[Layer, Layer, Layer, Layer]
 ) -> None:
-    """Write the planes of a part of a map: sums over the rows of a window first, then over its columns."""
+    """Write the planes about the cells of a part of a map: sums over the rows of a window first, then over its columns.
+
+    Args:
+        z: heights, (ny, nx) m, NaN = unknown.
+        cell: edge of a cell, m.
+        scale: cells on each side of a plane.
+        part: first row, row behind the last, first column, column behind the last.
+        out: slopes along x and y, deviation of the heights (m), deviation of the slope, (ny, nx) each; the part is
+            written.
+    """
     ny, nx = z.shape
     first_row, last_row, first_col, last_col = part
     slope_x, slope_y, rough, unsure = out

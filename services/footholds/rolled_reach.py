@@ -13,25 +13,25 @@ from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel
 
 LegTable = tuple[float, ...]
-"""One leg as numbers, see `rolled_table` and `reach.leg_table`: a tuple, as kernels handle numbers faster than arrays.
-"""
+"""One leg as 32 numbers: hip, lengths, limits of joints; a tuple, as kernels handle numbers faster than arrays."""
 LEG_NUMBERS = 32
-"""Length of a `LegTable`."""
+"""Length of the tuple of numbers of a leg."""
 OUTSIDE = -1.0
 """Margin of a point that cannot be reached, m."""
 SLACK = 1e-9
 """Tolerance in m and in cosines: a point on the edge counts as inside, as in the closed-form solution."""
 ALONG = 21
-"""Place of the side on which the foot lies along z; 0 = another kind of leg."""
+"""Index in a leg's numbers of the side on which the foot lies along z, 1 or -1; 0 = not a roll-pitch-pitch leg."""
 
 
 def rolled_table(model: KinematicModel, leg: int) -> LegTable:
-    """Return a roll-pitch-pitch leg as numbers for the kernels, (LEG_NUMBERS,); NaN where the leg is of another kind.
+    """Return a roll-pitch-pitch leg as 32 numbers for the kernels; NaN where the leg is of another kind.
 
-    0-2 hip, 3-4 the foot's way beside and the femur joint's above the first axis, 5 their distance, 6-7 femur, tibia;
-    8-11 cos, sin of the first joint's limits, 12 its range: 0 below, 1 above half a turn, 2 all; 13-17 the same of the
-    femur from z towards x; 18-19 smallest and largest distance of the foot from the femur joint; 20 whether the knee
-    may bend at all; 21-22 side along z, bend of the knee; 23-31 rot_base_from_hip row by row.
+    0-2 hip, base_link, m; 3-4 the foot's way beside and the femur joint's above the first axis, 5 their distance, 6-7
+    femur, tibia, m; 8-11 cos, sin of the first joint's limits, 12 its range: 0 below, 1 above half a turn, 2 all; 13-17
+    so for the femur, from z towards x; 18-19 smallest and largest distance of the foot from the femur joint, m; 20
+    whether the knee may bend at all; 21-22 side along z, bend of the knee, each 1 or -1; 23-31 rot_base_from_hip row by
+    row.
     """
     table, rolled = np.full(LEG_NUMBERS, np.nan), model.rolled
     femur, tibia = (float(value) for value in rolled.segment[leg])
@@ -58,7 +58,7 @@ def rolled_table(model: KinematicModel, leg: int) -> LegTable:
 
 @row_kernel
 def _within(c: float, s: float, cos_low: float, sin_low: float, cos_high: float, sin_high: float, wide: float) -> bool:
-    """Return whether a direction lies from a lower to a higher one, all as cosine and sine.
+    """Return True if a direction (c, s) lies in a sector from a lower to a higher one, all as cosine and sine.
 
     `wide`: 0 = the sector is up to half a turn, 1 = more, 2 = a whole turn.
     """
@@ -72,8 +72,14 @@ def _within(c: float, s: float, cos_low: float, sin_low: float, cos_high: float,
 def _to_limit(cos: float, sin: float, w: float, beside: float) -> float:
     """Return the distance of a foot from the half plane of a limit of the first joint, m, or less.
 
-    |w| sin d - |b| (1 - cos d), the true distance or less up to d = 60 deg, with cos and sin of the angle d to the
-    limit; beyond, the value there; inf where the limit lies behind.
+    |w| sin d - |b| (1 - cos d), the true distance or less up to d = 60 deg; beyond, the value there; inf where the
+    limit lies behind.
+
+    Args:
+        cos: of the angle d from the joint to its limit.
+        sin: of d.
+        w: |w|, way of the foot from the first axis along the leg, m.
+        beside: |b|, way of the foot beside the first axis, m.
     """
     if sin < 0.0:
         return math.inf
@@ -86,7 +92,17 @@ def _to_limit(cos: float, sin: float, w: float, beside: float) -> float:
 def _from_arc(
     u: float, v: float, cos: float, sin: float, femur: float, tibia: float, bend: float
 ) -> float:  # fmt: skip
-    """Return the distance of (u, v) from the arc of the foot with the femur at one limit, m; inf beyond its ends."""
+    """Return the distance of (u, v) from the arc of the foot with the femur at one limit, m; inf beyond its ends.
+
+    Args:
+        u: of the foot in the plane of femur and tibia, along the first axis from the femur joint, m.
+        v: of the foot across it, m.
+        cos: of the femur's limit, counted from v towards u.
+        sin: of the femur's limit.
+        femur: length, m.
+        tibia: length, m.
+        bend: side to which the knee bends, 1 or -1.
+    """
     eu, ev = u - femur * sin, v - femur * cos
     if bend * (cos * eu - sin * ev) < 0.0:  # the nearest point of the circle has the knee bent to the other side
         return math.inf
@@ -100,12 +116,12 @@ def _to_edges(
     """Return the distance of a foot inside the workspace from its nearest edge, m.
 
     Args:
-        leg: table of the leg.
-        foot: u and v, m.
+        leg: 32 numbers of the leg.
+        foot: u (along the first axis) and v (across it) from the femur joint, m.
         first: cos and sin of the first joint's angle.
-        w: |w|, m.
+        w: way of the foot from the first axis along the leg, m, >= 0.
         rho: distance of the foot from the first axis, m.
-        ring: distance in the plane from the limits of the knee, m.
+        ring: distance in the plane of femur and tibia from the limits of the knee, m.
     """
     u, v = foot
     cos, sin = first
@@ -131,13 +147,13 @@ def solve_rolled(
     """Return how far a foot centre is inside the reach of a roll-pitch-pitch leg, and its femur joint and knee.
 
     Args:
-        leg: the leg as numbers, (LEG_NUMBERS,), by `rolled_table`.
+        leg: 32 numbers of the leg.
         px: x of the foot centre, base_link, m.
         py: y of the foot centre, m.
         pz: z of the foot centre, m.
 
     Returns:
-        Distance to the nearest edge of the workspace, m (never more than the true one), or OUTSIDE; then x, y, z of
+        Distance to the nearest edge of the workspace, m (never more than the true one), or -1 outside; then x, y, z of
         the femur joint and of the knee in the plane of the foot, base_link, m (0 when outside).
     """
     outside = (OUTSIDE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -41,9 +41,9 @@ Status = Literal["ok", "raise_trunk", "infeasible"]
 BY_MODEL = np.uint8(Reason.SLIP | Reason.UNLEARNED)
 """Bits of a mask that the slip model alone sets."""
 TIE = 1e-7
-"""Difference of Q below which the nearer cell is taken, and of K4, m."""
+"""Difference of the cost Q (no unit), and of the distance K4 (m), below which two cells count as equal."""
 MAX_BORDER = 6
-"""Largest number of cells on each side over which P is averaged."""
+"""Largest number of cells on each side over which the predicted slip is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class SelectParams:
     size: int = 15
     """Number of cells along an edge of the window, odd (paper 3.4)."""
     distance_weight: float | None = None
-    """Weight k of Q = P + k K4, 1/m (paper 3.3, Eq. 18); None = that of the model."""
+    """Weight k, 1/m, of the distance K4 from the nominal place in Q = P + k K4 (paper 3.3); None = the model's."""
     robust: bool = True
     """Average over the model's landing error, or over the free cells of 3 x 3; False: single cells, as in the paper."""
     seed: int | None = None
@@ -65,7 +65,7 @@ class SelectParams:
     """Largest change of trunk height that is proposed, m."""
     limits: Limits = field(default_factory=Limits)
     region: bool = False
-    """Find also the convex region of free cells about the foothold."""
+    """Find also the largest rectangle of free cells that holds the foothold."""
 
     def weight(self, model: SlipModel) -> float:
         """Return the weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = P + k K4."""
@@ -172,7 +172,7 @@ def select_leg(
 
 
 def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) -> Placement | None:
-    """Return a leg and its base as arrays; None if the quaternion is no rotation."""
+    """Return a leg and its base, frame map, as arrays; None if the quaternion is no rotation. `stroke`: (3,) m."""
     norm = math.sqrt(math.fsum(value * value for value in base.quat_wxyz))
     if not (norm > 1e-6 and math.isfinite(norm)):
         return None
@@ -183,18 +183,18 @@ def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) 
 
 
 class WindowCosts(NamedTuple):
-    """Values that the choice in a window rests on, (rows, cols) each but the last two."""
+    """Values that the choice in a window rests on: predicted slip P, distance K4, and how they make the cost Q."""
 
     slip: Layer
-    """P of the cell itself, which the masks use."""
+    """P of the cell itself, slip per stroke, (rows, cols), which the masks use."""
     mean: Layer
-    """Mean of P over the cells on which the foot may land; P of the cell itself where there is no landing error."""
+    """Mean of P over the cells on which the foot may land, (rows, cols); P of the cell where landings have no error."""
     away: Layer
-    """K4, distance from the nominal foothold, m."""
+    """K4, distance from the nominal foothold, (rows, cols) m."""
     weight: float
     """k of Q = P + k K4, 1/m."""
     block: bool
-    """Q is the mean of P + k K4 over the free cells of 3 x 3."""
+    """True if Q is the mean of P + k K4 over the free cells of 3 x 3."""
 
     def q(self, mask: Mask) -> Layer:
         """Return the cost Q of every cell, no unit, (rows, cols): the choice is the free cell of the least one.
@@ -216,9 +216,9 @@ def window_costs(
         ground: layers of the map.
         model: predicts the slip.
         window: first row, first column, rows and columns; may leave the map.
-        stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
+        stroke: movement of the foot relative to the body while it stands, map axes, (3,) m.
         nominal: x, y of the nominal foothold, map frame, m; None: the distance is 0.
-        params: weight of the distance.
+        params: weight of the distance, and whether slip is averaged over landings.
     """
     surface, (row, col, rows, cols) = ground.surface, window
     blur = landing_weights(model.landing_error, surface.cell) if params.robust else ALONE
@@ -246,7 +246,7 @@ def best_cell(mask: Mask, costs: WindowCosts) -> int:
 
 @kernel
 def _distances(offset: Point, away: Layer) -> None:
-    """Write K4; `offset` is the edge of a cell, x and y of the first cell minus those of the nominal foothold, m."""
+    """Write distances, m, to `away` (r, c). `offset`: edge of a cell, x and y from the nominal to the first, m."""
     cell, shift_x, shift_y = offset
     for i in range(away.shape[0]):
         y = shift_y + i * cell
@@ -276,7 +276,7 @@ def _landings(around: Layer, blur: Array, mean: Layer) -> None:
 
 @kernel
 def _q(mask: Mask, mean: Layer, away: Layer, weight: float, block: bool, out: Layer) -> None:
-    """Write Q = mean + weight K4 of every cell, (r, c), with `block` averaged over the free ones of 3 x 3."""
+    """Write `mean` + `weight` (1/m) * `away` (m), (r, c) each, to `out`; `block`: averaged over free cells of 3 x 3."""
     rows, cols = mask.shape
     for i in range(rows):
         for j in range(cols):
@@ -293,7 +293,7 @@ def _q(mask: Mask, mean: Layer, away: Layer, weight: float, block: bool, out: La
 
 @kernel
 def _least(mask: Mask, q: Layer, away: Layer) -> int:
-    """Return the flat index of the free cell (mask (r, c) = 0) of the least Q, row by row; -1 if no cell is free."""
+    """Return the flat index of the free cell (mask (r, c) = 0) of least q, of equals the least `away`; -1: none."""
     found, best_value, best_distance = -1, math.inf, math.inf
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
@@ -337,12 +337,12 @@ def draw(mask: Mask, seed: Sequence[int]) -> int:
 
 
 def _changes(steps: int) -> list[int]:
-    """Return changes of trunk height in steps, by size and upwards first: 0 1 -1 2 -2 ..."""
+    """Return changes of trunk height in steps, by size and upwards first: 0, 1, -1, 2, -2, ..."""
     return [0, *(sign * k for k in range(1, steps + 1) for sign in (1, -1))]
 
 
 def _hopeful(mask: Mask) -> bool:
-    """Return whether another trunk height may free a cell of mask (r, c): one that only reach and collision exclude."""
+    """Return True if another trunk height may free a cell of mask (r, c): one that only reach and collision exclude."""
     return bool((mask < 4).any())
 
 
@@ -380,7 +380,7 @@ def _answer(
 
 
 def _region(surface: HeightMap, corner: tuple[int, int], mask: Mask, index: int) -> tuple[Flat, ...]:
-    """Return the corners of the free rectangle about a cell of the window that begins at `corner` (row, column)."""
+    """Return the corners, m, map frame, of the free rectangle about cell `index` of a window begun at `corner`."""
     (row, col), cells = corner, largest_rectangle(mask == 0, *divmod(index, mask.shape[1]))
     left, low, right, high = in_metres(surface, (row + cells[0], row + cells[1], col + cells[2], col + cells[3]))
     return (left, low), (right, low), (right, high), (left, high)

@@ -33,6 +33,12 @@ class PlannedSteps:
     ) -> Future[FootholdsBatchReply]:
         """Return a future of the footholds of all steps, on the ground and with the model of this moment.
 
+        Args:
+            request: steps with the pose of the trunk and the legs that land.
+            ground: layers of the map.
+            model: predicts the slip.
+            params: of the choice; mode and random cells are those of the request.
+
         Raises:
             Refusal: a leg that the robot does not have, or too many batches wait.
         """

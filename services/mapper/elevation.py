@@ -46,46 +46,44 @@ class OdometryDrift(NamedTuple):
 
 
 class Elevation(NamedTuple):
-    """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen.
-
-    The drift in x and y, m^2, and in yaw, rad^2, is that of the odometry when the cell was seen last, like that in z.
-    """
+    """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen."""
 
     height: Array
-    """Height of each cell, frame of the odometry, m; NaN = not seen."""
+    """Height of each cell, frame of the map, m; NaN = not seen."""
     variance: Array
     """Variance of each height by independent errors, m^2."""
     drift_z: Array
-    """Drift of the odometry when the cell was seen last, as in `OdometryDrift`: z, m^2; below x and y, m^2; yaw,
-    rad^2."""
+    """Growth of the odometry's variance of z, since its beginning, when the cell was seen last, m^2."""
     drift_xy: Array
+    """Growth of the odometry's variance of x and of that of y when the cell was seen last, m^2."""
     drift_yaw: Array
+    """Growth of the odometry's variance of yaw when the cell was seen last, rad^2."""
 
 
 class Grid(NamedTuple):
-    """Place of the cells of an elevation map in the frame of the odometry."""
+    """Place of the cells of an elevation map in its frame, that of the odometry until the odometry begins anew."""
 
     cell: float
     """Edge of a cell, m."""
     row: int
     """Number of the first row: its centres lie at y = row * cell."""
     col: int
-    """Number of the first column."""
+    """Number of the first column: its centres lie at x = col * cell."""
 
 
 class GroundPoints(NamedTuple):
-    """Measured points of the ground, frame of the odometry."""
+    """Measured points of the ground in one image, frame of the map."""
 
     place: Array
     """Places of the points, (n, 3) m."""
     variance: Array
     """Variances of their heights, independent between points, (n,) m^2."""
     common: Array
-    """Deviation of the error of each height that all points of the image share, (n,) m."""
+    """Deviation of the error of each height by the tilt, which all points of the image share, (n,) m."""
 
 
 class GroundMeans(NamedTuple):
-    """Means of the points of one image in each cell, (n, n), NaN = none."""
+    """Means of the points of one image in each cell of a map, (n, n) each, NaN = none."""
 
     height: Array
     """Mean height of the points in each cell, m."""
@@ -101,12 +99,18 @@ def empty(n: int) -> Elevation:
 
 
 def around(grid: Grid, n: int, x: float, y: float) -> Grid:
-    """Return the grid of n x n cells whose middle is the cell of the point x, y, m, frame of the odometry."""
+    """Return the grid of n x n cells whose middle is the cell of the point x, y, m, frame of the map.
+
+    `grid`: states the edge of a cell.
+    """
     return Grid(grid.cell, math.floor(y / grid.cell + 0.5) - n // 2, math.floor(x / grid.cell + 0.5) - n // 2)
 
 
 def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
-    """Return the layers, (n, n) each, of a map whose grid has moved by whole cells; cells outside are dropped."""
+    """Return the layers of a map, (n, n) each, whose grid has moved by whole cells; cells outside are dropped.
+
+    `old`, `new`: place of the cells before and after.
+    """
     n, rows, cols = layers.height.shape[0], new.row - old.row, new.col - old.col
     if rows == 0 and cols == 0:
         return layers
@@ -122,15 +126,15 @@ def moved(layers: Elevation, old: Grid, new: Grid) -> Elevation:
 def lay(
     layers: Elevation, grid: Grid, plane: tuple[float, float, float], half: Array, variance: float, drift: OdometryDrift
 ) -> None:
-    """Set the unseen cells near the middle of a map to the heights of a plane, in place.
+    """Set the unseen cells near the middle of a map to the heights of a plane: `layers` are changed.
 
     Args:
         layers: of the map, (n, n) each.
         grid: place of the cells.
-        plane: height over (0, 0), m, and slope along x and y.
-        half: half edges of the rectangle along x and y, (2,) m.
+        plane: height over (0, 0), m, and slope along x and y, rise per way.
+        half: half edges of the rectangle along x and y that is set, (2,) m.
         variance: of its heights, m^2.
-        drift: of the odometry now.
+        drift: of the odometry now: growth of its variances since its beginning.
     """
     n, c = layers.height.shape[0], grid.cell
     x, y = c * (grid.col + np.arange(n))[None, :], c * (grid.row + np.arange(n))[:, None]
@@ -143,12 +147,12 @@ def lay(
 
 @kernel
 def means(n: int, grid: Grid, points: GroundPoints) -> GroundMeans:
-    """Return the means of the points of one image in the n x n cells of a grid, frame of the odometry.
+    """Return the means of the points of one image in the n x n cells of a grid, frame of the map.
 
     Args:
         n: cells along an edge.
         grid: place of the cells.
-        points: measured points and their variances.
+        points: measured points and their variances, frame of the map.
     """
     cell, row0, col0 = grid
     place, spread, shared = points
@@ -174,14 +178,20 @@ def means(n: int, grid: Grid, points: GroundPoints) -> GroundMeans:
 
 @kernel
 def _prior(layers: Elevation, i: int, j: int, drift: OdometryDrift) -> float:
-    """Return the variance of the height of a cell in the frame of the odometry now, m^2."""
+    """Return the variance of the height of cell [i, j] in the frame of the map now, m^2.
+
+    `layers`: of the map; `drift`: growth of the odometry's variances since its beginning.
+    """
     spread = layers.variance[i, j] + drift.z - layers.drift_z[i, j]
     return spread + SLOPE * SLOPE * (drift.xy - layers.drift_xy[i, j])
 
 
 @kernel
 def _agrees(layers: Elevation, i: int, j: int, found: GroundMeans, drift: OdometryDrift) -> bool:
-    """Return whether a mean lies within `GATE` deviations of the height of its cell; False where either is NaN."""
+    """Return True if an image's mean in cell [i, j] lies within 3 deviations of the map's height; False for NaN.
+
+    `layers`: of the map; `found`: means of the image; `drift`: growth of the odometry's variances since its beginning.
+    """
     off, shared = found.height[i, j] - layers.height[i, j], found.common[i, j]
     within = _prior(layers, i, j, drift) + found.variance[i, j] + 2.0 * shared * shared  # of tilts that differ
     return off * off <= GATE * GATE * within
@@ -192,9 +202,9 @@ def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tup
     """Return how many cells both map and image show, and in how many of them the heights agree within their errors.
 
     Args:
-        layers: the map, (n, n) each, m.
-        found: means of the points of the image in each of these cells, m.
-        drift: of the odometry now; what it has grown since a cell was seen counts as an error of the cell.
+        layers: the map, (n, n) each.
+        found: means of the points of the image in each of these cells.
+        drift: growth of the odometry's variances; what it grew by since a cell was seen counts as an error of the cell.
     """
     both, alike = 0, 0
     for i in range(layers.height.shape[0]):
@@ -207,7 +217,15 @@ def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tup
 
 @kernel
 def fuse(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> int:
-    """Fuse the means of one image into the map, in place; return how many cells the image shows."""
+    """Fuse the means of one image into the map: `layers` are changed; return how many cells the image shows.
+
+    A cell that the mean contradicts by more than 3 deviations begins anew.
+
+    Args:
+        layers: the map, (n, n) each.
+        found: means of the points of the image in each cell.
+        drift: of the odometry now: growth of its variances since its beginning.
+    """
     seen = 0
     for i in range(layers.height.shape[0]):
         for j in range(layers.height.shape[1]):
@@ -233,8 +251,8 @@ def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, robot: tuple[
     Args:
         layers: of the map, (n, n) each.
         grid: place of the cells.
-        drift: of the odometry now.
-        robot: x, y, m, and variance of its tilt about a level axis, rad^2.
+        drift: of the odometry now: growth of its variances since its beginning.
+        robot: x, y, m, frame of the map, and variance of its tilt about a level axis, rad^2.
     """
     height, variance, drift_z, drift_xy, drift_yaw = layers
     x, y, tilt = robot

@@ -24,8 +24,8 @@ class TrunkOverFeet:
     """Pose of base_link, updated by the standing feet alone while there is no odometry.
 
     Attributes:
-        position: (3,) m, in the frame of the last odometry.
-        yaw: rad.
+        position: of base_link, (3,) m, frame of the last odometry.
+        yaw: rad, in that frame.
     """
 
     def __init__(self, position: Array, yaw: float) -> None:
@@ -34,7 +34,7 @@ class TrunkOverFeet:
         self._down: NDArray[np.bool_] | None = None
 
     def step(self, feet: Array, down: NDArray[np.bool_]) -> None:
-        """Update the pose by the feet of a tick in base_link, (n, 3) m; `down`: which of them stand, (n,)."""
+        """Update the pose by the feet of a tick, (n, 3) m, base_link; `down`: True for those that stand, (n,)."""
         if self._feet is not None and self._down is not None:
             both = self._down & down
             if both.sum() >= LEAST_FEET:
@@ -47,7 +47,7 @@ class TrunkOverFeet:
 def trunk_moved(before: Array, after: Array) -> tuple[Array, float]:
     """Return movement, (3,) m, axes of base_link before it, and turn, rad, of a trunk over standing feet.
 
-    before, after: the feet in base_link, (n, 3) m.
+    before, after: places of these feet in base_link, (n, 3) m.
     """
     a, b = before.mean(axis=0), after.mean(axis=0)
     p, q = before - a, after - b

@@ -45,18 +45,18 @@ NEAR_NS = 20_000_000
 JUMP = 0.1
 """Way between two poses, m, beyond which the odometry has begun anew."""
 LAID = OdometryDrift(0.003, 0.003, 0.01)
-"""Deviation of the place at which an odometry that has begun anew is laid by the legs: m, m, rad."""
+"""Deviation of the place at which an odometry that has begun anew is laid by the legs: z, x and y (m), yaw (rad)."""
 MOST_BAD = 0.5
 """Share of impossible depths beyond which a whole image is refused."""
 FIX = 0.1
 """Share of its top by which a variance has to fall to count as a fix of the pose; less is the play of a filter from
 tick to tick."""
 TINY = 1e-18
-"""rad^2 or rad^4 below which a rotation counts as known."""
+"""Product of variances of a rotation (rad^2 or rad^4) below which the rotation counts as known."""
 LEAST_BOTH = 50
-"""Cells that both map and image have to show before the image may be refused for what it shows."""
+"""Number of cells that both map and image have to show before the image may be refused for what it shows."""
 LEAST_ALIKE = 0.75
-"""Share of these that has to agree; on known ground an image of a camera that was not moved has more."""
+"""Share of these cells that has to agree; on known ground an image of a camera that was not moved has more."""
 MOST_DOUBTFUL = 10
 """Images in a row that may be refused for what they show; a map that all of them contradict is out of date."""
 SURE_ALIKE = 0.9
@@ -94,7 +94,7 @@ class MapPose(NamedTuple):
     rot: Array
     """rot_odom_from_base, (3, 3)."""
     covariance: Array
-    """Covariance of the pose since the start, (6, 6): x, y, z, m, and rotation about them, rad."""
+    """Covariance of the pose since the start, (6, 6): x, y, z, m, and rotation about these axes, rad."""
 
     @property
     def tilt(self) -> float:
@@ -104,8 +104,8 @@ class MapPose(NamedTuple):
     def free(self) -> Array:
         """Return the variances of z and of x, y, m^2, as if the rotation were known, and that of yaw, rad^2, (3,).
 
-        With c = P_zr (2,) the covariance of z with roll and pitch and P_rr that of these it is P_zz - c P_rr^-1 c; so
-        for x and y with yaw. Errors of rotation are left out, as they turn the whole map about the robot.
+        With c = P_zr (2,) the covariance of z with roll and pitch and P_rr that of these (P: of the pose) it is P_zz -
+        c P_rr^-1 c; so for x, y with yaw. Errors of rotation are left out: they turn the whole map about the robot.
         """
         p = self.covariance
         a, b, c, u, w = p[3, 3], p[3, 4], p[4, 4], p[2, 3], p[2, 4]
@@ -116,7 +116,7 @@ class MapPose(NamedTuple):
 
 
 class DepthView(NamedTuple):
-    """One image of the depth camera."""
+    """One image of the depth camera, with the camera's lens, noise and place."""
 
     stamp_ns: int
     depths: Array
@@ -130,6 +130,7 @@ class DepthView(NamedTuple):
     sigma_square: float
     """Growth of the standard deviation of a depth with its square, m per m^2."""
     frame: str
+    """Frame of the camera's place; only base_link is accepted."""
     position: Array
     """Position of the depth camera, (3,) m, frame base_link."""
     quat_wxyz: Array
@@ -142,9 +143,9 @@ class Mapper:
 
     Attributes:
         params: size and limits of the map.
-        refused: images refused, by reason, and single depths, as `depth`.
+        refused: number of images refused, by reason, and of single depths, as `depth`.
         images: number of images in the map.
-        error: of the camera, as found; images are corrected by it.
+        error: turn and scale of the camera, as found; images are corrected by it.
     """
 
     params: MapParams = field(default_factory=MapParams)
@@ -194,10 +195,10 @@ class Mapper:
         self._top = pose.free()
 
     def moved(self, pose: MapPose) -> bool:
-        """Record the pose of a tick; return False for a jump by more than `JUMP`, which empties the map.
+        """Record the pose of a tick; return False for a jump by more than 10 cm, which empties the map.
 
-        Growth of a variance beyond its largest value so far adds to the drift. Where the variance falls by the share
-        `FIX` (a fix of the pose), growth counts from the lower value on.
+        Growth of a variance beyond its largest value so far adds to the drift. Where the variance falls by a tenth (a
+        fix of the pose), growth counts from the lower value on.
         """
         pose, last = self.placed(pose), self.pose
         jumped = last is not None and not np.abs(pose.position - last.position).max() <= JUMP
@@ -214,7 +215,7 @@ class Mapper:
         return not jumped
 
     def begin(self, feet: Array) -> None:
-        """Fill unseen cells about the robot with the plane through its feet, (n, 3) m, n >= 3, odometry frame."""
+        """Fill unseen cells about the robot with the plane through its feet, (n, 3) m, n >= 3, frame of the map."""
         pose, p = self._poses[-1], self.params
         layers = self._here(pose)
         x, y, z = feet.T
@@ -230,13 +231,13 @@ class Mapper:
 
         An image that contradicts the map is refused, unless it and the image before show the same turn of the camera,
         or the same scale of its depths while the ground under the feet agrees with the map. Images are corrected by
-        that turn or scale from then on. Where the feet contradict the map, too, or `MOST_DOUBTFUL` images in a row
-        were refused, the map begins anew.
+        that turn or scale from then on. Where the feet contradict the map, too, or ten images in a row were refused,
+        the map begins anew.
 
         Args:
             view: the image.
             now_ns: time of the tick, ns.
-            feet: points of the ground under standing feet, frame of the odometry, (n, 3) m.
+            feet: points of the ground under standing feet, frame of the map, (n, 3) m.
 
         Raises:
             Refusal: the whole image was left out; its text is the reason.
@@ -275,7 +276,8 @@ class Mapper:
     ) -> GroundMeans | None:
         """Return an image less the error of the camera that it shows; None where no error explains it, or not yet.
 
-        A scale is looked for where `scaled`: where the feet carry the map. Else the ground may lie lower.
+        `points`: of the ground in the image; `layers`: the map; `scaled`: a scale is looked for, as the feet agree with
+        the map, else the ground may lie lower.
         """
         camera = pose.position + product(view.position[None], pose.rot.T)[0]
         turn = turn_onto(layers.height, self.grid, points.place, camera)
@@ -304,7 +306,7 @@ class Mapper:
         return _angle(self.error.turn)
 
     def heights(self) -> tuple[Array, Array] | None:
-        """Return the heights (n, n) m, map, and their variances relative to the robot (n, n) m^2; None = none seen."""
+        """Return the heights (n, n) m, frame of the map, and their variances relative to the robot, m^2, or None."""
         if self.layers is None or not self._poses:
             return None
         pose = self._poses[-1]
@@ -312,7 +314,7 @@ class Mapper:
         return self.layers.height, variances(self.layers, self.grid, self._drift, robot)
 
     def _carries(self, feet: Array) -> bool | None:
-        """Return whether the map agrees with points under feet (n, 3) m; None where it knows too few of them."""
+        """Return True if the map agrees with points under feet (n, 3) m, frame of the map; None: it knows too few."""
         seen = self.heights()
         if seen is None or not len(feet):
             return None

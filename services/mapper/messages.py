@@ -20,7 +20,7 @@ from .mapper import UNKNOWN_TILT, DepthView, Mapper, MapPose
 
 
 def map_pose(odometry: Odometry) -> MapPose:
-    """Return the pose and covariance of an odometry message; missing variances of the tilt are `UNKNOWN_TILT`."""
+    """Return the pose and covariance of an odometry message; missing variances of the tilt are 1e-4 rad^2."""
     if odometry.pose_covariance is not None:
         covariance = np.array(odometry.pose_covariance).reshape(6, 6)
     else:
@@ -32,14 +32,25 @@ def map_pose(odometry: Odometry) -> MapPose:
 
 
 def standing_points(robot: Robot, pose: MapPose, joints: JointState, contacts: FootContacts) -> Array:
-    """Return the points of the ground under the feet whose switches are pressed, (n, 3) m, frame of the odometry."""
+    """Return the points of the ground under the feet whose switches are pressed, (n, 3) m, frame of `pose`.
+
+    Args:
+        robot: its legs and foot radius.
+        pose: of base_link.
+        joints: angles of the joints.
+        contacts: switches of the feet.
+    """
     down = np.array([any(foot) for foot in contacts.touch])
     feet = foot_positions(robot.model, np.array(joints.position))[down]
     return product(feet, pose.rot.T) + pose.position - np.array([0.0, 0.0, robot.foot_radius])
 
 
 def depth_view(image: DepthImage) -> DepthView:
-    """Return the depths of an image (raises Refusal: they are not as many float32 as it has pixels)."""
+    """Return the depths of an image message, with the camera's lens, noise and place.
+
+    Raises:
+        Refusal: they are not as many float32 as the image has pixels.
+    """
     try:
         data = b64decode(image.depths, validate=True)
     except ValueError as error:
@@ -64,7 +75,10 @@ def depth_words(turned: float, scale: float) -> str:
 
 
 def elevation_message(mapper: Mapper, refused: Mapping[str, int]) -> ElevationMap:
-    """Return the map as a message; before anything was seen, it has one unknown cell."""
+    """Return the map as a message; before anything was seen, it has one unknown cell.
+
+    `refused`: number of images refused, by reason.
+    """
     found = mapper.heights()
     heights, variances = found or (np.full((1, 1), np.nan), np.full((1, 1), np.nan))
     return ElevationMap(

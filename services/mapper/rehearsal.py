@@ -9,7 +9,7 @@ DOWN = (0.0, -0.70710678, 0.70710678, 0.0)
 
 
 def rehearse(params: MapParams) -> None:
-    """Run a map once on a made-up image, a move and a publication, so that its kernels are compiled."""
+    """Run a map on two made-up images, a move and a publication, so that its kernels are compiled."""
     mapper = Mapper(params)
     pose = MapPose(0, np.array([0.0, 0.0, 0.1]), np.eye(3), np.eye(6) * 1e-6)
     mapper.moved(pose)

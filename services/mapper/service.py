@@ -75,7 +75,7 @@ class MapperService(Service[MapperConfig]):
             self._began = True
 
     def _creep(self, odometry: Odometry | None, joints: JointState | None, contacts: FootContacts | None) -> None:
-        """Follow the trunk by its feet alone while the estimator begins anew."""
+        """Follow the trunk by its feet alone while the estimator begins anew and there is no odometry."""
         pose = self.mapper.pose
         if pose is None or not self._began:
             return

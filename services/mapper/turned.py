@@ -26,9 +26,9 @@ STEPS = 12
 MOST_POINTS = 1000
 """Points that are looked at, evenly over the image: a look costs 4 ms."""
 SPAN = 4
-"""Cells on each side of a slope: over less of them it is the noise of the map."""
+"""Number of cells on each side over which a slope is measured: over less of them it is the noise of the map."""
 LEAST_SIZE = 0.002
-"""Least size s of the errors, m."""
+"""Least size of the errors of points, m, beyond which they count little."""
 LEAST_SCALE = 0.5
 """Least scale that is looked for; the largest is its inverse."""
 
@@ -56,7 +56,15 @@ class _Residuals(NamedTuple):
 
 
 def _residuals(height: Array, grid: Grid, arm: Array, camera: Array, level: bool) -> _Residuals:
-    """Return the points of a camera, (3,) m, whose cells are known; `level` takes the slopes of the map for 0."""
+    """Return the points of a camera whose cells of the map are known, beside the map below them.
+
+    Args:
+        height: heights of the map, (ny, nx) m, NaN = unknown.
+        grid: place of its cells.
+        arm: vectors from the camera to the points, (n, 3) m.
+        camera: place of the camera, (3,) m.
+        level: slopes of the map are taken for 0.
+    """
     ny, nx = height.shape
     x, y = ((arm + camera)[:, :2] / grid.cell - (grid.col, grid.row)).T
     rows, cols = np.floor(y + 0.5).astype(np.int64), np.floor(x + 0.5).astype(np.int64)
@@ -76,9 +84,13 @@ def _residuals(height: Array, grid: Grid, arm: Array, camera: Array, level: bool
 
 
 def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
-    """Return the rotation (3, 3) about a camera by which its points fit a height map best.
+    """Return the rotation (3, 3), axes of the map, about a camera by which its points fit a height map best.
 
-    `height` (ny, nx) m: map, with its `grid`; `place` (n, 3) m: points; `camera` (3,) m: its position.
+    Args:
+        height: heights of the map, (ny, nx) m, NaN = unknown.
+        grid: place of its cells.
+        place: points that the camera shows, (n, 3) m, frame of the map.
+        camera: place of the camera, (3,) m, frame of the map.
     """
     arm, rot = place[:: 1 + len(place) // MOST_POINTS] - camera, np.eye(3)
     for step in range(STEPS):
@@ -96,7 +108,11 @@ def turn_onto(height: Array, grid: Grid, place: Array, camera: Array) -> Array:
 def scale_onto(height: Array, grid: Grid, place: Array, camera: Array) -> float:
     """Return the factor of the distances of points from a camera by which they fit a height map best, no unit.
 
-    `height` (ny, nx) m: map, with its `grid`; `place` (n, 3) m: points; `camera` (3,) m: its position.
+    Args:
+        height: heights of the map, (ny, nx) m, NaN = unknown.
+        grid: place of its cells.
+        place: points that the camera shows, (n, 3) m, frame of the map.
+        camera: place of the camera, (3,) m, frame of the map.
     """
     arm, scale = place[:: 1 + len(place) // MOST_POINTS] - camera, 1.0
     for step in range(STEPS):

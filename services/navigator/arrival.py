@@ -13,7 +13,10 @@ REACH = (0.5, 0.75)
 
 
 def spread(cov: Array) -> float:
-    """Return the largest standard deviation of the position in any direction, m; cov (3, 3) or larger."""
+    """Return the largest standard deviation of the position in any direction, m.
+
+    `cov`: covariance of x, y (m) first, (2, 2) or larger.
+    """
     a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
     return math.sqrt(max(0.0, 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)))
 
@@ -21,8 +24,8 @@ def spread(cov: Array) -> float:
 def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
     """Return the distance of a pose from a goal's last waypoint, m, and the turn to the goal's heading, rad.
 
-    The turn is left positive, 0 where the goal asks for no heading. `mean`: believed x, y (m), heading (rad) in the
-    map first, (n,).
+    The turn is left positive, 0 where the goal asks for no heading. `mean`: believed x, y (m), heading (rad), frame
+    map, (n,).
     """
     gx, gy = goal.route[-1]
     turned = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
@@ -30,10 +33,14 @@ def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
 
 
 def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
-    """Return the distance between estimate and last waypoint at which the walk ends, m: larger for a certain estimate.
+    """Return the distance of the estimate from the last waypoint at which the walk ends, m: larger if it is certain.
 
-    It is 0.5 to 0.75 of the goal's tolerance. `cov`: of x, y (m) and heading (rad) first, (n, n); `sure`: standard
-    deviations of the position to spare.
+    It is 0.5 to 0.75 of the goal's tolerance.
+
+    Args:
+        goal: states the tolerance.
+        cov: covariance of x, y (m) and heading (rad) first, (n, n).
+        sure: standard deviations of the position to spare.
     """
     tolerance = goal.xy_tolerance
     return min(REACH[1] * tolerance, max(REACH[0] * tolerance, tolerance - sure * spread(cov)))
@@ -42,7 +49,7 @@ def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
 def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
     """Return True if the position lies within the goal's tolerance with `sure` standard deviations to spare.
 
-    mean, cov: believed x, y (m) and heading (rad) in the map first, (n,), and their covariance, (n, n).
+    `mean`, `cov`: believed x, y (m), heading (rad), frame map, (n,), n >= 3, and their covariance, (n, n).
     """
     return beside(goal, mean)[0] + sure * spread(cov) <= goal.xy_tolerance
 
@@ -50,8 +57,13 @@ def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> 
 def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
     """Return True if the heading lies within the goal's tolerance with `sure` standard deviations to spare.
 
-    It is True for a goal that asks for no heading. mean, cov: believed x, y (m) and heading (rad) in the map first,
-    (n,), and their covariance, (n, n).
+    It is True for a goal that asks for no heading.
+
+    Args:
+        goal: states heading and tolerance.
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        sure: standard deviations to spare.
     """
     if goal.yaw is None:
         return True
@@ -59,11 +71,16 @@ def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) ->
 
 
 def sure_of_place(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return True if the robot need not stand for a camera frame, because its pose at the goal is certain enough.
+    """Return True if the robot need not stand for a camera frame: its pose at the goal is certain enough.
 
     The position lies within the tolerance with deviations to spare, and so does the heading, or it is off by more than
-    half of its tolerance, so that the robot turns first. mean, cov: believed x, y (m) and heading (rad) in the map
-    first, (n,), and their covariance, (n, n); sure: standard deviations to spare.
+    half of its tolerance, so that the robot turns first.
+
+    Args:
+        goal: states place, heading and tolerances.
+        mean: believed x, y (m), heading (rad), frame map, (n,), n >= 3.
+        cov: its covariance, (n, n).
+        sure: standard deviations to spare.
     """
     turning = abs(beside(goal, mean)[1]) > 0.5 * goal.yaw_tolerance
     return surely_there(goal, mean, cov, sure) and (turning or surely_turned(goal, mean, cov, sure))

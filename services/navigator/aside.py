@@ -20,9 +20,9 @@ from .searching import Aside
 ENOUGH = 8.0
 """Landmarks around its end that make a way no better than a shorter one."""
 LENGTHS = tuple(0.4 * k for k in range(1, 9))
-"""Lengths of ways, m."""
+"""Lengths of the straight walks that are compared, m."""
 BEARINGS = tuple(math.radians(22.5 * k) for k in range(-8, 8))
-"""Bearings of ways, rad."""
+"""Directions of the straight walks that are compared, rad from the robot's heading, left positive."""
 FROM = 0.2
 """Length of the begin of a way on which a robot may stand beside an obstacle, m."""
 
@@ -30,8 +30,8 @@ FROM = 0.2
 def leading(localiser: Localiser, maps: Maps) -> Aside:
     """Return a function without arguments that returns a walk which helps a lost robot to single out one pose.
 
-    It takes candidate poses and maps as they are at the call. The walk is `way_aside`: x, y of its end in the robot's
-    axes, m, or None.
+    It takes candidate poses and maps as they are at the call, and returns x, y of the walk's end in the robot's axes,
+    m, or None.
     """
 
     def lead() -> Point | None:
@@ -68,9 +68,12 @@ def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise,
 
 
 def _free(pose: Array, ends: Array, costs: Costs) -> NDArray[np.bool_]:
-    """Return True for each straight way from a pose to ends that is free, (e,).
+    """Return True for each straight way from a pose that is free of obstacles, but for its first 0.2 m, (e,).
 
-    `pose`: x, y (m), heading (rad), frame map, (3,); `ends`: seen from it, (e, 2) m; `costs`: obstacles.
+    Args:
+        pose: x, y (m), heading (rad), frame map, (3,).
+        ends: of the ways, in the axes of that pose, (e, 2) m.
+        costs: of walking over the cells of the map.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     length = np.hypot(*ends.T)

@@ -16,14 +16,17 @@ from .policy.params import ActionModel, NavigationModel, load
 
 
 def act_of(name: str, action: ActionModel, model: NavigationModel) -> Act:
-    """Return an action of the model as the pilot orders and predicts it."""
+    """Return an action of the model, under its name, as the pilot orders and predicts it."""
     row = row_of(model, action)
     motion = row.forward, 0.0, row.turn, row.forward, row.var_along, row.var_across, row.var_heading, row.var_drift
     return Act(name, action.kind, Motion(*map(float, motion)), action.duration, float(row.match))
 
 
 def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:
-    """Return the errors that the landmarks of a frame share, with the sway of the body unless it is measured."""
+    """Return the errors that the landmarks of a frame share: tilt of the camera, and sway of the body if `sway`.
+
+    Sway counts where the belief follows commands; odometry measures it.
+    """
     sight = model.sight
     standing = None if sight.standing_tilt_keep is None else fade_of(sight.standing_tilt_keep)
     return CommonErrors(
@@ -45,7 +48,7 @@ def longest_blind_ns(model: NavigationModel) -> int:
 
 
 class Catalogue:
-    """Model, actions and policies of one configuration.
+    """Model, actions and policies of one configuration of the navigator.
 
     Raises:
         ConfigError: the model cannot be used.
@@ -64,18 +67,30 @@ class Catalogue:
         self.find(None)
 
     def find(self, name: str | None) -> Policy:
-        """Return a policy by name or file, None = the default (raises Refusal); it is read or computed once."""
+        """Return a policy by name or file, None = the default; it is read or computed once.
+
+        Raises:
+            Refusal: there is no such policy, or it cannot be used.
+        """
         name = name or self.default
         if name not in self._found:
             self._found[name] = find(name, self.model, self.world)
         return self._found[name]
 
     def decider(self, name: str | None) -> Decider:
-        """Return a decider for a policy, None = the default (raises Refusal)."""
+        """Return a chooser of actions by a policy, None = the default.
+
+        Raises:
+            Refusal: there is no such policy, or it cannot be used.
+        """
         return Decider(self.world, self.find(name))
 
     def choose(self, name: str) -> None:
-        """Make a policy the default (raises Refusal)."""
+        """Make a policy, by name or file, the default.
+
+        Raises:
+            Refusal: there is no such policy, or it cannot be used.
+        """
         self.find(name)
         self.default = name
 

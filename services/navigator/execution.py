@@ -16,7 +16,7 @@ LANDING_S = 0.9
 
 @dataclass
 class Piece:
-    """One motion that the walker carries out, with its start and end."""
+    """One motion that the walker carries out, evenly from its start to its end."""
 
     motion: Motion
     """Motion of the whole action."""
@@ -25,7 +25,7 @@ class Piece:
     end: float
     """Simulated time of its end, s."""
     done: float = 0.0
-    """Share that `advance` has returned."""
+    """Share of the motion, 0 to 1, that the belief has been moved by."""
 
 
 class Execution:
@@ -45,7 +45,7 @@ class Execution:
         Args:
             motion: of the whole action.
             duration: of its steps, s.
-            now: s.
+            now: simulated time, s.
             ends_in: time until its last step lands, s; None = not published, `duration` counts.
         """
         end = now + (duration if ends_in is None else ends_in)
@@ -63,8 +63,8 @@ class Execution:
         """Shorten the last action of a walker that obeys a stop: what is left of it after the last landing is dropped.
 
         Args:
-            now: s.
-            ends_in: time until that landing, s; None = not published: half of `LANDING_S` is assumed.
+            now: simulated time, s.
+            ends_in: time until that landing, s; None = not published: 0.45 s, half a step, is assumed.
         """
         if not self.pieces:
             return
@@ -80,7 +80,7 @@ class Execution:
             self.pieces[-1] = Piece(motion, reached, end)
 
     def settle(self, now: float) -> None:
-        """Record that the walker stands: all actions end after the lag at the latest, whatever their durations."""
+        """Record at `now`, s, that the walker stands: all actions end after the lag at the latest."""
         for piece in self.pieces:
             piece.end = min(piece.end, max(now + self.lag, piece.start + 1e-3))
             piece.start = min(piece.start, now)

@@ -19,10 +19,10 @@ End = tuple[GoalState, str, str]
 
 @dataclass(frozen=True)
 class GaitView:
-    """State of the walker as `state/gait` reports it, as far as goals need it."""
+    """State of the walker as the topic `state/gait` reports it, as far as goals need it."""
 
     state: str
-    """State of the gait by the topic `state/gait`."""
+    """State of the gait: standing, walking, waiting (the estimator calibrates), refused (the robot fell), ..."""
     walk_id: int = 0
     """Number of its present command, of any client."""
     order: int = 0
@@ -30,7 +30,7 @@ class GaitView:
     refused: str = ""
     """Reason why the walker refused its last order; empty = it did not."""
     ends_in: float | None = None
-    """Time until the last planned step lands, s."""
+    """Time until the last planned step lands, s; None = not published, or no step is planned."""
     reason: str = ""
     """Reason of a refused state."""
 
@@ -84,13 +84,13 @@ class NavigationGoal:
     nearest: float = math.inf
     """Least distance to the present waypoint so far, m."""
     nearest_at: float = 0.0
-    """Simulated time at which it was reached, s."""
+    """Simulated time at which the robot was nearest to the present waypoint, s."""
     least: float = FAR
     """Least way over the waypoints that was left so far, m; new routes do not begin it anew."""
     least_at: float = 0.0
-    """Simulated time at which it was left, s."""
+    """Simulated time at which the least way was left, s."""
     detour: float = 0.0
-    """Most by which the way that is left has been longer since then, m."""
+    """Most by which the way that is left has exceeded the least way since that time, m."""
     looks: int = 0
     """Looks at the present waypoint so far."""
     waited: float = 0.0
@@ -104,7 +104,7 @@ class NavigationGoal:
     places: tuple[Point, ...] = ()
     """Places that were asked for, m, frame map; empty = the waypoints."""
     ends: tuple[int, ...] = ()
-    """Index of the waypoint at each place."""
+    """Index in `route` of the waypoint at each place."""
     xy_tolerance: float = Conduct().xy_goal_tolerance
     """Distance within which the robot surely is at a success, m."""
     yaw_tolerance: float = Conduct().yaw_goal_tolerance
@@ -128,7 +128,7 @@ class NavigationGoal:
         return sum(end < self.index for end in self.ends)
 
     def give_up(self, now: float) -> None:
-        """Skip the place that is walked to, and count it as missed; the waypoint after it becomes the present one."""
+        """Skip the place that is walked to, count it as missed, and walk to the next waypoint from `now`, s, on."""
         self.missed.append(self.place)
         self.index = self.ends[self.place]
         self.least, self.least_at = FAR, now
@@ -139,7 +139,7 @@ class NavigationGoal:
 
         Args:
             ways: waypoints to each place that is left, the place last, m, frame map.
-            now: s.
+            now: simulated time, s.
         """
         done, at = self.ends[: self.place], self.index
         self.route = (*self.route[:at], *(point for way in ways for point in way))
@@ -150,12 +150,12 @@ class NavigationGoal:
     def stalled(self, left: float, now: float, progress: float) -> float:
         """Return the time without progress, s: since the way left was last shortened, less that of detours.
 
-        The time of a detour is its additional way divided by `DETOUR_PACE`.
+        The time of a detour is its additional way divided by 0.04 m/s. The least way so far is kept in the goal.
 
         Args:
             left: way over the waypoints that are left, m.
-            now: s.
-            progress: way that counts as progress towards a waypoint, m.
+            now: simulated time, s.
+            progress: way that counts as progress towards a waypoint, m; three of it shorten the way.
         """
         if left < self.least - NEARER * progress:
             self.least, self.least_at, self.detour = left, now, 0.0
@@ -163,7 +163,7 @@ class NavigationGoal:
         return now - self.least_at - self.detour / DETOUR_PACE
 
     def off_route(self, x: float, y: float) -> float:
-        """Return the distance of a place, m, frame map, from the leg of the route to the present waypoint, m."""
+        """Return the distance of a place (x, y in m, frame map) from the leg of the route to the present waypoint."""
         end = self.waypoint
         begin = self.route[self.index - 1] if 0 < self.index < len(self.route) else self.start or end
         dx, dy = end[0] - begin[0], end[1] - begin[1]
@@ -187,11 +187,11 @@ class NavigationGoal:
             raise ValueError(f"it is at waypoint {self.index}, allowed are 0 to {last + 1}")
 
     def kept(self) -> dict[str, Any]:
-        """Return the fields as plain values of JSON; an infinite distance becomes 1e9 m."""
+        """Return the fields as plain values of JSON; an infinite `nearest` becomes 1e9 m."""
         return {**asdict(self), "nearest": min(self.nearest, FAR), "recoveries": dict(self.recoveries)}
 
     def go_on(self, now: float) -> None:
-        """Make the next waypoint the present one."""
+        """Make the next waypoint the present one, from the time `now`, s, on."""
         self.index += 1
         self.nearest, self.nearest_at, self.looks = math.inf, now, 0
 
@@ -201,7 +201,7 @@ class NavigationGoal:
         return self.route[min(self.index, len(self.route) - 1)]
 
     def left(self, x: float, y: float) -> float:
-        """Return the length of the way from a place, m, frame map, over the waypoints that are left, m."""
+        """Return the length of the way from a place (x, y in m, frame map) over the waypoints that are left, m."""
         total = 0.0
         for px, py in self.route[self.index :]:
             total += math.hypot(px - x, py - y)

@@ -41,13 +41,13 @@ from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 
 ODOMETRY_S = 0.1
-"""Longest time between two uses of odometry, s; more often would only cost time."""
+"""Interval of two uses of odometry, s; more often would only cost time."""
 SMOOTH = 0.1
-"""Weight of a new NIS in its running mean."""
+"""Weight of a new normalised innovation squared in its running mean."""
 RESTART_SD = (0.10, 0.15)
 """Standard deviations added to the covariance after a restart: m and rad."""
 WORK = 16_000
-"""Work of a tick on the search for a lost pose, see `places.search`: about 0.5 ms."""
+"""Work of a tick on the search for a lost pose, sightings compared with a pose or pairs looked at: about 0.5 ms."""
 WIDEN, WIDER, WIDENED_S = 0.5, 3.0, 10.0
 """Probability of a misfit from which on the belief is widened instead of given up, factor of its standard deviations,
 and time in which it is widened once, s."""
@@ -62,8 +62,8 @@ The first frame has none."""
 SINCE = 0.1
 """Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
 LATE_S, AHEAD_S = 0.2, 0.02
-"""Largest ages of a frame that is used, s: older ones (two periods of the camera) show another place; frames of the
-future, beyond two ticks, would stop the clock of the belief."""
+"""Largest age of a frame that is used, s, and largest time by which it may lie ahead: older ones (two periods of the
+camera) show another place; frames of the future, beyond two ticks, would stop the clock of the belief."""
 
 
 class Localiser:
@@ -138,7 +138,7 @@ class Localiser:
 
     @property
     def map_from_odom(self) -> Pose:
-        """Pose of odom in map, m and rad."""
+        """Pose of frame odom in frame map, x, y (m) and heading (rad)."""
         return (0.0, 0.0, 0.0) if self.odom is None else between(self.tracker.pose, self.odom)
 
     def resume(self, pose: Pose, cov: Array, odom: Pose | None, now: Pose | None) -> None:
@@ -147,8 +147,7 @@ class Localiser:
         Args:
             pose: believed x, y (m), heading (rad) then, frame map.
             cov: its covariance, (3, 3).
-            odom: odometry of that moment, x, y (m), heading (rad), frame odom; None = there was none.
-            now: odometry of now, likewise.
+            odom, now: odometry then and now, x, y (m), heading (rad), frame odom; None = there was or is none.
         """
         if odom is not None and now is not None:
             pose = placed(between(pose, odom), now)
@@ -242,7 +241,7 @@ class Localiser:
         self._turn_camera()
 
     def _turn_camera(self) -> None:
-        """Turn frames back from now on if the landmarks show the camera turned."""
+        """Turn the next frames back by the camera's turn if the landmarks show one; the belief is widened by it."""
         found = self.strain.sure_turn
         if found is not None:
             before = self.camera_turn
@@ -356,7 +355,7 @@ class Localiser:
 
     @property
     def alike(self) -> tuple[Pose, ...]:
-        """Candidates for the pose of a lost robot now, about equally likely, m and rad; empty = there are none."""
+        """Poses of a lost robot now that are about equally likely, x, y (m), heading (rad), frame map; empty = none."""
         if self._found is None or not self.lost.lost:
             return ()
         moved = _relative(self.tracker.pose, self._found.reference)
@@ -369,19 +368,19 @@ class Localiser:
 
 
 def _share(model: NavigationModel, kind: str) -> float:
-    """Return the share of landmarks in view that an action of a kind recognises in a frame, the least of them."""
+    """Return the least share of landmarks in view that a frame recognises in actions of a kind; 0 = no action."""
     return min((action.match for action in model.actions.values() if action.kind == kind), default=0.0)
 
 
 def _relative(pose: Pose, here: Pose) -> Pose:
-    """Return a pose, x, y in m and heading in rad, in the axes of another."""
+    """Return a pose, x, y (m) and heading (rad), as seen from another pose `here` of the same frame."""
     c, s = math.cos(here[2]), math.sin(here[2])
     dx, dy = pose[0] - here[0], pose[1] - here[1]
     return (c * dx + s * dy, c * dy - s * dx, float(wrap(pose[2] - here[2])))
 
 
 def detections(frame: LandmarkDetections) -> Detections:
-    """Return the landmarks of a frame as arrays, ranges in m and bearings in rad from base_link.
+    """Return a frame's landmarks as arrays: ranges (m), bearings (rad) from base_link, descriptors.
 
     Raises:
         DetectionError: descriptors of different lengths.

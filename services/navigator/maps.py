@@ -33,7 +33,7 @@ class Maps:
         keep: time for which an obstacle that the map does not know is remembered, s.
 
     Raises:
-        Refusal: a map file that cannot be used, or a radius of the robot above `Clearance.comfort`.
+        Refusal: a map file that cannot be used, or a radius of the robot above 0.35 m.
     """
 
     def __init__(self, config: NavigatorConfig, keep: float = Conduct().remember) -> None:
@@ -56,7 +56,10 @@ class Maps:
         """Version of the local map, and the costs of both maps."""
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
-        """Use the latched maps, unless files replace them; return a text for each map that cannot be used."""
+        """Use the latched maps of the bus, unless files replace them; return a text for each map that cannot be used.
+
+        `heights`: map of heights, which becomes obstacles; `marks`: landmarks; None = there is none.
+        """
         problems: list[str] = []
         if heights is not None and heights is not self._heights and self._filed is None:
             self._heights, self._costs = heights, None
@@ -83,7 +86,7 @@ class Maps:
 
     @property
     def costs(self) -> Costs | None:
-        """The grid prepared for planning, None without a map; made when it is first needed.
+        """Costs of walking over the cells of the map, made when first needed; None without a map.
 
         Raises:
             Refusal: the cells of the map are too small for the distances from obstacles.
@@ -108,7 +111,7 @@ class Maps:
         self._seen.take(seen, at, unsure, now)
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return True if the ranger saw no obstacle, beside those of the map, on the next part of a route from `here`.
+        """Return True if the ranger saw no obstacle that the map does not know on the next 2 m of a route from `here`.
 
         here, route: x, y in m, frame map.
         """
@@ -148,7 +151,7 @@ class Maps:
         return tuple((float(x), float(y)) for x, y in way)
 
     def _costs_now(self) -> Costs:
-        """Return the costs of the static map with what the ranger saw and the map does not know."""
+        """Return the costs of walking over the map, with the obstacles that only the ranger saw."""
         seen, costs = self._seen, self.costs
         assert costs is not None
         if seen is None or not seen.marks or seen.grid is not self.grid:

@@ -58,7 +58,7 @@ def is_covariance(matrix: Array) -> bool:
 
 
 class GoalMemory(RunMemory):
-    """File that keeps the last goal.
+    """File that keeps the state a navigator needs when it is started again: last goal, belief, order number.
 
     Args:
         path: of the file; None = nothing is kept.
@@ -68,11 +68,14 @@ class GoalMemory(RunMemory):
         super().__init__(path, "goal")
 
     def keep(self, epoch: int, tick: int, kept: Kept) -> None:
-        """Write the goal of a tick to the file, in place of the one before."""
+        """Write the state of a tick to the file, in place of the one before.
+
+        `epoch`: number of the reset that the tick belongs to; `tick`: its number.
+        """
         goal, planned = kept.goal and kept.goal.kept(), [(at, each.kept()) for at, each in kept.planned]
         self.write(epoch, tick, {**vars(kept), "goal": goal, "planned": planned})
 
     def recall(self, epoch: int, tick: int) -> Kept | None:
-        """Return the state kept since the last reset (in this epoch) and not after this tick, None = there is none."""
+        """Return the state kept in this epoch (since the last reset) and not after this tick, None = there is none."""
         found = self.read(_StoredGoal, epoch, tick)
         return found and Kept.model_construct(**{name: getattr(found, name) for name in Kept.model_fields})

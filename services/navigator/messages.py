@@ -45,10 +45,10 @@ def pose_message(
 
     Args:
         tracker: holds the belief.
-        odom: pose of base_link in odom, m and rad; None = there is no odometry.
-        control: input of the prediction.
+        odom: pose of base_link in odom, x, y (m), heading (rad); None = there is no odometry.
+        control: what moves the belief between frames: commands or odometry.
         matched: landmarks of the last frame that were matched.
-        nis: smoothed normalised innovation squared per degree of freedom.
+        nis: smoothed normalised innovation squared per degree of freedom; None = nothing was matched yet.
         lost: check of the belief.
         ready: the estimator is calibrated, goals are accepted.
     """
@@ -116,7 +116,10 @@ def fresh_of(seen: SeenLandmarks | None) -> SeenLandmarks | None:
 
 
 def camera_words(turn: Pose) -> str:
-    """Return the log text on a camera that is pitched, rolled and turned aside by these angles, rad."""
+    """Return the log text on a turned camera.
+
+    `turn`: by which it is pitched, rolled and turned aside, rad.
+    """
     pitch, roll, aside = (math.degrees(angle) for angle in turn)
     return (
         f"the landmark camera is pitched by {pitch:.1f} deg, rolled by {roll:.1f} deg and turned aside by {aside:.1f} "

@@ -38,7 +38,10 @@ class Orders:
         self._walk_id = self._given_at = None
 
     def take_up(self, now: float, gait: GaitView) -> None:
-        """Record from the walker's state that it has started the last order, and when its last step will land."""
+        """Record from the walker's state that it has started the last order, and when its last step will land.
+
+        `now`: simulated time, s.
+        """
         given = self.given
         if self._stops and gait.order == self.number:
             self._stops = False
@@ -53,9 +56,10 @@ class Orders:
             self.execution.correct(now, gait.ends_in)
 
     def remind(self, now: float, gait: GaitView) -> None:
-        """Repeat an order that a standing walker has not started within `REMIND_S`, as after a restart of the walker.
+        """Repeat an order that a standing walker has not started within 1 s, as after a restart of the walker.
 
         A restarted navigator has no order to repeat: it goes on from the walker's order number and decides anew.
+        Simulated time: `now`, s.
         """
         if self._given_at is None:
             self._given_at = now

@@ -33,7 +33,7 @@ class Pilot:
     Args:
         acts: the actions of the policy.
         commands: the pilot moves the tracker by the commands; else odometry moves it.
-        conduct: times, tolerances and recoveries; None = the defaults of `Conduct`.
+        conduct: times, tolerances and recoveries; None = the defaults.
         ways: obstacles; None = routes stay as they are.
         record: called once for every goal that ends, with its end.
         aside: finds a walk of a lost robot to where its candidate poses differ.
@@ -90,11 +90,18 @@ class Pilot:
 
     @property
     def end(self) -> End:
-        """Outcome of the goal, with its error and message: the one it has, or will have once the robot stands."""
+        """Outcome of the goal, state, error code and message: the one it has, or will have once the robot stands."""
         return self._halting or (self.state, self.error, self.message)
 
     def resume(self, goal: NavigationGoal, decider: Decider, state: GoalState, end: End) -> None:
-        """Continue a goal of an earlier pilot in `state` with its `end`: under way, halting or ended."""
+        """Continue a goal of an earlier pilot.
+
+        Args:
+            goal: goal with its progress.
+            decider: chooses its actions.
+            state: of the goal then: under way, stopping or ended.
+            end: its outcome, so far as known.
+        """
         self.begin(goal, decider)
         if state == "stopping":
             self.halt(*end)  # again: that order may have been lost
@@ -109,13 +116,13 @@ class Pilot:
         return True
 
     def halt(self, state: GoalState, error: str, message: str) -> None:
-        """Order a stop; the goal has the given end as soon as the robot stands."""
+        """Order a stop; the goal has the given end (state, error code, message) as soon as the robot stands."""
         self._halting = (state, error, message)
         self.state = "stopping"
         self._give(WalkCommand(action="stop"), None)
 
     def fail(self, error: str, message: str) -> None:
-        """End the goal at once: no order would be obeyed, or another client commands the robot."""
+        """End the goal at once, with error code and message: no order would be obeyed, or another client commands."""
         self._finish(("failed", error, message))
         self.orders.given, self._halting, self._search.look = None, None, None
 
@@ -184,7 +191,7 @@ class Pilot:
             self._decide(now, gait, tracker, blocked=blocked)
 
     def _is_time(self, now: float, gait: GaitView, tracker: PoseTracker) -> bool:
-        """Return True if the next action has to be decided at the time `now`, s."""
+        """Return True if the next action is to be decided at the time `now`, s: before a landing, or after a look."""
         if gait.ends_in is not None:
             return gait.ends_in <= self.conduct.lead and self._stand_until <= now
         if self._frames is not None and gait.state != "standing":
@@ -224,7 +231,7 @@ class Pilot:
             self._give(_command(act), act)
 
     def _look(self, goal: NavigationGoal, now: float, gait: GaitView, tracker: PoseTracker) -> Act | None:
-        """Stand until a frame of the standing robot comes; return the stand, None = the robot has none."""
+        """Stand until a frame of the standing robot comes; return the stand, None = the model has no such action."""
         stands = [act for act in self.acts if act.kind == "stand"]
         goal.looks += 1
         goal.recoveries["look"] += 1
@@ -326,7 +333,7 @@ class Pilot:
             self.halt("succeeded", "", "")  # as far as is known before the robot stands
 
     def _stand(self, goal: NavigationGoal, tracker: PoseTracker) -> None:
-        """End the goal of a robot that has come to stand, or look once more if it is not sure to be there."""
+        """End the goal of a robot that has come to stand, or go on and look once more if it is not sure to be there."""
         assert self._halting is not None
         end, sure = self._halting, self.conduct.sure
         if end[0] == "succeeded":

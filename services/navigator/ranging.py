@@ -16,12 +16,14 @@ ECHO_SLACK = 0.25
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:
-    """Enter a ranger reading into the local map; return True if an obstacle ahead allows only turns (Osswald et al.).
+    """Enter a ranger reading into the local map and the check of the pose; return True if only turns are allowed.
+
+    They are where the ranger or a bumper shows an obstacle close ahead (Osswald et al.).
 
     Args:
         reach: reading of the ranger.
         localiser: belief of the pose; while it is lost, nothing is entered.
-        maps: obstacles.
+        maps: obstacles, of which the local map is changed.
         conduct: distances, m.
         now: simulated time, s.
     """

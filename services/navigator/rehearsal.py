@@ -19,11 +19,11 @@ from .planning.grid import OCCUPIED, FloorGrid
 from .planning.route import RouteError, plan
 
 LARGE_SIDE = 560
-"""Cells; from about this size on a map gets marks, see `costs.LARGE`."""
+"""Cells along an edge of a floor that is large enough for all parts of the route search to be used."""
 
 
 def rehearse(config: NavigatorConfig) -> None:
-    """Predict, match, correct, relocalise, plan, decide and report once."""
+    """Predict, match, correct, relocalise, plan, decide and report once, so that every kernel is loaded."""
     rehearse_belief()
     rehearse_planning(40)
     catalogue = Catalogue(config)
@@ -66,12 +66,12 @@ def rehearse_planning(side: int) -> None:
 
 
 def _floor(low: tuple[float, float], high: tuple[float, float], count: int) -> FloorLandmarks:
-    """Return landmarks between two corners, m, frame map."""
+    """Return `count` landmarks at random places between two corners (x, y in m, frame map), with random descriptors."""
     rng = np.random.default_rng(1)
     return FloorLandmarks(rng.uniform(low, high, (count, 2)), rng.standard_normal((count, 8)))
 
 
 def _frame(world: FloorLandmarks, count: int) -> Detections:
-    """Return the first landmarks as they are seen from the origin."""
+    """Return the first `count` landmarks as they are seen from the origin of the map."""
     x, y = world.positions[:count].T
     return Detections(np.hypot(x, y), np.arctan2(y, x), world.descriptors[:count].copy())  # as those of messages

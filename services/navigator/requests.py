@@ -47,7 +47,12 @@ class Requests:
         self._names = itertools.count(1)
 
     def goto(self, request: nav.GotoRequest) -> nav.GoalReply:
-        """Accept or refuse a goal; it begins in the next tick, or at `at_tick`."""
+        """Accept or refuse a goal, one place in frame map or odom; it begins in the next tick, or at `at_tick`.
+
+        Raises:
+            Refusal: an unknown frame, a tick that has passed, a fallen or uncalibrated robot, an unknown policy, or a
+                place that cannot be reached.
+        """
         place = (*request.position, 0.0 if request.yaw is None else request.yaw)
         if request.frame == "odom":
             place = placed(self.localiser.map_from_odom, place)
@@ -56,7 +61,12 @@ class Requests:
         return self._accept(request, (place[:2],), "position", None if request.yaw is None else place[2])
 
     def waypoints(self, request: nav.WaypointsRequest) -> nav.GoalReply:
-        """Accept or refuse a goal with a list of places, to be reached one after the other."""
+        """Accept or refuse a goal with a list of places, to be reached one after the other.
+
+        Raises:
+            Refusal: a tick that has passed, a fallen or uncalibrated robot, an unknown policy, or a place that cannot
+                be reached.
+        """
         return self._accept(request, request.positions, "positions", None)
 
     def _accept(
@@ -96,7 +106,7 @@ class Requests:
             self.pilot.fail("unreachable", why)
 
     def decider(self, goal: NavigationGoal) -> Decider:
-        """Return the decider of a goal: by its own policy, or by the default one if that can no longer be used."""
+        """Return the chooser of a goal's actions, by its own policy, or by the default one if that is unusable."""
         try:
             return self.catalogue.decider(goal.asked)
         except Refusal as refusal:
@@ -116,7 +126,12 @@ class Requests:
         return nav.NavigatorReply(accepted=True)
 
     def set_pose(self, request: nav.SetPoseRequest) -> nav.NavigatorReply:
-        """Set the believed pose of the robot to the one that a request states; its goals go on."""
+        """Set the believed pose of the robot to the one that a request states; its goals go on.
+
+        Raises:
+            Refusal: a tick that has passed, a matrix that is no covariance, or a place in an obstacle or outside of the
+                map.
+        """
         self._refuse_late(request.at_tick)
         cov = None
         if request.covariance is not None:
@@ -129,7 +144,11 @@ class Requests:
         return nav.NavigatorReply(accepted=True)
 
     def policy(self, request: nav.PolicyRequest) -> nav.PolicyReply:
-        """Return the default policy and the names of the others; make another the default."""
+        """Return the default policy and the names of the others; make another the default if the request names one.
+
+        Raises:
+            Refusal: the policy cannot be used.
+        """
         if request.use is not None:
             self.catalogue.choose(request.use)
         return self.catalogue.message()

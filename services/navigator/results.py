@@ -23,7 +23,7 @@ class Results:
         """Results of the last goals, the last one last."""
 
     def record(self, goal: NavigationGoal, end: End) -> None:
-        """Keep the result of a goal that ends now."""
+        """Keep the result of a goal that ends now: its end (state, error code, message), pose, time, recoveries."""
         state, error, reason = end
         tracker, self.count = self.localiser.tracker, self.count + 1
         result = GoalResult(

@@ -20,10 +20,10 @@ def no_way() -> Point | None:
 
 
 class Moves(Protocol):
-    """Motions that a search for the robot's pose may order, and ends of its goal."""
+    """Motions that a search for the robot's pose may order, and the end of its goal."""
 
     def halt(self, state: GoalState, error: str, message: str) -> None:
-        """Order a stop; the goal has the given end as soon as the robot stands."""
+        """Order a stop; the goal has the given end (state, error code, message) as soon as the robot stands."""
         ...
 
     def stop(self) -> None:
@@ -39,13 +39,16 @@ class Moves(Protocol):
         ...
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
-        """Plan a goal's route anew from a place, m, frame map; return why that is not possible, empty = it is."""
+        """Plan a goal's route anew from a place; return why that is not possible, empty = it is.
+
+        `now`: simulated time, s; `here`: the place, x, y in m, frame map.
+        """
         ...
 
 
 @dataclass
 class Look:
-    """State of a search for the pose: stands for camera frames, turns and walks so far."""
+    """State of a search for the robot's pose: stands for camera frames, turns and walks so far."""
 
     until: float = math.inf
     """End of the present look at the surroundings, s; inf = the look has not begun."""
@@ -60,7 +63,7 @@ class Look:
 
 
 class Search:
-    """Search for the pose of a robot that has a goal.
+    """Search for the pose of a robot that has a goal: it stands for the camera, turns, walks to where poses differ.
 
     Args:
         body: its motions, and the end of its goal.
@@ -131,7 +134,14 @@ class Search:
         self.look, self._suspects_from = None, now + self.conduct.suspect_again
 
     def _look_around(self, goal: NavigationGoal, look: Look, now: float, *, lost: bool) -> None:
-        """Look, turn, and after a look around walk aside, or give up."""
+        """Do the next part of a look around: stand for frames, turn, at its end walk aside, or give up.
+
+        Args:
+            goal: under way; its recoveries are counted.
+            look: state of the search, changed.
+            now: simulated time, s.
+            lost: the belief is wrong; else it may be.
+        """
         conduct = self.conduct
         most = conduct.search_turns if lost else conduct.suspect_turns
         if math.isinf(look.until):
@@ -152,7 +162,7 @@ class Search:
             self.body.turn("look", math.radians(conduct.search_turn_deg))
 
     def _advance(self, look: Look, gait: GaitView, *, blocked: bool) -> None:
-        """Walk aside in short walks, as far as nothing is in the way."""
+        """Order the next short walk to where the candidate poses differ, as far as nothing is in the way."""
         stands = gait.state == "standing" and gait.ends_in is None
         if stands and blocked:
             look.left = 0.0

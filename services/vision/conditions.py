@@ -17,8 +17,8 @@ def conditions(pixels: Greys, before: Greys | None) -> tuple[str, ...]:
     """Return the faults of an image by name: `dark`, `bright`, `covered`, `frozen`; empty = none.
 
     Args:
-        pixels: greys 0..255, (height, width).
-        before: the image before, (height, width); None = there is none. A camera has noise, so no two images are equal.
+        pixels: greys 0 to 255, (height, width).
+        before: the image before, (height, width); None = there is none. Real images have noise: equal ones are frozen.
     """
     found: list[str] = []
     if before is not None and np.array_equal(before, pixels):

@@ -39,22 +39,22 @@ ELSEWHERE_EVERY = 3
 """Images in a row without a landmark at the believed place, after which one is compared with the whole map."""
 
 NONE = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
-"""Places and numbers of no landmark."""
+"""Places (0, 2) m and indices in the map (0,) where no landmark was recognised."""
 
 
 class Seen(NamedTuple):
     """Result of one image: recognised landmarks, counts of features and matches, faults."""
 
     places: Array
-    """Recognised landmarks in heading axes of base_link at the middle of the exposure, (k, 2) m."""
+    """Recognised landmarks, forward and left of base_link at the middle of the exposure, (k, 2) m."""
     landmarks: NDArray[np.int64]
-    """Numbers in the map of the landmarks that were recognised, (k,)."""
+    """Index in the map of each recognised landmark, (k,)."""
     features: int
     """Number of features found in the image."""
     compared: int
     """Number of features with a candidate in the map."""
     recognised: int
-    """Number of landmarks of the map that were found, of which `landmarks` are the likeliest."""
+    """Number of landmarks of the map that were found, of which `landmarks` are the likest."""
     anywhere: bool
     """True if the whole map was searched."""
     flags: tuple[str, ...]
@@ -66,9 +66,9 @@ class Eye:
     """Recogniser of landmarks in the images of one camera, with a memory of the last images to detect faults.
 
     Attributes:
-        extractor: of features.
-        world: map; None = only the image's condition is found.
-        patch: part of the floor.
+        extractor: finds features in a picture.
+        world: map of features; None = only the image's condition is found.
+        patch: part of the floor that is evaluated.
         params: limits of recognition.
     """
 
@@ -80,16 +80,18 @@ class Eye:
     _scales: deque[float] = field(default_factory=lambda: deque[float](maxlen=SCALES))
     _blind: int = 0
     _found: deque[tuple[int, int]] = field(default_factory=lambda: deque[tuple[int, int]](maxlen=BLIND_IMAGES))
-    """Features recognised and compared in the last images."""
+    """Number of features recognised, and of those compared, in each of the last images."""
     _known: bool = False
-    """The floor has been recognised, and not been unknown since."""
+    """True if the floor has been recognised, and not been unknown since."""
     _halves: deque[tuple[Counts, Counts]] = field(
         default_factory=lambda: deque[tuple[Counts, Counts]](maxlen=BLIND_IMAGES)
     )
-    """Features found and mapped in the halves of the last images."""
+    """Features found, and features of the map, in the left, right, upper and lower half of each of the last images."""
 
     def features(self, image: CameraImage, base: FloorPose) -> tuple[FoundFeatures, tuple[str, ...]]:
         """Return the features of an image, in pixels of the picture from above, and the faults of the image by name.
+
+        `base`: roll, pitch and height of base_link at the exposure.
 
         Raises:
             Refusal: what came is no image, or the camera does not look at the floor.
@@ -102,7 +104,13 @@ class Eye:
         return found, flags if len(found.pixels) > FEW_FEATURES else (*flags, "featureless")
 
     def look(self, image: CameraImage, base: FloorPose, belief: Believed | None) -> Seen:
-        """Return the landmarks recognised in an image; `belief`: pose, None = lost. Faults are flags, not errors."""
+        """Return the landmarks recognised in an image; faults are flags, not errors.
+
+        Args:
+            image: of the camera.
+            base: roll, pitch and height of base_link at its exposure.
+            belief: of the pose then; None = lost.
+        """
         try:
             found, flags = self.features(image, base)
         except Refusal as error:
@@ -124,19 +132,22 @@ class Eye:
         return Seen(places[seen.features], seen.landmarks, count, seen.compared, seen.agreed, seen.anywhere, flags)
 
     def _unread(self, count: int, *flags: str) -> Seen:
-        """Return that an image was compared with no map; halves are watched over new images in a row."""
+        """Return the result of an image that was compared with no map: `count` features found, and its faults.
+
+        Comparison of the halves of an image begins anew, as it needs images in a row, unless the image is a frozen one.
+        """
         if "frozen" not in flags:
             self._halves.clear()
         return Seen(*NONE, count, 0, 0, False, flags)
 
     def _scaled(self) -> bool:
-        """Return whether the floor looks larger or smaller than its map."""
+        """Return True if the floor looks larger or smaller than its map in the last images."""
         off = [scale - 1.0 for scale in self._scales]
         far = len(off) >= SOON and (min(off[-SOON:]) > FAR or max(off[-SOON:]) < -FAR)
         return far or (len(off) == SCALES and abs(median(off)) > SCALED)
 
     def _unknown(self, seen: Recognised) -> tuple[str, ...]:
-        """Return the flag that the floor seen is not that of the map, if it is so."""
+        """Return the flag `unrecognised` if the last images show a floor that is not that of the map, else none."""
         self._found.append((seen.agreed, seen.compared))
         if len(self._found) < BLIND_IMAGES:
             return ()
@@ -147,9 +158,13 @@ class Eye:
     def _half_blind(
         self, image: CameraImage, base: FloorPose, belief: Believed | None, places: Array
     ) -> tuple[str, ...]:
-        """Return the flag of a lens of which a half shows nothing of what the map has there.
+        """Return the flag `half_blind` if half of the image shows nothing where the map has features, else none.
 
-        `places`: features found in the image, (n, 2) m on the floor, axes of the robot.
+        Args:
+            image: of the camera.
+            base: roll, pitch and height of base_link.
+            belief: of the pose; None = lost.
+            places: of the features found in the image, forward and left of base_link, (n, 2) m.
         """
         if self.world is None or belief is None:
             self._halves.clear()

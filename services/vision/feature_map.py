@@ -23,7 +23,7 @@ from .features import KINDS, MOST_COMPARED, Kind, distances, nothing
 
 SCHEMA, CONTENT = "surefoot.landmarks/1", "surefoot.features/1"
 CODE = 8
-"""Numbers of the code of a landmark."""
+"""Numbers of the code (unit vector) by which the navigator knows a landmark."""
 SAME_PLACE = 0.03
 """Distance, m, within which features of two maps that look alike are one."""
 DENSITY_CELL = 0.25
@@ -40,9 +40,9 @@ class FeatureMap:
 
     kind: Kind
     positions: Array
-    """Positions of the landmarks on the floor, (n, 2) m, frame map."""
+    """Places of the features on the floor, (n, 2) m, frame map."""
     descriptors: NDArray[Any]
-    """Descriptors of the landmarks, a row each, of the kind of `FoundFeatures.descriptors`."""
+    """Descriptors of the features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
     seen: NDArray[np.int64]
     """Images that each was seen in, (n,)."""
     sd: Array
@@ -64,7 +64,7 @@ class FeatureMap:
 
     @property
     def codes(self) -> Array:
-        """Descriptors for the navigator, (n, CODE) unit vectors."""
+        """Unit vectors by which the navigator knows the features, drawn at random from their places, (n, 8)."""
         found = np.empty((len(self), CODE))
         for row, place in zip(found, np.rint(self.positions / PLACE_GRID).astype("<i8"), strict=True):
             seed = int.from_bytes(hashlib.sha256(place.tobytes()).digest()[:8], "little")
@@ -104,7 +104,7 @@ def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[
 
 
 def merged(a: FeatureMap, b: FeatureMap) -> FeatureMap:
-    """Return the union of two maps of one frame; features of the same place with similar descriptors become one.
+    """Return the union of two maps of one frame; features within 3 cm with similar descriptors become one.
 
     Raises:
         Refusal: features of different kind or scale.
@@ -133,7 +133,7 @@ def merged(a: FeatureMap, b: FeatureMap) -> FeatureMap:
 
 
 def save(world: FeatureMap, path: str | Path) -> Path:
-    """Write a map; return the path, which ends in `.npz`."""
+    """Write a map of features, which is a landmark map of the navigator, too; return the path, which ends in `.npz`."""
     target = Path(path).with_suffix(".npz")
     with target.open("wb") as file:
         np.savez_compressed(
@@ -147,7 +147,7 @@ def save(world: FeatureMap, path: str | Path) -> Path:
 
 
 def has_features(path: str | Path) -> bool:
-    """Return whether a landmark map holds features of images."""
+    """Return True if a file is a landmark map that holds features of images."""
     try:
         with zipfile.ZipFile(path) as archive:
             return "looks.npy" in archive.namelist()
@@ -156,7 +156,7 @@ def has_features(path: str | Path) -> bool:
 
 
 def load(path: str | Path) -> FeatureMap:
-    """Read a map of features.
+    """Return the map of features of a file.
 
     Raises:
         Refusal: the file is missing, damaged, or no such map.

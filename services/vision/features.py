@@ -46,8 +46,9 @@ class Extractor:
     """Detector of ORB or SIFT features in a picture.
 
     Args:
+        kind: `orb` or `sift`.
         count: largest number of features of one picture; the strongest are kept.
-        contrast: threshold for a feature over OpenCV's default: of contrast (SIFT), or of corners (ORB).
+        contrast: factor of OpenCV's default threshold for a feature: of contrast (SIFT), or of corners (ORB).
     """
 
     def __init__(self, kind: Kind, count: int, contrast: float = 0.5) -> None:
@@ -60,7 +61,7 @@ class Extractor:
             self._make = cv2.SIFT_create(nfeatures=count, contrastThreshold=0.04 * contrast)
 
     def find(self, picture: NDArray[np.uint8], mask: NDArray[np.uint8]) -> FoundFeatures:
-        """Return the features of a picture (h, w), greys 0..255, where the mask (h, w) is not 0."""
+        """Return the features of a picture (h, w), greys 0 to 255, where the mask (h, w) is not 0."""
         points, descriptors = self._make.detectAndCompute(picture, mask)
         if not points:
             return nothing(self.kind)
@@ -78,7 +79,7 @@ def distances(kind: Kind, a: NDArray[Any], b: NDArray[Any]) -> Array:
     `a` (n, d), `b` (m, d): bytes (orb), else float32.
 
     Raises:
-        Refusal: more than `MOST_COMPARED` in `a` or `b`, or descriptors of different kinds.
+        Refusal: more than 100 000 in `a` or `b`, or descriptors of different kinds.
     """
     if max(len(a), len(b)) > MOST_COMPARED:
         raise Refusal("too_many", f"at most {MOST_COMPARED} features are compared, got {max(len(a), len(b))}")

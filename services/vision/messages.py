@@ -16,11 +16,14 @@ from .motion import OdometryAt
 from .recognise import Believed
 
 UNSURE = (0.5, 0.6)
-"""Standard deviations of a belief, m and rad, from which on it restricts no search."""
+"""Standard deviations of a belief, position (m) and heading (rad), from which on it restricts no search."""
 
 
 def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:
-    """Return the navigator's belief of the pose at the time of an image; None = lost, or too uncertain to be of use."""
+    """Return the navigator's belief of the pose at the time of an image; None = lost, or too uncertain to be of use.
+
+    `message`: the newest belief; None = there is none. `then`: odometry at the time of the image.
+    """
     if message is None or message.lost:
         return None
     covariance = np.array(message.covariance).reshape(3, 3)
@@ -33,7 +36,7 @@ def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:
 
 
 def places_of(message: LandmarkDetections) -> Array:
-    """Return the landmarks of a message in heading axes of base_link at its stamp, (k, 2) m."""
+    """Return the places of the landmarks of a message, forward and left of base_link at its stamp, (k, 2) m."""
     return np.array(
         [(m.range * math.cos(m.bearing), m.range * math.sin(m.bearing)) for m in message.landmarks]
     ).reshape(-1, 2)  # fmt: skip
@@ -43,11 +46,11 @@ def landmarks_message(places: Array, seen: Seen, codes: Array, stamp_ns: int, fl
     """Return the message of the landmarks that were recognised in an image.
 
     Args:
-        places: of its landmarks in heading axes of base_link now, (k, 2) m.
+        places: of its landmarks, forward and left of base_link now, (k, 2) m.
         seen: result of the image.
-        codes: descriptors of the map's features, (n, CODE) unit vectors.
-        stamp_ns: middle of the exposure.
-        flags: of the camera, beside those of the image.
+        codes: descriptors by which the navigator knows the map's features, (n, 8) unit vectors.
+        stamp_ns: middle of the exposure, simulated time, ns.
+        flags: faults of the camera, beside those of the image.
     """
     marks = tuple(
         Landmark(range=math.hypot(x, y), bearing=math.atan2(y, x), descriptor=tuple(codes[k].tolist()))

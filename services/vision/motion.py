@@ -34,12 +34,12 @@ class OdometryAt(NamedTuple):
     pose: tuple[float, float, float]
     """x, y in m and heading in rad, frame odom."""
     rot: Array
-    """rot_heading_from_base, (3, 3)."""
+    """Roll and pitch: rotation from base_link to the level axes along its heading, (3, 3)."""
 
 
 @dataclass
 class MotionHistory:
-    """Odometry and joints of the last seconds.
+    """Odometry and joint angles of the last seconds.
 
     Attributes:
         robot: its feet give the height over the floor.
@@ -88,7 +88,7 @@ class MotionHistory:
         return self._moments[-1] if self._moments else None
 
     def at(self, stamp_ns: int) -> tuple[OdometryAt, FloorPose] | None:
-        """Return odometry and pose over the floor at a time, ns; None = none is known within 0.1 s of it."""
+        """Return odometry and pose over the floor at a simulated time, ns; None = none is known within 0.1 s of it."""
         moment = _nearest(list(self._moments), [m.stamp_ns for m in self._moments], stamp_ns)
         joints = _nearest(list(self._joints), [j[0] for j in self._joints], stamp_ns)
         if moment is None or joints is None:
@@ -105,7 +105,10 @@ def _nearest(items: list[T], stamps: list[int], stamp_ns: int) -> T | None:
 
 
 def since(places: Array, then: OdometryAt, now: OdometryAt) -> Array:
-    """Return points (n, 2) m, given in the heading axes of base_link at `then`, in those at `now`, by odometry."""
+    """Return points that lay forward and left of base_link at `then`, in these axes at `now`, by odometry, (n, 2) m.
+
+    `places`: the points, (n, 2) m.
+    """
     dx, dy = then.pose[0] - now.pose[0], then.pose[1] - now.pose[1]
     turn = then.pose[2] - now.pose[2]
     c, s = math.cos(turn), math.sin(turn)

@@ -46,15 +46,17 @@ class RecogniseParams:
     apart: float = 0.1
     """Least distance of the pairs that motions are drawn from, m."""
     turn: float = 0.15
-    """Largest deviation of the heading of an exact pose, rad: noise of places that lie near each other."""
+    """Largest deviation from the heading of an exact pose, rad: noise of places that lie near each other."""
     inlier: float = 0.025
     """Largest residual of a match under the common motion, m."""
     pairs: int = 300
     """Number of pairs of matches from each of which a motion is tried."""
     fewest_anywhere: int = 8
-    """Least number of matches of a motion found without a belief."""
+    """Least number of matches that agree on a motion found without a belief."""
     share_compared: float = 0.08
-    """Least share of the features that agree on a common motion; the middle of an image upside down brings 0.044."""
+    """Least share of the compared features that agree on a motion found without a belief.
+
+    The middle of an image upside down brings 0.044."""
     share_here: float = 0.02
     """Least share of the compared features that agree on a motion at the believed place; chance brings 0.008."""
     share_alone: float = 0.05
@@ -66,10 +68,10 @@ class RecogniseParams:
 
 
 class Believed(NamedTuple):
-    """Belief of the pose at the time of an image."""
+    """Belief of the robot's pose at the time of an image."""
 
     pose: Array
-    """x, y m and heading rad in the map, (3,)."""
+    """x, y (m) and heading (rad) of base_link, frame map, (3,)."""
     covariance: Array
     """Covariance of the believed pose x, y, yaw, (3, 3) in m and rad."""
 
@@ -78,15 +80,15 @@ class Recognised(NamedTuple):
     """Map features found in one picture."""
 
     features: Index
-    """Features of the picture, likest first, (k,)."""
+    """Indices of the features of the picture, those first that look most like the map's, (k,)."""
     landmarks: Index
-    """Feature of the map for each, (k,)."""
+    """Index in the map of the feature that each shows, (k,)."""
     anywhere: bool
     """True if no belief restricted the search."""
     agreed: int
-    """Map features found, of which `features` are the likest."""
+    """Number of map features found, of which `features` are the likest."""
     compared: int
-    """Features that had a candidate."""
+    """Number of features of the picture that had a candidate in the map."""
     scale: float
     """Scale of the motion that explains the matches best, 1 = the picture's is right; 1 for fewer than three."""
 
@@ -97,9 +99,9 @@ def recognise(
     """Return the features of the map that are recognised in a picture.
 
     Args:
-        places: of the picture's features, heading axes of base_link, (n, 2) m.
+        places: of the picture's n features, forward and left of base_link, (n, 2) m.
         descriptors: of these, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT.
-        world: map.
+        world: map of features.
         belief: None = lost: all of the map is compared, and only a motion that many agree on counts.
         params: limits.
 
@@ -128,7 +130,7 @@ def recognise(
 
 
 def seen_from(positions: Array, pose: Array) -> Array:
-    """Return places of the map, (n, 2) m, in the heading axes of a pose x, y (m), yaw (rad), (3,), as (n, 2) m."""
+    """Return places of the map, (n, 2) m, forward and left of a pose x, y (m), heading (rad), (3,), as (n, 2) m."""
     away, c, s = positions - pose[:2], math.cos(pose[2]), math.sin(pose[2])
     return np.stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]), axis=1)
 
@@ -136,7 +138,10 @@ def seen_from(positions: Array, pose: Array) -> Array:
 def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
     """Return the distance from each place within which features of the map are candidates for it, (n,) m.
 
-    `places`: (n, 2) m, heading axes of base_link; `p`: covariance of the believed pose x, y, yaw, (3, 3) m and rad.
+    Args:
+        places: of features, forward and left of base_link, (n, 2) m.
+        p: covariance of the believed pose x, y (m), heading (rad), (3, 3).
+        params: width of the gate.
     """
     half, bend = 0.5 * (p[0, 0] + p[1, 1]), math.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
     away = np.hypot(places[:, 0], places[:, 1])
@@ -146,7 +151,17 @@ def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
 def _gate(
     places: Array, world: FeatureMap, belief: Believed | None, params: RecogniseParams
 ) -> tuple[NDArray[np.bool_], Index]:
-    """Return which of the near map features may be which feature, (n, m), and the near ones, (m,)."""
+    """Return which features of the map may be which feature of the picture by their place.
+
+    Args:
+        places: of the picture's n features, forward and left of base_link, (n, 2) m.
+        world: map of features.
+        belief: of the pose; None = none: all may be all.
+        params: width of the gate.
+
+    Returns:
+        True for pairs that may match, (n, m), and indices of the m map features near the picture, (m,).
+    """
     if belief is None:
         return np.ones((len(places), len(world)), dtype=np.bool_), np.arange(len(world))
     x, y, heading = belief.pose
@@ -164,13 +179,17 @@ def _gate(
 def _likest(
     apart: Array, gate: NDArray[np.bool_], near: Index, world: FeatureMap, params: RecogniseParams
 ) -> tuple[Index, Index, Array]:
-    """Return features, map features and distances of the matches that pass the ratio test, (k,), each map feature once.
+    """Return the k matches that pass the ratio test, each feature of the map once, those most alike first.
 
     Args:
-        apart: distance of the descriptors of each feature and each map feature in view, (n, m).
-        gate: pairs that may match by their place, (n, m).
-        near: the map features in view, (m,).
+        apart: distance of the descriptors of each feature and each map feature near the picture, (n, m).
+        gate: True for pairs that may match by their place, (n, m).
+        near: indices in the map of the m features, (m,).
+        world: map of features.
         params: limits of a match.
+
+    Returns:
+        Indices of features of the picture, of the map, and distances of their descriptors, (k,) each.
     """
     none = np.zeros(0, dtype=np.int64)
     if apart.size == 0:
@@ -200,8 +219,8 @@ def consensus(
     """Return which matches one rigid motion explains, (n,), and the scale that would explain these best.
 
     Args:
-        here: places in the picture, (n, 2) m.
-        there: places in the map, (n, 2) m.
+        here: places of the matched features in the picture, forward and left of base_link, (n, 2) m.
+        there: their places in the map, (n, 2) m.
         params: limits.
         bend: heading that the motion has, and its largest deviation, rad; None = any.
     """
@@ -235,7 +254,16 @@ def consensus(
 
 
 def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: Array) -> tuple[Array, Array]:
-    """Return the residuals x and y, (k, n), of points under k motions that turn `middle` into `goal`."""
+    """Return the residuals x and y, (k, n) m, of n points under k motions, each a turn that takes `middle` to `goal`.
+
+    Args:
+        here: points before the motion, (n, 2) m.
+        c: cosines of the turns, (k,).
+        s: sines of the turns, (k,).
+        middle: points about which each motion turns, (k, 2) m.
+        goal: where these points go, (k, 2) m.
+        there: where the points should go, (n, 2) m.
+    """
     x, y = here[None, :, 0] - middle[:, None, 0], here[None, :, 1] - middle[:, None, 1]
     dx = c[:, None] * x - s[:, None] * y + goal[:, None, 0] - there[None, :, 0]
     return dx, s[:, None] * x + c[:, None] * y + goal[:, None, 1] - there[None, :, 1]

@@ -24,21 +24,21 @@ from .opencv import opencv
 Greys = NDArray[np.uint8]
 
 EDGE = 9
-"""px, border of the visible floor in which no feature is looked for."""
+"""Border, in pixels, of the visible floor in which no feature is looked for."""
 
 
 class FloorPose(NamedTuple):
     """Roll, pitch and height of base_link over the floor."""
 
     rot: Array
-    """Roll and pitch: rot_heading_from_base, (3, 3)."""
+    """Roll and pitch: rotation from base_link to the level axes along its heading, (3, 3)."""
     height: float
     """Height of base_link over the floor, m."""
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Part of the floor that is evaluated, in heading axes of base_link, m.
+    """Part of the floor that is evaluated, forward and left of base_link, m.
 
     It reaches from `nearest` to `farthest` ahead of the robot, and by `beside` to each side.
     """
@@ -47,7 +47,7 @@ class Patch:
     farthest: float = 1.1
     beside: float = 0.55
     pixel: float = 0.003
-    """Edge of a pixel of the picture from above."""
+    """Edge of a pixel of the picture from above, m."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -55,13 +55,13 @@ class Patch:
         return round(2.0 * self.beside / self.pixel), round((self.farthest - self.nearest) / self.pixel)
 
     def place(self, pixels: Array) -> Array:
-        """Return the floor points of pixels (n, 2) of the picture, forward and left of base_link, (n, 2) m."""
+        """Return the floor points of pixels (column, row) of the picture, (n, 2): forward and left of base_link, m."""
         forward = self.farthest - self.pixel * (pixels[:, 1] + 0.5)
         return np.stack((forward, self.beside - self.pixel * (pixels[:, 0] + 0.5)), axis=1)
 
 
 def greys(image: CameraImage) -> Greys:
-    """Return the pixels of an image message, (height, width).
+    """Return the pixels of an image message, greys 0 to 255, (height, width).
 
     Raises:
         Refusal: what came is no such image.
@@ -89,7 +89,12 @@ def greys(image: CameraImage) -> Greys:
 
 
 def homography(image: CameraImage, base: FloorPose, patch: Patch) -> Array:
-    """Return the matrix (3, 3) from pixels (u, v, 1) of the picture from above to pixels of the image.
+    """Return the matrix (3, 3) from pixels (u, v, 1) of the picture from above to pixels (times a factor) of the image.
+
+    Args:
+        image: message with the camera's place and lens.
+        base: roll, pitch and height of base_link.
+        patch: part of the floor that the picture from above shows.
 
     Raises:
         Refusal: the camera does not look down on the floor.
@@ -113,7 +118,11 @@ def homography(image: CameraImage, base: FloorPose, patch: Patch) -> Array:
 def in_image(image: CameraImage, base: FloorPose, patch: Patch, places: Array) -> Array:
     """Return the pixels (column, row) at which an image shows points of the floor, (n, 2) px.
 
-    `places`: the points, heading axes of base_link, (n, 2) m.
+    Args:
+        image: message with the camera's place and lens.
+        base: roll, pitch and height of base_link.
+        patch: part of the floor that pictures from above show.
+        places: of the points, forward and left of base_link, (n, 2) m.
 
     Raises:
         Refusal: the camera does not look down on the floor.

@@ -45,9 +45,9 @@ class Candidate:
     ridge: float
     """Ridge rho per sample."""
     warp: Warp = "identity"
-    """Map of the inputs."""
+    """Map of the inputs: identity, log or asinh."""
     enough: float = math.inf
-    """Samples about a point at which terms and simple rule weigh the same, see `LearnedModel`."""
+    """Samples about a point at which terms and simple rule weigh alike; infinite: the rule alone."""
     find: Finder | None = None
     """Search for the terms; None: Gaussians about bins drawn at random. Models of a search are not learned again."""
 
@@ -73,7 +73,7 @@ class LearnOptions:
     title: str = "learned"
     candidates: Sequence[Candidate] = CANDIDATES
     folds: int = 5
-    """Number of folds, of whole trials each."""
+    """Number of folds, of whole terrains each, or of whole trials where there is but one terrain."""
     seed: int = 0
     distance_weight: float = 2.0
     """Weight k of Q = P + k K4, 1/m; chosen by whole walks, not by the fit."""
@@ -83,13 +83,13 @@ class LearnOptions:
     """Number of samples that a cell's bin needs; 0: only the ranges count."""
     lattice: Lattice = field(default_factory=Lattice)
     relief: bool = True
-    """Coefficients of planes, see `SampleSet`; `learn` takes it from the samples."""
+    """True: coefficients of fitted planes, False: of 3 x 3 cells; `learn` takes it from the samples."""
     trials: tuple[str, ...] = ()
-    """Identities of the trials, see `identities`; `learn` takes them from the samples."""
+    """Identities (hashes of robot and trial) of the trials; `learn` takes them from the samples."""
 
 
 def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda share: True) -> LearnedModel:
-    """Return the slip model of the candidate that ranks stances by slip best in cross-validation.
+    """Return the slip model of the candidate that ranks stances (steps of a foot) by slip best in cross-validation.
 
     Args:
         samples: stances of one robot, cell, filter and foot.
@@ -108,9 +108,9 @@ def learn_and_compare(
     """Return the slip model that ranks stances best in cross-validation, and its figures beside simple rules.
 
     Args:
-        samples: samples of one robot, cell, filter and foot.
+        samples: stances of one robot, cell, filter and foot.
         options: candidates, folds and facts of the model.
-        report: called between fits; False cancels.
+        report: called between fits with the share that is done; False cancels.
 
     Raises:
         LearnError: no samples, samples of different conditions, all alike, fewer trials than folds, or cancelled.
@@ -160,7 +160,7 @@ def identity(sample: StanceSample) -> str:
 
 
 def sources_of(samples: SampleSet) -> list[str]:
-    """Return one line per source: its name, numbers of samples and trials, the first and the last trial."""
+    """Return one line per source of samples: its name, numbers of samples and trials, the first and the last trial."""
     by_source: dict[str, list[str]] = {}
     for each in samples.kept:
         by_source.setdefault(f"{each.source}, friction {each.friction:g}", []).append(each.trial)
@@ -172,7 +172,17 @@ def built(
     options: LearnOptions, conditions: Conditions, bins: Bins, ranges: tuple[tuple[float, float], ...],
     candidate: Candidate, figures: Mapping[str, float], sources: Sequence[str],
 ) -> LearnedModel:  # fmt: skip
-    """Return the slip model of binned samples, with terms fitted by the settings of one candidate."""
+    """Return the slip model of binned samples, with terms fitted by the settings of one candidate.
+
+    Args:
+        options: facts of the model: title, lattice, weights, seed.
+        conditions: cell, filter, foot and robot of the samples.
+        bins: slips of the samples by index on the lattice.
+        ranges: smallest and largest K1 / (8 cell), K2 / (8 cell), cos K3 of the samples.
+        candidate: settings of the fit.
+        figures: of the cross-validation, by name, kept with the model.
+        sources: of the samples, one line each.
+    """
     return LearnedModel(
         title=options.title,
         conditions=conditions,
@@ -197,7 +207,10 @@ def built(
 
 
 def base_rule(lattice: Lattice, bins: Bins) -> tuple[float, ...]:
-    """Return the weights >= 0 of the simple rule (`rule_columns`), fitted to bins by least squares, relative errors."""
+    """Return the weights >= 0 of the simple rule: of 1 and of max(K2 / (8 cell) - knot, 0) for five knots.
+
+    They are fitted to the mean slips of bins by least squares of relative errors.
+    """
     from scipy.optimize import nnls
 
     columns = rule_columns(lattice.centres(bins)[:, 1])
@@ -212,7 +225,10 @@ def base_rule(lattice: Lattice, bins: Bins) -> tuple[float, ...]:
 
 
 def fit_terms(lattice: Lattice, bins: Bins, candidate: Candidate, seed: int) -> Terms:
-    """Return the terms of a candidate, fitted to bins by least squares; a bin weighs as much as its count."""
+    """Return the terms of a candidate, fitted to the mean slips of bins by least squares; a bin weighs as its count.
+
+    `seed`: of the random bins about which terms are centred.
+    """
     u = inputs(lattice.centres(bins))
     y = np.array([each.mean for each in bins.values()])
     count = np.array([each.count for each in bins.values()])

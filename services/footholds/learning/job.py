@@ -56,7 +56,7 @@ class LearnJob:
         return found
 
     def forget(self) -> None:
-        """Drop the models of all jobs started so far, as after a reset; the jobs still write their files."""
+        """Drop the models of all jobs started so far, as after a reset; jobs under way still write their files."""
         with self._lock:
             self._past, self._finished = self.number, None
 
@@ -114,7 +114,7 @@ class LearnJob:
 
 
 def read_samples(path: Path) -> SampleSet:
-    """Read the samples of a file.
+    """Return the samples of a file that can be learned from, with counts of those left out.
 
     Raises:
         SurefootError: the file cannot be read or is too large.

@@ -15,11 +15,11 @@ def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel
 
     Args:
         a: the first, or old, model.
-        b: the second, or new, model, of the same lattice, cell, filter, foot and robot.
+        b: the second, or new, model, of one lattice, cell, filter, foot and robot.
         weight: what a sample of the second set counts, 0 to 1.
 
     Raises:
-        LearnError: the models do not go together, or are one and the same.
+        LearnError: the weight is out of range, the models do not go together, are equal, or share trials.
     """
     check_weight(weight)
     if a.lattice != b.lattice:
@@ -69,7 +69,11 @@ def refitted(
 
 
 def candidate_of(model: LearnedModel) -> Candidate:
-    """Return the fit settings (number of terms, width, ridge, warp) that a model was made with."""
+    """Return the fit settings (number of terms, width, ridge, warp) that a model was made with.
+
+    Raises:
+        LearnError: the model does not record them.
+    """
     c = model.choice
     try:
         return Candidate(int(c["terms"]), c["width"], c["ridge"], "asinh" if c["asinh"] else "identity", model.enough)

@@ -27,15 +27,15 @@ SHARE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class PredictionQuality:
-    """Figures of one model on one set of stances."""
+    """Figures of one slip model on one set of stances (steps of a foot)."""
 
     stances: int
     spearman: float
-    """Rank correlation of the predicted probability and the measured slip."""
+    """Rank correlation of the predicted and the measured slip."""
     warned: float
-    """AUC of P for slips of more than twice the mean on flat ground."""
+    """Area under the ROC curve of the predicted slip, for slips of more than twice the mean on flat ground."""
     held: float
-    """Share of slips within the interval that should hold `SHARE` of them."""
+    """Share of slips within the interval that should hold 80 % of them."""
     ceiling: float
     """Rank correlation of slip and the mean slip of stances with equal inputs: the best that any model of these inputs
     can reach on these stances; 1 where no two inputs are equal."""
@@ -63,7 +63,7 @@ def expected(model: LearnedModel, found: SampleSet) -> Array:
 
     As in the choice of a foothold, it is the mean of the predicted slip P over the cells about the chosen one with the
     weights of the landing error; cells without P stay out. A stance without heights, or without any P, counts with P of
-    its cell, brought into the ranges of the model.
+    its cell, brought into the ranges of the model. `found`: the n stances.
     """
     p = model.exact(found.x)
     for k, each in enumerate(found.kept):
@@ -84,7 +84,7 @@ def expected(model: LearnedModel, found: SampleSet) -> Array:
 
 
 def spread(model: LearnedModel, x: Array) -> Array:
-    """Return the standard deviation, no unit, of the slip of single stances at points of a model's lattice, (n,).
+    """Return the standard deviation, no unit, of the slip of single steps at points of a model's lattice, (n,).
 
     `x`: points K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit.
     """
@@ -100,10 +100,10 @@ def slip_interval(mean: Array, sd: Array, share: float = SHARE, least: float = L
     `least`.
 
     Args:
-        mean: of the distributions, (n,).
-        sd: their standard deviations, (n,).
-        share: 0 to 1.
-        least: smallest slip.
+        mean: of the distributions, (n,), slip per stroke.
+        sd: their standard deviations, (n,), slip per stroke.
+        share: of the slips, 0 to 1.
+        least: smallest slip per stroke.
     """
     from scipy.special import gammaincinv
 
@@ -152,7 +152,7 @@ class HeldOutFigures:
     """Figures of a learned model, the hand-made score, the flattest cell and nominal landings, on ground held back."""
 
     rows: tuple[PredictorFigures, ...]
-    """learned, hand-made, min-K2, nominal."""
+    """Figures of the learned model, the hand-made score, the rule of the flattest cell, and nominal landings."""
     by: str
     """Parts that were held back: terrains, or trials where there is but one terrain."""
     warning: str
@@ -172,7 +172,7 @@ def folds_of(samples: SampleSet, count: int) -> tuple[NDArray[np.int64], str]:
 
 
 def _terrain(sample: StanceSample) -> str:
-    """Return the ground of a sample: its source without the errors of its map."""
+    """Return the ground of a sample: its source without the last word, which names the errors of its map."""
     return sample.source.rpartition(" ")[0] or sample.source
 
 
@@ -209,7 +209,10 @@ def compared(samples: SampleSet, fold: NDArray[np.int64], p: Array, held: float,
 
 
 def _calibrated(score: Array, r: Array, fold: NDArray[np.int64]) -> Array:
-    """Return a + b score, b >= 0, (n,), with a and b fitted to the slips r (n,) of the other folds, `fold` (n,)."""
+    """Return a + b score, b >= 0, (n,), with a and b fitted to the slips of the other folds.
+
+    `score`: of each sample, (n,); `r`: slip per stroke, (n,); `fold`: number of each sample's fold, (n,).
+    """
     out = np.empty(len(r))
     for f in np.unique(fold):
         rest, own = fold != f, fold == f

@@ -31,7 +31,7 @@ def relearned(
 
     Args:
         model: the old model.
-        samples: of the same cell, filter, foot and robot; those that cannot be learned from are left out.
+        samples: of the model's cell, filter, foot and robot; those that cannot be learned from are left out.
         form: `counted` weighs each sample alike whenever it came; `paper` averages a bin's old and new values.
         weight: of the new samples, 0 to 1; 1 = as much as the old.
 
@@ -52,7 +52,7 @@ def relearned(
 
 
 def unseen(model: LearnedModel, samples: Sequence[StanceSample]) -> list[StanceSample]:
-    """Return the samples of trials that a model has not learned from."""
+    """Return the samples of trials (walks) that a model has not learned from."""
     known = {*model.trials}
     return [each for each in samples if identity(each) not in known]
 

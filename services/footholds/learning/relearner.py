@@ -37,7 +37,7 @@ class RelearnParams:
 
 @dataclass(eq=False)
 class Relearner:
-    """Collector of stance outcomes that learns the slip model again from them, round by round."""
+    """Collector of outcomes of steps that learns the slip model again from them, round by round."""
 
     params: RelearnParams
     log: Callable[[str], None]
@@ -47,14 +47,14 @@ class Relearner:
     """Number of outcomes left out and of rounds that failed, by reason."""
     _waiting: list[StanceSample] = field(default_factory=list)
     _known: dict[str, None] = field(default_factory=dict)
-    """Trials of the last `MOST` outcomes taken: one each."""
+    """Trials of the last outcomes taken, one each, at most 100 000."""
     _due: int = 0
     _thread: threading.Thread | None = None
     _made: LearnedModel | None = None
     _problems: list[tuple[str, str]] = field(default_factory=list)
 
     def take(self, samples: Sequence[StanceSample]) -> None:
-        """Add outcomes of stances to the next round; those that cannot be learned from are only counted."""
+        """Add outcomes of steps to the next round; those that cannot be learned from are only counted."""
         for each in samples:
             problem = each.problem or ("too_many" if len(self._waiting) >= MOST else "")
             problem = problem or ("twice" if each.trial in self._known else "")

@@ -19,12 +19,12 @@ from ..relief import SCALES, patch_features
 PATCH = 13
 """Number of cells along an edge of the heights that a sample keeps."""
 UNKNOWN_UM = -(2**31)
-"""Height of an unknown cell in a sample, micrometres."""
+"""Number that stands for the height of an unknown cell in a sample, micrometres."""
 
 
 @dataclass(frozen=True, slots=True)
 class StanceSample:
-    """One stance as a sample for learning: ground, chosen foothold, stroke and measured slip."""
+    """One step of a foot (a stance) as a sample for learning: ground, chosen foothold, stroke and measured slip."""
 
     trial: str
     """Name of the walk or trial; folds of the cross-validation are made of whole trials."""
@@ -32,15 +32,15 @@ class StanceSample:
     step: int
     """Number of the choice in the trial; trial, leg and step together name the stance."""
     k1: float
-    """Coefficient K1 of the chosen cell on the map of the choice, m."""
+    """Coefficient K1 of the chosen cell on the map of the choice, m: > 0 on a top edge, < 0 in a hole."""
     k2: float
-    """Coefficient K2 (curvature) of the ground under the foot, m."""
+    """Coefficient K2 (steepness and roughness) of the chosen cell, m."""
     cos_k3: float
-    """Cosine of K3, the angle between the stroke and the slope of the ground."""
+    """Cosine of K3, the angle between ground normal and stroke, of the chosen cell: < 0 faces the push, > 0 slips."""
     k4: float
-    """Distance from the nominal foothold, m."""
+    """Distance of the chosen cell from the nominal foothold, m."""
     stroke: tuple[float, float, float]
-    """Movement f of the foot relative to the body in stance, map axes, m."""
+    """Movement f of the foot relative to the body while it stands, map axes, m."""
     sliding: float
     """Way of the contact point in the ground plane, m."""
     displacement: float
@@ -65,7 +65,7 @@ class StanceSample:
     """Heights about the chosen cell relative to it, row by row, micrometres; -2^31 = unknown."""
 
     def around(self) -> Layer | None:
-        """Return the heights about the chosen cell, (n, n) m, NaN = unknown; None if the sample holds none."""
+        """Return the heights about the chosen cell relative to it, (n, n) m, NaN = unknown; None if there are none."""
         edge = math.isqrt(len(self.heights_um))
         if edge * edge != len(self.heights_um) or edge < 3:
             return None
@@ -100,7 +100,7 @@ class SampleSet:
     """Samples of stances as arrays, a row each."""
 
     x: Array
-    """Points on the axes of the lattice, (n, 3)."""
+    """Ground of each stance on the axes of the lattice: K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit."""
     r: Array
     """Slip per stroke of each stance, (n,), no unit."""
     trial: NDArray[np.int64]
@@ -126,7 +126,7 @@ def gather(samples: Iterable[StanceSample], relief: bool = True) -> SampleSet:
 
     Args:
         samples: of one robot, cell, filter and foot.
-        relief: coefficients of planes at the scale of each map; False: those of Walas & Belter.
+        relief: True: coefficients of planes at the scale of each map; False: those of 3 x 3 cells (Walas & Belter).
     """
     refused: Counter[str] = Counter()
     found: dict[tuple[str, int, int], StanceSample] = {}
@@ -150,7 +150,10 @@ def gather(samples: Iterable[StanceSample], relief: bool = True) -> SampleSet:
 
 
 def _point(sample: StanceSample, relief: bool) -> tuple[Array, str]:
-    """Return the point of a sample on the axes of the lattice, (3,), and why there is none; empty if there is."""
+    """Return the ground of a sample on the axes of the lattice, (3,), and why there is none; empty if there is.
+
+    `relief`: True: by planes fitted to the heights that the sample keeps; False: by its own coefficients.
+    """
     k = np.array([[sample.k1, sample.k2, sample.cos_k3]])
     if relief:
         around = sample.around()

@@ -12,9 +12,9 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
     stacked matrix do not.
 
     Args:
-        columns: V, (n, m), no unit.
-        y: target, (n,).
-        w: diagonal of W, (n,), no unit.
+        columns: V, values of m terms at n points, (n, m), no unit.
+        y: target, such as slips, (n,).
+        w: diagonal of W, weights of the points, (n,), no unit.
         ridge: rho, >= 0.
     """
     stacked, target = stack(columns, y, w, ridge)
@@ -22,9 +22,9 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
 
 
 def stack(columns: Array, y: Array, w: Array, ridge: float) -> tuple[Array, Array]:
-    """Return the matrix [W V; sqrt(ridge) I], (n + m, m), no unit, and the vector [W y; 0], (n + m,), unit of y (n,).
+    """Return the matrix [W V; sqrt(ridge) I], (n + m, m), and the vector [W y; 0], (n + m,), of a fit with a ridge.
 
-    V = `columns` (n, m), W = diag(w), weights w (n,), no unit.
+    `columns`: V, (n, m), no unit; `y`: target, (n,); `w`: diagonal of W, (n,), no unit.
     """
     m = columns.shape[1]
     return np.vstack((w[:, None] * columns, np.sqrt(ridge) * np.eye(m))), np.concatenate((w * y, np.zeros(m)))

@@ -15,16 +15,19 @@ from surefoot.arrays import Array
 
 
 class Basis(Protocol):
-    """Terms phi_q with their parameters, as functions of the inputs."""
+    """Terms of a slip model, functions phi_q of its inputs, with their parameters."""
 
     def columns(self, u: Array) -> Array:
-        """Return the values of the m basis functions at inputs u (n, d), (n, m), no unit."""
+        """Return the values of the m terms at n points u of d scaled inputs, (n, d): an array (n, m), no unit."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """Gaussian terms phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2), (15) of Walas & Belter, and a constant if wanted."""
+    """Gaussian terms phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2) of inputs u, and a constant if wanted.
+
+    a: centres, lambda: rates; (15) of Walas & Belter.
+    """
 
     centres: Array
     """Centres of the Gaussians in the space of the inputs, (m, d)."""
@@ -34,7 +37,7 @@ class Gaussians:
     """True adds a last column of ones."""
 
     def columns(self, u: Array) -> Array:
-        """Return the values of the Gaussians at inputs u (n, d), (n, m), or (n, m + 1) with a constant, no unit."""
+        """Return the values of the m Gaussians at inputs u (n, d), (n, m), or (n, m + 1) with a constant, no unit."""
         power = np.zeros((len(u), len(self.centres)))
         for seen, centre, width in zip(u.T, self.centres.T, self.widths.T, strict=True):  # each input
             away = seen[:, None] - centre

@@ -32,7 +32,7 @@ MAX_COUNT = 1e9
 LEAST_ERROR = 1e-4
 """Mean square error below which predictions of own bins are good enough, whatever the bins."""
 MAX_SPAN = 2_000_000
-"""Most bins between the smallest and the largest key on all axes: what is looked up is a dense array, 8 MB."""
+"""Largest number of bins in the box from the smallest to the largest index on all axes: it is a dense array, 8 MB."""
 DIGITS = 10
 """Digits of every number of a fit that is written."""
 
@@ -94,7 +94,11 @@ class _ModelFile(_FilePart):
 
 
 def encode(model: LearnedModel) -> bytes:
-    """Return a model as the bytes of its file; equal models give equal bytes."""
+    """Return a model as the bytes of its file; equal models give equal bytes.
+
+    Raises:
+        ModelError: its terms are no Gaussians, or it has too many trials.
+    """
     basis, c = model.terms.basis, model.conditions
     if not isinstance(basis, Gaussians):
         raise ModelError("invalid", f"{model.name}: only Gaussians are written, got {type(basis).__name__}", "terms")
@@ -194,7 +198,10 @@ def _check_outcomes(lattice: Lattice, bins: dict[Key, Bin], source: str) -> None
 
 
 def _check_ranges(lattice: Lattice, bins: dict[Key, Bin], ranges: tuple[tuple[float, float], ...], source: str) -> None:
-    """Raise ModelError for ranges that are empty or do not belong to the bins: each end lies within a bin's width."""
+    """Raise ModelError for ranges of inputs that are empty or do not belong to the bins.
+
+    Each end has to lie within a bin's width of the bins' inputs.
+    """
     centres = lattice.centres(bins)
     u, slack = inputs(centres), np.array(lattice.width)
     slack[0] = ROUGHEST * lattice.width[0] + lattice.width[1]
@@ -208,7 +215,7 @@ def _check_ranges(lattice: Lattice, bins: dict[Key, Bin], ranges: tuple[tuple[fl
 
 
 def check(model: LearnedModel, source: str = "model") -> None:
-    """Raise ModelError for a model that does not predict its own outcomes.
+    """Raise ModelError for a model that does not predict its own outcomes; `source` names it in the message.
 
     Raises:
         ModelError: all predictions are NaN or beyond 1, or they are worse than the mean of all outcomes.
@@ -231,7 +238,7 @@ def check(model: LearnedModel, source: str = "model") -> None:
 
 
 def load(path: str | Path) -> LearnedModel:
-    """Read a model file.
+    """Return the slip model of a file.
 
     Raises:
         ModelError: unreadable, too large, or not a model.
@@ -248,7 +255,7 @@ def load(path: str | Path) -> LearnedModel:
 
 
 def save(model: LearnedModel, path: str | Path) -> Path:
-    """Write a model file, whole or not at all.
+    """Write a model file, whole or not at all; return its path.
 
     Raises:
         ModelError: the folder cannot be written, or the disk is full.
@@ -275,7 +282,7 @@ def _basis(terms: _TermsPart, source: str) -> Gaussians:
 
 
 def _rounded(values: np.ndarray) -> Any:
-    """Return an array of any shape as nested lists, every number with `DIGITS` digits."""
+    """Return an array of any shape as nested lists, every number with 10 digits."""
     return json.loads(
         json.dumps(values.tolist()),
         parse_float=lambda text: float(f"{float(text):.{DIGITS}g}") if math.isfinite(float(text)) else float(text),

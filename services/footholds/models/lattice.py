@@ -17,7 +17,7 @@ from surefoot.errors import InvalidField
 Key = tuple[int, int, int]
 
 UNIT = 1e-9
-"""Unit of the sums, in strokes; the sums of squares are in UNIT squared."""
+"""Unit of the sums of slips, in strokes; sums of squares are in its square."""
 FLAT = 1e-6
 """Value of K2 / (8 cell) below which ground is flat: K1 / K2 is 0 there."""
 ROUGHEST = 4.0
@@ -32,7 +32,7 @@ class LatticeError(InvalidField):
 
 @dataclass(frozen=True)
 class Lattice:
-    """Lattice of bins over the ground coefficients; the bin of a point x is floor((x - origin) / width).
+    """Lattice of bins over the ground coefficients; a point x lies in the bin floor((x - origin) / width).
 
     Axes are K1 / K2, K2 / (8 cell) and cos K3, no unit; the lattice has no edges.
     """
@@ -55,14 +55,14 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Count, sum and sum of squares of the slips of the samples whose ground lies in one bin of the lattice."""
+    """Count, sum and sum of squares of the slips (per stroke) of samples whose ground lies in one bin of a lattice."""
 
     count: float
     """Number of samples; a weighted re-learning makes it a fraction."""
     total: int
-    """Sum of the slips r, in UNIT."""
+    """Sum of the slips r per stroke, in units of 1e-9."""
     squares: int
-    """Sum of r^2, in UNIT^2."""
+    """Sum of r^2, in units of 1e-18."""
 
     @property
     def mean(self) -> float:
@@ -76,7 +76,7 @@ class Bin:
 
     @property
     def possible(self) -> bool:
-        """True if slips r of 0 to `LARGEST` can have these sums: (sum r)^2 <= n sum r^2 <= n LARGEST sum r."""
+        """True if slips r of 0 to 20 can have these sums: (sum r)^2 <= n sum r^2 <= n 20 sum r, n the count."""
         if not 0.0 <= self.mean <= LARGEST:
             return False
         total, squares = self.total * UNIT, self.squares * UNIT * UNIT
@@ -93,9 +93,10 @@ Bins = Mapping[Key, Bin]
 
 
 def coordinates(k1: Array, k2: Array, cos_k3: Array, cell: float) -> Array:
-    """Return the points of coefficients on the axes of a lattice, (n, 3), no unit: K1 / K2, K2 / (8 cell), cos K3.
+    """Return points on the axes of a lattice, (n, 3), no unit: K1 / K2, K2 / (8 cell), cos K3 of ground coefficients.
 
-    `k1` (n,) m, `k2` (n,) m, `cos_k3` (n,): ground coefficients; `cell`: edge of a cell, m.
+    They are clipped to -1 .. 1, 0 .. 4 and -1 .. 1; K1 / K2 of flat ground is 0. `k1` (n,) m, `k2` (n,) m, `cos_k3`
+    (n,): coefficients; `cell`: edge of a cell, m.
     """
     b = k2 / (8.0 * cell)
     ratio = np.where(b < FLAT, 0.0, k1 / np.where(k2 == 0.0, 1.0, k2))
@@ -129,14 +130,14 @@ def filled(lattice: Lattice, x: Array, r: Array) -> dict[Key, Bin]:
 
 
 def merged(a: Bins, b: Bins, weight: float = 1.0) -> dict[Key, Bin]:
-    """Return both sets of outcomes together: the counted form of re-learning.
+    """Return both sets of bins together: the counted form of re-learning.
 
         r <- (N_old r_old + c N_new r_new) / (N_old + c N_new),   N <- N_old + c N_new
 
-    With c = 1 this equals the bins of all samples, to the byte.
+    r: mean slip of a bin, N: its count. With c = 1 this equals the bins of all samples, to the byte.
 
     Args:
-        a: the old bins.
+        a: the old bins, by index on the lattice.
         b: the new bins, on the same lattice.
         weight: c, 0 to 1.
     """
@@ -154,12 +155,13 @@ def merged(a: Bins, b: Bins, weight: float = 1.0) -> dict[Key, Bin]:
 def faded(a: Bins, b: Bins, c: float) -> dict[Key, Bin]:
     """Return re-learned bins by (19) of Walas & Belter: r <- (r_old + c r_new) / (1 + c), without regard to counts.
 
-    Bins of the old set only stay, those of the new set only are added. Counts are those of the old set.
+    r: mean slip of a bin. Bins of the old set only stay, those of the new set only are added. Counts of bins that both
+    have are those of the old set.
 
     Args:
-        a: the old bins.
+        a: the old bins, by index on the lattice.
         b: the new bins, on the same lattice.
-        c: 0 to 1.
+        c: weight of the new bins, 0 to 1.
     """
     out = dict(a)
     for key, new in b.items():

@@ -21,7 +21,7 @@ from .lattice import FLAT, Bin, Key, Lattice, coordinates, inputs
 from .protocol import UNLEARNED
 
 NODES = (17, 65, 33)
-"""Number of nodes of the table along K1 / K2, K2 / (8 cell), cos K3."""
+"""Number of nodes of the table of predictions along K1 / K2, K2 / (8 cell), cos K3."""
 CELL_TOLERANCE = 0.01
 """Largest relative difference of cell and foot radius at which a model still holds."""
 ROUNDS = "rounds"
@@ -37,11 +37,12 @@ LEAST_RANGE = 1e-3
 
 
 Table = tuple[Layer, Layer, Layer, float]
-"""P at the nodes, `NODES`; first value and steps per unit of each axis, (3, 2); ranges of the model, (3, 2); rise of P
-per K2 / (8 cell) above its range, negative: P is unknown outside the ranges."""
+"""Slip P at the nodes of a grid over K1 / K2, K2 / (8 cell), cos K3, (17, 65, 33); first value and steps per unit of
+each axis, (3, 2); ranges of the model, (3, 2); rise of P per K2 / (8 cell) above its range, negative: P is unknown
+outside the ranges."""
 Support = tuple[NDArray[np.int32], NDArray[np.int64], Layer, int]
-"""Samples of each bin, (a, b, c); key of its element [0, 0, 0], (3,); origin of the lattice and bins per unit of each
-axis, (3, 2); samples that a bin needs, 0 = none."""
+"""Samples of each bin, (a, b, c); index on the lattice of its element [0, 0, 0], (3,); origin of the lattice and bins
+per unit of each axis, (3, 2); samples that a bin needs, 0 = none."""
 
 
 @dataclass(frozen=True)
@@ -60,24 +61,24 @@ class Conditions:
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Weighted sum P(u) = sum_q c_q phi_q(u) over warped inputs."""
+    """Weighted sum P(u) = sum_q c_q phi_q(u) of terms over warped inputs u: K1 / (8 cell), K2 / (8 cell), cos K3."""
 
     basis: Basis
     weights: Array
     """Weights c, (m,)."""
     warps: tuple[Warp, ...]
-    """Map of each input K1 / (8 cell), K2 / (8 cell), cos K3."""
+    """Map of each of the three inputs: identity, log or asinh."""
     scales: Array
-    """Divisors of the inputs, (3,)."""
+    """Numbers that the inputs are divided by before they are warped, (3,)."""
 
     def values(self, u: Array) -> Array:
-        """Return P, the expected slip per way of the stroke, no unit, of inputs u (n, 3), (n,)."""
+        """Return P, the expected slip per stroke, (n,), of inputs u (n, 3): K1 / (8 cell), K2 / (8 cell), cos K3."""
         with np.errstate(over="ignore", invalid="ignore"):  # an overflow is no prediction: see `files.check`
             return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
 
 
 def rule_columns(steep: Array) -> Array:
-    """Return 1 and max(steep - knot, 0) for each of `KNOTS`, (n, 1 + knots), no unit.
+    """Return 1 and max(steep - knot, 0) for the knots 0, 0.1, 0.2, 0.3, 0.5, (n, 6), no unit.
 
     With weights >= 0 their sum is the simple rule that the flattest cell is the best, bent upwards as slips are.
     `steep`: K2 / (8 cell), (n,), no unit.
@@ -87,7 +88,7 @@ def rule_columns(steep: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LearnedModel:
-    """Slip model learned from stances of one robot."""
+    """Slip model learned from the steps of one robot: terms fitted to bins of slips, a simple rule beside them."""
 
     title: str
     """Name without the version."""
@@ -104,9 +105,9 @@ class LearnedModel:
     relief: bool = False
     """True: the coefficients are those of planes, and P goes over into `base` where there are few samples or none."""
     enough: float = math.inf
-    """Number of samples about a point at which terms and simple rule weigh the same; infinite: the rule alone."""
+    """Number of samples about a point at which terms and simple rule weigh alike; infinite: the rule alone."""
     base: tuple[float, ...] = ()
-    """Simple rule, see `rule_columns`: weights >= 0."""
+    """Weights >= 0 of the simple rule: of 1 and of max(K2 / (8 cell) - knot, 0) for five knots."""
     trials: tuple[str, ...] = ()
     """Identities of the trials that the samples are from, sorted."""
     seed: int = 0
@@ -152,9 +153,9 @@ class LearnedModel:
         )  # fmt: skip
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """Return the slip per stroke P of every cell, (ny, nx) float32, no unit, >= 0.
+        """Return the slip per stroke P of every cell, (ny, nx) float32, no unit, >= 0; -1 outside what was learned.
 
-        `UNLEARNED` outside the ranges or without support. `features`: coefficients, (ny, nx) each; `cell`: its edge, m.
+        `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
         """
         k1, k2, cos_k3 = features
         out = np.empty(k1.shape, dtype=np.float32)
@@ -162,11 +163,14 @@ class LearnedModel:
         return out
 
     def spread(self, features: Features, cell: float) -> Layer:
-        """Return the standard deviation of the slip of single stances in each cell, (ny, nx) float32, no unit.
+        """Return the standard deviation of the slip of single steps in each cell, (ny, nx) float32, no unit.
 
-        It is NaN without a predicted slip P. Bins with few samples lean on the spread of all bins, n and M2 of the bin:
+        It is NaN without a predicted slip P. A bin of n samples and sum of squared deviations M2 leans on the spread of
+        all:
 
-        sd^2 = (M2 + m (c P)^2) / (n - 1 + m),   m = `BROAD`,   c^2 = sum M2 / sum (n - 1) mean^2 over all bins
+            sd^2 = (M2 + m (c P)^2) / (n - 1 + m),   m = 10,   c^2 = sum M2 / sum (n - 1) mean^2 over all bins
+
+        `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
         """
         p = self.predict(features, cell).astype(np.float64)
         n, m2 = (values[self._places(features, cell)] for values in self._outcomes)
@@ -174,7 +178,10 @@ class LearnedModel:
         return np.where(p >= 0.0, sd, np.nan).astype(np.float32)
 
     def support_of(self, features: Features, cell: float) -> Layer:
-        """Return n / (n + `HALF_SUPPORT`), n the samples about each cell's point of the lattice, (ny, nx) float32."""
+        """Return n / (n + 10), n the number of samples near each cell's coefficients, (ny, nx) float32.
+
+        `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
+        """
         k1, k2, cos_k3 = (layer.astype(np.float64).ravel() for layer in features)
         x = coordinates(k1, k2, cos_k3, cell)
         known = np.isfinite(x).all(axis=1)
@@ -184,7 +191,10 @@ class LearnedModel:
         return out.reshape(features.k1.shape).astype(np.float32)
 
     def _places(self, features: Features, cell: float) -> tuple[NDArray[np.int64], ...]:
-        """Return the element of `_outcomes` of every cell, three arrays of (ny, nx)."""
+        """Return the element of the dense arrays of bins in which each cell lies, three indices of (ny, nx).
+
+        `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
+        """
         k1, k2, cos_k3 = (np.nan_to_num(layer.astype(np.float64)).ravel() for layer in features)
         counts, first, _, _ = self._support
         at = self.lattice.keys(coordinates(k1, k2, cos_k3, cell)) - first + 1
@@ -193,9 +203,9 @@ class LearnedModel:
 
     @cached_property
     def _outcomes(self) -> tuple[Array, Array]:
-        """Return numbers of samples and M2 (sum of squared differences from the mean) of the bins as dense arrays.
+        """Numbers of samples, and M2 (sum of squared deviations of slips from the bin's mean), as dense arrays of bins.
 
-        They have one axis for each feature, and a border of empty bins.
+        They have one axis for each coefficient, and a border of empty bins.
         """
         counts, first, _, _ = self._support
         n, m2 = np.zeros(np.array(counts.shape) + 2), np.zeros(np.array(counts.shape) + 2)
@@ -210,7 +220,10 @@ class LearnedModel:
         return math.fsum(each.m2 for each in self.bins.values()) / max(1e-12, freedom)
 
     def _near(self, x: Array) -> Array:
-        """Return the number of samples about points x (n, 3) on the lattice's axes, (n,), between centres of bins."""
+        """Return the number of samples near n points on the lattice's axes, (n,), interpolated between centres of bins.
+
+        `x`: K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit.
+        """
         counts, first, _, _ = self._support
         n = np.pad(counts.astype(np.float64), 1)
         at = (x - np.array(self.lattice.origin)) / np.array(self.lattice.width) - 0.5 - first + 1.0
@@ -237,7 +250,7 @@ class LearnedModel:
     def exact(self, x: Array) -> Array:
         """Return the slip per stroke P at points of the lattice, (n,), no unit, by its formula instead of the table.
 
-        With `relief` P = t (terms) + (1 - t) (simple rule) with t = n / (n + enough), n the samples about x.
+        With `relief` P = t (terms) + (1 - t) (simple rule) with t = n / (n + enough), n the samples near the point.
         `x`: K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit; they are brought into the ranges.
         """
         low, high = np.array(self.ranges).T
@@ -289,7 +302,17 @@ class LearnedModel:
 def _interpolated(
     k1: Layer, k2: Layer, cos_k3: Layer, scale: np.float32, table: Table, held: Support, out: Layer
 ) -> None:
-    """Write the trilinear P of every cell, (ny, nx); `scale` is 1 / (8 cell), 1/m."""
+    """Write the slip P of every cell to `out` (ny, nx), interpolated linearly between the nodes of a table.
+
+    Args:
+        k1: K1, (ny, nx) m.
+        k2: K2, (ny, nx) m.
+        cos_k3: cos K3, (ny, nx), no unit.
+        scale: 1 / (8 cell), 1/m.
+        table: P at the nodes, axes, ranges, rise of P above the range of K2.
+        held: samples of each bin, and how many a bin needs.
+        out: written; NaN where a coefficient is, -1 outside what was learned.
+    """
     values, axes, ranges, rise = table
     counts, first, lattice, support = held
     zero, one, flat, unlearned = np.float32(0.0), np.float32(1.0), np.float32(FLAT), np.float32(UNLEARNED)

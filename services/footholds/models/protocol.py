@@ -5,11 +5,12 @@ from typing import Protocol
 from ..features import Features, Layer
 
 UNLEARNED = -1.0
-"""P of a cell outside the inputs that a model has learned; other values outside [0, 1] are artefacts of a fit."""
+"""Predicted slip P of a cell outside the inputs that a model has learned; other values outside [0, 1] are artefacts of
+a fit."""
 
 
 class SlipModel(Protocol):
-    """Predictor of the slip r of a foothold, way of the contact point per stroke, from its ground coefficients."""
+    """Predictor of the slip of a foothold: way of the contact point per way of the stroke, by the ground."""
 
     @property
     def name(self) -> str:
@@ -52,15 +53,21 @@ class SlipModel(Protocol):
             cell: edge of a cell, m.
 
         Returns:
-            Predicted slip, no unit, (ny, nx) float32. NaN where the coefficients are, `UNLEARNED` outside the learned
-            inputs; another value outside [0, 1] is an artefact of a fit and makes the cell unknown.
+            Predicted slip, no unit, (ny, nx) float32. NaN where the coefficients are, -1 outside the learned inputs;
+            another value outside [0, 1] is an artefact of a fit and makes the cell unknown.
         """
         ...
 
     def spread(self, features: Features, cell: float) -> Layer:
-        """Return the standard deviation of the slip of single stances, (ny, nx) float32, no unit; NaN = unknown."""
+        """Return the standard deviation of the slip of single steps, (ny, nx) float32, no unit; NaN = unknown.
+
+        `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
+        """
         ...
 
     def support_of(self, features: Features, cell: float) -> Layer:
-        """Return the share, 0 to 1, of P that was learned from similar stances, (ny, nx) float32; NaN where P is."""
+        """Return the share, 0 to 1, of P that was learned from similar steps, (ny, nx) float32; NaN where P is.
+
+        `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
+        """
         ...

@@ -51,7 +51,12 @@ class AnywhereModel:
 
 @dataclass(frozen=True, slots=True)
 class HandScore(AnywhereModel):
-    """Weights of the hand-made score; none has a unit."""
+    """Hand-made slip model of seven weights, none with a unit; the slip P is clipped to [0, 1].
+
+        P = flat + peak s(a - dead) - hole s(-a - dead) + rough s(b - |a| - dead) + face max(c, 0) - lean max(-c, 0)
+
+    with a = K1 / (8 cell), b = K2 / (8 cell), c = cos K3, s(x) = x / (1 + x) for x > 0, else 0.
+    """
 
     flat: float = 0.04
     """Slip on flat ground: servo and body errors drag a foot by about 4 % of a stroke (single-foot trials, mu 0.4)."""
@@ -90,7 +95,7 @@ class HandScore(AnywhereModel):
     def predict(self, features: Features, cell: float) -> Layer:
         """Return the slip per stroke P of every cell, (ny, nx) float32 in [0, 1], NaN where a coefficient is.
 
-        `features`: ground coefficients, (ny, nx) each; `cell`: edge of a cell, m, of any size.
+        `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m, of any size.
         """
         k1, k2, cos_k3 = features
         out = np.empty(k1.shape, dtype=np.float32)
@@ -105,7 +110,16 @@ def _weights(score: HandScore) -> Layer:
 
 @row_kernel
 def _predict(k1: Layer, k2: Layer, cos_k3: Layer, weights: Layer, scale: np.float32, out: Layer) -> None:
-    """Write P of every cell, (ny, nx); `weights` are the fields of `HandScore`, `scale` is 1 / (8 cell), 1/m."""
+    """Write the slip P of every cell to `out` (ny, nx).
+
+    Args:
+        k1: K1, (ny, nx) m.
+        k2: K2, (ny, nx) m.
+        cos_k3: cos K3, (ny, nx), no unit.
+        weights: flat, peak, hole, face, lean, rough, dead, (7,), no unit.
+        scale: 1 / (8 cell), 1/m.
+        out: written.
+    """
     zero, one = np.float32(0.0), np.float32(1.0)
     flat, peak, hole, face = weights[0], weights[1], weights[2], weights[3]
     lean, rough, dead = weights[4], weights[5], weights[6]

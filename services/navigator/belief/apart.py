@@ -20,14 +20,14 @@ MOST_COMPARED = 256
 
 @row_kernel
 def alone(places: Array, looks: Array, positions: Array, others: Array, look: float) -> Flags:
-    """Return True, (m,), for each landmark with no landmark of similar descriptor in the map within `FAR` of its place.
+    """Return True, (m,), where no landmark of the map of similar descriptor lies within 0.25 m of a given place.
 
     Args:
-        places: where the landmarks would stand, (m, 2) m, frame map.
+        places: where m landmarks would stand, (m, 2) m, frame map.
         looks: their descriptors, (m, k), no unit.
         positions: landmarks of the map, (n, 2) m, frame map.
         others: their descriptors, (n, k), no unit.
-        look: largest distance of two descriptors of one landmark.
+        look: largest distance of two descriptors of one landmark, no unit.
     """
     found, most = np.ones(places.shape[0], dtype=np.bool_), look * look
     for i in range(places.shape[0]):
@@ -43,13 +43,13 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
     """Return how many landmarks around each end of a walk distinguish the first pose from the most similar other one.
 
     Args:
-        poses: x, y (m) and heading (rad), frame map, (p, 3), p >= 2.
+        poses: candidate poses of a lost robot, x, y (m) and heading (rad), frame map, (p, 3), p >= 2.
         ends: of the walks, in the axes of the robot, (e, 2) m.
-        world: landmarks.
-        look: largest distance of two descriptors of one landmark.
+        world: landmarks of the map.
+        look: largest distance of two descriptors of one landmark, no unit.
 
     Returns:
-        Numbers, (e,): landmarks within `AROUND` of the end that would stand there at one of the two poses only.
+        Numbers, (e,): landmarks within 1 m of the end that would stand there at one of the two poses only.
     """
     least = np.full(len(ends), np.inf)
     for other in poses[1:]:
@@ -59,9 +59,14 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
 
 
 def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
-    """Return the number of landmarks around each end (k, 2) m, seen from a pose, that are not at the other one, (k,).
+    """Return the number of landmarks around each end of a walk from one pose that another pose would not have, (k,).
 
-    `pose`, `other`: x, y (m), heading (rad) in the map, (3,); `look`: largest distance of descriptors that are alike.
+    Args:
+        pose: x, y (m), heading (rad), frame map, (3,), from which the landmarks are taken.
+        other: another pose, at which they are sought, (3,).
+        ends: of the walks, in the axes of the robot, (k, 2) m.
+        world: landmarks of the map; of more than 256 in reach a part is compared and scaled up.
+        look: largest distance of two descriptors of one landmark, no unit.
     """
     local = _turned(world.positions - pose[:2], -pose[2])
     near = np.flatnonzero(np.hypot(*local.T) < np.hypot(*ends.T).max() + AROUND)

@@ -27,21 +27,23 @@ class Fates(NamedTuple):
     """Results of matching the m detections of a frame with landmarks, one element per detection."""
 
     landmark: Ints
-    """Landmark, -1 = none, (m,)."""
+    """Index of the landmark in the map, -1 = none, (m,)."""
     fate: Ints
-    """MATCHED or another fate of `gate`, (m,)."""
+    """Fates, (m,): 0 matched, 1 impossible range or bearing, 2 no landmark in the gate, 3 none there looks like it, 4
+    two there do, 5 its landmark is matched by another detection, 6 no rigid motion of the others explains it, 7 beyond
+    the maximum per frame."""
     nis: Array
-    """Normalised innovation squared of each sighting against the landmark most like it, 2 degrees of freedom, (m,)."""
+    """Normalised innovation squared against the landmark most like the detection, 2 degrees of freedom, (m,)."""
     gap: Array
-    """Squared distance of the descriptors, (m,)."""
+    """Squared distance of the descriptors of detection and landmark, no unit, (m,)."""
 
 
 @row_kernel
 def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
-    """Sort indices in place by rising keys, equal keys by rising ties.
+    """Sort the indices `chosen` in place by rising keys of the elements they point at, equal keys by rising ties.
 
     Args:
-        chosen: indices into the other two, (n,).
+        chosen: indices into the other two, (n,), reordered.
         keys: of all elements, (m,), any unit.
         ties: of all elements, (m,), no unit.
     """
@@ -60,16 +62,16 @@ def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
 def _nearest(
     mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: SightNoise, limits: MatchLimits, fates: Fates
 ) -> Ints:
-    """Write landmark and fate of each detection by itself; return the detections that match a landmark.
+    """Write landmark and fate of each detection by itself; return the indices of those that match a landmark, (k,).
 
     Args:
-        mean: believed state, (n,), see `ukf`.
-        cov: its covariance, (n, n).
-        frame: the m detections.
-        world: landmarks.
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        frame: the m detections: ranges, bearings, descriptors.
+        world: landmarks of the map.
         noise: standard deviations of a detection.
         limits: of gate, likeness and range.
-        fates: written.
+        fates: of the m detections, written; those out of the limits of range or not finite keep what they had.
     """
     m, (ranges, bearings, looks) = frame.ranges.size, frame
     chosen, kept = np.empty(m, dtype=np.int64), 0
@@ -89,10 +91,11 @@ def _nearest(
 
 @row_kernel
 def _one_each(chosen: Ints, fates: Fates) -> Ints:
-    """Return the detections that are left when each landmark keeps the one that looks most like it, that first.
+    """Return the detections left, (j,), if each landmark keeps only the one most like it; the most similar comes first.
 
-    `chosen`: detections that match a landmark, (k,), sorted in place; `fates`: of all m detections; of those that lose
-    their landmark they become DOUBLED.
+    Args:
+        chosen: indices of detections that match a landmark, (k,), reordered in place.
+        fates: of all m detections; the fate of those that lose their landmark becomes DOUBLED (5).
     """
     sort_by(chosen, fates.gap, fates.landmark)
     kept = 0
@@ -116,14 +119,14 @@ def match(
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
         cov: its covariance, (3, 3) or larger.
-        frame: the m detections.
-        world: landmarks.
-        noise: standard deviations of range and bearing of a detection.
+        frame: the m detections: ranges, bearings, descriptors.
+        world: landmarks of the map.
+        noise: standard deviations of range, bearing and descriptor of a detection.
         limits: of gate, likeness, range, spread, pairs and matches.
-        seed: of the random pairs.
+        seed: of the random pairs of matches from which rigid motions are tried.
 
     Returns:
-        Fates of all detections, and the matched detections, (k,), those first that look most like their landmark.
+        Fates of all detections, and indices of the matched ones, (k,), those first that look most like their landmark.
     """
     m = frame.ranges.size
     fates = Fates(np.full(m, -1), np.full(m, INVALID), np.zeros(m), np.zeros(m))
@@ -148,12 +151,12 @@ def match(
 
 @row_kernel
 def likeness(look: Array, columns: Array, out: Array) -> None:
-    """Write the squared distances of a descriptor to those of a map, summed in index order, to out.
+    """Write the squared distances of a descriptor to those of n landmarks to `out`; each sum runs in index order.
 
     Args:
         look: descriptor, (k,), no unit.
         columns: descriptors of n landmarks, a column each, (k, n), no unit.
-        out: result, (n,).
+        out: result, (n,), overwritten.
     """
     for i in range(out.size):
         out[i] = 0.0

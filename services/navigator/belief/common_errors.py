@@ -21,16 +21,16 @@ from .matching import SightNoise
 from .ukf import NUISANCE
 
 TYPICAL = 0.75
-"""Distance of a landmark, m."""
+"""Typical distance of a landmark, m, at which a tilt is taken to act."""
 ERRORS = 3
-"""States of the errors: pitch, roll, sway."""
+"""Number of states of the errors: pitch, roll, sway."""
 NEAREST = 0.1
 """Least distance, m; nearer landmarks count as this far."""
 
 
 @dataclass(frozen=True)
 class CommonErrors:
-    """Errors that all landmarks of a frame share."""
+    """Errors that all landmarks of a frame share: unknown tilt of the camera, sway of the body beside its path."""
 
     tilt: float = 0.0
     """Standard deviation of the unknown pitch and of the unknown roll of the camera, rad; 0 = the tilt is known."""
@@ -63,7 +63,7 @@ class CommonErrors:
         return (tilt, tilt, sway)
 
     def widen(self, noise: SightNoise) -> SightNoise:
-        """Return the noise of single detections with the common errors of a landmark at a typical distance added."""
+        """Return the noise of single detections with the shared errors, as they act on a landmark 0.75 m away."""
         if not self.any:
             return noise
         h = self.height
@@ -74,13 +74,13 @@ class CommonErrors:
 
 @row_kernel
 def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> None:
-    """Keep a share of each error and add noise so that their standard deviations tend to sds, in place.
+    """Let the errors that sightings share fade: a share of each stays, noise makes up; `mean` and `cov` are changed.
 
     Args:
-        mean: state, (n,), n > 4.
+        mean: x, y (m), heading (rad), drift (rad per m), pitch, roll (rad), sway (m), (n,), n = 7.
         cov: covariance, (n, n).
-        keeps: shares, (3,), 0 to 1.
-        sds: standard deviations, (3,), rad, rad, m.
+        keeps: shares of pitch, roll and sway that stay, (3,), 0 to 1.
+        sds: standard deviations that they tend to, (3,), rad, rad, m.
         pitch: mean error of pitch, rad; the others are 0 in the mean.
     """
     n = mean.size
@@ -96,13 +96,13 @@ def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> Non
 
 @row_kernel
 def fill_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
-    """Write the effect of tilt and sway of the camera, common to a frame, on range (row 0) and bearing (row 1).
+    """Write how tilt of the camera and sway of the body change range (row 0) and bearing (row 1) of a landmark.
 
     Args:
-        range_: distance of the landmark, m.
-        bearing: direction of the landmark, rad.
-        height: of the camera, m.
-        gain: result, (2, 3); (2, 0) stays empty.
+        range_: distance of the landmark along the floor, m.
+        bearing: direction of the landmark, rad, left of the heading positive.
+        height: of the camera above the floor, m.
+        gain: written, (2, 3): columns pitch, roll (m/rad; rad/rad) and sway (m/m; rad/m); (2, 0) stays empty.
     """
     if gain.shape[1] == 0:
         return

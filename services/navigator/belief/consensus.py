@@ -16,7 +16,7 @@ RAY = named("distance cos sin bearing")
 
 
 class Matched(NamedTuple):
-    """Matched detections of one frame and their landmarks in the map, row by row."""
+    """Matched detections of one frame and their landmarks in the map, a match a row."""
 
     places: Array
     """Places of the landmarks, (k, 2) m, frame map."""
@@ -26,7 +26,10 @@ class Matched(NamedTuple):
 
 @row_kernel
 def draw(state: int, n: int) -> tuple[int, int]:
-    """Return the next state of a linear congruential generator (modulo 2^31) and a number from 0 to n - 1."""
+    """Return the next state of a linear congruential generator (modulo 2^31) and a number from 0 to n - 1.
+
+    `state`: of the generator, 0 to 2^31 - 1.
+    """
     state = (1103515245 * state + 12345) % 2147483648
     return state, (state >> 8) % n
 
@@ -37,8 +40,8 @@ def matched_of(chosen: Ints, landmark: Ints, frame: FrameTables, positions: Arra
 
     Args:
         chosen: indices of detections, (k,).
-        landmark: index of the landmark of each detection, (m,).
-        frame: the m detections.
+        landmark: index in the map of the landmark of each detection, (m,).
+        frame: the m detections: ranges, bearings, descriptors.
         positions: landmarks of the map, (n, 2) m, frame map.
     """
     k = chosen.size
@@ -88,7 +91,7 @@ def motion_of(
         cov: its covariance, (3, 3) or larger.
         i: index of a match.
         j: index of another match.
-        found: matches.
+        found: matches: places of landmarks and rays to them.
         noise: standard deviations of range and bearing of a detection.
     """
     one, other, places = found.rays[i], found.rays[j], found.places
@@ -112,14 +115,14 @@ def motion_of(
 
 @row_kernel
 def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide: float, v: float, gate: float) -> None:
-    """Mark the matches that agree with a pose, in place.
+    """Set in `inlier` which matches agree with a pose: their squared residual over the variances is below `gate`.
 
     Args:
-        inlier: result, (k,) bool.
+        inlier: written, (k,) bool.
         pose: x and y in m and heading in rad, frame map, (3,).
-        found: k matches.
+        found: k matches: places of landmarks and rays to them.
         noise: standard deviations of range and bearing of a detection.
-        wide: factor of the variances.
+        wide: factor of the variances of range and bearing.
         v: variance that is added to that of the bearing, rad^2.
         gate: largest squared residual over the variances.
     """
@@ -138,10 +141,10 @@ def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: 
 
     Args:
         pose: where the steps begin, x and y in m and heading in rad, (3,).
-        mean: believed pose, (3,) or longer.
-        information: inverse of its covariance, (3, 3).
-        inlier: matches that count, (k,).
-        found: k matches.
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        information: inverse of the covariance of the belief, (3, 3).
+        inlier: True for matches that count, (k,).
+        found: k matches: places of landmarks and rays to them.
         noise: standard deviations of range and bearing of a detection.
     """
     for _ in range(3):
@@ -176,14 +179,15 @@ def _best_motion(
 ) -> tuple[Array, float]:
     """Return the pose of the best motion through two matches, and the variance of its heading, rad^2.
 
-    The pose is x and y in m and heading in rad, frame map, (3,).
+    The pose is x and y in m and heading in rad, frame map, (3,). The best one has the least sum over all matches of
+    their bounded squared residuals.
 
     Args:
-        mean: believed pose, (3,) or longer.
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
         cov: its covariance, (3, 3) or larger.
-        found: k matches.
+        found: k matches: places of landmarks and rays to them.
         noise: standard deviations of range and bearing of a detection.
-        limits: of gate and pairs.
+        limits: largest residual (gate) and number of pairs that are tried.
         seed: of the pairs that are tried.
     """
     k = found.places.shape[0]

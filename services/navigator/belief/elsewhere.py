@@ -29,7 +29,8 @@ _ORIGIN: Pose = (0.0, 0.0, 0.0)
 KEPT_S = 10.0
 """Longest time between the first frame and the last of those that are searched together, s."""
 LARGEST = 32_000
-"""Work of a search, see `places.search`, about 1 ms; one that needs more is no evidence."""
+"""Largest work of one search: sightings compared with a pose or pairs of candidates; about 1 ms. A search that needs
+more is no evidence."""
 LEAST_FALSE = 0.005
 """Least odds that a sighting is false, however large the map is."""
 RATE = 1e-4
@@ -41,7 +42,7 @@ class OtherPlaces:
     """Evidence of the last frames of a camera that the robot is at another place than the believed one.
 
     Args:
-        world: landmarks.
+        world: landmarks of the map.
         noise: of the camera.
     """
 
@@ -68,7 +69,7 @@ class OtherPlaces:
         """Update the evidence with one frame of the camera.
 
         Args:
-            seen: its detections.
+            seen: landmarks detected in it.
             sight: believed pose before the frame corrected it, with its covariance, noise and time.
             after: believed pose after the correction, x, y (m) and heading (rad), frame map.
         """
@@ -92,7 +93,12 @@ class OtherPlaces:
             self._frames = None
 
     def _odds(self, seen: Evidence, places: Array) -> float:
-        """Return the log odds of other places (p, PLACE), rows as in `PlaceList`, and the believed one, nats."""
+        """Return the log odds, nats, that the robot is at one of several other places rather than at the believed pose.
+
+        Args:
+            seen: sightings of the last frames, with the landmarks that may explain them.
+            places: found places, (p, 14): x, y (m), heading (rad), log evidence, explained sightings, covariance (9).
+        """
         if not len(places):
             return 0.0
         prior = self._prior.cov[:3, :3]
@@ -108,7 +114,7 @@ class OtherPlaces:
 
 
 def _square(cov: Array, off: Array) -> tuple[Array, Array]:
-    """Return off^T cov^-1 off and det cov for covariances (p, 3, 3) and vectors (p, 3)."""
+    """Return off^T cov^-1 off, (p,), and det cov, (p,), of p covariances `cov` (p, 3, 3) and p vectors `off` (p, 3)."""
     (a, b, c), (_, d, e), (_, _, f) = cov.transpose(1, 2, 0)
     x, y, z = off.T
     det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
@@ -118,7 +124,7 @@ def _square(cov: Array, off: Array) -> tuple[Array, Array]:
 
 
 def _one_by_one(seen: Evidence, prior: Sight) -> float:
-    """Return the evidence of the sightings at the believed pose, each with the covariance of that pose, nats."""
+    """Return the log evidence, nats, of the sightings at the believed pose, each widened by that pose's covariance."""
     n, (c, s) = len(seen.place), (math.cos(prior.pose[2]), math.sin(prior.pose[2]))
     by_pose = np.zeros((n, 2, 3))  # of a sighting in heading axes
     by_pose[:, 0, :2], by_pose[:, 1, :2] = (c, s), (-s, c)

@@ -38,7 +38,7 @@ class _Deviations(NamedTuple):
     common_bearing_sd: float = 0.0
     """Bearing error common to all detections of a frame, rad."""
     look_sd: float = 0.05
-    """Noise of each element of a descriptor."""
+    """Noise of each element of a descriptor, no unit."""
 
 
 class SightNoise(_Deviations):
@@ -71,12 +71,13 @@ class SightNoise(_Deviations):
 
 
 class MatchLimits(NamedTuple):
-    """Limits within which a detection is matched with a landmark."""
+    """Limits within which a detection of a camera is matched with a landmark of the map."""
 
     gate: float = 9.21
     """Largest normalised innovation squared, chi^2_2(.99)."""
     look_sds: float = 2.0
-    """Descriptors of one landmark differ by less than this many times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %."""
+    """Descriptors (k numbers) of one landmark differ by less than this times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %.
+    """
     ratio: float = 0.8
     """Largest distance to the nearest descriptor over that to the second nearest in the gate."""
     shortest: float = 0.02
@@ -84,7 +85,7 @@ class MatchLimits(NamedTuple):
     longest: float = 50.0
     """Largest range, m; farther detections are invalid."""
     spread: float = 1.3
-    """Variance of a residual at the refined motion over that of a detection."""
+    """Variance of a residual at the refined motion over that of a detection, for the limit of an inlier."""
     pairs: int = 190
     """Number of motions that are tried: all pairs of up to 20 matches."""
     most: int = 10
@@ -96,23 +97,23 @@ class MatchLimits(NamedTuple):
 
 
 class FrameTables(NamedTuple):
-    """Detections of one frame, seen from base_link in heading axes."""
+    """Landmarks detected in one camera frame as arrays for kernels, seen from base_link, x along the heading."""
 
     ranges: Array
     """Distance along the floor, m, (m,)."""
     bearings: Array
     """Direction, rad, left positive, (m,)."""
     looks: Array
-    """Descriptors of the detections, (m, k)."""
+    """Descriptors (numbers that describe how a landmark looks) of the detections, (m, k), no unit."""
 
 
 class MapTables(NamedTuple):
-    """Landmarks of a map with an index of places."""
+    """Landmarks of a map as arrays for kernels, with an index: a grid of cells that lists the landmarks in each."""
 
     positions: Array
     """Places of the landmarks, (n, 2) m, frame map."""
     looks: Array
-    """Descriptors of the landmarks, (n, k)."""
+    """Descriptors (numbers that describe how a landmark looks) of the landmarks, (n, k), no unit."""
     grid: Array
     """x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns, (5,)."""
     starts: Ints
@@ -135,9 +136,10 @@ def variances(distance: float, noise: SightNoise) -> tuple[float, float]:
 def gated(
     mean: Array, cov: Array, place_x: float, place_y: float, distance: float, bearing: float, r: float, b: float
 ) -> float:
-    """Return the normalised innovation squared of a detection against a landmark, 2 degrees of freedom.
+    """Return the normalised innovation squared nu^T S^-1 nu of a detection against a landmark, 2 degrees of freedom.
 
-    It is inf where the robot stands on the landmark.
+    nu: range and bearing detected less those expected from the believed pose; S its covariance. It is inf where the
+    robot stands on the landmark or S is not positive definite.
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
@@ -145,7 +147,7 @@ def gated(
         place_x: x of the landmark, m, frame map.
         place_y: y of the landmark, m, frame map.
         distance: detected, m.
-        bearing: detected, rad.
+        bearing: detected, rad, left of the heading positive.
         r: variance of the range, m^2.
         b: variance of the bearing, rad^2.
     """
@@ -177,10 +179,10 @@ def largest_variance(cov: Array) -> float:
 
 @row_kernel
 def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate: float) -> float:
-    """Return the radius, m, of the circle around a detection that holds every landmark in its gate.
+    """Return the radius, m, of a circle about the place of a detection that holds every landmark in its gate.
 
-    |nu_r| < g sqrt(S_rr) and |nu_phi| < g sqrt(S_phiphi), g^2 = gate; the variance of the position is at most the
-    larger eigenvalue of its block of Sigma.
+    In the gate |nu_r| < g sqrt(S_rr) and |nu_phi| < g sqrt(S_phiphi), with nu the innovation of range and bearing, S
+    its covariance, g^2 = gate; the variance of the position is at most the larger eigenvalue of its block of Sigma.
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
@@ -202,7 +204,7 @@ def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate:
 
 @row_kernel
 def apart2(a: Array, b: Array, enough: float) -> float:
-    """Return the squared distance of two descriptors (k,), no unit; the sum ends early once it is >= `enough`."""
+    """Return the squared distance of descriptors `a`, `b` (k,), no unit; the sum ends early once it is >= `enough`."""
     total = 0.0
     for i in range(a.size):
         d = a[i] - b[i]
@@ -214,10 +216,16 @@ def apart2(a: Array, b: Array, enough: float) -> float:
 
 @row_kernel
 def _cells(grid: Array, x: float, y: float, reach: float) -> tuple[int, int, int, int]:
-    """Return first and last column, first and last row of the index within `reach` m of a place; empty if last < first.
+    """Return first and last column, first and last row of the grid cells that a square of half side `reach` m touches.
 
-    The limits apply before the numbers become whole ones: a wide belief reaches beyond any index. `grid` (5,): x, y of
-    the corner, m, frame map, edge of a cell, m, rows, columns; `x`, `y`: the place, m, frame map.
+    The result is empty if last < first. The limits apply before the numbers become whole ones: a wide belief reaches
+    beyond any grid.
+
+    Args:
+        grid: (5,): x and y of the lower-left corner, m, frame map, edge of a cell, m, number of rows and of columns.
+        x: x of the middle of the square, m, frame map.
+        y: y of the middle, m, frame map.
+        reach: half the side, m.
     """
     edge, rows, cols = grid[2], int(grid[3]), int(grid[4])
     low_c = int(min(max(math.floor((x - reach - grid[0]) / edge), 0.0), cols + 0.0))
@@ -238,19 +246,19 @@ def nearest_look(
     noise: SightNoise,
     limits: MatchLimits,
 ) -> tuple[int, int, float, float]:
-    """Return the landmark in the gate of one detection with the most similar descriptor.
+    """Return the landmark in the gate of one detection with the most similar descriptor, and whether it is a match.
 
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
         cov: its covariance, (3, 3) or larger.
-        distance: detected, m.
-        bearing: detected, rad.
+        distance, bearing: detected, m and rad, left of the heading positive.
         look: descriptor of the detection, (k,), no unit.
-        world: landmarks.
+        world: landmarks of the map with their index of places.
         noise, limits: standard deviations of range, bearing and descriptor; limits of gate and likeness.
 
     Returns:
-        Landmark or -1; MATCHED, FAR, UNLIKE or AMBIGUOUS; normalised innovation squared; squared descriptor distance.
+        Landmark or -1; fate MATCHED, FAR (none in the gate), UNLIKE or AMBIGUOUS (0, 2, 3, 4); normalised innovation
+        squared; squared distance of the descriptors.
     """
     r, b = variances(distance, noise)
     gate, alike = limits.gate, limits.look_sds * noise.look_sd * math.sqrt(look.size)

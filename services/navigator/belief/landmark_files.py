@@ -37,11 +37,11 @@ def save(world: FloorLandmarks, path: str | Path) -> Path:
 
 
 def load(path: str | Path) -> FloorLandmarks:
-    """Read a landmark map.
+    """Return the landmark map of a file.
 
     Raises:
         LandmarkMapError: the file is missing, no landmark map, of another version, damaged, too large, or holds pickled
-            objects; or what it holds is no map (see `FloorLandmarks`).
+            objects; or its landmarks are too few, too many, not finite, or all in one point.
     """
     source = Path(path)
     try:

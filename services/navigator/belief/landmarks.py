@@ -19,7 +19,7 @@ FARTHEST = 1e5
 SMALLEST_SPREAD = 0.01
 """Least extent of a map, m: landmarks in one point do not determine a heading."""
 PER_BUCKET = 4.0
-"""Mean number of landmarks in a bucket of the index."""
+"""Mean number of landmarks in a cell of the index."""
 
 
 class LandmarkMapError(Refusal):
@@ -28,17 +28,17 @@ class LandmarkMapError(Refusal):
 
 @dataclass(frozen=True, eq=False)
 class FloorLandmarks:
-    """Landmarks on the floor, frame map; immutable.
+    """Map of the landmarks on the floor by which a camera finds the robot's place, in frame map; immutable.
 
     Raises:
-        LandmarkMapError: no landmarks or too many, arrays that do not fit each other, values that are not finite,
-            all landmarks in one point.
+        LandmarkMapError: no landmarks or too many, arrays that do not fit each other, values that are not finite, all
+            landmarks in one point.
     """
 
     positions: Array
     """Positions of the landmarks on the floor, (n, 2) m, frame map."""
     descriptors: Array
-    """Descriptors of the landmarks, (n, k)."""
+    """Descriptors (k numbers that describe how a landmark looks) of the landmarks, (n, k), no unit."""
     version: int = 0
     """Number that rises with every change of content."""
     source: str = ""
@@ -75,13 +75,13 @@ class FloorLandmarks:
 
     @property
     def area(self) -> float:
-        """Area of the extent, m^2, at least that of the smallest map."""
+        """Area of the rectangle that holds all landmarks, m^2, at least 1e-4 m^2."""
         x0, y0, x1, y1 = self.bounds
         return max((x1 - x0) * (y1 - y0), SMALLEST_SPREAD**2)
 
     @cached_property
     def tables(self) -> MapTables:
-        """Landmarks with an index of the cells that they lie in, for kernels."""
+        """Landmarks with a grid of cells that lists which lie in each, as arrays for kernels."""
         return MapTables(self.positions, self.descriptors, *_sorted_by_place(self.positions))
 
     @cached_property
@@ -95,15 +95,15 @@ class FloorLandmarks:
         return hashlib.sha256(f"{self.descriptors.shape} ".encode() + self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:
-        """Return rows (x, y, descriptor) as little-endian float32, C order; 4 n (2 + k) bytes."""
+        """Return rows (x, y in m, then the k numbers of the descriptor) of little-endian float32: 4 n (2 + k) bytes."""
         return np.hstack((self.positions, self.descriptors)).astype("<f4").tobytes()
 
     @classmethod
     def from_bytes(cls, data: bytes, count: int, length: int, version: int = 0, source: str = "") -> "FloorLandmarks":
-        """Return the landmark map of the rows that `to_bytes` returns.
+        """Return the landmark map of rows of float32, one per landmark: x, y in m, frame map, then its descriptor.
 
         Args:
-            data: the rows.
+            data: the rows, little-endian, one after the other.
             count: number of landmarks.
             length: elements of a descriptor.
             version: of the map.
@@ -147,7 +147,15 @@ def _check(positions: Array, descriptors: Array) -> None:
 
 
 def _sorted_by_place(positions: Array) -> tuple[Array, Ints, Ints]:
-    """Return an index of landmarks (n, 2) m, frame map, by cells: grid, starts and members of `MapTables`."""
+    """Return an index of landmarks by the square cells of a grid that they lie in.
+
+    Args:
+        positions: of the landmarks, (n, 2) m, frame map.
+
+    Returns:
+        x and y of the grid's corner, m, edge of a cell, m, rows, columns, (5,); first member of each cell, (rows *
+        columns + 1,); members: landmarks cell by cell, (n,).
+    """
     n = positions.shape[0]
     low, size = positions.min(axis=0), np.ptp(positions, axis=0)
     edge = max(

@@ -35,7 +35,7 @@ class FrameEvidence:
     """Detections of one frame counted by what they show of the believed pose."""
 
     here: int = 0
-    """Detections that a landmark in the gate looks like."""
+    """Detections that a landmark in the gate (near enough by the believed pose) looks like."""
     elsewhere: int = 0
     """Detections that only landmarks out of the gate look like."""
     strange: int = 0
@@ -51,7 +51,7 @@ class FrameEvidence:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Footprint of a camera on the floor: a sector about the heading of base_link."""
+    """Part of the floor that a camera sees: a sector about the heading of base_link."""
 
     nearest: float = 0.35
     """Least distance from base_link, m."""
@@ -66,8 +66,9 @@ class LostModel:
     """Numbers of the check whether the believed pose is wrong: shares and rates of its hypotheses.
 
     The hypotheses are that the pose is right, that the robot was displaced, that the map does not fit, that the robot
-    is off the map, and that it sees nothing. The shares of a hypothesis are positive and add up to 1, rates are
-    positive; neither is checked.
+    is off the map, and that it sees nothing. Each expects shares of detections here (a landmark near enough by the
+    believed pose looks like it), elsewhere (only landmarks farther off do) and strange (none does). The shares of a
+    hypothesis are positive and add up to 1, rates are positive; neither is checked.
     """
 
     right: Shares = (0.72, 0.20, 0.08)
@@ -99,7 +100,7 @@ class LostModel:
     recovery_rate: float = 1e-3
     """Rate at which a wrong pose becomes right by itself, 1/s."""
     gate: float = 9.21
-    """Gate of the normalised innovation squared of a match."""
+    """Largest normalised innovation squared of a match."""
     scale: float = 1.2
     """Mean of half the normalised innovation squared of a right pose."""
     misfit_scale: float = 4.0
@@ -147,7 +148,8 @@ class LostState:
     usual: Shares = (0.0, 0.0, 0.0)
     """Detections here, elsewhere, strange of a right pose, counted; older ones less."""
     echo: tuple[float, float] = (0.0, math.inf)
-    """Log likelihood ratio of the echoes so far, nats, bounded, and time since the last one, s."""
+    """Log likelihood ratio of "displaced" over "right" by the echoes so far, nats, bounded; time since the last one, s.
+    """
 
     @property
     def probability(self) -> float:
@@ -189,14 +191,14 @@ def evidence_of(
 ) -> FrameEvidence:
     """Return the evidence of a frame for and against the believed pose.
 
-    A detection with several similar landmarks in its gate counts as here (see the module); one that no rigid motion
-    explains does not count.
+    A detection that looks like several landmarks in its gate counts as here; one that no rigid motion of the others
+    explains, or of impossible range, does not count.
 
     Args:
         matches: of the frame at the believed pose.
-        cov: covariance of that pose, (3, 3) or larger.
-        seen: its detections.
-        world: landmarks.
+        cov: covariance of that pose, x, y (m), heading (rad), (3, 3) or larger.
+        seen: landmarks detected in the frame.
+        world: landmarks of the map.
         noise: standard deviations of range, bearing and descriptor.
         expected: landmarks in view there times the share that is recognised in this action; 0 = not known.
     """
@@ -216,7 +218,9 @@ def evidence_of(
 
 
 def passed(state: LostState, dt: float, model: LostModel) -> LostState:
-    """Return the state dt s later without a frame: probabilities follow the rates, counts fade.
+    """Return the state of the check `dt` s later without a frame: probabilities follow the rates, counts fade.
+
+    `state`: before; `model`: rates and time constant.
 
     Raises:
         Refusal: dt is negative or not finite.
@@ -249,8 +253,13 @@ def passed(state: LostState, dt: float, model: LostModel) -> LostState:
 def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostState:
     """Return the state of the check whether the pose is lost after one more frame of detections.
 
-    The logarithm of a likelihood ratio counts at most `most` nats 0.1 s after the last frame, `most_apart` nats after
-    1 s or more, and evenly between.
+    The logarithm of a likelihood ratio counts at most `model.most` nats 0.1 s after the last frame, `model.most_apart`
+    nats after 1 s or more, and evenly between.
+
+    Args:
+        state: probabilities of the hypotheses before the frame, and counts.
+        frame: detections of the frame, counted by what they show of the believed pose.
+        model: shares, rates and limits of the check.
     """
     far = min(1.0, max(0.0, (state.apart - 0.1) / 0.9))
     most = model.most + far * (model.most_apart - model.most)
@@ -277,9 +286,10 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
 
 
 def shares_of(state: LostState, model: LostModel) -> Shares:
-    """Return the shares of detections here, elsewhere and strange (see the module) that a right pose leads to.
+    """Return the shares of detections here, elsewhere and strange that a right pose leads to.
 
-    Those of elsewhere and strange are the model's, or less where detections of a right pose have shown less.
+    Here: a landmark in the gate looks like the detection; elsewhere: only landmarks out of it do; strange: none does.
+    The last two are the model's shares, or less where detections of a right pose have shown less.
     """
     total = model.weight + math.fsum(state.usual)
     found = [(model.weight * share + count) / total for share, count in zip(model.right, state.usual, strict=True)]
@@ -289,7 +299,7 @@ def shares_of(state: LostState, model: LostModel) -> Shares:
 
 
 def _counted(state: LostState, frame: FrameEvidence, model: LostModel) -> Shares:
-    """Return the counts of a right pose after a frame; one of a pose that may be wrong does not count."""
+    """Return the counts here, elsewhere, strange of a right pose after a frame; unchanged if the pose may be wrong."""
     if state.probability > model.sure:
         return state.usual
     here, away, strange = state.usual
@@ -301,14 +311,16 @@ def _counted(state: LostState, frame: FrameEvidence, model: LostModel) -> Shares
 def echoed(
     state: LostState, distance: float, expected: tuple[float, float], slack: float, model: LostModel
 ) -> LostState:
-    """Return the state of the check after one echo of the ranger; one within `echo_s` of the last is ignored.
+    """Return the state of the check whether the pose is lost after one echo of the ranger.
+
+    An echo less than `model.echo_s` after the last one that counted is ignored.
 
     Args:
         state: before the echo.
         distance: of the echo, or the end of the reach, m.
         expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
         slack: difference from these that still counts as agreement, m.
-        model: shares of echoes.
+        model: shares of echoes that are as by the map, nearer, farther.
     """
     if state.echo[1] < model.echo_s:
         return state
@@ -329,7 +341,7 @@ def normalised(state: LostState) -> LostState:
 
 
 def _displaced_log(frame: FrameEvidence, model: LostModel) -> float:
-    """Return the logarithm of the likelihood of the fates of a frame for a displaced robot, nats."""
+    """Return the log likelihood, nats, of what the detections of a frame show, for a displaced robot."""
     if not frame.chances[0] and not frame.chances[1]:
         return _log_likelihood(model.displaced, frame)
     least, _, strange = model.displaced

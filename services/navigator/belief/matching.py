@@ -36,7 +36,7 @@ class Detections:
     bearings: Array
     """Directions, rad, left positive, (m,)."""
     looks: Array
-    """Descriptors of the detections, (m, k)."""
+    """Descriptors (numbers that describe how a landmark looks) of the detections, (m, k), no unit."""
 
     def __post_init__(self) -> None:
         ranges, bearings = _floats(self.ranges), _floats(self.bearings)
@@ -65,9 +65,9 @@ class Matches:
     """Result of matching the detections of one frame with the landmarks of a map."""
 
     detections: Ints
-    """Matched detections, those first that look most like their landmark, (k,)."""
+    """Indices of the matched detections, those first that look most like their landmark, (k,)."""
     landmarks: Ints
-    """Landmark of each matched detection, (k,)."""
+    """Index in the map of the landmark of each matched detection, (k,)."""
     nis: Array
     """Normalised innovation squared of each match by the gate's covariance, 2 degrees of freedom, (k,)."""
     fates: Ints
@@ -117,15 +117,16 @@ def check_length(seen: Detections, world: FloorLandmarks) -> None:
 
 
 def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise) -> Array:
-    """Return the number of landmarks of the map of similar descriptor for each detection, (m,); at least 1 for a match.
+    """Return for each of m detections the number of landmarks anywhere in the map that have a similar descriptor, (m,).
 
-    The limit of likeness is the default of `MatchLimits`.
+    It is at least 1 but where the gate holds no landmark or none that looks like the detection. The limit of likeness
+    is that of the default `MatchLimits`.
 
     Args:
-        matches: of the frame at the believed pose.
-        seen: its m detections.
-        world: landmarks.
-        noise: of the camera; that of the descriptors counts.
+        matches: fates of the detections at the believed pose.
+        seen: the m detections.
+        world: landmarks of the map.
+        noise: of the camera; only that of the descriptors counts.
     """
     look = MatchLimits().look(noise, world.descriptor_length)
     found = association.look_alikes(seen.looks, world.columns, look).astype(np.float64)

@@ -99,12 +99,15 @@ class MovedLandmarks:
         return SeenElsewhere(d, landmark, x + r * math.cos(bearing), y + r * math.sin(bearing), slack)
 
     def _again(self, place: SeenElsewhere) -> bool:
-        """Return whether a landmark is where it was first seen away from the map."""
+        """Return True if a landmark is, within the slack, where it was first seen away from the map."""
         before = self._seen[place.landmark].tolist()
         return math.dist(before[:2], (place.x, place.y)) < place.slack
 
     def _learned(self, place: SeenElsewhere, time: float) -> bool:
-        """Return whether a landmark is known to have moved to a place; remember the place."""
+        """Return True if a landmark has been seen at a new place for a second or more; remember the place if it is new.
+
+        `time`: of the frame, s.
+        """
         if not self._again(place):
             self._seen[place.landmark], self._known[place.landmark] = (place.x, place.y, time), False
         elif time - self._seen[place.landmark, 2] >= AFTER_S:

@@ -37,18 +37,18 @@ PLACE = 14
 
 
 class Evidence(NamedTuple):
-    """Sightings and the landmarks that may explain them."""
+    """Sightings (averaged detections) of a lost robot and the landmarks of the map that may explain them."""
 
     place: Array
-    """Sightings in the reference frame of the robot, (s, 2) m."""
+    """Places of the sightings in the reference frame of the robot, (s, 2) m."""
     spread: Array
     """Their covariances (xx, xy, yy), (s, 3) m^2."""
     false: Array
     """Share of false ones among such sightings, (s,)."""
     starts: Ints
-    """First candidate of each sighting in `members`, and their number at the end, (s + 1,)."""
+    """Where the candidates of each sighting begin in `members`, and the length of `members`, (s + 1,)."""
     members: Ints
-    """Landmarks that are candidates, sighting by sighting, (starts[s],)."""
+    """Indices of landmarks that a sighting may be (its candidates), sighting by sighting, (starts[s],)."""
     positions: Array
     """Landmarks, (n, 2) m, frame map."""
     overlooked: float
@@ -63,14 +63,17 @@ class Assignment(NamedTuple):
     chosen: Ints
     """Landmark of each sighting, -1 = none, (s,)."""
     far: Array
-    """Squared residual of each over the variances, (s,)."""
+    """Squared residual of each sighting over its variances, 13.8 where none explains it, (s,)."""
 
 
 class PlaceList(NamedTuple):
     """The best places found so far in the search for a lost robot's pose."""
 
     places: Array
-    """x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance, (p, PLACE)."""
+    """A place a row, (p, 14): pose, log evidence, explained sightings, covariance.
+
+    Pose: x, y (m), heading (rad) of the robot's reference frame in the map; evidence in nats; covariance of x, y,
+    heading row by row (9)."""
     chosen: Ints
     """Landmark of each sighting at each place, -1 = none, (p, s)."""
 
@@ -80,11 +83,11 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
     """Choose the nearest candidate of each sighting at a pose; return the number of explained sightings.
 
     Args:
-        pose: of the reference frame in the map, x and y in m and heading in rad, (3,).
-        loose: variance of its heading, rad^2, beside `wide`.
-        wide: factor of every covariance.
-        seen: sightings.
-        to: the choice, written.
+        pose: of the robot's reference frame in the map, x and y in m and heading in rad, (3,).
+        loose: variance of its heading, rad^2, added to the spread of the sightings; 0 = none.
+        wide: factor of every covariance of a sighting.
+        seen: sightings and their candidates.
+        to: written: landmark of each sighting and its residual; a landmark explains only the sighting nearest to it.
     """
     c, s, explained = math.cos(pose[HEADING]), math.sin(pose[HEADING]), 0
     chosen, far = to
@@ -114,15 +117,16 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
 
 @row_kernel
 def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
-    """Take one step of least squares of a pose over the explained sightings, in place.
+    """Take one step of least squares of a pose over the explained sightings; `pose` is changed in place.
 
     Args:
-        pose: x, y (m), heading (rad) of the reference frame in the map, (3,), changed.
+        pose: x, y (m), heading (rad) of the robot's reference frame in the map, (3,).
         seen: sightings.
         chosen: landmark of each sighting, (s,), below 0 = unexplained.
 
     Returns:
-        Covariance of the pose (3, 3), and the logarithm of its determinant (inf: these do not determine the pose).
+        Covariance of the pose (3, 3), m and rad, and the log of its determinant (inf: the sightings do not determine
+        the pose, which then stays).
     """
     c, s = math.cos(pose[HEADING]), math.sin(pose[HEADING])
     a, v, jx, jy, spread = np.zeros((3, 3)), np.zeros(3), np.empty(3), np.empty(3), seen.spread
@@ -174,7 +178,7 @@ def evidence(seen: Evidence, to: Assignment) -> float:
 def agree(one: Array, other: Array) -> bool:
     """Return True if two places are one within their covariances: no coordinate is 4 standard deviations off.
 
-    one, other: rows of `PlaceList.places`, (14,): x, y (m), heading (rad), evidence, explained sightings, covariance.
+    one, other: (14,): x, y (m), heading (rad), log evidence, explained sightings, covariance (9, row by row).
     """
     for k in range(3):
         d = one[k] - other[k] if k < 2 else wrap(one[k] - other[k])
@@ -187,12 +191,14 @@ def agree(one: Array, other: Array) -> bool:
 def keep(found: PlaceList, filled: int, row: Array, chosen: Ints) -> int:
     """Enter a place into the list of the best; return how many are filled.
 
-    A place that explains half of its sightings by the landmarks of another, within the covariances, is the same place.
+    A place that explains more than half of its sightings by the landmarks of another, and agrees with it within the
+    covariances, is the same place: the one with more evidence stays. A full list loses the place with the least
+    evidence.
 
     Args:
-        found: the list, in place.
+        found: the list, changed in place.
         filled: number of its places that are filled.
-        row: x, y (m), heading (rad), evidence, explained sightings, covariance, (PLACE,), as in `PlaceList.places`.
+        row: (14,): x, y (m), heading (rad), log evidence, explained sightings, covariance (9, row by row).
         chosen: landmark of each sighting there, -1 = none, (s,).
     """
     places, same = found.places, -1
@@ -227,9 +233,9 @@ def keep(found: PlaceList, filled: int, row: Array, chosen: Ints) -> int:
 
 @row_kernel
 def _pose_of_pair(seen: Evidence, i: int, j: int, p: int, q: int, pose: Array) -> None:
-    """Write the pose at which sightings i and j are landmarks p and q.
+    """Write to `pose` the x, y (m), heading (rad), (3,), at which sightings i and j are landmarks p and q of the map.
 
-    `pose`: x, y (m), heading (rad) of the reference frame in the map, (3,), written.
+    The pose is that of the robot's reference frame in the map; the middles of the two pairs coincide.
     """
     place, positions = seen.place, seen.positions
     ux, uy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
@@ -244,9 +250,9 @@ def _pose_of_pair(seen: Evidence, i: int, j: int, p: int, q: int, pose: Array) -
 
 @row_kernel
 def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p: int, q: int) -> bool:
-    """Return True if a place close to a pose explains sightings i and j by landmarks p and q.
+    """Return True if a place near a pose (0.3 m, 0.3 rad) explains sightings i and j by landmarks p and q.
 
-    `pose`: x, y (m), heading (rad), frame map, (3,); `filled`: number of places in the list.
+    `found`, `filled`: list of places and how many are filled; `pose`: x, y (m), heading (rad), frame map, (3,).
     """
     for r in range(filled):
         if found.chosen[r, i] == p and found.chosen[r, j] == q:
@@ -258,14 +264,14 @@ def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p
 
 @row_kernel
 def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Array) -> bool:
-    """Refine a pose by all sightings and write its place; return True if they determine one.
+    """Refine a pose by all sightings and write its place; return True if at least two sightings determine one.
 
     Args:
-        seen: sightings.
-        pose: x, y (m), heading (rad) of the reference frame in the map, (3,), changed.
+        seen: sightings and their candidates.
+        pose: x, y (m), heading (rad) of the robot's reference frame in the map, (3,), changed.
         loose: variance of its heading at the beginning, rad^2.
         to: landmark of each sighting at the pose, written.
-        row: place as in `PlaceList.places`, (PLACE,), written.
+        row: written, (14,): x, y, heading, log evidence, explained sightings, covariance (9).
     """
     explained, log_det, cov = 0, 0.0, np.zeros((3, 3))
     for step in range(4):
@@ -286,9 +292,9 @@ def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Arra
 
 @row_kernel
 def _few_first(starts: Ints) -> Ints:
-    """Return the sightings that have candidates, sorted by the number of these, (k,).
+    """Return the indices of the sightings that have candidates, those with the fewest first, (k,).
 
-    `starts`: first candidate of each of s sightings, and their number, (s + 1,).
+    `starts`: where the candidates of each of s sightings begin in a list of all, and the length of it, (s + 1,).
     """
     n, kept = starts.size - 1, 0
     few, count = np.empty(n, dtype=np.int64), np.empty(n)
@@ -302,13 +308,16 @@ def _few_first(starts: Ints) -> Ints:
 
 
 def place_list(seen: Evidence, most: int) -> PlaceList:
-    """Return a list with room for the `most` best places of a search for these sightings."""
+    """Return an empty list with room for the `most` best places of a search for these sightings."""
     return PlaceList(np.zeros((most, PLACE)), np.full((most, seen.place.shape[0]), -1))
 
 
 @row_kernel
 def _in_reach(seen: Evidence, i: int, j: int, p: int, q: int) -> float:
-    """Return the variance of the heading if sightings i and j are landmarks p and q, rad^2; 0 = they cannot be."""
+    """Return the variance of the heading, rad^2, if sightings i and j are landmarks p and q; 0 = they cannot be.
+
+    They cannot be where the distance of the landmarks is not that of the sightings within 3 standard deviations.
+    """
     place, spread, positions = seen.place, seen.spread, seen.positions
     ux, uy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
     length2 = ux * ux + uy * uy
@@ -322,12 +331,12 @@ def _in_reach(seen: Evidence, i: int, j: int, p: int, q: int) -> float:
 
 @row_kernel
 def _advance(cursor: Ints, few: Ints, starts: Ints) -> None:
-    """Set the cursor to the next pair of candidates, or to the first of the next pair of sightings, in place.
+    """Set the cursor of a search to the next pair of candidates, or to the next pair of sightings, in place.
 
     Args:
-        cursor: where the search is, (CURSOR,).
+        cursor: two indices into `few`, two indices of candidates of these sightings, poses tried, places filled, (6,).
         few: sightings that have candidates, (k,).
-        starts: first candidate of each of s sightings, and their number, (s + 1,).
+        starts: where the candidates of each of s sightings begin in a list of all, and the length of it, (s + 1,).
     """
     i, j = int(few[int(cursor[FIRST])]), int(few[int(cursor[SECOND])])
     cursor[B] += 1
@@ -345,8 +354,9 @@ def search(seen: Evidence, found: PlaceList, cursor: Ints, tries: int, work: int
 
     Args:
         seen: sightings and their candidates.
-        found: the best places so far, in place.
-        cursor: where the search is, (CURSOR,), in place; of a new search zeros, but SECOND = 1.
+        found: the best places so far, changed in place.
+        cursor: pair of sightings (2), their candidates (2), poses tried, places filled, (6,), changed in place; a new
+            search begins with zeros, but the first element 1.
         tries: number of poses that are tried at most in the whole search.
         work: sightings that are compared with a pose, or pairs of candidates that are looked at, in this call.
 

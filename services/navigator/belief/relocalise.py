@@ -35,8 +35,9 @@ ALIKE, LIKELY, MOST_ALIKE = 1e-3, 0.95, 4
 """Least evidence of a place over that of the best, probability of all these places from which on they stand out, and
 their largest number."""
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]
-"""Reason for no pose. unseen: fewer than two sightings look like landmarks of the map; unknown: no place explains
-them, or chance explains them as well; ambiguous: another place explains them as well; unsure: too few of them."""
+"""Reason for no pose. unseen: fewer than two sightings look like landmarks of the map; unknown: no place explains them,
+or chance explains them as well; ambiguous: another place explains them as well, or not all poses were tried; unsure:
+too few of them, or too loose a heading."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class Relocation:
     pose: Pose | None
     """Pose of the reference frame, x, y in m and heading in rad, frame map; None = none is sure."""
     covariance: Array
-    """Covariance of the best place, (3, 3), m and rad; zeros if there is none."""
+    """Covariance of x, y (m) and heading (rad) of the best place, (3, 3); zeros if there is none."""
     probability: float
     """Probability of the best place."""
     reason: Reason
@@ -82,15 +83,15 @@ class Relocation:
     sightings: int
     """Number of different sightings that look like landmarks."""
     reference: Pose = (0.0, 0.0, 0.0)
-    """Pose that was searched for, in the frame of the frames' poses, m and rad."""
+    """Pose that was searched for, x, y (m), heading (rad), in the frame of the poses that came with the frames."""
     alike: tuple[Pose, ...] = ()
-    """Places that the sightings fit about alike, m and rad; empty = one is the pose, or none stands out."""
+    """Places, x, y (m), heading (rad), frame map, that the sightings fit about alike; empty = none stands out."""
 
 
 def between(pose: Pose, odom: Pose) -> Pose:
     """Return the pose of frame odom in frame map, x, y (m) and heading (rad).
 
-    `pose`, `odom`: pose of the robot in map and in odom.
+    `pose`: of the robot in map; `odom`: of the robot in odom, at one time.
     """
     turn = float(wrap(pose[2] - odom[2]))
     c, s = math.cos(turn), math.sin(turn)
@@ -98,7 +99,7 @@ def between(pose: Pose, odom: Pose) -> Pose:
 
 
 def placed(frame: Pose, pose: Pose) -> Pose:
-    """Return in the parent of a frame a pose that is given in the frame, x, y (m) and heading (rad).
+    """Return a pose, given in a frame, in the parent of that frame: x, y (m) and heading (rad).
 
     `frame`: pose of the frame in its parent.
     """
@@ -114,9 +115,9 @@ class Relocaliser:
     """Search for the pose of a lost robot, in portions that bound the time of a tick.
 
     Args:
-        world: landmarks.
+        world: landmarks of the map.
         noise: of the camera of a standing robot.
-        limits: None = the defaults of `RelocaliseLimits`.
+        limits: conditions for a pose; None = the defaults.
     """
 
     def __init__(self, world: FloorLandmarks, noise: SightNoise, limits: RelocaliseLimits | None = None) -> None:
@@ -129,8 +130,8 @@ class Relocaliser:
         """Add the detections of one frame to the sightings.
 
         Args:
-            seen: its detections.
-            pose: of base_link then, x, y (m) and heading (rad), in a frame that moves with no odometry.
+            seen: landmarks detected in it.
+            pose: of base_link then, x, y (m) and heading (rad), in a frame that is one for all frames of the camera.
             time: of the frame, s.
             noise: of the camera in this frame; None = that of the constructor.
 
@@ -145,7 +146,8 @@ class Relocaliser:
         """Continue the search by a bounded amount of work; start one if frames were added since the last began.
 
         Args:
-            here: pose of base_link now, in the frame of `add`; that of the result if a search begins and ends now.
+            here: pose of base_link now, x, y (m) and heading (rad), in the frame in which the poses of the added frames
+                are.
             work: sightings that are compared with a pose, or pairs of candidates that are looked at, in this call.
 
         Returns:
@@ -168,7 +170,8 @@ class Relocaliser:
     def begun(self, here: Pose) -> "PlaceSearch":
         """Return a new search for the robot's pose in the map by the sightings so far.
 
-        `here`: pose of base_link now, in the frame of `add`, x, y (m) and heading (rad).
+        `here`: pose of base_link now, x, y (m) and heading (rad), in the frame in which the poses of the added frames
+        are.
         """
         world, limits = self.world, self.limits
         place, spread, looks, count, total = self.sightings.seen_from(here, limits.sightings)
@@ -192,25 +195,27 @@ class PlaceSearch:
     """Search for the pose of a lost robot that is under way, a part of it in each tick."""
 
     here: Pose
-    """Pose that is searched for, in the frame of the frames' poses, m and rad."""
+    """Pose that is searched for, x, y in m and heading in rad, in the frame in which the poses of the frames are given.
+    """
     evidence: Evidence
     """Sightings and their candidates."""
     places: PlaceList | None
     """The best places so far; None = fewer than two sightings look like landmarks."""
     cursor: NDArray[np.int64]
-    """Where the search is, (CURSOR,), see `places`."""
+    """Where the search is: pair of sightings (2), their candidates (2), poses tried, places found, (6,)."""
     known: int
     """Number of different sightings that look like landmarks."""
 
 
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:
-    """Compare the places (p, PLACE), see `PlaceList`, with each other and with chance.
+    """Return the result of a search: the best place if it has nearly all of the evidence, else the reason for none.
 
     Args:
-        places: found by the search, the best ones.
-        known: sightings of landmarks that the map may have.
-        tried: poses that were tried.
-        noise: of the camera.
+        places: found by the search, (p, 14): x, y (m), heading (rad), log evidence, explained sightings, covariance
+            (9).
+        known: number of sightings that look like landmarks of the map.
+        tried: number of poses that were tried.
+        noise: of the camera; its errors common to a frame are added to the covariance.
         limits: of a sure pose.
     """
     places = places[np.isfinite(places[:, EVIDENCE])]

@@ -27,30 +27,32 @@ WIDE = 13.8
 
 
 class SightingTables(NamedTuple):
-    """Landmarks that a lost robot has sighted, averaged over frames, in one frame of reference."""
+    """Memory of the landmarks that a lost robot has sighted, each averaged over frames, in one frame of reference."""
 
     place: Array
     """Mean places, (n, 2) m."""
     spread: Array
     """Mean covariances of one detection (xx, xy, yy), (n, 3) m^2."""
     mean: Array
-    """Mean descriptors, (n, k)."""
+    """Mean descriptors (k numbers that describe how a landmark looks), (n, k)."""
     times: Ints
-    """Number of detections, at most `LONGEST`; 0 = an empty row, (n,)."""
+    """Number of detections of each sighting, at most 30; 0 = an empty row, (n,)."""
     at: Array
     """Times of the last detection, s, (n,)."""
 
 
 @row_kernel
 def _row_of(memory: SightingTables, x: float, y: float, cov: Array, look: Array, limit: float, time: float) -> int:
-    """Return the sighting that a detection belongs to, emptied if it is a new one.
+    """Return the row of the memory that a detection belongs to; a row for a new sighting is emptied (times = 0).
+
+    Rows that were not seen for 90 s are emptied, too; a full memory gives up the sighting seen least.
 
     Args:
-        memory: sightings.
-        x: of the detection, m.
-        y: of the detection, m.
-        cov: its covariance (xx, xy, yy), (3,) m^2.
-        look: its descriptor, (k,).
+        memory: sightings, changed in place.
+        x: of the detection, m, frame of the memory.
+        y: of the detection, m, frame of the memory.
+        cov: covariance of its place (xx, xy, yy), (3,) m^2.
+        look: its descriptor, (k,), no unit.
         limit: largest squared distance of two descriptors of one landmark.
         time: of the detection, s.
     """
@@ -86,18 +88,19 @@ def gather(
     look: float,
     time: float,
 ) -> None:
-    """Enter the detections of one frame into the memory, in place.
+    """Enter the detections of one frame into the memory, which is changed in place.
 
-    Noise of the bearing draws the mean of r (cos phi, sin phi) towards the robot by exp(-sigma_phi^2/2): undone here.
+    Noise of the bearing phi draws the mean of r (cos phi, sin phi) towards the robot by exp(-sigma_phi^2/2): undone
+    here.
 
     Args:
         memory: sightings.
-        ranges: m, (m,).
-        bearings: rad, (m,).
-        looks: descriptors, (m, k).
+        ranges: of the m detections along the floor, m, (m,).
+        bearings: of the detections, rad, left of the heading positive, (m,).
+        looks: descriptors of the detections, (m, k), no unit.
         pose: of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
         noise: standard deviations of range and bearing.
-        look: largest distance of two descriptors of one landmark.
+        look: largest distance of two descriptors of one landmark, no unit.
         time: of the frame, s.
     """
     cov = np.empty(3)
@@ -197,12 +200,12 @@ class SightingMemory:
         """Return the sightings seen most often, as they lie from a pose in the frame of the memory.
 
         Args:
-            pose: x, y in m and heading in rad.
+            pose: x, y in m and heading in rad, frame of the memory.
             most: largest number of sightings.
 
         Returns:
             Places (s, 2) m and their covariances (xx, xy, yy) (s, 3) m^2 in the axes of the pose, descriptors (s, k),
-            number of detections of each (s,), and of all sightings of the memory.
+            number of detections of each (s,), number of detections of all sightings of the memory.
         """
         t, (c, s) = self.tables, (math.cos(pose[2]), math.sin(pose[2]))
         order = np.argsort(-t.times, kind="stable")[: min(most, int((t.times > 0).sum()))]

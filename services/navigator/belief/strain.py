@@ -52,7 +52,10 @@ LEAST, MOST = 2, 20
 
 @dataclass(frozen=True)
 class StrainModel:
-    """Expected strain of the map, turn of the camera and displacement; probability from which one is believed."""
+    """Expected strain of the map, turn of the camera and displacement of the robot, and limits of belief in them.
+
+    E: strain of the map, symmetric (2, 2); p, q, s: pitch, roll and sideways turn of the camera, rad.
+    """
 
     small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
     """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are right."""
@@ -83,7 +86,11 @@ class StrainModel:
 
 
 class Case(NamedTuple):
-    """Kalman filter of one hypothesis about map and camera, of strain, turn, common errors and displacement (u)."""
+    """Kalman filter of one hypothesis about map and camera.
+
+    Its 12 states u: strain E_xx, E_yy, E_xy of the map; pitch, roll, sideways turn of the camera that stay, rad; pitch,
+    roll, rad, and sway, m, that fade; x, y, m, and heading, rad, of the true pose less the believed one.
+    """
 
     mean: Array
     """Mean of u, (12,)."""
@@ -92,27 +99,26 @@ class Case(NamedTuple):
 
 
 class FrameLines(NamedTuple):
-    """Linear equations by which the matches of one frame show strain of the map and turn of the camera."""
+    """Linear equations off = rows u + noise by which the matches of one frame show strain, turn, displacement (u)."""
 
     rows: Array
-    """Effect of the states, (n, 12)."""
+    """Effect of the 12 states u on each equation, (n, 12)."""
     off: Array
-    """d - z along the ray or across it, (n,) m."""
+    """Landmark in the map less where it is seen, m, along the ray (even rows) or across it (odd), (n,)."""
     variance: Array
     """Variance of their noise, (n,) m^2."""
 
 
 @row_kernel
 def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height: float, lines: FrameLines) -> None:
-    """Write the linear equations by which the matches of a frame show strain, turn and displacement.
+    """Write the linear equations by which the k matches of a frame show strain, turn and displacement.
 
     Args:
         places: of the landmarks, (k, 2) m, frame map.
-        rays: range, m, and bearing, rad, (k, 2).
+        rays: range, m, and bearing, rad, left of the heading positive, at which each is seen, (k, 2).
         pose: believed x, y, m, and heading, rad, frame map, (3,).
-        noise: of the camera.
-        height: of the camera, m.
-        lines: result, 2 k equations: along and across the ray of each match.
+        noise, height: noise of the camera; its height above the floor, m.
+        lines: written: 2 k equations, along (2 i) and across (2 i + 1) the ray of match i.
     """
     c, s, gain = math.cos(pose[2]), math.sin(pose[2]), np.zeros((2, 3))
     for k in range(places.shape[0]):
@@ -147,13 +153,12 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height:
 
 @row_kernel
 def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> None:
-    """Let the states of a filter fade towards their long-run means and standard deviations, in place.
+    """Let the states `mean` and their covariance `cov` fade, in place, towards their long-run values.
 
     Args:
-        mean: strain (no unit), turn (rad), errors that fade (rad, rad, m), pose (m, m, rad), (12,).
+        mean: strain (3, no unit), turn of the camera (3, rad), errors that fade (rad, rad, m), pose (m, m, rad), (12,).
         cov: its covariance, (12, 12).
-        centre: means in the long run, (12,), units of `mean`.
-        sds: standard deviations in the long run, (12,), units of `mean`.
+        centre, sds: means and standard deviations in the long run, (12,), units of `mean`.
         keeps: share of each state that stays, (12,), 0 to 1.
     """
     n = mean.size
@@ -166,9 +171,10 @@ def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> 
 
 @row_kernel
 def carried(mean: Array, cov: Array, x: float, y: float) -> None:
-    """Add the offset of position that an error of heading causes over a way x, y m (frame map), in place.
+    """Add what an error of heading does to the position over a way x, y m (frame map) to `mean` and `cov`, in place.
 
-    `mean` (12,), `cov` (12, 12): state u of a case, and its covariance.
+    `mean` (12,), `cov` (12, 12): the last three states are x, y, m, and heading, rad, of the true less the believed
+    pose.
     """
     n, heading = mean.size, mean[POSE + 2]
     mean[POSE] -= y * heading
@@ -216,9 +222,7 @@ def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float
 class MapStrain:
     """Check by probabilities whether the map is strained, the camera tilted or aside, the robot displaced, or none.
 
-    Attributes:
-        shared: errors that the landmarks of a frame share; their tilt fades.
-        model: what the cases expect.
+    `shared`: errors that the landmarks of a frame share, whose tilt fades; `model`: what the cases expect.
     """
 
     shared: CommonErrors
@@ -250,8 +254,7 @@ class MapStrain:
 
         Args:
             way: along x and y, m, frame map.
-            along: variance of the way along each axis, m^2.
-            heading: variance that the motion adds to the heading, rad^2.
+            along, heading: variances that the motion adds: of the way along each axis, m^2; of the heading, rad^2.
         """
         for case in self._cases:
             carried(case.mean, case.cov, way[0], way[1])
@@ -267,13 +270,12 @@ class MapStrain:
     def look(
         self, seen: Detections, world: FloorLandmarks, pose: Pose, cov: Array, noise: SightNoise, time: float
     ) -> None:
-        """Update the probabilities with one frame of the camera; one with fewer than `LEAST` matches is ignored.
+        """Update the probabilities with one frame of the camera; one with fewer than two matches is ignored.
 
         Args:
-            seen: its detections.
-            world: landmarks.
-            pose: believed x, y, m, and heading, rad, frame map.
-            cov: its covariance, (3, 3) or larger.
+            seen: landmarks detected in it.
+            world: landmarks of the map.
+            pose, cov: believed x, y, m, and heading, rad, frame map; its covariance, (3, 3) or larger.
             noise: of the camera, with the common errors.
             time: of the frame, s.
         """

@@ -29,7 +29,7 @@ ALL = 50.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the body with its variances."""
+    """Motion of the body over one step of prediction, with the variances that it adds to the belief."""
 
     forward: float = 0.0
     """Way ahead, along the heading half-way through the turn, m."""
@@ -55,7 +55,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class StartUncertainty:
-    """Standard deviations of the start pose."""
+    """Standard deviations of a pose that a user states."""
 
     position: float = 0.05
     """Standard deviation of x and of y, m."""
@@ -67,7 +67,7 @@ class StartUncertainty:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """Result of one frame of the camera."""
+    """Result of correcting the belief with one frame of the camera."""
 
     seen: int
     """Number of landmarks that the camera detected in the frame."""
@@ -76,7 +76,7 @@ class FrameResult:
     nis: float
     """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
     matches: Matches | None = None
-    """Match of each detection; None without a map or detections."""
+    """Match of each detection with a landmark; None without a map or detections."""
 
 
 class PoseTracker:
@@ -86,8 +86,8 @@ class PoseTracker:
         start: uncertainty of a stated pose.
         noise: of the camera while walking.
         standing: noise of the camera while the robot stands.
-        shared: errors that the landmarks of a frame have in common.
-        limits: of matching.
+        shared: errors that the landmarks of a frame have in common; None = there are none.
+        limits: of matching detections with landmarks; None = the defaults.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class PoseTracker:
         self._lose(before)
 
     def _lose(self, before: tuple[float, float]) -> None:
-        """Count the information that the belief lost since its log variances were `before`."""
+        """Count the information lost since the log variances of position and pose, nats, were `before`."""
         now = log_variances(self.cov)
         for i in range(2):
             if before[i] < now[i]:
@@ -217,9 +217,9 @@ class PoseTracker:
         """Correct the belief with the landmarks of one frame.
 
         Args:
-            seen: detections.
+            seen: landmarks detected in the frame.
             time: of the exposure's end, s.
-            standing: the robot stands.
+            standing: the robot stands, so the camera's noise is that of a standing robot.
             trusted: the belief is corrected; else the frame is only compared with it.
 
         Raises:
@@ -254,14 +254,14 @@ class PoseTracker:
     def _of_sight(
         self, world: FloorLandmarks, landmark: int, time: float, own: tuple[float, float], common: tuple[float, float]
     ) -> tuple[float, float]:
-        """Count a use of a landmark, and return the variances of range and bearing to take for it.
+        """Count a use of a landmark, and return the variances of range, m^2, and bearing, rad^2, to take for it.
 
         Args:
             world: landmarks; those of another map begin without uses.
             landmark: row of `world`.
             time: of the frame, s.
-            own: variances of one sight by itself, m^2 and rad^2.
-            common: variances by the place in the map, alike in every sight, m^2 and rad^2.
+            own: variances of range and bearing in one sight by itself, m^2 and rad^2.
+            common: variances by the error of the landmark's place in the map, alike in every sight, m^2 and rad^2.
         """
         if world is not self._used_of:
             self._used_of, self._used = world, np.zeros((len(world), 5))
@@ -273,7 +273,10 @@ class PoseTracker:
         return of_sight(own[0], common[0], counts[0]), of_sight(own[1], common[1], counts[1])
 
     def _linearise(self, x: float, y: float) -> None:
-        """Write the effect of the common errors on a landmark at (x, y) m; the bearing seen is noisy and not used."""
+        """Write how tilt and sway change the range and bearing of a landmark at (x, y) m, frame map.
+
+        It is seen from the believed pose: the measured bearing is noisy and not used.
+        """
         dx, dy = x - float(self.mean[0]), y - float(self.mean[1])
         bearing = ukf.wrap(math.atan2(dy, dx) - float(self.mean[2]))
         fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
@@ -288,8 +291,13 @@ class PoseTracker:
 def of_sight(variance: float, common: float, n: float) -> float:
     """Return the measurement variance of the n-th sight of a landmark, whose error in the map is common to all sights.
 
-    n sights with a variance v each and c in common have the variance v / n + c: the newest adds the information
-    n / (v + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
+    n sights with a variance v each and c in common have the variance v / n + c: the newest adds the information n / (v
+    + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
+
+    Args:
+        variance: v, of one sight by itself, m^2 or rad^2.
+        common: c, by the error in the map, in the unit of v.
+        n: number of sights, this one included.
     """
     if common == 0.0 or variance == 0.0:
         return variance + common
@@ -313,9 +321,9 @@ def held(n: float, ratio: float, lost: float) -> float:
 
 
 def log_variances(cov: Array) -> tuple[float, float]:
-    """Return the log of the mean (geometric) variance of position, and of pose, nats; -inf: one is zero.
+    """Return the log of the geometric mean variance of position, and of pose, nats; -inf: a variance is zero.
 
-    A motion without noise leaves both. `cov`: of x, y (m) and heading (rad), (3, 3).
+    A motion without noise leaves both. `cov`: covariance of x, y (m) and heading (rad), (3, 3) or larger.
     """
     area = float(cov[0, 0] * cov[1, 1] - cov[0, 1] * cov[1, 0])
     pose = float(ukf.entropy(cov)) - ukf.ENTROPY_OF_UNIT

@@ -90,10 +90,17 @@ def spread(cov: Array, low: Array) -> None:
 def _displace(
     mean: Array, change: float, forward: float, left: float, walked: float, work: Array
 ) -> tuple[float, float]:
-    """Return the mean displacement of x and y over a motion; the displacements of the points stay in work.
+    """Return the mean displacement of x and y, m, of the 2 n sigma points over a motion; `work` keeps each point's own.
 
-    Rows n .. 2 n - 1 of work hold those of mean + column and rows 2 n .. 3 n - 1 those of mean - column: the new x and
-    y less their old means. The first n rows stay the columns of L, moved in theta.
+    Args:
+        mean: x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m walked), then other states, (n,).
+        change: change of the mean's heading over the motion, drift included, rad.
+        forward: way along the heading half-way through the turn, m.
+        left: way to the left of that heading, m.
+        walked: way over which the drift acts, m.
+        work: (3 n, max(n, 4)). Read: rows 0 .. n - 1, the lower triangle L with L L^T = n cov. Written: new x and y
+            less their old means, m, of the points mean + column of L (rows n .. 2 n - 1) and mean - column (the last n
+            rows); row 2 of L, the heading, gets the turn that the column's drift adds.
     """
     n = mean.size
     drifts = n > DRIFT
@@ -118,9 +125,15 @@ def _displace(
 
 @row_kernel
 def _offsets(work: Array, n: int, i: int, j: int, mean: float) -> tuple[float, float]:
-    """Return how far state i of the two points of column j lies from its mean, which is `mean` for x and y.
+    """Return how far element i of the state lies from its mean, in its unit, at the two sigma points of column j of L.
 
-    `work` (3 n, max(n, 4)): L in the first n rows, then x and y of the n points mean + column and mean - column.
+    Args:
+        work: (3 n, max(n, 4)): lower triangle L with L L^T = n cov in the first n rows, then x and y displacements, m,
+            of the n points mean + column and of the n points mean - column.
+        n: number of states.
+        i: element of the state: 0 x, 1 y, 2 heading, 3 drift, 4 and more errors that observations share.
+        j: column of L.
+        mean: mean displacement of x or y, m; used for i < 2 only.
     """
     if i < THETA:
         return work[n + j, i] - mean, work[2 * n + j, i] - mean
@@ -131,10 +144,10 @@ def _offsets(work: Array, n: int, i: int, j: int, mean: float) -> tuple[float, f
 def predict(
     mean: Array, cov: Array, forward: float, left: float, turn: float, walked: float, noise: Array, work: Array
 ) -> None:
-    """Carry the belief over a motion, in place.
+    """Carry the belief over a motion: `mean` and `cov` are replaced.
 
     Args:
-        mean: state, (n,).
+        mean: x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m walked), then other states, (n,).
         cov: covariance, (n, n).
         forward: way ahead, m, along the heading half-way through the turn.
         left: way to the left of that heading, m.
@@ -142,7 +155,7 @@ def predict(
         walked: way over which the drift acts, m; 0 where the heading is measured.
         noise: variances (4,) of the way along (m^2) and across (m^2) the heading half-way, of the heading (rad^2) and
             of the drift (rad^2 per m^2), added after the transform.
-        work: scratch of `work_space(n)`.
+        work: scratch, (3 n, max(n, 4)).
     """
     n = mean.size
     spread(cov, work)
@@ -177,17 +190,18 @@ def predict(
 def innovation(
     mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array
 ) -> tuple[float, float, float, float, float]:
-    """Return the innovation of range (m) and bearing (rad, wrapped), and its covariance s00, s01, s11.
+    """Return the innovation of range (m) and bearing (rad, wrapped), and its covariance (m^2, m rad, rad^2).
 
-    Rows n .. 2 n - 1 of work hold range and bearing of mean + column less their means (0, 1), then those of
-    mean - column (2, 3). The belief stays as it is.
+    Innovation: what is seen less what the belief expects. Rows n .. 2 n - 1 of `work` hold range and bearing of the
+    sigma points mean + column less their means (columns 0, 1) and those of mean - column (2, 3). The belief stays as it
+    is.
 
     Args:
-        mean: x, y (m), heading (rad), drift (rad per m), nuisances, (n,).
+        mean: x, y (m), heading (rad), frame map, drift (rad per m), errors z that sightings share, (n,).
         cov: covariance, (n, n).
-        seen: the landmark and its measurement.
-        gain: change of range (row 0) and bearing (row 1) by each nuisance, (2, n - 4), or (2, 0).
-        work: scratch of `work_space(n)`.
+        seen: place of the landmark in the map, range and bearing at which it is seen, their variances.
+        gain: change of range (row 0) and bearing (row 1) by each of z, (2, n - 4), or (2, 0) for n <= 4.
+        work: scratch, (3 n, max(n, 4)).
     """
     n = mean.size
     spread(cov, work)
@@ -236,14 +250,14 @@ def innovation(
 
 @row_kernel
 def update(mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array) -> float:
-    """Correct the belief with one landmark, in place.
+    """Correct the belief with one sighted landmark: `mean` and `cov` are replaced.
 
     Args:
-        mean: state, (n,).
+        mean: x, y (m), heading (rad), frame map, drift (rad per m), errors z that sightings share, (n,).
         cov: covariance, (n, n).
-        seen: the landmark and its measurement.
-        gain: change of range (row 0) and bearing (row 1) by each nuisance, (2, n - 4), or (2, 0).
-        work: scratch of `work_space(n)`.
+        seen: place of the landmark in the map, range and bearing at which it is seen, their variances.
+        gain: change of range (row 0) and bearing (row 1) by each of z, (2, n - 4), or (2, 0) for n <= 4.
+        work: scratch, (3 n, max(n, 4)).
 
     Returns:
         Normalised innovation squared before the correction, 2 degrees of freedom.

@@ -30,7 +30,7 @@ def _mixed(z: np.uint64) -> np.uint64:
 
 @row_kernel
 def seed(state: Stream, a: int, b: int, c: int) -> None:
-    """Begin the random stream that belongs to three integers, in place; `state`: (4,) uint64."""
+    """Begin the random stream that belongs to three integers: `state` (4,) uint64 is overwritten."""
     z = _mixed(np.uint64(a) + np.uint64(0x9E3779B97F4A7C15))
     z = _mixed((z ^ np.uint64(b)) + np.uint64(0x9E3779B97F4A7C15))
     z = _mixed((z ^ np.uint64(c)) + np.uint64(0x9E3779B97F4A7C15))

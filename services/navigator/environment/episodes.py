@@ -16,9 +16,11 @@ from .model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from .world import act, begin
 
 RESULT = named("seconds ended decisions stands turns error nees_sum nees_at")
+"""Result of an episode: s, outcome (1 goal reached, 2 cut off), number of actions, of stands, of turns, final error of
+the estimate, m, sum over decisions of the pose's NEES (normalised error squared, 3 degrees of freedom), NEES after one.
+"""
 NEES_DECISION = 20
-"""Result of an episode: s, REACHED or CUT_OFF, number of actions, of stands, of turns, final error of the estimate in
-m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES after NEES_DECISION."""
+"""Number of the decision after which the normalised error squared of the pose is kept in the result."""
 
 
 @free_kernel
@@ -53,7 +55,7 @@ def _run(
     rooms: tuple[EpisodeRoom, ChoiceRoom],
     results: Record,
 ) -> None:
-    """Walk episodes one after the other and write their results, a record RESULT each, (count,).
+    """Simulate episodes one after the other and write their results, a record each, (count,).
 
     Args:
         policy: decides the actions.
@@ -61,9 +63,9 @@ def _run(
         model: actions and scene.
         run: seed of the series of episodes.
         start: number of the first episode.
-        state: of an episode, written.
-        rooms: scratch.
-        results: written.
+        state: of an episode, overwritten.
+        rooms: scratch of the episode and of the decision.
+        results: written: time (s), outcome, counts, final error (m), normalised errors squared.
     """
     room, choice = rooms
     scene, status, truth, sure = model.scene[0], state.status, state.truth, np.zeros((4, 4))
@@ -90,11 +92,11 @@ def _run(
 
 
 def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int, knows: bool = False) -> Record:
-    """Return the results of episodes start .. start + count - 1 of seed `run`, a record RESULT each, (count,).
+    """Return the results of episodes start .. start + count - 1 of seed `run`, a record each, (count,).
 
-    Names: `seconds` (s), `ended` (REACHED or CUT_OFF), `decisions`, `stands` and `turns` (counts), `error` (distance of
-    the belief from the truth at the end, m), `nees_sum` and `nees_at` (normalised errors squared of the pose: sum over
-    all decisions, and the one after decision NEES_DECISION, 0 in shorter episodes).
+    Fields: `seconds` (s), `ended` (1 goal reached, 2 cut off), `decisions`, `stands` and `turns` (counts), `error`
+    (distance of the belief from the truth at the end, m), `nees_sum` and `nees_at` (normalised errors squared of the
+    pose: sum over all decisions, and the one after decision 20, 0 in shorter episodes).
 
     Args:
         world: arrays of the model.

@@ -20,50 +20,58 @@ TRUTH = 7
 
 
 class EpisodeState(NamedTuple):
-    """One episode under way; a batch of episodes has one more axis in front of every array."""
+    """State of one simulated episode; a batch of episodes has one more axis in front of every array."""
 
     rng: Stream
     """State of the random stream, (4,) uint64."""
     marks: Array
-    """x and y of the landmarks, (M, 2), m, frame map, square by square."""
+    """Landmarks on the floor, x and y, (M, 2) m, frame map, square by square of 0.25 m."""
     first: Ints
-    """Index of the first landmark of each square, and their number at the end, (squares + 1,)."""
+    """Index of the first landmark of each square of 0.25 m, and the number of landmarks at the end, (squares + 1,)."""
     truth: Array
-    """True x, y (m), heading (rad), drift (rad per m), roll and pitch error of the camera (rad), and the first drift
-    (rad per m), (TRUTH,)."""
+    """True state, (7,).
+
+    x, y (m), heading (rad), frame map, drift now (rad per m), roll and pitch error of the camera (rad), drift at the
+    start (rad per m)."""
     mean: Array
-    """Belief after the last frame, (n,): x, y (m), heading (rad), drift (rad per m), nuisances, see `ukf`."""
+    """Belief after the last frame, (n,).
+
+    x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m), then roll and pitch error of the camera (rad).
+    """
     cov: Array
-    """Covariance of the believed state of the robot, (n, n)."""
+    """Covariance of the belief after the last frame, (n, n)."""
     ahead_mean: Array
     """Belief at the next decision, which may come before the last frames of an action, (n,)."""
     ahead_cov: Array
-    """Covariance of the state predicted for the end of the action, (n, n)."""
+    """Covariance of the belief at the next decision, (n, n)."""
     status: Record
-    """Counters and flags of the episode, a record STATUS."""
+    """Counters: time (s), last action, stands and turns in a row, blocked, outcome, number of actions, way (m)."""
 
 
 class EpisodeRoom(NamedTuple):
     """Scratch of the kernels of an episode; nothing in it outlives a call."""
 
     noise: Array
-    """Variances of a motion, (4,), see `ukf.predict`."""
+    """Variances of a motion along and across the heading (m^2), of heading (rad^2) and drift (rad^2 per m^2), (4,)."""
     gain: Array
-    """Effect of the nuisances on a sighting, (2, n - 4)."""
+    """Effect of the camera's roll and pitch error on range (row 0) and bearing (row 1) of a sighting, (2, n - 4)."""
     work: Array
-    """Scratch of the filter, with one column more for the landmarks in view, (max(3 n, IN_VIEW), max(n, 4) + 1)."""
+    """Scratch of the filter; its last column holds the landmarks in view, (max(3 n, 128), max(n, 4) + 1)."""
 
 
 @row_kernel
 def squares(scene: Record) -> tuple[int, int]:
-    """Return the numbers of squares of `CELL` m along x and y that cover the floor of a scene, a record SCENE."""
+    """Return the numbers of squares of 0.25 m along x and y that cover the floor of a scene.
+
+    `scene`: record with the walls x_min, x_max, y_min, y_max, m.
+    """
     return math.ceil((scene.x_max - scene.x_min) / CELL), math.ceil((scene.y_max - scene.y_min) / CELL)
 
 
 def most_landmarks(scene: Record) -> int:
     """Return the number of landmarks that an episode has room for: the mean number and ten standard deviations.
 
-    `scene`: a record SCENE, SI.
+    `scene`: record with the walls, m, and landmarks per m^2.
     """
     nx, ny = squares(scene)
     mean = nx * ny * CELL * CELL * scene.density
@@ -71,7 +79,10 @@ def most_landmarks(scene: Record) -> int:
 
 
 def episode_state(world: Arrays, *count: int) -> EpisodeState:
-    """Return the arrays of one episode, zeros, or of a batch of `count` episodes, which is their first axis."""
+    """Return the arrays of one episode, zeros, or of a batch of `count` episodes, which is their first axis.
+
+    `world`: arrays of the model, which give number of states, walls and density of landmarks.
+    """
     n, (nx, ny) = world.states, squares(world.tables.scene[0])
     return EpisodeState(
         np.zeros((*count, 4), dtype=np.uint64),
@@ -87,6 +98,6 @@ def episode_state(world: Arrays, *count: int) -> EpisodeState:
 
 
 def episode_room(states: int) -> EpisodeRoom:
-    """Return scratch for a filter of a number of states."""
+    """Return scratch of an episode for a filter with a number of states."""
     work = np.zeros((max(3 * states, IN_VIEW), max(states, 4) + 1))
     return EpisodeRoom(np.zeros(4), np.zeros((2, max(0, states - NUISANCE))), work)

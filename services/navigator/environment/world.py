@@ -20,13 +20,13 @@ FLOOR, BEGIN, STEP = 1, 2, 3  # purposes of random streams
 
 @row_kernel
 def scatter(scene: Record, rng: Stream, marks: Array, first: Ints) -> None:
-    """Draw the landmarks of a floor, in place.
+    """Draw the landmarks of a floor into `marks` and `first`.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
-        rng: stream of the floor, (4,) uint64.
-        marks: x and y of landmarks in the map, (M, 2), m, square by square.
-        first: index of the first landmark of each square, and their number at the end, (squares + 1,).
+        scene: record of the scene: walls (m), landmarks per m^2.
+        rng: random stream of the floor, (4,) uint64, advanced.
+        marks: written: x and y of landmarks, (M, 2) m, frame map, square by square of 0.25 m.
+        first: written: index of the first landmark of each square, and the number at the end, (squares + 1,).
     """
     nx, ny = squares(scene)
     floor, count = math.exp(-scene.density * CELL * CELL), 0
@@ -48,8 +48,8 @@ def is_blocked(scene: Record, truth: Array) -> float:
     """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
-        truth: true x, y (m), heading (rad), frame map, drift (rad per m) and others, (TRUTH,), see `EpisodeState`.
+        scene: record of the scene: walls, radius, look-ahead, m.
+        truth: true x, y (m), heading (rad), frame map, and more, (7,).
     """
     x = truth[X] + scene.look_ahead * math.cos(truth[THETA])
     y = truth[Y] + scene.look_ahead * math.sin(truth[THETA])
@@ -60,13 +60,13 @@ def is_blocked(scene: Record, truth: Array) -> float:
 
 @row_kernel
 def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
-    """Begin an episode, in place: floor, drift and true start are drawn, the belief is that of the start.
+    """Begin an episode: floor, drift and true start are drawn into `state`, its belief is that of the start.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
+        scene: record of the scene, SI units, angles in rad.
         run: seed of a series of episodes.
         episode: number of the episode; seed and number determine all draws.
-        state: of the episode, written.
+        state: of the episode, overwritten.
     """
     truth, mean, cov, rng, n = state.truth, state.mean, state.cov, state.rng, state.mean.size
     seed(rng, run, episode, FLOOR)
@@ -106,10 +106,11 @@ def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
 
 @row_kernel
 def drift_at(scene: Record, began: float, way: float) -> float:
-    """Return the drift, rad per m, after a way, by the course of it that the scene names.
+    """Return the drift, rad per m, after a way, by the course that the scene names.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
+        scene: record of the scene; course: 0 constant, 1 other sign from half of the way on, 2 none before half of the
+            way, 3 evenly to the opposite; start and goal, m.
         began: drift at the start, rad per m.
         way: walked so far, m.
     """
@@ -125,7 +126,7 @@ def drift_at(scene: Record, began: float, way: float) -> float:
 
 @row_kernel
 def copy_belief(mean: Array, cov: Array, to_mean: Array, to_cov: Array) -> None:
-    """Copy a belief, mean (n,), m and rad, and covariance (n, n), into `to_mean` and `to_cov`, in place."""
+    """Copy a belief, mean (n,), m and rad, and covariance (n, n), into `to_mean` (n,) and `to_cov` (n, n)."""
     for i in range(mean.size):
         to_mean[i] = mean[i]
         for j in range(mean.size):
@@ -134,11 +135,16 @@ def copy_belief(mean: Array, cov: Array, to_mean: Array, to_cov: Array) -> None:
 
 @row_kernel
 def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
-    """Write how roll and pitch of a camera `height` m above the floor move a landmark there, into gain (2, 2).
+    """Write how roll and pitch errors of a camera move the range and bearing at which it sees a landmark.
 
-    A pitch error p shifts (x, y) in the robot's heading axes by p (height + x^2 / height, x y / height), a roll error
-    q by q (x y / height, height + y^2 / height); columns are (roll, pitch), rows range (m/rad) and bearing (rad/rad).
-    `range_` m, `bearing` rad: of the landmark, seen from the robot.
+    A pitch error p shifts (x, y) in the robot's heading axes by p (height + x^2 / height, x y / height), a roll error q
+    by q (x y / height, height + y^2 / height).
+
+    Args:
+        range_: distance of the landmark along the floor, m.
+        bearing: of the landmark, rad, left of the heading positive.
+        height: of the camera above the floor, m.
+        gain: written, (2, 2): columns roll, pitch; rows range (m/rad), bearing (rad/rad).
     """
     c, s = math.cos(bearing), math.sin(bearing)
     along = height + range_ * range_ / height
@@ -148,9 +154,13 @@ def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None
 
 @row_kernel
 def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None:
-    """Replace common errors in part: z' = keep z + noise, with `variance` (rad^2) as the variance in the long run.
+    """Let the errors of roll and pitch that sightings share change: z' = keep z + noise, in `mean` and `cov`, in place.
 
-    In place; `mean` (n,), `cov` (n, n): belief, with these errors last.
+    Args:
+        mean: belief, (n,): four states of pose and drift, then these errors (rad).
+        cov: its covariance, (n, n).
+        keep: share of an error that stays, 0 to 1.
+        variance: of an error in the long run, rad^2.
     """
     n = mean.size
     for i in range(NUISANCE, n):
@@ -163,13 +173,13 @@ def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None
 
 @row_kernel
 def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array) -> int:
-    """Write the landmarks that a frame recognises into the last column of work; return their number.
+    """Write the landmarks that a frame recognises into the last column of `work`; return their number.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
-        action: the action, a record ACTION, SI, angles in rad.
+        scene: record of the scene: walls, m.
+        action: record of the action: sector in view (m, rad), probability that a landmark in it is recognised.
         state: of the episode; its random stream advances.
-        work: scratch, as in `EpisodeRoom`.
+        work: scratch, (128 or more, any); indices of landmarks are written.
     """
     truth, marks, first = state.truth, state.marks, state.first
     nx, ny = squares(scene)
@@ -196,12 +206,12 @@ def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array)
 
 @row_kernel
 def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) -> int:
-    """Take one frame and correct the belief with each landmark that is recognised, in place; return their number.
+    """Take one frame of the camera: correct the belief with each landmark that is recognised; return their number.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
-        action: the action, a record ACTION, SI, angles in rad.
-        state: of the episode; belief and random stream change.
+        scene: record of the scene: camera, most landmarks of a frame.
+        action: record of the action: sector in view, noise of range (m) and bearing (rad).
+        state: of the episode; its belief and random stream change.
         room: scratch.
     """
     truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
@@ -236,14 +246,14 @@ def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) 
 
 @row_kernel
 def move(scene: Record, action: Record, share: float, rng: Stream, truth: Array) -> None:
-    """Move the true pose over a share of an action, in place; walls bound its position.
+    """Move the true pose over a share of an action: `truth` is changed; walls bound its position.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
-        action: the action, a record ACTION, SI, angles in rad.
-        share: 0 to 1 of its way and its time.
-        rng: random stream of the motion noise, (4,) uint64.
-        truth: true x, y (m), heading (rad), frame map, drift (rad per m) and others, (TRUTH,), see `EpisodeState`.
+        scene: record of the scene: walls and radius of the robot, m.
+        action: record of the action: way (m), turn (rad), variances of the motion.
+        share: part of the action, 0 to 1.
+        rng: random stream of the motion noise, (4,) uint64, advanced.
+        truth: true x, y (m), heading (rad), frame map, drift (rad per m) and more, (7,).
     """
     along_e, across_e = normal_pair(rng)
     heading_e, _ = normal_pair(rng)
@@ -259,13 +269,13 @@ def move(scene: Record, action: Record, share: float, rng: Stream, truth: Array)
 
 @row_kernel
 def _frames_of(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) -> None:
-    """Do an action frame by frame, in place: truth and belief, and ahead the belief at the next decision.
+    """Simulate an action frame by frame: truth, belief and the belief at the next decision in `state` are changed.
 
-    That one lacks the frames of the last `decision_delay` s: it is predicted instead.
+    The latter lacks the frames that come after the decision: it is predicted over them instead.
 
     Args:
-        scene: the scene, a record SCENE, SI, angles in rad.
-        action: the action, a record ACTION, SI, angles in rad.
+        scene: record of the scene, SI units, angles in rad.
+        action: record of the action, SI units, angles in rad.
         state: of the episode.
         room: scratch.
     """
@@ -299,14 +309,14 @@ def _frames_of(scene: Record, action: Record, state: EpisodeState, room: Episode
 
 @row_kernel
 def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeState, room: EpisodeRoom) -> float:
-    """Simulate one action, in place; return the reward, no unit: minus its seconds, or the bonus at the goal.
+    """Simulate one action; return the reward, no unit: minus its seconds, or the bonus at the goal.
 
     Args:
-        model: actions and scene.
+        model: actions, scene, times of changes of kind.
         run: seed of the series of episodes.
         episode: number of the episode.
         chosen: index of the action.
-        state: of the episode; truth, belief and status are carried over the action.
+        state: of the episode, changed: truth, belief and counters are carried over the action.
         room: scratch.
     """
     scene, action, status = model.scene[0], model.actions[chosen], state.status

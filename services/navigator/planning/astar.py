@@ -30,44 +30,44 @@ Ints32 = NDArray[np.int32]
 
 STRAIGHT, DIAGONAL = 12, 17
 UNIT = 4
-"""Weight of a cell far from everything."""
+"""Weight of a cell far from all obstacles."""
 HEAVIEST = 16
-"""Largest weight."""
+"""Largest weight of a cell, the one nearest to an obstacle."""
 RUN = 32
 """Largest number of cells of a straight run that one step of the search takes."""
 BUCKETS = 8192
 """Number of buckets of the queue of open cells: a power of two above twice the cost of the dearest step and run,
 4 DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN."""
 NOWHERE = -1
-"""Goal of a search that settles everything."""
+"""Goal of a search that settles every cell in reach."""
 EVEN = 128
 """Bit of a weight: the cell and its eight neighbours weigh the same."""
 FACTOR = 127
-"""Bits of the value of a weight."""
+"""Bits of a weight that hold the cost factor."""
 ANY = 8
 """Direction of a cell that was reached by no step."""
 UNSEEN = 2**31 - 1
 GROWTH = 65_536
-"""Entries the pool of the queue begins with."""
+"""Number of entries that the pool of the queue holds at the beginning."""
 
 
 @row_kernel
 def enter(
     entry: int, f: int, heads: Ints32, cell_of: Ints32, next_of: Ints32, spare: int, used: int
 ) -> tuple[int, int]:
-    """Put an entry (cell << 4 | direction) into the bucket of f, in place; all numbers are indices or costs, no unit.
+    """Put an entry into the queue of open cells, the bucket of its f; the three arrays are changed in place.
 
     Args:
-        entry: what to put.
-        f: cost and bound.
-        heads: first place of each bucket, (buckets,), -1 = empty.
-        cell_of: entry at each place, (places,).
-        next_of: place after each, of a bucket or of those that are spare, (places,).
+        entry: index of a cell << 4 | direction of the step to it, 0 to 7, or 8 for none.
+        f: cost from the start plus bound on the rest of the way, no unit.
+        heads: first place of each bucket in the pool, (buckets,), -1 = empty.
+        cell_of: entry at each place of the pool, (places,).
+        next_of: place after each, in a bucket or in the list of spare places, -1 = last, (places,).
         spare: first spare place, -1 = none: the place `used` is taken, which has to exist.
-        used: places that were ever used.
+        used: number of places that were ever used.
 
     Returns:
-        `spare` and `used`.
+        `spare` and `used` afterwards.
     """
     place = used
     if spare >= 0:
@@ -84,7 +84,7 @@ def enter(
 
 @row_kernel
 def doubled(entries: Ints32) -> Ints32:
-    """Return an array (2 n,), no unit, that begins with these entries (n,); the rest is not set."""
+    """Return an array of twice the length, (2 n,), that begins with `entries` (n,), no unit; the rest is not set."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
         out[i] = entries[i]
@@ -92,16 +92,16 @@ def doubled(entries: Ints32) -> Ints32:
 
 
 class SearchMap(NamedTuple):
-    """Costs, goal and neighbours of one A* search, constant while it runs."""
+    """Costs, goal and neighbours of one A* search, constant while it runs; cells are indices of the flattened array."""
 
     weight: Bytes
-    """Cost factors with the bit EVEN, padded and flattened, (cells,)."""
+    """Cost factors, padded and flattened, (cells,): 0 = blocked; bit 128: all eight neighbours weigh the same."""
     wide: int
     """Cells of a padded row."""
     marks: Ints32
-    """Costs between marks and cells, (cells, marks), no unit."""
+    """Costs between marks (chosen cells) and all cells, (cells, marks), no unit."""
     goal: int
-    """Index of the goal in the flattened array, or NOWHERE."""
+    """Index of the goal in the flattened array, or -1 = none."""
     goal_row: int
     """Row of the goal in the padded array."""
     goal_col: int
@@ -109,14 +109,14 @@ class SearchMap(NamedTuple):
     offsets: Ints
     """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
     onward: Ints
-    """Directions after each, (8, 3)."""
+    """Directions in which the search goes on after a step in each, where all cells around weigh the same, (8, 3)."""
 
 
 class Successors(NamedTuple):
-    """Ends of the steps from one cell."""
+    """Ends of the steps from one cell, at most eight."""
 
     entry: Ints
-    """Cell << 4 | direction, (8,)."""
+    """Index of the cell << 4 | direction of the step to it, (8,)."""
     f: Ints
     """Cost from the start to each end, plus the bound on the rest of the way, (8,)."""
     h: Ints
@@ -128,9 +128,10 @@ def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
     """Return the constants of a search for one goal.
 
     Args:
-        weight: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
-        goal: index of a cell in the flattened array, or NOWHERE.
-        marks: costs between marks and cells, (cells, marks), no unit.
+        weight: cost factors (0 = blocked; bit 128: all eight neighbours weigh the same), padded by a frame of zeros,
+            (rows + 2, cols + 2).
+        goal: index of a cell in the flattened array, or -1 = none.
+        marks: costs between marks (chosen cells) and all cells, (cells, marks), no unit.
     """
     wide = weight.shape[1]
     return SearchMap(
@@ -147,12 +148,12 @@ def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
 
 @row_kernel
 def bound(floor: SearchMap, cell: int) -> int:
-    """Return a lower bound of the cost from a cell to the goal, no unit, an edge costing 2 UNIT STRAIGHT or more.
+    """Return a lower bound of the cost from a cell to the goal; 0 without a goal.
 
-    Without a goal it is 0.
+    A step over an edge costs 96 between two cells far from obstacles, up to 384 near them.
 
     Args:
-        floor: constants of the search: goal, width, marks.
+        floor: constants of the search: goal, width, costs to marks.
         cell: index of the cell in the flattened array.
     """
     if floor.goal == NOWHERE:
@@ -166,17 +167,16 @@ def bound(floor: SearchMap, cell: int) -> int:
 
 @row_kernel
 def _run(floor: SearchMap, g: Ints32, n: int, step: int, cost: int) -> tuple[int, int]:
-    """Follow a straight run of EVEN cells from cell n; write costs into g.
+    """Follow a straight run of cells whose neighbours all weigh the same; return its end, and the cost there.
+
+    The end is -1 where a cell of the run was reached as cheaply before.
 
     Args:
         floor: constants of the search.
-        g: cost from the start, (cells,), no unit, written.
+        g: cost from the start, (cells,), no unit, written for the cells of the run.
         n: index of the first cell of the run.
         step: difference of the indices of two cells of the run.
         cost: cost at which the first one was reached.
-
-    Returns:
-        End of the run, -1 where a cell of the run was reached as cheaply before, and cost there.
     """
     length, each = 1, int(2 * STRAIGHT * (floor.weight[n] & FACTOR))
     while floor.weight[n] >= EVEN and n != floor.goal and length < RUN:
@@ -195,11 +195,11 @@ def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: S
 
     Args:
         floor: constants of the search.
-        g: cost from the start, (cells,), no unit, written.
+        g: cost from the start, (cells,), no unit, written for cells that are reached more cheaply.
         cell: index of the cell.
-        came: direction of the step to it, or ANY.
-        here: its cost.
-        out: result.
+        came: direction of the step to it, 0 to 7, or 8 = none.
+        here: cost from the start to it.
+        out: written: cell and direction, cost plus bound, bound of each end.
     """
     even, own = floor.weight[cell] >= EVEN and came < ANY, floor.weight[cell] & FACTOR
     steps, count, closed = 8, 0, 0  # closed: bits of the edges that are not free
@@ -231,9 +231,9 @@ def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: S
 
 @row_kernel
 def _settle_rest(g: Ints32) -> int:
-    """Settle the cells that were only seen, in place; return their number.
+    """Settle the cells that were only seen by a search, in place; return their number.
 
-    `g`: costs of `search`, (cells,), no unit: -cost - 1 of settled cells, cost of seen ones, UNSEEN of others.
+    `g`: cost c from the start, (cells,), no unit: -c - 1 of settled cells, c of seen ones, 2^31 - 1 of others.
     """
     count = 0
     for n in range(g.size):
@@ -248,12 +248,13 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
     """Run A* from the start: settle cells in the order of their cost until the goal is settled.
 
     Args:
-        weight: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
+        weight: cost factors (0 = blocked; bit 128: all eight neighbours weigh the same), padded by a frame of zeros,
+            (rows + 2, cols + 2).
         start: index of a free cell in the flattened array.
-        goal: index of a cell in the region of the start; or NOWHERE.
-        marks: costs between marks and cells of that region, (cells, marks); (cells, 0) = none.
-        g: cost from the start, (cells,), no unit, written: settled cells as -g - 1, seen ones as g, others as UNSEEN.
-            The cells inside of a run stay seen; where the search ends because nothing is left, they are settled, too.
+        goal: index of a cell in the region of the start; or -1: all cells in reach are settled.
+        marks: costs between marks (chosen cells) and all cells of that region, (cells, marks); (cells, 0) = none.
+        g: written, (cells,), no unit: with c the cost from the start, -c - 1 of settled cells, c of seen ones, 2^31 - 1
+            of others. The cells inside of a run stay seen; where nothing is left to search, they are settled, too.
 
     Returns:
         Number of settled cells.
@@ -301,15 +302,20 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
 
 @row_kernel
 def cost_of(entry: int) -> int:
-    """Return the cost of a cell from its entry in the array `g` of `search`, settled or seen; UNSEEN of others."""
+    """Return the cost c of a cell from its entry after a search: -c - 1 if settled, c if seen; 2^31 - 1 of others."""
     return -entry - 1 if entry < 0 else entry
 
 
 @row_kernel
 def trace(weight: Bytes, start: int, goal: int, g: Ints32) -> Ints32:
-    """Return the cells of the path from start to goal, flat indices (n,), by the costs g (cells,) of `search`.
+    """Return the cells of the cheapest path from start to goal, indices in the flattened array, (n,).
 
-    `weight`: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
+    Args:
+        weight: cost factors (0 = blocked; bit 128: all eight neighbours weigh the same), padded by a frame of zeros,
+            (rows + 2, cols + 2).
+        start: index of the first cell.
+        goal: index of the last cell.
+        g: cost c from the start as a search left it, (cells,): -c - 1 of settled cells, c of seen ones.
     """
     wide = weight.shape[1]
     w = weight.ravel()

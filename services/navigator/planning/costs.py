@@ -20,12 +20,14 @@ from .astar import EVEN, HEAVIEST, UNIT, Bytes, Ints32
 from .grid import FloorGrid
 
 LARGE = 300_000
-"""Free cells from which on marks pay: they take 16 bytes a cell, and a second or so to make for four million."""
+"""Number of free cells from which on a map gets marks: they take 16 bytes a cell, and a second or so to make for four
+million. A mark is a cell whose costs to all others are kept to speed up searches."""
 MARKS = 4
+"""Number of marks of a large map."""
 FARTHEST_CLEARANCE = 1e3
 """Largest distance of a clearance, m."""
 WIDEST = 200
-"""Cells, of the clearance that is counted; more is taken for a mistake in the units."""
+"""Largest width, in cells, of the zone about an obstacle in which cells cost more; more is taken for a wrong unit."""
 
 
 @dataclass(frozen=True)
@@ -59,45 +61,55 @@ class Clearance:
 
 @dataclass(frozen=True, eq=False)
 class Costs:
-    """A grid prepared for planning. Made once per map by `prepare`; arrays are padded by a frame of blocked cells."""
+    """Costs of walking over the cells of a map, prepared once per map for planning.
+
+    Arrays are padded by a frame of one blocked cell: element [row + 1, col + 1] belongs to cell [row, col] of the grid.
+    """
 
     grid: FloorGrid
     """Grid from which the costs were made."""
     clearance: Clearance
     """Distances from obstacles with which the costs were made."""
     weight: Bytes
-    """Cost factors of the padded cells, (rows + 2, cols + 2): UNIT far from obstacles, 0 = not to be entered; with the
-    bit EVEN, see `astar`."""
+    """Cost factors of the padded cells, (rows + 2, cols + 2).
+
+    The low 7 bits are 4 far from obstacles, up to 16 near them, 0 = not to be entered; bit 128 is set where all eight
+    neighbours weigh the same."""
     region: Ints32
     """Connected regions of free cells, numbered from 1 on, (rows + 2, cols + 2); 0 = blocked."""
     distance2: Ints32
     """Squared distance of cell centres to the nearest obstacle's, (rows + 2, cols + 2) cells^2, bounded."""
     marks: Ints32
-    """Costs between cells that lie far apart and all others, (cells, marks), see `astar`; no marks in a small map."""
+    """Costs from each mark to every padded cell, (cells, marks); no marks in a small map.
+
+    A mark is a cell far from the other marks: costs to it bound the rest of a way and speed up a search."""
     marked: int
-    """Region the marks are in."""
+    """Number of the connected region in which the marks lie."""
 
     @cached_property
     def scratch(self) -> Ints32:
-        """Return room for the costs of a search, (cells,), no unit; every search overwrites all of it."""
+        """Room for the costs from the start that a search writes, (cells,), no unit; every search overwrites it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
     def clearance_of(self, path: Ints32) -> float:
-        """Return the least distance of a path's cells (n,), flat indices, to an obstacle's edge, m; up to `comfort`."""
+        """Return the least distance, m, of a path to the edge of an obstacle; at most `comfort`.
+
+        `path`: indices of its cells in the flattened padded array, (n,).
+        """
         cells = math.sqrt(float(self.distance2.ravel()[path].min())) - 0.5
         return max(0.0, min(self.clearance.comfort, cells * self.grid.cell))
 
 
 def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: bool = True) -> Costs:
-    """Return the costs of a grid.
+    """Return the costs of walking over the cells of a grid.
 
     A cell whose centre is d m from the edge of the nearest obstacle may be entered if d >= radius, and then costs
-    dearest at the radius, 1 at `comfort`, and linearly between.
+    `dearest` at the radius, 1 at `comfort`, and linearly between.
 
     Args:
         grid: occupancy.
-        clearance: None = the defaults of `Clearance`.
-        lasting: many routes will be planned on it, so that the marks of a large map pay.
+        clearance: distances from obstacles; None = the defaults.
+        lasting: many routes will be planned on it, so that the preparation of a large map pays.
 
     Raises:
         Refusal: `comfort` is more than 200 cells.
@@ -132,9 +144,12 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
 
 
 def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
-    """Return the weight by squared distance of a cell from an obstacle, cells^2, ((most + 1)^2 + 1,).
+    """Return the weight (4 far from obstacles, more near them, 0 = not to be entered) by squared distance, cells^2.
 
-    `cell`: edge of a cell, m; `most`: largest distance that counts, cells.
+    Args:
+        clearance: distances from obstacles, m.
+        cell: edge of a cell, m.
+        most: largest distance that counts, cells; the result has (most + 1)^2 + 1 elements.
     """
     d, span = (np.sqrt(np.arange((most + 1) ** 2 + 1)) - 0.5) * cell, clearance.comfort - clearance.radius
     near = np.clip((clearance.comfort - d) / span, 0.0, 1.0) if span > 0.0 else 0.0
@@ -143,9 +158,9 @@ def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
 
 
 def _mark_even(weight: Bytes) -> None:
-    """Set the bit EVEN of the free cells that weigh the same as all eight neighbours, in place.
+    """Set bit 128 of the free cells that weigh the same as all eight neighbours; `weight` is changed in place.
 
-    `weight`: cost factor of each cell, padded by a frame of zeros, (rows + 2, cols + 2).
+    `weight`: cost factor of each cell, 0 = blocked, padded by a frame of zeros, (rows + 2, cols + 2).
     """
     inner = weight[1:-1, 1:-1]
     (rows, cols), even = inner.shape, inner > 0
@@ -157,16 +172,14 @@ def _mark_even(weight: Bytes) -> None:
 
 @row_kernel
 def squared_distance(wall: Flags, most: int) -> Ints32:
-    """Return the squared distance of every cell centre to the nearest wall's, cells^2: exact to `most`, then constant.
+    """Return the squared distance of every cell centre to that of the nearest wall, cells^2, (rows, cols).
 
-    d^2(r, c) = min over k of (k - c)^2 + down(r, k)^2, down = distance to the nearest wall of the same column.
+    It is exact up to `most` cells, then constant. d^2(r, c) = min over k of (k - c)^2 + down(r, k)^2, with down(r, k)
+    the distance of cell (r, k) to the nearest wall in its column.
 
     Args:
         wall: True where a cell is blocked, (rows, cols).
         most: largest distance that counts, cells.
-
-    Returns:
-        Squared distances, (rows, cols).
     """
     rows, cols = wall.shape
     far = most + 1
@@ -193,7 +206,10 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
 
 @row_kernel
 def root(parent: Ints32, i: int) -> int:
-    """Return the representative of label i, an index, and shorten the way to it in `parent` (labels,), in place."""
+    """Return the label that stands for all labels joined with label i, and shorten the way to it, in place.
+
+    `parent`: of each label, the label it was joined to, itself if none, (labels,).
+    """
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -240,8 +256,8 @@ def nearest_free(free: Flags, row: float, col: float) -> tuple[int, int, float]:
 
     Args:
         free: True where a cell may be taken, (rows, cols).
-        row: of the place, cells, whole at the centre of a cell.
-        col: of the place, likewise.
+        row: of the place, in cells; whole at the centre of a cell.
+        col: of the place, in cells; whole at the centre of a cell.
 
     Returns:
         Row, column (0, 0 if there is none), distance in cells (inf if there is none).

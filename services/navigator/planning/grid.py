@@ -27,7 +27,7 @@ class GridError(Refusal):
 
 @dataclass(frozen=True, eq=False)
 class FloorGrid:
-    """Occupancy in frame `map`, as map_server publishes it; immutable.
+    """Occupancy of the floor in frame `map`, as map_server publishes it; immutable.
 
     Raises:
         GridError: no cells or too many, values outside -1 to 100, a cell size or an origin that cannot be.
@@ -74,7 +74,7 @@ class FloorGrid:
         return (x, y, x + cols * self.cell, y + rows * self.cell)
 
     def index(self, x: float, y: float) -> tuple[int, int]:
-        """Return (row, col) of the cell that holds a point (m, frame map); it may lie outside: see `inside`."""
+        """Return (row, col) of the cell that holds a point x, y (m, frame map); it may lie outside of the grid."""
         return (math.floor((y - self.origin[1]) / self.cell), math.floor((x - self.origin[0]) / self.cell))
 
     def inside(self, row: int, col: int) -> bool:
@@ -86,21 +86,33 @@ class FloorGrid:
         return (self.origin[0] + (col + 0.5) * self.cell, self.origin[1] + (row + 0.5) * self.cell)
 
     def to_bytes(self) -> bytes:
-        """Return the cells as int8, row by row from y-min."""
+        """Return the cells as int8 (0 free to 100 occupied, -1 unknown), row by row from y-min."""
         return self.cells.tobytes()
 
     @classmethod
     def from_bytes(
         cls, data: bytes, rows: int, cols: int, cell: float, origin: tuple[float, float], source: str = ""
     ) -> "FloorGrid":
-        """Return the grid of the bytes of `to_bytes` (raises GridError: too few bytes, too many, or no grid)."""
+        """Return the grid of occupancy as bytes.
+
+        Args:
+            data: int8, 0 free to 100 occupied, -1 unknown, row by row from y-min.
+            rows: number of cells along y.
+            cols: number of cells along x.
+            cell: edge of a cell, m.
+            origin: x, y of the lower-left corner of cell [0, 0], m, frame map.
+            source: origin of the grid, in words.
+
+        Raises:
+            GridError: too few bytes or too many, or values that are no grid.
+        """
         if rows < 1 or cols < 1 or len(data) != rows * cols:
             raise GridError("bad_grid", f"{rows} x {cols} cells need {rows * cols} bytes, got {len(data)}", "data")
         return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
 
 
 def grid_of(ground: HeightMap) -> FloorGrid:
-    """Return the occupancy of a height map: ground more than `STEP` over or under the floor, the median, is occupied.
+    """Return the occupancy of a height map: ground more than 4 cm over or under the median height is occupied.
 
     Cells without a height are unknown.
 

@@ -84,7 +84,7 @@ INFO = TypeAdapter(MapInfo)
 
 
 def load(path: str | Path) -> FloorGrid:
-    """Read a map by the path of its YAML.
+    """Return the occupancy grid of a map in files, given the path of its YAML.
 
     Raises:
         MapFileError: a file is missing, truncated, too large, no such map, or the image lies outside of the folder.
@@ -134,7 +134,7 @@ def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info
     Args:
         levels: grey (h, w), or colours (h, w, 3), 0 to 255.
         opacity: 0 transparent to 255 opaque, (h, w); None = the image has none.
-        info: thresholds and mode.
+        info: thresholds, mode, and whether bright pixels are occupied.
     """
     colours = levels[..., None] if levels.ndim == 2 else levels
     total, parts = colours.astype(np.float64).sum(axis=2), colours.shape[2]
@@ -183,7 +183,13 @@ def _image(table: dict[str, Any], path: Path) -> Path:
 
 
 def _pixels(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Return grey (h, w) or colours (h, w, 3), and opacity (h, w) if any; the header is checked before decoding."""
+    """Return the pixels of an image, 0 to 255: grey (h, w) or colours (h, w, 3), and opacity (h, w) if it has any.
+
+    The header is checked before anything is decoded.
+
+    Raises:
+        MapFileError: the file is missing, too large, cut off, damaged, or no PGM or PNG of 8 bits.
+    """
     content = _content(path, MAX_IMAGE_BYTES, "image")
     is_png = content.startswith(PNG_MAGIC)
     width, height, most = _png_head(content, path) if is_png else _pgm_head(content, path)
@@ -207,7 +213,7 @@ def _pixels(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
 
 
 def _png_head(content: bytes, path: Path) -> tuple[int, int, int]:
-    """Return width, height and largest value of a PNG."""
+    """Return width and height in pixels and largest value of a PNG by its header; `path` names it in a refusal."""
     if len(content) < 33 or content[12:16] != b"IHDR":
         raise _malformed(f"{path.name} is cut off in its header")
     width, height, bits = struct.unpack_from(">IIB", content, 16)
@@ -215,7 +221,7 @@ def _png_head(content: bytes, path: Path) -> tuple[int, int, int]:
 
 
 def _pgm_head(content: bytes, path: Path) -> tuple[int, int, int]:
-    """Return width, height and largest value of a PGM."""
+    """Return width and height in pixels and largest value of a PGM by its header; `path` names it in a refusal."""
     if content[:2] not in (b"P2", b"P5"):
         raise _malformed(f"{path.name} must be a PGM (P2, P5) or PNG, it begins with {content[:8]!r}")
     words: list[bytes] = []

@@ -18,7 +18,7 @@ FARTHEST = 1e6
 
 
 class RouteError(Refusal):
-    """Refusal of a route with the code `bad_point`, `outside`, `blocked` or `unreachable`."""
+    """Refusal of a route: `bad_point`, `outside` of the map, `blocked` start or goal, or `unreachable` goal."""
 
     def __init__(self, code: str, message: str, field: str, nearest: Point | None = None) -> None:
         super().__init__(code, message, field)
@@ -53,13 +53,13 @@ class PlannedRoute:
 
 
 def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:
-    """Return the cheapest route.
+    """Return the cheapest route from start to goal.
 
     Args:
         costs: of walking over the cells of a floor.
         start: x, y in m, frame map.
         goal: x, y in m, frame map.
-        limits: None = the defaults of `RouteLimits`.
+        limits: distance of waypoints and of the start from free ground; None = the defaults.
 
     Raises:
         RouteError: a point is not finite, outside of the grid, or blocked, or the goal is out of reach; names the
@@ -95,7 +95,13 @@ def _checked(point: Point, field: str) -> Point:
 
 
 def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
-    """Return padded cell and place of the path's begin: the start, or a free cell close to it."""
+    """Return padded cell (row, column) and place (m, frame map) at which the path begins.
+
+    It is the start, or the nearest free cell if that is within `limits.slack` m of it.
+
+    Raises:
+        RouteError: the start is outside of the map, or blocked and far from free cells.
+    """
     try:
         return _free(costs, start, "start"), start
     except RouteError as error:
@@ -107,7 +113,13 @@ def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, 
 
 
 def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
-    """Return the padded cell that holds a point."""
+    """Return row and column, in the padded arrays, of the cell that holds a point (m, frame map).
+
+    `field`: name of the point in a refusal.
+
+    Raises:
+        RouteError: the point is outside of the map or blocked.
+    """
     grid = costs.grid
     row, col = grid.index(*point)
     if not grid.inside(row, col):
@@ -137,7 +149,7 @@ def _hint(near: Point | None) -> str:
 
 
 def _padded(costs: Costs, point: Point) -> tuple[float, float]:
-    """Return row and column of a point in padded cells, cell i reaching from i to i + 1."""
+    """Return row and column of a point (m, frame map) in padded cells, cell i reaching from i to i + 1."""
     (x0, y0), cell = costs.grid.origin, costs.grid.cell
     return (point[1] - y0) / cell + 1.0, (point[0] - x0) / cell + 1.0
 
@@ -152,7 +164,10 @@ def _shown(point: Point) -> str:
 
 
 def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
-    """Return waypoints (n, 2) m at most `leg` m apart on lines through points, without the first, and their length."""
+    """Return waypoints along the lines through points, at most `leg` m apart, (n, 2) m, and the length of the lines, m.
+
+    The first of the points, m, frame map, is where the robot is and no waypoint.
+    """
     out: list[Point] = []
     total = 0.0
     for (ax, ay), (bx, by) in pairwise(points):

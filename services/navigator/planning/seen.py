@@ -64,7 +64,7 @@ def expected_echo(
 
 
 class SeenObstacles:
-    """Cells that a ranger saw occupied and the static map has free.
+    """Memory of the cells that a ranger saw occupied and the static map has free: marks, which fade.
 
     Args:
         grid: static map.
@@ -104,7 +104,7 @@ class SeenObstacles:
         self.version += before != set(self.marks)
 
     def _seen_again(self, at: Pose, half: float, distance: float, now: float) -> bool:
-        """Return True if marks explain an echo, and renew these.
+        """Return True if marked cells explain an echo, and renew the times of these.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
@@ -117,7 +117,7 @@ class SeenObstacles:
         return bool(again)
 
     def _mark(self, at: Pose, half: float, distance: float, now: float) -> None:
-        """Mark the cells on the arc of an echo at `distance` m.
+        """Mark the cells on the arc of an echo that the static map has free.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
@@ -133,9 +133,12 @@ class SeenObstacles:
                 self.marks[cell] = now
 
     def _inside(self, at: Pose, half: float, reach: float) -> list[tuple[int, int]]:
-        """Return the marked cells in a cone of half angle `half`, rad, nearer than `reach` m.
+        """Return the marked cells (row, column) in the cone of a ranger.
 
-        `at`: x, y (m) and heading (rad) of the ranger, frame map.
+        Args:
+            at: x, y (m) and heading (rad) of the ranger, frame map.
+            half: half angle of the cone, rad.
+            reach: largest distance from the ranger, m.
         """
         found: list[tuple[int, int]] = []
         for cell in self.marks:
@@ -148,9 +151,12 @@ class SeenObstacles:
         return found
 
     def free(self, here: Point, route: tuple[Point, ...], radius: float) -> bool:
-        """Return True if no mark is within `radius` m of the next part of a route, `AHEAD` m long, that begins `here`.
+        """Return True if no marked obstacle is near the next 2 m of a route.
 
-        here, route: x, y in m, frame map.
+        Args:
+            here: where the robot is, x, y in m, frame map.
+            route: waypoints from there on, x, y in m, frame map.
+            radius: distance that obstacles keep from the route, m.
         """
         if not self.marks:
             return True

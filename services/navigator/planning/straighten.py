@@ -9,10 +9,10 @@ from .astar import DIAGONAL, FACTOR, HEAVIEST, STRAIGHT, Bytes, Ints32
 
 @row_kernel
 def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> float:
-    """Return the cost of a straight line, 2 STRAIGHT * length (cells) * weight; -1 if it touches a blocked cell.
+    """Return the cost of a straight line: 24 * length (cells) * mean weight; -1 if it touches a blocked cell.
 
     Args:
-        weight: cost factors, padded by a frame of zeros, (rows + 2, cols + 2).
+        weight: cost factors (0 = blocked, low 7 bits 4 to 16), padded by a frame of zeros, (rows + 2, cols + 2).
         r0: row of the beginning in padded cells, cell i reaches from i to i + 1.
         c0: its column.
         r1: row of the end.
@@ -52,11 +52,22 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
 
 @row_kernel
 def pull(weight: Bytes, path: Ints32, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints32:
-    """Return the indices in a path (n,) of the corners left after straight lines of no higher cost replace its parts.
+    """Return which cells of a path stay as corners when straight lines of no higher cost replace its parts.
 
     From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
-    halving the way. The first corner is the start, at (r_start, c_start) cells, the last one the goal. `weight`: factor
-    of each cell, (rows, cols); the path's cells are flat indices.
+    halving the way.
+
+    Args:
+        weight: cost factors (0 = blocked, low 7 bits 4 to 16), padded by a frame of zeros, (rows + 2, cols + 2).
+        path: cells, indices in the flattened array, (n,).
+        r_start: row of the exact start in padded cells, cell i reaches from i to i + 1; it replaces the first cell's
+            centre.
+        c_start: column of the start.
+        r_goal: row of the exact goal, in place of the last cell's centre.
+        c_goal: column of the goal.
+
+    Returns:
+        Indices into `path` of the corners, (k,); the first is 0 (the start), the last n - 1 (the goal).
     """
     wide, n = weight.shape[1], path.size
     w = weight.ravel()

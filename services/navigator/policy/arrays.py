@@ -17,13 +17,33 @@ ACTION = named(
     "range_min range_max cos_half box_at box_half",  # footprint, and the square around it
     "sd_range sd_share sd_bearing tilt_keep mirror late",
 )
+"""Fields of an action, SI units, angles in rad.
+
+kind: 0 stand, 1 turn, 2 walk; forward, turn, seconds: expected way, turn, duration; frames: of the camera; match:
+probability that a landmark in view is recognised; var_*: variances of the motion, of the drift (rad per m) and of the
+heading in the filter; range_min, range_max, cos_half: sector in view; box_at, box_half: circle ahead that holds it;
+sd_*: noise of range (constant, share) and bearing; tilt_keep: share of the tilt error that the next frame has again;
+mirror: index of the action to the other side; late: frames that come after the next decision.
+"""
 SCENE = named(
     "x_min x_max y_min y_max radius look_ahead",
     "start_x start_y start_yaw goal_x goal_y goal_radius time_limit",
     "density most drift_size drift_normal drift_known start_sd start_yaw_sd",
     "tilt_sd height max_stands max_turns goal_reward gamma course",
 )
+"""Fields of the scene, SI units, angles in rad.
+
+Walls; radius of the robot, and way ahead that a wall blocks; start, goal, limit of time; landmarks per m^2, most used
+of a frame; drift per m: size, 1 = normally distributed, deviation that the filter expects; deviations of the start and
+of the camera's tilt; its height; largest numbers of stands and of turns in a row; reward at the goal, discount per
+action; course of the drift: 0 constant, 1 flip, 2 step, 3 ramp.
+"""
 STATUS = named("time last stands turns blocked outcome steps way")  # of an episode, or of the live navigator
+"""Fields of an episode's or live navigator's counters.
+
+time (s), index of the last action (-1 = none), stands and turns in a row, blocked (1 = a wall is close ahead), outcome
+(0 running, 1 goal reached, 2 cut off), number of actions, way (m).
+"""
 STAND, TURNING, WALK = 0, 1, 2  # kinds
 
 COURSES = ("constant", "flip", "step", "ramp")  # of the drift: values of COURSE
@@ -38,27 +58,27 @@ class ModelTables(NamedTuple):
     """Arrays of a navigation model that kernels read; SI units, angles in rad."""
 
     actions: Record
-    """Actions of the model, records ACTION, (A,); m, rad, s."""
+    """Actions, records with the fields of ACTION (kind 0 stand, 1 turn, 2 walk; motion, noise, camera), (A,)."""
     scene: Record
-    """Floor, start, goal, noises and guards, one record SCENE, (1,); m, rad, s."""
+    """Floor, start, goal, noises and limits, one record with the fields of SCENE, (1,); m, rad, s."""
     switching: Array
-    """Extra time of an action of kind j after kind i, (3, 3) s, order STAND, TURNING, WALK."""
+    """Extra time of an action of kind j after kind i, (3, 3) s; kinds: 0 stand, 1 turn, 2 walk."""
 
 
 @dataclass(frozen=True)
 class Arrays:
-    """A `NavigationModel` as arrays, with names and sizes."""
+    """A navigation model of a robot as arrays for kernels, with sizes and names of its actions."""
 
     tables: ModelTables
     """Arrays that kernels read."""
     states: int
-    """Number of states of the filter, nuisances included."""
+    """Number of states of the filter: 3 or 4 of pose and drift, 6 where errors that landmarks share are among them."""
     names: tuple[str, ...]
     """Names of the actions, (A,)."""
 
 
 def arrays(model: NavigationModel) -> Arrays:
-    """Return a model as arrays, SI, angles in rad: records of actions (A,) and scene (1,), switching (3, 3) s."""
+    """Return a navigation model as arrays, in SI units, angles in rad: actions, scene, and extra times of changes."""
     scene, sight, drift = model.scene, model.sight, model.drift
     values = record(SCENE)
     values.x_min, values.x_max, values.y_min, values.y_max = scene.x_min, scene.x_max, scene.y_min, scene.y_max
@@ -88,7 +108,10 @@ def arrays(model: NavigationModel) -> Arrays:
 
 
 def row_of(model: NavigationModel, action: ActionModel) -> Record:
-    """Return an action as a record ACTION, SI, angles in rad; its mirror, which other actions decide, is 0."""
+    """Return an action as a record with the fields of ACTION, SI units, angles in rad; its field `mirror` is 0.
+
+    `mirror`, the index of the action to the other side, depends on the other actions and is set by the caller.
+    """
     sight, row = model.sight, record(ACTION)
     moving = action.kind != "stand"
     row.kind, row.forward, row.turn = KINDS.index(action.kind), action.forward, math.radians(action.turn_deg)
@@ -115,7 +138,7 @@ def row_of(model: NavigationModel, action: ActionModel) -> Record:
 
 
 def _box(near: float, far: float, half: float) -> tuple[float, float]:
-    """Return the distance of the centre of a sector ahead, m, and the radius, m, of a circle around it that holds it.
+    """Return a circle that holds a sector ahead of the robot: distance of its centre ahead, m, and its radius, m.
 
     `near`, `far`: radii of the sector, m; `half`: its half angle, rad.
     """

@@ -27,25 +27,32 @@ NUMBERS = 8
 
 
 class PolicyTables(NamedTuple):
-    """Arrays of a policy that kernels read."""
+    """Arrays of a policy (the rule that chooses the next action) that kernels read."""
 
     kind: int
-    """HAND, STEER, PLANNER or SARSA."""
+    """0 = HAND (thresholds), 1 = STEER (thresholds and arcs), 2 = PLANNER (value iteration), 3 = SARSA (learned)."""
     numbers: Array
-    """Parameters of the policy, (NUMBERS,), in the order of the names in this module."""
+    """Parameters, (8,).
+
+    HAND and STEER: entropy (nats) above which it stands, its growth by distance (nats per m), bearing (rad) beyond
+    which it turns, share of the bearing that an arc takes out. PLANNER: shares of the belief's standard deviations in
+    position, heading and drift over which values are averaged, weight of the gain of a stand. The rest is 0."""
     table: Array
-    """Action values, (layers, nd, nphi, A) s, see `grids`."""
+    """Action values by drift (PLANNER) or entropy (SARSA), distance, bearing, action, (layers, nd, nphi, A) s."""
     grid: Array
-    """Axes of the table, (GRID,)."""
+    """Axes of the table, (6,).
+
+    Distance of its first and last row (m), value of its first and last layer, mirrored (1 layers, -1 bearings), value
+    that each m beyond the last row adds."""
     shown: Array
     """Covariance of a pose seen from one stand, (3, 3), robot axes, m and rad."""
 
 
 class ChoiceRoom(NamedTuple):
-    """Results of `choose` and its scratch."""
+    """Results of a decision, and scratch for it."""
 
     values: Array
-    """Value of each action, (A,), larger is better; s, or no unit by the rules of HAND and STEER."""
+    """Value of each action, (A,), larger is better: s, or no unit by the rules of HAND and STEER."""
     mask: Flags
     """Actions that are allowed, (A,)."""
     work: Array
@@ -53,19 +60,19 @@ class ChoiceRoom(NamedTuple):
 
 
 def room_to_choose(states: int, actions: int) -> ChoiceRoom:
-    """Return the arrays that `choose` writes, for a filter of `states` and a number of actions."""
+    """Return the arrays that a decision writes, for a filter of `states` states and a number of actions."""
     n = max(states, 4)
     return ChoiceRoom(np.zeros(actions), np.zeros(actions, dtype=np.bool_), np.zeros((40 + 2 * n, max(n, actions))))
 
 
 @row_kernel
 def allow(model: ModelTables, status: Record, mask: Flags) -> None:
-    """Mark the allowed actions, in place: only turns while blocked, limited numbers of stands and of turns in a row.
+    """Set which actions are allowed: only turns while blocked, limited numbers of stands and of turns in a row.
 
     Args:
         model: actions and limits.
-        status: counters and flags of the episode, a record STATUS, see `EpisodeState`.
-        mask: result, (A,) bool.
+        status: record of counters; stands and turns in a row, and blocked (> 0: a wall is close ahead) are read.
+        mask: written, (A,), True = allowed.
     """
     actions, scene, blocked = model.actions, model.scene[0], status.blocked > 0.0
     for a in range(actions.shape[0]):
@@ -82,9 +89,9 @@ def allow(model: ModelTables, status: Record, mask: Flags) -> None:
 
 @row_kernel
 def best(values: Array, mask: Flags) -> int:
-    """Return the index of the allowed action of the largest value, s, the first of equals; -1: none is allowed.
+    """Return the index of the allowed action of the largest value, the first of equals; -1: none is allowed.
 
-    `values` (A,) s, `mask` (A,) bool, True = allowed.
+    `values`: of the actions, (A,); `mask`: True = allowed, (A,).
     """
     chosen = -1
     for a in range(values.size):
@@ -95,9 +102,9 @@ def best(values: Array, mask: Flags) -> int:
 
 @row_kernel
 def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, float, float]:
-    """Return distance d, m, bearing phi, rad, -pi to pi, left positive, of the goal, and entropy h of the belief, nats.
+    """Return distance, m, and bearing, rad, of the goal, and entropy of the belief, nats.
 
-    They are (4) to (6) of Osswald et al.
+    The bearing is in -pi to pi, left of the heading positive. They are (4) to (6) of Osswald et al. (ICRA 2010).
 
     Args:
         mean: believed x, y (m), heading (rad) and more, frame map, (n,).
@@ -113,19 +120,19 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 def _by_hand(
     policy: PolicyTables, actions: Record, d: float, phi: float, h: float, drift: float, values: Array
 ) -> None:
-    """Write the values of the dual-mode controller: it stands when unsure, turns to a goal far aside, else walks.
+    """Write the values of a controller of rules: it stands when unsure, turns to a goal far aside, else walks.
 
-    The choice of the rules has value 1, the other actions have less, in the order of the rules. The kind STEER takes
-    the arc that comes nearest to STEER_GAIN phi after the turn by the drift.
+    The choice of the rules has the largest value, the other actions have less, in the order of the rules. A policy of
+    the kind STEER takes the arc that comes nearest to a share of the bearing after the turn by the drift.
 
     Args:
-        policy: numbers of the rules.
-        actions: of the model, records ACTION, (A,).
+        policy: thresholds of the rules, and share of the bearing.
+        actions: of the model, a record each: kind, forward (m), turn (rad) are read, (A,).
         d: distance of the goal, m.
-        phi: its bearing, rad.
+        phi: its bearing, rad, left positive.
         h: entropy of the belief, nats.
         drift: believed turn per way, rad/m.
-        values: result, (A,), no unit.
+        values: written, (A,), no unit.
     """
     numbers = policy.numbers
     unsure = h > numbers[STAND_ABOVE] + numbers[STAND_SLOPE] * d
@@ -146,9 +153,15 @@ def _by_hand(
 
 @row_kernel
 def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy: float, out: Array) -> None:
-    """Write the action values of a known state to out (A,), s.
+    """Write the action values of a known state, by the policy's table, to `out` (A,), s.
 
-    `x`: x, y (m), heading (rad), frame map, drift (rad per m), (4,); `gx`, `gy`: goal, m, frame map.
+    Args:
+        policy: table and its axes.
+        model: actions, and radius of the goal.
+        x: x, y (m), heading (rad), frame map, drift (rad per m), (4,).
+        gx: x of the goal, m, frame map.
+        gy: y of the goal, m, frame map.
+        out: written.
     """
     for a in range(out.size):
         out[a] = 0.0
@@ -161,18 +174,18 @@ def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy
 def _average(
     policy: PolicyTables, model: ModelTables, mean: Array, low: Array, gx: float, gy: float, out: Array
 ) -> None:
-    """Write the average of the table over the 8 sigma points mean +- column of `low` to out (A,), s.
+    """Write the average of the action values over the 8 points mean +- scaled column of `low` to `out` (A,), s.
 
     A point inside the goal is moved to its edge, where the values differ: the goal has not been reached.
 
     Args:
-        policy: table and shares of the spread.
-        model: actions and scene.
+        policy: table of values, and shares of the spread in position, heading and drift.
+        model: actions, and radius of the goal.
         mean: believed x, y (m), heading (rad), frame map, drift (rad per m) if n > 3, (n,).
         low: lower triangle L with L L^T = 4 times the covariance of these four, (4, 4).
         gx: x of the goal, m, frame map.
         gy: y of the goal, m, frame map.
-        out: result.
+        out: written.
     """
     for a in range(out.size):
         out[a] = 0.0
@@ -191,9 +204,9 @@ def _average(
 
 @row_kernel
 def _top4(mean: Array, cov: Array, work: Array) -> None:
-    """Write the covariance of x, y, heading and drift into rows 0 .. 3 of work (no drift in the state: zeros).
+    """Write the covariance of x, y (m), heading (rad), drift (rad per m) of a belief into rows 0 .. 3 of `work`.
 
-    `mean` (n,), `cov` (n, n): the belief.
+    `mean` (n,), `cov` (n, n): the belief; a state without drift, n = 3, gets zeros.
     """
     n = min(mean.size, 4)
     for i in range(4):
@@ -245,11 +258,18 @@ def after_sight(heading: float, shown: Array, work: Array) -> None:
 def _gain_of_sight(
     policy: PolicyTables, model: ModelTables, mean: Array, gx: float, gy: float, room: ChoiceRoom
 ) -> float:
-    """Return the seconds that deciding after a stand saves, >= 0; > 0 where the sight can change the choice.
+    """Return the seconds that deciding after a stand (pause for the camera) saves; > 0 where it can change the choice.
 
     That is the mean, over the places where the estimate may then be, of the best value there, less the best of the
-    actions' means over the same places. Rows 0 .. 3 of the scratch hold the covariance of x, y, heading and drift;
-    `mean` (n,): believed x, y (m), heading (rad), drift (rad per m); goal gx, gy m, frame map.
+    actions' means over the same places.
+
+    Args:
+        policy: table of values, and what one stand shows of the pose.
+        model: actions, and time that a change of their kind costs.
+        mean: believed x, y (m), heading (rad), frame map, drift (rad per m), (n,).
+        gx: x of the goal, m, frame map.
+        gy: y of the goal, m, frame map.
+        room: scratch; rows 0 .. 3 of `work` hold the covariance of x, y, heading and drift.
     """
     na, work = model.actions.shape[0], room.work
     moved, average, there, single = work[24:28], work[30, 0:na], work[31, 0:4], work[32, 0:na]
@@ -285,9 +305,18 @@ def _planned(
 ) -> None:
     """Write the values of all actions, s (negative): the table averaged over a share of the belief's spread.
 
-    Value of a stand: -its seconds, -the time that stopping and starting cost, + SIGHT_SHARE * the gain of its sight +
-    the best value of going on after it. `last`: kind of the last action; `mean` (n,), `cov` (n, n): believed x, y (m),
-    heading (rad), frame map, drift (rad per m); goal gx, gy m.
+    Value of a stand: -its seconds, -the time that stopping and starting cost, + the weighted gain of its sight, + the
+    best value of going on after it.
+
+    Args:
+        policy: table of values, shares of the spread, weight of the gain.
+        model: actions, and time that a change of their kind costs.
+        mean: believed x, y (m), heading (rad), frame map, drift (rad per m), (n,).
+        cov: its covariance, (n, n).
+        gx: x of the goal, m, frame map.
+        gy: y of the goal, m, frame map.
+        last: kind of the last action: 0 stand, 1 turn, 2 walk.
+        room: results and scratch; `values` is written.
     """
     values, low = room.values, room.work[20:24]
     _top4(mean, cov, room.work)
@@ -324,12 +353,12 @@ def choose(
 
     Args:
         policy: decides.
-        model: actions and scene; goal radius and guards are read.
+        model: actions and scene; goal radius and limits are read.
         mean: belief, (n,): x, y in m and heading in rad, frame map, then the drift in rad per m.
         cov: its covariance, (n, n).
         gx: x of the goal, m, frame map.
         gy: y of the goal, m, frame map.
-        status: a record STATUS; last action, stands, turns and blocked are read.
+        status: record of counters; last action, stands and turns in a row, blocked (a wall is close ahead) are read.
         room: results and scratch.
     """
     allow(model, status, room.mask)

@@ -48,7 +48,7 @@ STEER_SHARE = 1.0  # of the bearing that is steered out in one arc; of .5 .. 1.2
 
 @dataclass(frozen=True)
 class Policy:
-    """A policy as arrays."""
+    """A policy (the rule that chooses the next action) as arrays, with the names of its actions and its origin."""
 
     name: str
     """Name of the policy."""
@@ -63,10 +63,11 @@ class Policy:
 
 
 class Decider:
-    """Decider by one policy, with the status that a decision needs of the ones before.
+    """Chooser of the next action by one policy; it keeps the counts of stands and turns that a decision needs.
 
     Args:
         world: the model's arrays; the action names must be the policy's.
+        policy: decides.
     """
 
     def __init__(self, world: Arrays, policy: Policy) -> None:
@@ -80,7 +81,7 @@ class Decider:
         self.status.last = slots.NO_ACTION
 
     def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> Decision:
-        """Return the next action for a belief as it will be when the action begins.
+        """Return the next action, with values and a reason, for the belief as it will be when the action begins.
 
         Args:
             mean: x, y (m), heading (rad), and from n = 4 on the drift (rad per m), frame map, (n,).
@@ -146,15 +147,15 @@ def hand(
     slope: float = 0.0,
     steer: float = 0.0,
 ) -> Policy:
-    """Return a controller made by hand.
+    """Return a controller made by hand: it stands while unsure, turns to a goal far aside, else walks.
 
     Args:
         world: the model's arrays.
         name: of the policy.
         turn_deg: deg, it turns to a goal farther aside than this.
-        stand_above: nats, it stands while the entropy is above this.
-        slope: nats per m, added to that by distance.
-        steer: share of the bearing that an arc should take out; 0 = it walks straight (paper).
+        stand_above: nats, it stands while the entropy of the belief is above this.
+        slope: nats per m of distance to the goal, added to `stand_above`.
+        steer: share of the bearing that an arc should take out; 0 = it walks straight, as in the paper.
     """
     numbers = np.zeros(NUMBERS)
     numbers[STAND_ABOVE], numbers[STAND_SLOPE] = stand_above, slope
@@ -175,13 +176,13 @@ def by_rule(name: str, world: Arrays) -> Policy | None:
 
 
 def planner_numbers(world: Arrays) -> Array:
-    """Return the parameters by which the planner allows for uncertainty, (NUMBERS,), no unit, tuned in simulation.
+    """Return the parameters by which the planner allows for uncertainty, (8,), no unit, tuned in simulation.
 
-    They are the shares of the belief's standard deviations over which values are averaged, and the weight of what a
-    stand (pause for the camera) gains. Averaging over the full belief turns too late, because each value supposes that
-    the pose is known after one action. A stand serves more than the next decision: more so on arcs, and most where
-    switching makes stands rare. They were chosen on random stream 1 with the paper's robot, drift 0 to 8 deg, normal
-    and blurred.
+    They are the shares of the belief's standard deviations (position, heading, drift) over which values are averaged,
+    and the weight of what a stand (pause for the camera) gains; the rest is 0. Averaging over the full belief turns too
+    late, because each value supposes that the pose is known after one action. A stand serves more than the next
+    decision: more so on arcs, and most where switching makes stands rare. They were chosen on random stream 1 with the
+    paper's robot, drift 0 to 8 deg, normal and blurred.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0

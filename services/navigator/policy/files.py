@@ -47,9 +47,9 @@ def content_of(policy: Policy) -> bytes:
 
 
 def digest_of(held: Mapping[str, NDArray[Any]]) -> str:
-    """Return the sha256 of the members of a policy file but for `digest`, which shows a change by hand.
+    """Return the sha256 of all members of a policy file but its digest, so that a change by hand shows.
 
-    held: arrays by the name of the member, of any shape and unit.
+    `held`: arrays by the name of the member, of any shape and unit.
     """
     digest = hashlib.sha256()
     for member in MEMBERS[:-1]:

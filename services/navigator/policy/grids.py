@@ -17,7 +17,7 @@ GRID = 6
 
 @row_kernel
 def place(value: float, low: float, high: float, count: int) -> tuple[int, float]:
-    """Return where a value lies on an axis of `count` points evenly from `low` to `high`, which clamp it.
+    """Return where a value lies on an axis of `count` points, evenly from `low` to `high`, which clamp it.
 
     Returns:
         Index i of the point before it, and weight w of the point i + 1, 0 to 1.
@@ -35,18 +35,19 @@ def add_values(
 ) -> None:
     """Add `weight` times the values of all actions in a table, by linear interpolation, to `out`, in place.
 
-    With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), with < 0 a negative phi at -phi; left and right
+    If grid[4] = 1, a negative layer is read at (-phi, -layer); if -1, a negative phi at -phi: left and right actions
     are then exchanged.
 
     Args:
-        table: action values, (nl, nd, nphi, A) s.
-        grid: axes of the table, (GRID,).
-        actions: of the model, records ACTION, (A,).
+        table: action values by layer, distance, bearing and action, (nl, nd, nphi, A) s.
+        grid: distance of the first and last row (m), value of the first and last layer, mirrored (1, -1 or 0), value
+            that each m beyond the last row adds, (6,).
+        actions: of the model, records whose `mirror` is the index of the action to the other side, (A,).
         d: distance of the goal, m.
         phi: bearing of the goal, rad.
-        layer: drift, rad per m, or another third coordinate of the table.
+        layer: third coordinate of the table: drift, rad per m, or entropy of the belief, nats.
         weight: factor.
-        out: values of all actions, (A,) s.
+        out: values of all actions, (A,) s, added to.
     """
     flip = (grid[MIRRORED] > 0.0 and layer < 0.0) or (grid[MIRRORED] < 0.0 and phi < 0.0)
     if flip:

@@ -17,7 +17,7 @@ NAMES = ("hand", "tuned", "steer", "planner", "sarsa")
 
 
 def known() -> tuple[str, ...]:
-    """Return the names of policies that `find` accepts, those of shipped files included."""
+    """Return the names of policies that can be asked for, those of shipped files included."""
     return (*NAMES, *shipped())
 
 
@@ -27,7 +27,8 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None, *, any_
     Args:
         name: `hand` (35 deg), `tuned`, `steer`, `planner` (computed for the model, about 1 s, if no file for it ships),
             `sarsa` (a file for these actions that ships), the name of a shipped file, or a path that ends in .npz.
-        world: its arrays; None = they are made.
+        model: model of the robot.
+        world: arrays of the model; None = they are made.
         any_model: a file that was made for another model is taken as it is, for studies; else its table is computed
             anew for this model (planner) or the file is refused (sarsa).
 
@@ -58,7 +59,11 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None, *, any_
 
 
 def _for_model(policy: Policy, model: NavigationModel, world: Arrays, any_model: bool) -> Policy:
-    """Return a policy of a file for a model: itself, or computed anew; raises Refusal for values of another model."""
+    """Return a policy of a file for a model: itself, or computed anew for the model if it is a planner's.
+
+    Raises:
+        Refusal: its table was learned for another model, and `any_model` is False.
+    """
     made_for = policy.provenance.get("model_sha256")
     if any_model or policy.tables.kind not in (PLANNER, SARSA) or made_for in (None, model.sha256()):
         return policy

@@ -217,7 +217,11 @@ def _contradiction(action: ActionModel) -> str:
 
 
 def mirror_of(model: NavigationModel, name: str, names: tuple[str, ...]) -> str:
-    """Return the action among `names` that does the same to the other side (ValueError: there is none)."""
+    """Return the name of the action among `names` that does what another one does, but to the other side.
+
+    Raises:
+        ValueError: there is none.
+    """
     own = model.actions[name]
     for other in names:
         if model.actions[other] == own.model_copy(update={"turn_deg": -own.turn_deg + 0.0}):
@@ -279,7 +283,11 @@ def load(source: str | Path, overrides: Iterable[str] = ()) -> NavigationModel:
 
 
 def validated(values: Mapping[str, Any], where: str) -> NavigationModel:
-    """Return the model of nested tables (ConfigError with the first field that cannot be used)."""
+    """Return the model of nested tables, as of a TOML file; `where`: file or name, for the message of an error.
+
+    Raises:
+        ConfigError: names the first field that cannot be used.
+    """
     try:
         return NavigationModel.model_validate(values)
     except ValidationError as error:

@@ -28,7 +28,7 @@ VARIANCE_UNSEEN = 1e4  # of a pose where nothing is seen
 
 
 def noise_samples(count: int) -> Array:
-    """Return standard normal samples (count, 3): a lattice in antithetic pairs, of unit variance in each column."""
+    """Return standard normal samples (count, 3), `count` even: pairs x, -x of a lattice, unit variance by column."""
     plastic = 1.2207440846057596  # x^4 = x + 1: the additive recurrence that fills three dimensions evenly
     half, normal = count // 2, NormalDist()
     steps = [plastic**-1, plastic**-2, plastic**-3]
@@ -41,7 +41,8 @@ class PlanRoom(NamedTuple):
     """Constants of the value iteration that computes a planner's table."""
 
     groups: Ints
-    """Index of the values by kind of the last action, alike where switching costs the same, (3,)."""
+    """Index of the values to use after an action of kind 0 stand, 1 turn, 2 walk, (3,); kinds alike in costs share one.
+    """
     samples: Array
     """Standard normal samples of the motion noise: along, across, heading, (k, 3)."""
     drifts: Array
@@ -49,20 +50,20 @@ class PlanRoom(NamedTuple):
     radius: float
     """Radius of the goal, m."""
     d_max: float
-    """Largest distance of the table, m."""
+    """Largest distance of the goal in the table, m."""
     per_m: float
-    """Seconds that a metre beyond it takes."""
+    """Seconds that a metre beyond the largest distance takes."""
 
 
 @free_kernel
 def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> None:
-    """Write the motion of each action and sample: forward and left, m, and turn, rad, into moved (A, k, 3).
+    """Write the motion of each action and noise sample: forward and left, m, and turn, rad, into `moved` (A, k, 3).
 
     Args:
-        actions: of the model, records ACTION, (A,).
-        drift: rad per m.
+        actions: of the model, a record each: way, turn and variances of the motion are read, (A,).
+        drift: turn per way, rad per m.
         samples: standard normal deviations along, across and of the heading, (k, 3).
-        moved: written.
+        moved: written, in the axes of the robot before the action.
     """
     for a in range(actions.shape[0]):
         change = actions[a].turn + drift * actions[a].forward
@@ -77,14 +78,14 @@ def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> Non
 
 @free_kernel
 def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) -> float:
-    """Return the mean value after an action, s.
+    """Return the mean value after an action over the samples of its noise, s; a goal that is reached has the value 0.
 
     Args:
         v: values by distance and bearing of the goal, (nd, nphi) s.
-        gx: x of the goal in the axes of the robot, m.
-        gy: y of the goal, likewise.
+        gx: x of the goal in the axes of the robot before the action, m.
+        gy: y of the goal in these axes, m.
         moved: forward and left, m, and turn, rad, of each sample of the action, (k, 3).
-        room: constants.
+        room: constants: radius of the goal, largest distance, seconds per metre beyond it.
     """
     (nd, nphi), total = v.shape, 0.0
     dx_step, phi_step = room.d_max / (nd - 1), 2.0 * math.pi / nphi
@@ -109,9 +110,14 @@ def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) ->
 
 @free_kernel
 def _sweep(v: Array, q: Array, actions: Record, switching: Array, room: PlanRoom) -> float:
-    """Update V (groups, nb, nd, nphi), Q (nb, nd, nphi, A), s, in place, near goals first; return the largest change.
+    """Update the values once, places near the goal first; return the largest change, s.
 
-    `actions`: records ACTION, (A,); `switching`: price of an action of kind j after kind i, (3, 3) s.
+    Args:
+        v: values of a state by kind of the last action, drift, distance and bearing, (groups, nb, nd, nphi) s, changed.
+        q: values of its actions, before the cost of changing the kind, (nb, nd, nphi, A) s, changed.
+        actions: of the model, a record each, (A,).
+        switching: time that an action of kind j costs after kind i (0 stand, 1 turn, 2 walk), (3, 3) s.
+        room: constants of the iteration.
     """
     nb, nd, nphi = v.shape[1], v.shape[2], v.shape[3]
     na, worst = actions.shape[0], 0.0
@@ -139,10 +145,15 @@ def _sweep(v: Array, q: Array, actions: Record, switching: Array, room: PlanRoom
 
 
 def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
-    """Return the axes of a planner's table of values, GRID numbers.
+    """Return the axes of a planner's table of values, (6,).
 
-    Distance to the goal: 0 to d_max m; drift of the heading: 0 to drift_max rad per metre walked. `world`: arrays of
-    the model, with its actions.
+    Smallest and largest distance of the goal (0, d_max m), of drift (0, drift_max rad per m walked), 1 = mirrored, and
+    minus the seconds that a metre beyond d_max takes.
+
+    Args:
+        world: arrays of the model, with its actions.
+        d_max: largest distance, m.
+        drift_max: largest drift, rad per m.
     """
     grid = np.zeros(GRID)
     grid[[D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M]] = 0.0, d_max, 0.0, drift_max, 1.0, -_per_m(world)
@@ -150,7 +161,7 @@ def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
 
 
 def _per_m(world: Arrays) -> float:
-    """Return the seconds that the fastest action takes for a metre."""
+    """Return the seconds that the fastest action of a model takes for a metre."""
     return min(float(row.seconds / row.forward) for row in world.tables.actions if row.forward > 0.0)
 
 
@@ -163,14 +174,14 @@ def plan(
     tolerance: float = 0.1,
     most: int = 200,
 ) -> tuple[Array, Array, int]:
-    """Return the table of action values (nb, nd, nphi, A) in s (negative), its axes (GRID,), and the number of sweeps.
+    """Return the table of action values (nb, nd, nphi, A) in s (negative), its axes (6,), and the number of sweeps.
 
     Args:
         world: arrays of the model.
         d_max: m, largest distance of the table; beyond it the choice depends on bearing and drift only.
         drift_max: rad per m, largest drift.
-        shape: number of drifts from 0 on, of distances, of bearings.
-        samples: of the motion noise.
+        shape: number of drifts from 0 on, of distances, of bearings: nb, nd, nphi.
+        samples: number of samples of the motion noise, even.
         tolerance: s, change of a value in a sweep that is small enough.
         most: largest number of sweeps.
     """
@@ -191,7 +202,7 @@ def plan(
 
 
 def _priced(actions: Record) -> Record:
-    """Return the actions, records ACTION, (A,), with a price, s, for seeing less than the one that sees most."""
+    """Return the actions, a record each, (A,), `seconds` raised for seeing less than the one that sees most."""
     out, best = actions.copy(), 0.0
     for row in actions:
         best = max(best, float(row.match)) if row.kind != slots.STAND else best
@@ -212,9 +223,10 @@ def _guess(world: Arrays, d: Array, nphi: int) -> Array:
 def shown_by_standing(world: Arrays) -> Array:
     """Return the covariance (3, 3) of a pose measured by the camera frames of one stand, robot axes, m and rad.
 
-    Information of the landmarks that are recognised on average: density * match * integral of H^T R^-1 H over the
-    footprint, times the frames that arrive before the decision; scaled down where more would be seen than are used.
-    A tilt common to all frames moves the pose by height * tilt, which no number of landmarks averages out.
+    Information of the landmarks that are recognised on average: density * match * integral of H^T R^-1 H over the floor
+    in view (H: range and bearing by the pose, R their noise), times the frames that arrive before the decision; scaled
+    down where more would be seen than are used. A tilt common to all frames moves the pose by height * tilt, which no
+    number of landmarks averages out.
     """
     stands = [row for row in world.tables.actions if row.kind == slots.STAND]
     if not stands:
@@ -244,7 +256,7 @@ def shown_by_standing(world: Arrays) -> Array:
 def planner(world: Arrays, provenance: dict[str, str] | None = None) -> Policy:
     """Return the policy `planner` of a model, whose table of action values is computed by value iteration.
 
-    `provenance`: texts by key on where it comes from; None = none.
+    `provenance`: texts by key on where the model comes from; None = none.
     """
     table, grid, _ = plan(world)
     tables = PolicyTables(PLANNER, planner_numbers(world), table, grid, shown_by_standing(world))
