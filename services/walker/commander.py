@@ -52,7 +52,7 @@ class Commander:
         return WalkReply(accepted=True, id=number)
 
     def begin(self, epoch: int, tick: int) -> None:
-        """Begin a tick: in the first one resume what an earlier process stored; then carry out commands that are due."""
+        """Begin a tick: in the first one resume what an earlier process stored; then carry out the commands now due."""
         first, self._epoch, self._tick = self._tick < 0, epoch, tick
         if first and tick > 0:
             self._recall()

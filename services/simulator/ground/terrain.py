@@ -69,7 +69,7 @@ class Terrain:
     """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
 
     def on_floor(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points (n, 2) m are not in or behind a wall, (n,)."""
+        """Return True for the points (n, 2) m, map, that are not in or behind a wall, (n,)."""
         return inside(self.floor, points[:, 0], points[:, 1]) if self.floor else np.ones(len(points), dtype=np.bool_)
 
     @property
@@ -79,7 +79,7 @@ class Terrain:
 
     @property
     def quat_wxyz(self) -> Array:
-        """Shortest rotation that turns z onto the plane's normal, (4,) (raises TerrainError: no upward unit vector)."""
+        """Shortest rotation that turns z onto the plane's normal, (4,) (raises TerrainError: that is no upward unit vector)."""
         nx, ny, nz = self.normal
         if not (nz > 0.0 and abs(nx * nx + ny * ny + nz * nz - 1.0) < UNIT_SLACK):
             raise TerrainError("normal", f"got {self.normal!r}, expected an upward unit vector")

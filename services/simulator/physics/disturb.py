@@ -100,7 +100,7 @@ class Disturbances:
         self.pushes.append(Push(tick, end, int(self.address.bodies[self._links.index(name)]), (x, y, z)))
 
     def set(self, tick: int, quantity: str, value: float) -> None:
-        """Set friction, mass or servo gains from now on; `tick`: present tick, which shows what servo faults are active.
+        """Set friction, mass or servo gains from now on; `tick`: now, which shows what servo faults are active.
 
         `value`: of friction the coefficient, else a factor on the robot's own masses or gains, 0 to 100.
 
@@ -188,7 +188,7 @@ class Disturbances:
         return Samples(*arrived)
 
     def _failed(self, tick: int, sample: ContactSample, touch: NDArray[np.bool_]) -> ContactSample | None:
-        """Return the sample of foot sensors that fail as a whole, None if lost; `touch` (P,): switches before that fault."""
+        """Return the sample of foot sensors that fail as a whole, None if lost; `touch` (P,): switches before that."""
         force = np.zeros(0) if sample.normal_force is None else sample.normal_force
         x = self.faults.fail(tick, "contacts", np.concatenate((np.where(touch, 1.0, -1.0), force)))
         if x is None:

@@ -225,7 +225,7 @@ class FaultBank:
         return (shortest,) if self.on(tick, "range_stuck") else (distance,)
 
     def _freeze(self, key: str, frozen: bool, value: Array) -> Array:
-        """Return the last value before the fault while it is on (`frozen`), else `value` (n,); `key` names the sensor."""
+        """Return the last value before the fault while it is on (`frozen`), else `value` (n,); `key`: of the sensor."""
         if frozen and key in self._held:
             return np.array(self._held[key])
         self._held[key] = value.tolist()

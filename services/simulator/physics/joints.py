@@ -85,7 +85,7 @@ def add_joint(
 
 
 def add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: int) -> None:
-    """Add the second axis that a motor turns to a body: its angle equals that of the first axis; `link`: index of it."""
+    """Add the second axis that a motor turns to a body: its angle equals that of the first; `link`: its index."""
     joint, name = robot.joints[robot.links[link].joint], robot.links[link].name
     body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=robot.links[link].axis)
     spec.add_equality(

@@ -192,7 +192,7 @@ def retune(
 
 
 def _inertial(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]:
-    """Return masses (nl,) kg, centres of mass (nl, 3) m and principal inertias (nl, 3) kg m^2 of the perturbed links."""
+    """Return masses (nl,) kg, centres of mass (nl, 3) m, principal inertias (nl, 3) kg m^2 of the perturbed links."""
     scale = np.full(len(robot.links), perturb.leg_mass_scale)
     scale[0] = perturb.trunk_mass_scale
     mass = scale * np.array([link.mass for link in robot.links])
