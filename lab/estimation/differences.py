@@ -122,6 +122,6 @@ def departures(a: Estimated, b: Estimated) -> dict[str, Departure]:
 
 
 def _from_start(position: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return positions (n, 3) m and headings (n,) rad from the first pose."""
+    """Return positions (n, 3) m and headings (n,) rad relative to the first pose, in its heading axes."""
     c, s = np.cos(yaw[0]), np.sin(yaw[0])
     return (position - position[0]) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), yaw - yaw[0]

@@ -41,8 +41,9 @@ class Run:
 
     Attributes:
         path: file.
-        start: x, y, yaw at the beginning, m and rad.
-        events: rows of motions, frames and sightings, (n, COLUMNS); see `MOVE`, `FRAME`, `SEE`.
+        start: x, y, yaw at the beginning, m and rad, map.
+        events: (n, 6): motions (0, action, share), frames (1, s since the last), sightings (2, landmark x, y, range m,
+            bearing rad, 1 if standing).
         durations: per (kind before, action) the times of the action, s.
         halts: per kind of action the times from its last landing until the robot stands, s.
         frames: per action name rows (landmarks in view, matched) of each frame; of an image all that it shows count.

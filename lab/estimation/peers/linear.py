@@ -77,7 +77,7 @@ def _predict(s: LinearState, w: Array, q: Array, dt: float, noise: LinearNoise) 
 
 @kernel
 def _take_foot(s: LinearState, f: int, log: Readings, j: int, before: int, noise: LinearNoise) -> None:
-    """Correct with foot f of sample j, in place; `before`: the sample before, -1 = none."""
+    """Correct the state with foot f of foot sample j, in place; `before`: index of the sample before, -1 = none."""
     seen, since = log.seen[j, f], s.turned[3]
     down = log.touch[j, f] and np.isfinite(seen).all()
     was = before >= 0 and log.touch[before, f]
@@ -117,7 +117,7 @@ def _take_foot(s: LinearState, f: int, log: Readings, j: int, before: int, noise
 
 @kernel
 def _take(s: LinearState, h: Array, y: float, variance: float) -> None:
-    """Correct by one number y = h x + noise, h (n,) and x (n,), in place; `variance` of the noise."""
+    """Correct the state x (n,) by one number y = h x + noise, in place; h (n,), `variance` of the noise."""
     ph = s.cov @ h
     inn = h @ ph + variance
     s.x[:] = s.x + ph * ((y - h @ s.x) / inn)
@@ -130,10 +130,12 @@ def _take(s: LinearState, h: Array, y: float, variance: float) -> None:
 def run(
     cut: Segments, log: Readings, start: PeerStart, state: LinearState, noise: LinearNoise, track: PeerTrack
 ) -> None:
-    """Run the linear filter along a log, and write its track, whose covariance is that of an exact attitude, in place.
+    """Run the linear filter along a log, and write its estimates to a track, in place.
+
+    The covariance of the track is that of an exact attitude.
 
     Args:
-        cut: time of the log.
+        cut: time of the log, cut at every inertial row and foot sample.
         log: samples of the log.
         start: its first segment and gyro bias are read.
         state: at that segment, changed in place.

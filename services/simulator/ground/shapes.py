@@ -95,7 +95,7 @@ def _rough(r: ShapeSpec) -> Shape:
 
 
 def _stairs(grid: TerrainGrid, first: float, riser: float) -> tuple[tuple[TerrainBox, ...], Array]:
-    """Return the boxes of three steps that rise along x from `first` m on by `riser` m each, and their tops (1, nx) m."""
+    """Return the boxes of three steps that rise along x from `first` m on by `riser` m, and their tops (1, nx) m."""
     x, _ = grid.axes()
     end, half_y = grid.x0 + grid.nx * grid.cell, 0.5 * grid.cell * grid.ny
     boxes: list[TerrainBox] = []

@@ -79,7 +79,7 @@ class Terrain:
 
     @property
     def quat_wxyz(self) -> Array:
-        """Shortest rotation that turns z onto the plane's normal, (4,) (raises TerrainError: that is no upward unit vector)."""
+        """Shortest rotation that turns z onto the plane's normal, (4,) (raises TerrainError: no upward unit vector)."""
         nx, ny, nz = self.normal
         if not (nz > 0.0 and abs(nx * nx + ny * ny + nz * nz - 1.0) < UNIT_SLACK):
             raise TerrainError("normal", f"got {self.normal!r}, expected an upward unit vector")
@@ -149,7 +149,7 @@ def make_terrain(
 
 
 def _around(kind: TerrainKind, cell: float) -> TerrainGrid:
-    """Return the cells of a floor and its walls, `cell` m wide."""
+    """Return the cells, `cell` m wide, of a grid that reaches over a walled floor to the outer faces of its walls."""
     (x0, x1), (y0, y1) = ((min(side) - WALL, max(side) + WALL) for side in zip(*kind.floor, strict=True))
     return TerrainGrid(x0, y0, round((x1 - x0) / cell) + 1, round((y1 - y0) / cell) + 1, cell)
 
@@ -160,7 +160,11 @@ def _map(grid: TerrainGrid, z: Array) -> HeightMap:
 
 
 def terrain_from_map(ground: HeightMap) -> Terrain:
-    """Return a terrain that is one height field, such as a file; unknown cells become the lowest known height."""
+    """Return a terrain that is one height field, such as a file; unknown cells become the lowest known height.
+
+    Raises:
+        TerrainError: no cell is known.
+    """
     known = np.isfinite(ground.z)
     if not known.any():
         raise TerrainError("map", "has no known cell")
@@ -170,7 +174,7 @@ def terrain_from_map(ground: HeightMap) -> Terrain:
 
 
 def observed_map(terrain: Terrain, profile: str, seed: int) -> HeightMap:
-    """Return the height map that the robot gets: the true one, or with errors like those of a mapper.
+    """Return the height map that the robot gets: the true one, or with errors of the kind that a mapper makes.
 
     Args:
         terrain: the true ground.

@@ -121,7 +121,7 @@ PAINTERS: dict[str, Painter] = {
 
 
 def _photograph(path: Path, width: float, shape: tuple[int, int]) -> Array:
-    """Return the greys of a picture file laid on the floor, `width` m wide, mirrored at its edges, in a shape (rows, cols).
+    """Return the greys of a picture file laid on the floor `width` m wide, mirrored at its edges, (rows, cols).
 
     Raises:
         TerrainError: the file is no picture, or too large.

@@ -239,7 +239,7 @@ class ImageSensor:
         return TakenImage(seq, stamp, pixels, at.mount, at.look, o.focal, o.exposure, o.readout, self.form)
 
     def spoil(self, faults: FaultBank, tick: int, image: TakenImage | None) -> TakenImage | None:
-        """Return the image of this tick as the broken camera gives it, None = none; `tick`: of the world, for the faults."""
+        """Return the image of this tick as the broken camera gives it, None = none; `tick`: of the world."""
         if image is None:
             return None
         held, self._held = self._held, image

@@ -204,7 +204,7 @@ def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array
 
 
 def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return the indices (k,) of floor points (n, 2) m, map, in the image, and their places in camera axes, (k, 3) m."""
+    """Return the indices (k,) of floor points (n, 2) m, map, in the image, and their places, (k, 3) m, camera axes."""
     local = product(points, pose.rot[:2]) - product(pose.position, pose.rot)  # (n, 3)
     index = np.flatnonzero(local[:, 2] > NEAREST)
     half = 0.5 * np.array([camera.width, camera.height]) / camera.focal

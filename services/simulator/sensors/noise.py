@@ -100,7 +100,7 @@ class ImuSensor:
         return out, _imu(acc, gyro, self.turn_on, self.gauss_markov, self.normal.next(), self.table, out)
 
     def state(self) -> dict[str, Any]:
-        """Return biases of accelerometer and gyro and the random stream, for a checkpoint; empty for an exact sensor."""
+        """Return biases of accelerometer and gyro and the random stream, for a checkpoint; empty without a profile."""
         if self.profile is None:
             return {}
         return {"turn_on": self.turn_on.tolist(), "b": self.gauss_markov.tolist(), "normal": self.normal.state()}

@@ -221,7 +221,7 @@ class Senses:
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier; samples of that tick are dropped."""
+        """Set everything that changes in a run to a `state` that was returned earlier; samples of its tick are lost."""
         self.rng.bit_generator.state = state["rng"]
         self.bump[:] = state["bump"]
         self.before = None if state["before"] is None else CameraPose(*(np.array(part) for part in state["before"]))

@@ -80,7 +80,7 @@ def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, 
 
 
 def bumped(data: Any, address: Addresses, feet: int, least: float) -> NDArray[np.bool_]:
-    """Return True for each of `feet` feet that pressed a wall in the last physics step with at least `least` N, (L,)."""
+    """Return True for each of `feet` feet that pressed a wall in the last physics step by at least `least` N."""
     force, contact = np.zeros(feet), data.contact
     for i in np.flatnonzero(np.abs(contact.frame[:, 2]) < UPRIGHT):
         foot = address.foot_of_geom[contact.geom[i]].max()
