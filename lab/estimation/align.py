@@ -148,7 +148,7 @@ def _at(seconds: Array, x: Array, at: Array) -> Array:
 
 
 def _turned(seconds: Array, rot: Array, at: Array) -> Rotation:
-    """Return orientations (n, 3, 3), known at times `seconds` (n,), at other times `at` (k,) s."""
+    """Return orientations `rot` (n, 3, 3), known at times `seconds` (n,), at other times `at` (k,) s."""
     first = np.unique(seconds, return_index=True)[1]
     return Slerp(seconds[first], Rotation.from_matrix(rot[first]))(np.clip(at, seconds[0], seconds[-1]))
 
@@ -292,10 +292,10 @@ def _stances(log: Log) -> tuple[Array, Array, Array, float]:
 
 
 def _solve(matrix: Array, wanted: Array, when: Array, overlap: float) -> tuple[Array, Array]:
-    """Return the robust least-squares solution (p,) of equations (k, 3, p), and its half intervals (p,).
+    """Return the robust least-squares solution x (p,) of equations matrix x = wanted, and its half intervals (p,).
 
-    `wanted`: right sides, (k, 3); `when`: times of the equations, (k,) s, by which blocks are left out; `overlap`:
-    number of equations that share their time.
+    `matrix`: (k, 3, p); `wanted`: right sides, (k, 3); `when`: times of the equations, (k,) s, by which blocks are left
+    out; `overlap`: number of equations that share their time.
     """
     weight = np.ones(len(wanted))
     x = np.zeros(matrix.shape[2])

@@ -91,9 +91,10 @@ def _of_recording(path: Path) -> Estimated:
 
 
 def departures(a: Estimated, b: Estimated) -> dict[str, Departure]:
-    """Return the differences of two estimates over their common time: velocity m/s, tilt deg, position m, heading deg.
+    """Return the differences of two estimates over their common time, by name: rms, largest and its time.
 
-    Position and heading are compared relative to the first row at which both have started.
+    Names and units are velocity m/s, tilt deg, position m, heading deg. Position and heading are compared relative to
+    the first row at which both have started.
 
     Raises:
         SurefootError: the two have no time in common.

@@ -183,7 +183,10 @@ def shape(
 
 
 def _up_in_foot(columns: Columns, rot: Array, contact: Flags) -> Sequence[Array]:
-    """Return the direction of gravity in each standing foot, F arrays (k, 3), foot axes."""
+    """Return the direction of gravity in each standing foot, F arrays (k, 3), foot axes.
+
+    `rot`: rotation from foot to IMU, (m, F, 3, 3); `contact`: feet that stand, (m, F).
+    """
     seen = np.einsum("mfji,mj->mfi", rot, up_at(columns))
     stands = contact & np.isfinite(seen).all(axis=2)
     return [seen[stands[:, f], f] for f in range(contact.shape[1])]

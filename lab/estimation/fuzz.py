@@ -30,7 +30,7 @@ class Inputs:
     """Inputs of an estimator that arrive with one inertial row; corruptions change them.
 
     They are the gyro w (3,) rad/s and the accelerometer q (3,) m/s^2 up to `stamp_ns`, IMU axes, and for each sample of
-    `feet` its stamp, ns, positions (F, 3) m, rotations (F, 3, 3) IMU from foot, and contacts (F,).
+    `feet` its stamp, ns, positions (F, 3) m, IMU axes, rotations from foot to IMU (F, 3, 3), and contacts (F,).
     """
 
     stamp_ns: int

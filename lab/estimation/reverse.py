@@ -27,7 +27,7 @@ def begins(log: Log) -> Ints:
 
 
 def centre(log: Log) -> int:
-    """Return the sum of a stamp in a log and the same instant's stamp in the reversed log, which is constant, ns."""
+    """Return the sum of the stamps of any instant in a log and in the reversed log, which is constant, ns."""
     return int(begins(log)[0] + log.stamp_ns[-1])
 
 

@@ -145,7 +145,10 @@ def _disagreement(off: Array, total: Array, period: float) -> Array:
 
 
 def _flags(ahead: Track, back: Track, good: list[Flags]) -> dict[str, Flags]:
-    """Return the flags: one pass is enough for `initialised` and `filter_ok`, the others of inputs need both."""
+    """Return the flags of both passes as one: one is enough for `initialised` and `filter_ok`, the others need both.
+
+    `good`: rows of each pass that has started and whose filter is sound, (n,).
+    """
     a, b = ahead.flags, back.flags
     out = {flag: np.where(a["initialised"], a[flag], b[flag]) for flag in FLAGS}
     started = a["initialised"] & b["initialised"]
@@ -156,7 +159,10 @@ def _flags(ahead: Track, back: Track, good: list[Flags]) -> dict[str, Flags]:
 
 
 def _mean(one: Array | None, other: Array | None, used: list[Flags]) -> Array | None:
-    """Return the mean probability of sliding (n, F) of the passes in use; NaN where neither has a standing foot."""
+    """Return the mean probability of sliding (n, F) of two passes where in use; NaN where neither has a standing foot.
+
+    `one`, `other`: probabilities of each pass, (n, F), NaN = the foot does not stand; `used`: its rows in use, (n,).
+    """
     if one is None or other is None:
         return one
     both = np.stack([np.where(use[:, None], values, np.nan) for use, values in zip(used, (one, other), strict=True)])

@@ -73,7 +73,7 @@ class StanceWindow:
     inflation: Array  # (N,) variance of its stance over the usual one
 
     def averaged(self, x: Array) -> Array:
-        """Return the means over the N blocks, (N, ...), of values of the M samples, (M, ...), in the same unit."""
+        """Return the means over the N blocks, (N, ...), of values x of the M samples, (M, ...), any unit."""
         sizes = np.diff(self.block, append=len(self.sample))
         return np.add.reduceat(x, self.block, axis=0) / sizes.reshape(-1, *(1,) * (x.ndim - 1))
 
@@ -88,7 +88,7 @@ class StanceWindow:
         return np.where(same, m - first, 0.0), m**2 * (3.0 * late - m) / 6.0, gyro, free
 
     def foot_covariance(self, noise: StanceNoise) -> Array:
-        """Return the covariance by sample noise and creep of the feet, (N, N) m^2, the same for each axis."""
+        """Return the covariance by sample noise and creep of the feet, (N, N) m^2, equal for each axis."""
         return noise.creep**2 * self.inflation * self._pairs[0] + np.diag(noise.foot**2 * self.inflation)
 
     def whitener(self, noise: StanceNoise) -> Array:

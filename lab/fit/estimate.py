@@ -33,7 +33,7 @@ def fit(
     for equal numbers.
 
     Args:
-        runs: events and times of each recording, as `events.read_run` returns them.
+        runs: events and times of each recording.
         model: begin of the search; its other numbers are not fitted.
         progress: gets the share that is done, and its step in words.
 

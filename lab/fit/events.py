@@ -179,7 +179,7 @@ class _RunReader:
         return next((index, share) for own, index, share in self.under_way if own is motion)
 
     def _time(self, act: Act, ends_in: float | None, *, whole: bool) -> None:
-        """Take down how long an action takes by what the walker plans when it takes it up."""
+        """Record how long an action takes by the walker's plan when it takes it up; `ends_in`: time to its end, s."""
         if ends_in is None:
             self.landing = None
             return

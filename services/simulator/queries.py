@@ -171,7 +171,7 @@ class SimulatorQueries:
         return self.run.built.landmarks
 
     def status(self, request: StatusRequest) -> SimStatus:
-        """Return the state of simulated time and of the run, as `sim/status` reports it."""
+        """Return the state of simulated time and of the run: tick, mode, real-time factor, reasons of a stop."""
         return self.run.status()
 
     def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:

@@ -262,7 +262,7 @@ class PhysicsWorld:
         self.disturb.push(max(start_tick, self.tick + 1), force, duration, body)
 
     def displace(self, forward: float, left: float, turn: float, *, only_ask: bool = False) -> None:
-        """Move the robot in its posture by m and rad, heading axes; `only_ask`: only check if it can stand there.
+        """Move the robot in its posture: m `forward` and `left`, rad `turn`, heading axes; `only_ask`: only check it.
 
         Raises:
             WorldError: a foot is in the air, the place is in or behind a wall or off the ground, or its ground is less

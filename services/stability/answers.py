@@ -156,7 +156,7 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
 
 
 def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot) -> FootForces:
-    """Return forces from torques fused with readings (N, None = none) of sensors under the feet, along the vertical.
+    """Return forces fused with readings `loads` (N, None = none) of sensors under the feet, along the vertical.
 
     Raises:
         StabilityError: the number of readings is not that of the feet.

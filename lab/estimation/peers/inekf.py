@@ -216,9 +216,10 @@ def _correct(s: InekfState, seen: Array, old: int, sigma: float) -> None:
 
 @kernel
 def _add_points(s: InekfState, seen: Array, touch: Flags, sigma: float) -> None:
-    """Add the points that touch anew, with the covariance of p (augmentation), in place.
+    """Add the points that touch anew to the state, with the covariance of its position (augmentation), in place.
 
-    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,); `sigma`: noise of a place, m.
+    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,): points that touch; `sigma`: noise of a
+    place, m.
     """
     for f in range(touch.size):
         if not s.active[f] and touch[f] and np.isfinite(seen[f]).all():

@@ -1,7 +1,8 @@
 """Legged estimators of GTSAM (from 4.3, optional) as referees, with the noise of GTSAM's own staircase example.
 
-Four of them: invariant filter, the same iterated over a graph, fixed-lag smoothers with one bias and with a bias that
-walks. They take points at the contacts; their filters do not estimate a bias, the mean gyro of a rest is given to them.
+A referee is an estimator of others, with which ours is compared. There are four: an invariant filter, one that is
+iterated over a graph, fixed-lag smoothers with one bias and with a bias that walks. They take points at the contacts;
+their filters do not estimate a bias, the mean gyro of a rest is given to them.
 """
 
 import importlib.util

@@ -1,10 +1,10 @@
-"""Kinematics and gyro without a filter: a referee that needs neither noise nor a standstill.
+"""Kinematics and gyro without a filter: a referee (estimator to compare with) without noise or standstill.
 
 Velocity of the IMU by each foot that stands in two samples in a row, y its position in IMU axes, and their mean:
 
     v = -(y' + w x y)          (y' by differences, w the mean gyro in between)
 
-Attitude as in `linear`: gyro, kept upright by the accelerometer; heading is that of the gyro. The path is the integral.
+Attitude by the gyro, kept upright by the accelerometer; heading is that of the gyro. The path is the integral of v.
 """
 
 import numpy as np

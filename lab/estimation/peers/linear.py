@@ -1,13 +1,15 @@
 """Linear filter of position, velocity and feet with attitude from outside, as in MIT's Cheetah-Software: a referee.
 
-Attitude by a complementary filter (Mahony et al. 2008) over gyro and accelerometer, gyro bias by the rest at the
-beginning. State p, v, d_1..d_L (world axes); a = R q - g is an input. At each foot sample, per foot in contact:
+A referee is an estimator of others, with which ours is compared. Attitude by a complementary filter (Mahony et al.
+2008) over gyro and accelerometer, gyro bias by the rest at the beginning. State p position, v velocity, d_1..d_L feet
+(world axes); a = R q - g is an input, R the rotation from IMU to world, q the specific force, g gravity. At each foot
+sample, per foot in contact, w the rate of turn:
 
     p - d = -R y          (y = the foot in IMU axes)
     v = -R (w x y + y')   (y' by differences: logs have no joint rates)
     d_z = height at touch-down
 
-A foot in the air gets 100 times the noise, as there.
+A foot in the air gets 100 times the noise.
 """
 
 from typing import NamedTuple
@@ -54,7 +56,10 @@ def _new_state(feet: int, start: PeerStart) -> LinearState:
 
 @kernel
 def _predict(s: LinearState, w: Array, q: Array, dt: float, noise: LinearNoise) -> None:
-    """Carry attitude and state over `dt` s by the gyro w (3,) rad/s, bias removed, and q (3,) m/s^2, in place."""
+    """Carry attitude and state over `dt` s, in place.
+
+    `w`: rate of turn, (3,) rad/s, bias removed; `q`: specific force, (3,) m/s^2; both in IMU axes.
+    """
     up = np.array([0.0, 0.0, 1.0])
     lean = np.cross(q / np.linalg.norm(q), np.ascontiguousarray(s.rot.T) @ up)
     rate = w + noise.kp * lean

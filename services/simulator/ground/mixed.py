@@ -81,7 +81,10 @@ class _Hills:
 
 
 def _stones(grid: TerrainGrid, seed: int, amp: float, hills: _Hills) -> tuple[TerrainBox, ...]:
-    """Return flagstones and stones; each lies on the ground under its middle and reaches below all ground."""
+    """Return flagstones and stones as boxes; each lies on the ground under its middle and reaches below all ground.
+
+    `amp`: height of the highest point of the terrain, m, with which all heights scale.
+    """
     rng = random_stream(seed, "terrain/mixed/stones")
     boxes: list[TerrainBox] = []
     if amp == 0.0:

@@ -103,7 +103,7 @@ class Displacement(NamedTuple):
         return out
 
     def turned(self, vector: NDArray[np.float64]) -> None:
-        """Turn a vector in map axes, (3,), any unit, by the turn of the motion about the vertical, in place."""
+        """Turn `vector`, in map axes, (3,), any unit, by the turn of the motion about the vertical, in place."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         vector[:2] = c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
 

@@ -49,7 +49,7 @@ class FanGoal(NamedTuple):
 
     kind: int
     tolerance: float
-    """Greatest distance of outer from inner polygon (ENCLOSE), or of the best value from its bound (APPROACH)."""
+    """Greatest distance of outer from inner polygon (ENCLOSE), or of best value from bound (APPROACH), scaled."""
     x: float
     y: float
     """x and y of the point to approach, in the scaled frame (APPROACH)."""
@@ -130,7 +130,7 @@ def _between(fan: Fan, solved: int, s: int, lam: Array, x: Array, lane: int) -> 
     """Write a feasible start for direction `s` of a fan, made of the answers on both sides of it, into column `lane`.
 
     With unit directions a_s = p a_k + q a_m, p, q >= 0, of neighbours k and m, p lam_k + q lam_m is feasible, and so is
-    any mean of forces. lam (4, 8): twists; x (n, 3, 8): forces. False: no such pair among the `solved` ones.
+    any mean of forces. lam (4, lanes): twists; x (n, 3, lanes): forces. False: none among the `solved` ones.
     """
     if solved < 3:
         return False

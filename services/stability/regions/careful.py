@@ -71,7 +71,7 @@ class Oracle:
         return product(direction, self.subspace.drift.T)
 
     def fan(self, direction: Array, capacity: int) -> Fan:
-        """Solve for unit directions (k, 2), no unit; return a fan with room for at least `capacity` of them.
+        """Return the answers for unit directions `direction`, (k, 2), as a fan with room for `capacity` or more.
 
         Raises:
             StabilityError: `no_convergence`, by field `contacts`.

@@ -140,10 +140,11 @@ def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float
 
 @row_kernel
 def carried(position: Array, direction: Array, p: float, q: float) -> tuple[Array, Array, Array, Array]:
-    """Return the support of contacts on a plane where the outermost one carries all, for directions (k, 2).
+    """Return the support of contacts on a plane where the outermost one carries all, for unit directions a (k, 2).
 
-    position: contacts, (n, 3) m; p, q: slopes of their plane z = p x + q y + const. Returned are the value a'c (k,) m,
-    the point c (k, 2) m, the twist (v, w_z) that proves it (k, 4), and forces as shares of the weight (k, n, 3).
+    position: contacts, (n, 3) m; direction: the a; p, q: slopes of their plane z = p x + q y + const. Returned are the
+    value a'c (k,) m, the point c (k, 2) m, the twist (v m, w_z) that proves it (k, 4), and forces as shares of the
+    weight (k, n, 3).
     """
     k, n = direction.shape[0], position.shape[0]
     value, point, twist, force = np.empty(k), np.empty((k, 2)), np.empty((k, 4)), np.zeros((k, n, 3))

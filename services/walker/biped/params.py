@@ -30,7 +30,7 @@ class BipedParams:
     zmp_y_m: float
     """ZMP (zero-moment point) of single support, from the ankle towards the other foot, m."""
     zmp_x_m: float = 0.0
-    """ZMP of single support ahead of the ankle, m."""
+    """ZMP (zero-moment point) of single support, ahead of the ankle, m."""
     quick_s: float = 0.4
     """Duration of a step of the gait `quick`, s."""
     quick_m: float = 0.030

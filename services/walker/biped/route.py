@@ -72,7 +72,10 @@ class BipedRoute:
         return max(1, math.ceil(part - LITTLE)) if math.isfinite(part) else math.inf
 
     def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
-        """Return a command for the remaining route that leads to the same steps, each `step_s` s long."""
+        """Return a command for the remaining route that leads to equal steps, each `step_s` s long.
+
+        `duration`: time after which the walk ends, s, as in the first command; None = no limit.
+        """
         if self.turning:
             return MotionCommand("turn", angle=self.turn, gait=gait, duration=duration)
         distance = self.forward if math.isfinite(self.forward) else None

@@ -54,7 +54,8 @@ class BipedState:
     """State of the gait of a biped; frame odom.
 
     `command` are the set-points of the servos, `rise_from` those at which rising or folding began, (nj,) rad;
-    `contacts` whether each foot touches, (2,); `stamp` the time of the tick, s; `steps` and `unreachable` are counts.
+    `contacts`: True for each foot that touches, (2,); `stamp` the time of the tick, s; `steps` the number of finished
+    steps; `unreachable`: 1 if the feet are out of reach in this tick, else 0; `next_swing`: 0 = left, 1 = right.
     """
 
     joints: int

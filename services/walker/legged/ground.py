@@ -122,9 +122,9 @@ class Ground:
 
     @classmethod
     def build(cls, heights: HeightMap, foot_radius: float, smooth: bool = True) -> "Ground":
-        """Return the layers of a map: 3 x 3 median (edges stay), holes filled, dilated by the foot sphere (radius m).
+        """Return the layers of a map: 3 x 3 median (edges stay), holes filled, dilated by the foot sphere.
 
-        `smooth` False: no median on known ground.
+        `foot_radius`: of that sphere, m; `smooth` False: no median on known ground.
         """
         surface = heights.smoothed(1) if smooth else heights
         for _ in range(FILL_ROUNDS):

@@ -42,18 +42,18 @@ class StepPlan:
     begin: BodyPose
     end: BodyPose
     feet_from: Array
-    """Foot centres at lift-off, (L, 3) map."""
+    """Foot centres at lift-off, (L, 3) m, map."""
     feet_to: Array
-    """Foot centres at touch-down; standing feet as in `feet_from`."""
+    """Foot centres at touch-down, (L, 3) m, map; standing feet stay where they are."""
     deepest: Array
-    """Height down to which each foot looks for the ground, (L,) m."""
+    """Height down to which each foot looks for the ground, (L,) m, map."""
     top: Array
-    """Height of the level part of each swing, (L,) m."""
+    """Height of the foot centre on the level part of each swing, (L,) m, map."""
     go: Array
     arrive: Array
     """Phases between which each foot moves sideways, (L,)."""
     status: tuple[str, ...]
-    """Status of each foot's foothold, see `WalkerOutputs.foothold_status`."""
+    """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     duration: float
     """Duration of the step, s; longer than half a period when a foot has far to fall."""
     shape: SwingShape
