@@ -5,12 +5,12 @@ Jacobian of its contact point, F_i (3,) N the force of the ground. So |tau_i| <=
 each leg of three joints. With forces in units of the weight, f_i = F_i / (m g) = B_i D_i x_i, x_i in the second-order
 cone Q (x_i cone coordinates, B_i = [normal, two tangents], D_i their scale by friction):
 
-    h(a) = max sum h_i(a)'x_i   s.t.  sum G_i'x_i = (0,0,1,0),  x_i in Q,
+    h(a) = max sum h_i(a)'x_i   s.t.  sum A_i'x_i = (0,0,1,0),  x_i in Q,
            G_ij - mg J_ij'B_i D_i x_i within +- tau_max_j
 
-solved by clarabel, one solver for all directions a; G_i in the first line is the balance of contact i (forces, yaw
-moment). The posture is held fixed, as is the legs' weight: the region holds the places where a load may bring the CoM
-(Orsolino et al.), near the present posture where the joints may.
+with A_i'x_i the force and yaw moment of contact i, h_i(a)'x_i what it adds to the CoM along a. Solved by clarabel, one
+solver for all directions a. The posture is held fixed, as is the legs' weight: the region holds the places where a load
+may bring the CoM (Orsolino et al.), near the present posture where the joints may.
 """
 
 import math

@@ -89,7 +89,10 @@ def margin_gradient(found: Region, com: Array, here: Margin) -> MarginSlope | No
 
 
 def _nearest_edge(polygon: Array, point: Array) -> Array:
-    """Return the unit direction (2,) from a point (2,) m in a polygon (e, 2) m to its nearest edge, or back outside."""
+    """Return the unit direction (2,) from a point (2,) m inside a polygon (e, 2) m to its nearest edge.
+
+    Outside of the polygon it is the direction from the nearest point of the edge to the point.
+    """
     along = np.roll(polygon, -1, axis=0) - polygon
     out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
     slack = np.add.reduce(out * (polygon - point), axis=1)
