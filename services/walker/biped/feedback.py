@@ -58,7 +58,7 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
 
 
 def felt_rate(s: BipedState) -> Array:
-    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s; at a stand 0.02 less of each."""
+    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s; at a stand nearer to 0 by 0.02."""
     if s.mode is not Mode.STAND:
         return s.rate
     return np.sign(s.rate) * np.maximum(0.0, np.abs(s.rate) - QUIET_RAD_S)
@@ -88,7 +88,11 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
     """Bend the knees of a falling robot by one more tick with its feet where they are: it falls from less height.
 
-    State, settings, robot, geometry of its legs; the command and at the end the mode of the state are changed.
+    Args:
+        s: state; clock and command are changed, and at the end the mode.
+        p: settings.
+        robot: its neutral posture and joint limits are read.
+        g: geometry of its legs.
     """
     s.clock += 1
     part = smooth(s.clock * TICK_S / p.fold_s)

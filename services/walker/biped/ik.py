@@ -1,11 +1,14 @@
 """Legs of six joints in closed form: hip yaw, roll, pitch, knee, ankle pitch, roll; the yaw axis may be inclined.
 
 With the hip yaw q1 about the unit axis u, R1 = rot(u, q1), p the ankle from the hip in base_link and p' = R1'p, a and b
-the lengths of thigh and shin: q2 = atan2(p'_y, -p'_z), v = Rx(-q2) p', L = hypot(v_x, v_z), cos q4 = (L^2 - a^2 - b^2)
-/ (2 a b), q3 = atan2(-v_x, -v_z) - atan2(b sin q4, a + b cos q4); n = normal of the sole seen from the shin: q6 =
-asin(-n_y), q5 = atan2(n_x, n_z). Ankle point and sole normal are exact for every q1; what is left is the yaw e(q1) of
-the sole, and q1 solves e = 0. Where one motor turns both hips, q1 solves e_left = e_right: the feet keep their relative
-yaw and the pelvis turns by the common rest.
+the lengths of thigh and shin, n the normal of the sole seen from the shin:
+
+    q2 = atan2(p'_y, -p'_z),  v = Rx(-q2) p',  L = hypot(v_x, v_z),  cos q4 = (L^2 - a^2 - b^2) / (2 a b)
+    q3 = atan2(-v_x, -v_z) - atan2(b sin q4, a + b cos q4),  q6 = asin(-n_y),  q5 = atan2(n_x, n_z)
+
+Ankle point and sole normal are exact for every q1; what is left is the yaw e(q1) of the sole, and q1 solves e = 0.
+Where one motor turns both hips, q1 solves e_left = e_right: the feet keep their relative yaw and the pelvis turns by
+the common rest.
 """
 
 import math

@@ -47,7 +47,7 @@ class HullCheck:
         self._model = robot.model
 
     def __call__(self, request: StanceCheck) -> StanceVerdict:
-        """Return a verdict by the smaller margin before and after the planned movement; less than 3 feet: not stable."""
+        """Return a verdict by the smaller margin before and after the planned movement; under 3 feet: not stable."""
         if len(request.positions) < 3:
             return StanceVerdict(False, None, "segment")
         rot = rotations.matrix_from_quat(request.base_quat)
