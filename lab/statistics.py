@@ -25,7 +25,7 @@ class Ranged(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """Mean difference of two measurements on the same seeds."""
+    """Mean difference of two measurements on equal seeds, with its interval and the p-values of two t-tests."""
 
     mean: float
     """Mean of ours - theirs, in the unit of the values."""
@@ -54,7 +54,7 @@ def interval(values: ArrayLike) -> tuple[float, float]:
 
 
 def half_width(values: ArrayLike) -> float:
-    """Return half of the 95 % interval of the mean of values (n,); NaN for fewer than two."""
+    """Return half the width of the 95 % interval of the mean of values (n,); NaN for fewer than two."""
     if np.size(values) < 2:
         return math.nan
     low, high = interval(values)
@@ -84,25 +84,28 @@ def wilson(k: int, n: int) -> tuple[float, float]:
 
 
 def success_bound(successes: int, n: int) -> float:
-    """Return the success rate that is exceeded with 95 % confidence (Clopper and Pearson 1934)."""
+    """Return the success rate exceeded with 95 % confidence, by `successes` of n runs (Clopper and Pearson 1934)."""
     from scipy import stats
 
     return float(stats.beta.ppf(0.05, successes, n - successes + 1)) if successes else 0.0
 
 
 def chi_band(n: int, freedom: int = 3) -> tuple[float, float]:
-    """Return the 95 % band of the mean of n NEES values of a consistent estimate: chi^2 with n `freedom`, over n."""
+    """Return the 95 % band of the mean of n NEES values of a consistent estimate: chi^2 with n `freedom`, over n.
+
+    NEES is e^T P^-1 e of an error e with covariance P; `freedom`: its number of dimensions.
+    """
     from scipy import stats
 
     return float(stats.chi2.ppf(0.025, freedom * n) / n), float(stats.chi2.ppf(0.975, freedom * n) / n)
 
 
 def paired(ours: ArrayLike, others: ArrayLike) -> Difference:
-    """Return the mean difference ours - others over the same seeds, with its interval and p-values.
+    """Return the mean difference ours - others over equal seeds, with its 95 % interval and p-values.
 
     Args:
         ours: values by seed, (n,).
-        others: values of the same seeds, (n,).
+        others: values of these seeds, (n,), in the unit of `ours`.
     """
     from scipy import stats
 
@@ -138,7 +141,7 @@ def ratio(a: Array, b: Array, rng: np.random.Generator | None = None) -> Ranged:
 
     Args:
         a: numerator by seed, (n,), any unit.
-        b: denominator of the same seeds, (n,), same unit.
+        b: denominator of these seeds, (n,), in the unit of a.
         rng: source of the resampling; None = a generator with seed 0.
     """
     return mean_ratio([(a, b)], rng)
@@ -150,7 +153,7 @@ def mean_ratio(pairs: Sequence[tuple[Array, Array]], rng: np.random.Generator | 
     Seeds are resampled inside each group.
 
     Args:
-        pairs: numerators and denominators of each group, (n,) each, same unit.
+        pairs: numerators and denominators of each group by seed, (n,) each, in one unit.
         rng: source of the resampling; None = a generator with seed 0.
     """
     rng = np.random.default_rng(0) if rng is None else rng
@@ -163,7 +166,7 @@ def mean_ratio(pairs: Sequence[tuple[Array, Array]], rng: np.random.Generator | 
 
 
 def resampled(groups: Sequence[Any], statistic: Callable[[Sequence[Any]], float], count: int = 2000) -> Ranged:
-    """Return a statistic of groups with its bootstrap interval; whole groups are resampled, from seed 0.
+    """Return a statistic of groups with its 95 % bootstrap interval; whole groups are resampled, from seed 0.
 
     Args:
         groups: for example the stances of each walk.

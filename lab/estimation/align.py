@@ -1,12 +1,14 @@
 """Alignment of a log's truth with its sensors: time offset, rotation, lever arm and scale, each with its interval.
 
-The truth's rate of turn b and the gyro's a are compared over 0.1 s: a(t - offset) = C b(t). Of all offsets, that with
-the largest fit is taken; the fit is the sum of the singular values of sum a b^T, whose factors give C (Kabsch 1976). A
-foot that stands is a fixed place, so that with its position y in IMU axes and R = rot_world_from_imu by the truth
+The truth's rate of turn b and the gyro's a are compared over 0.1 s: a(t - offset) = C b(t), C the rotation from the
+truth's axes to the IMU's. Of all offsets, that with the largest fit is taken; the fit is the sum of the singular values
+of sum a b^T, whose factors give C (Kabsch 1976). A foot that stands is a fixed place, so that with its position y in
+IMU axes and R the rotation from IMU to world by the truth
 
     (1/scale) dp_truth - dR lever = -d(R y)         (d: change over a part of the stance)
 
-is linear in 1/scale and the lever arm. Intervals: 95 %, by leaving out one tenth of the time after the other.
+is linear in 1/scale and the lever arm (the truth's point from the IMU); p_truth is the true position. Intervals: 95 %,
+by leaving out one tenth of the time after the other.
 """
 
 from dataclasses import dataclass, replace
@@ -124,7 +126,7 @@ def aligned(log: Log, found: Alignment) -> Log:
 
 
 def _moved(log: Log, found: Alignment) -> Log:
-    """Return a log with its truth moved in time and turned to the IMU's axes."""
+    """Return a log with its truth moved in time and turned to the IMU's axes, by what `found` shows of both."""
     truth, seconds = log.known(), log.seconds
     if found.known("offset_s"):
         at = seconds + float(found.offset_s.value[0])
@@ -141,18 +143,18 @@ def _unknown(size: int) -> Found:
 
 
 def _at(seconds: Array, x: Array, at: Array) -> Array:
-    """Return columns (n, 3) at other times, (k, 3)."""
+    """Return columns x (n, 3), known at times `seconds` (n,), at other times `at` (k,) s, (k, 3)."""
     return np.stack([np.interp(at, seconds, column) for column in x.T], axis=1)
 
 
 def _turned(seconds: Array, rot: Array, at: Array) -> Rotation:
-    """Return orientations (n, 3, 3) at other times (k,)."""
+    """Return orientations `rot` (n, 3, 3), known at times `seconds` (n,), at other times `at` (k,) s."""
     first = np.unique(seconds, return_index=True)[1]
     return Slerp(seconds[first], Rotation.from_matrix(rot[first]))(np.clip(at, seconds[0], seconds[-1]))
 
 
 def _by_gyro(log: Log) -> tuple[Found, Found, float]:
-    """Return time offset, rotation and the correlation of the rates of turn that truth and gyro show."""
+    """Return time offset, rotation and correlation of the rates of turn of truth and gyro; NaN: it hardly turns."""
     seconds = log.seconds
     period = max(float(np.median(np.diff(seconds))), GRID_S)
     half = 0.5 * max(WINDOW_S, 2.0 * period)
@@ -188,11 +190,11 @@ def _by_gyro(log: Log) -> tuple[Found, Found, float]:
 
 
 def correlations(a: Array, b: Array, most: int) -> Array:
-    """Return the sums of a_i(t) b_j(t + lag) over the common rows for lags of -most to most, (2 most + 1, 3, 3).
+    """Return the sums over the common rows of a_i(t) b_j(t + lag), (2 most + 1, 3, 3), for lags of -most to most rows.
 
     Args:
-        a: (n, 3), any unit.
-        b: (n, 3), any unit; the sums are in the product of both.
+        a: rates of turn by one source, (n, 3), any unit.
+        b: rates of turn by another, (n, 3), any unit; the sums are in the product of both.
         most: largest lag, rows, less than n.
     """
     size = 2 ** int(np.ceil(np.log2(len(a) + most + 1)))  # so that no lag wraps around
@@ -202,7 +204,7 @@ def correlations(a: Array, b: Array, most: int) -> Array:
 
 
 def _fit(sums: Array) -> Array:
-    """Return the largest trace of C^T S over rotations C, (k,), for each S of `sums` (k, 3, 3)."""
+    """Return the largest trace of C^T S over rotations C, (k,), for each S of `sums` (k, 3, 3), sums of a_i b_j."""
     s = np.linalg.svd(sums, compute_uv=False)
     return s[:, 0] + s[:, 1] + np.sign(np.linalg.det(sums)) * s[:, 2]
 
@@ -210,7 +212,7 @@ def _fit(sums: Array) -> Array:
 def _peak(sums: Array, lags: Array | NDArray[np.int64]) -> tuple[float, Array]:
     """Return the lag with the best fit, between rows, and the rotation C (3, 3) there.
 
-    `sums` (k, 3, 3) at `lags` (k,), in whose unit the lag is.
+    `sums` (k, 3, 3): sums of a_i b_j at `lags` (k,), in whose unit the lag is.
     """
     fits = _fit(sums)
     k = min(max(int(np.argmax(fits)), 1), len(lags) - 2)
@@ -222,7 +224,7 @@ def _peak(sums: Array, lags: Array | NDArray[np.int64]) -> tuple[float, Array]:
 
 
 def _jackknife(values: Array) -> Array:
-    """Return half intervals (k,) from the values (blocks, k) without one block each."""
+    """Return half widths of 95 % intervals, (k,), from the values (blocks, k) found without one block each."""
     blocks = len(values)
     return QUANTILE * np.sqrt((blocks - 1) / blocks * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
 
@@ -254,7 +256,10 @@ def _by_feet(log: Log) -> tuple[Found, Found]:
 
 
 def _stances(log: Log) -> tuple[Array, Array, Array, float]:
-    """Return equations (k, 3, 4) of (1/scale, lever), right sides (k, 3), times (k,) s, and how much they overlap."""
+    """Return linear equations of (1/scale, lever x, y, z), one for each pair of samples of a standing foot.
+
+    They are matrices (k, 3, 4), right sides (k, 3) m, times (k,) s, and how many of them overlap in time.
+    """
     seconds = 1e-9 * (log.foot_ns - log.stamp_ns[0])
     inside = (seconds >= 0.0) & (seconds <= log.seconds[-1])
     seconds, contact = seconds[inside], log.contact[inside]
@@ -287,7 +292,11 @@ def _stances(log: Log) -> tuple[Array, Array, Array, float]:
 
 
 def _solve(matrix: Array, wanted: Array, when: Array, overlap: float) -> tuple[Array, Array]:
-    """Return the robust least-squares solution (p,) of equations (k, 3, p), and its half intervals."""
+    """Return the robust least-squares solution x (p,) of equations matrix x = wanted, and its half intervals (p,).
+
+    `matrix`: (k, 3, p); `wanted`: right sides, (k, 3); `when`: times of the equations, (k,) s, by which blocks are left
+    out; `overlap`: number of equations that share their time.
+    """
     weight = np.ones(len(wanted))
     x = np.zeros(matrix.shape[2])
 

@@ -66,7 +66,7 @@ class CalibratedValue:
 
 @dataclass(frozen=True, eq=False)
 class LegCalibration:
-    """Result of the calibration of a log: parameters by least squares with their covariance."""
+    """Result of the calibration of a log: values theta of the unknowns by least squares, with their covariance."""
 
     log: Log
     unknowns: Sequence[Unknown]
@@ -176,7 +176,10 @@ class StanceProblem:
         return [w.averaged(size[part, w.foot]) for w, part in zip(self.windows, self._parts, strict=True)]
 
     def _rolled(self, turned: Array, rot: Array) -> Array:
-        """Return the way of a rolling foot of unit radius since an arbitrary time, (k, F, 3), frame."""
+        """Return the way of a rolling foot of unit radius since an arbitrary time, (k, F, 3), frame that does not turn.
+
+        `turned`: rotation from IMU to that frame, (k, 3, 3); `rot`: from foot to IMU, (k, F, 3, 3).
+        """
         world = np.ascontiguousarray(turned[:, None] @ rot)
         up = turned @ self.log.q[np.clip(np.searchsorted(self.log.stamp_ns, self.log.foot_ns[self._rows]), 0,
                                          len(self.log.q) - 1)][:, :, None]  # fmt: skip
@@ -188,12 +191,12 @@ class StanceProblem:
 
 @kernel
 def _rolling(world: Array, up: Array, same: NDArray[np.bool_]) -> Array:
-    """Return the way by which feet of unit radius roll from one row to the next, (k, F, 3), frame.
+    """Return the way by which feet of unit radius roll from one row to the next, (k, F, 3), frame that does not turn.
 
     Args:
-        world: rot_frame_from_foot, (k, F, 3, 3).
-        up: (k, 3), unit vectors, frame.
-        same: which feet stand from each row to the next, (k - 1, F).
+        world: rotation from each foot to that frame, (k, F, 3, 3).
+        up: unit vectors that point up, (k, 3), frame.
+        same: True for feet that stand from each row to the next, (k - 1, F).
     """
     step = np.zeros(world.shape[:3])
     for k in range(same.shape[0]):
@@ -278,7 +281,14 @@ def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, nois
     """Return the solution of the problem linearised at theta (k,), and its covariance (k, k).
 
     A longer leg also makes the noise of its foot larger, which pulls lengths to short legs; what the noise adds to the
-    scores is taken off.
+    scores (gradients of the log-likelihood) is taken off.
+
+    Args:
+        problem: windows of standing feet.
+        theta: value of each unknown, (k,), in its unit.
+        at: residuals at theta, one (N, 3) m for each window.
+        sd: standard deviations of the prior, (k,), in the units of theta.
+        noise: of feet and IMU.
     """
     count = len(theta)
     tips = [theta + EPSILON * sd[i] * np.eye(count)[i] for i in range(count)]

@@ -74,7 +74,7 @@ def _check_size(log: Log) -> None:
 
 
 def _forces(log: Log) -> tuple[str, ...]:
-    """Check the sign of the forces, and return a note on their scale."""
+    """Return a note on the scale of the forces, or none; raise SurefootError if they have the wrong sign."""
     if log.force is None or not np.isfinite(log.force).any():
         return ()
     force = np.nan_to_num(log.force)
@@ -113,7 +113,7 @@ def _steps(log: Log) -> _Steps:
 
 
 def _check_rotations(log: Log, steps: _Steps) -> None:
-    """Check that standing feet do not turn, and would not stand better transposed."""
+    """Raise SurefootError if standing feet turn, and would stand better with their orientations transposed."""
     if steps.stands.sum() < ENOUGH or not np.isfinite(log.foot_rot).all():
         return
 
@@ -129,12 +129,12 @@ def _check_rotations(log: Log, steps: _Steps) -> None:
 
 
 def _moves(log: Log, steps: _Steps) -> Array:
-    """Return the moves of the feet relative to the IMU without its turn, (k, F, 3) m."""
+    """Return the moves of the feet relative to the IMU without its turn, (k, F, 3) m, axes of the first sample."""
     return np.einsum("kij,kfj->kfi", steps.turn, log.foot_position[steps.last]) - log.foot_position[steps.first]
 
 
 def _check_order(log: Log, steps: _Steps) -> None:
-    """Check that each foot is faster than the others while its own contact is open, and not while another's is."""
+    """Raise SurefootError if feet move while another's contact is open: contacts are in another order of legs."""
     speed = np.linalg.norm(_moves(log, steps), axis=2)
     usual = np.nanmean(speed, axis=1, keepdims=True)
     feet, excess = log.feet_count, np.zeros((log.feet_count, log.feet_count))

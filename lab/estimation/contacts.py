@@ -23,7 +23,7 @@ UP_S = 0.5
 
 
 def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
-    """Return contacts (m, F) of forces (m, F), N: from `on` N on, until the force is below `off` N.
+    """Return contacts (m, F) of forces (m, F), N, by two thresholds: from `on` N on, until the force is below `off` N.
 
     The thresholds may differ from foot to foot, (F,) N.
     """
@@ -60,11 +60,11 @@ def by_force(force: Array, on: float, off: float) -> tuple[Flags, float]:
 
 
 def by_height(position: Array, up: Array) -> Flags:
-    """Return contacts (m, F): feet within 5 mm of the lowest of a sample.
+    """Return contacts (m, F) by height: feet within 5 mm of the lowest of a sample.
 
     Args:
         position: feet, (m, F, 3) m.
-        up: unit vectors in the same axes, (m, 3).
+        up: unit vectors that point up, in the axes of `position`, (m, 3).
     """
     height = np.einsum("mfi,mi->mf", position, up)
     return height < np.nanmin(height, axis=1, initial=np.inf)[:, None] + LOW_M

@@ -91,9 +91,10 @@ def _of_recording(path: Path) -> Estimated:
 
 
 def departures(a: Estimated, b: Estimated) -> dict[str, Departure]:
-    """Return the differences of two estimates over their common time: velocity m/s, tilt deg, position m, heading deg.
+    """Return the differences of two estimates over their common time, by name: rms, largest and its time.
 
-    Position and heading are compared relative to the first row at which both have started.
+    Names and units are velocity m/s, tilt deg, position m, heading deg. Position and heading are compared relative to
+    the first row at which both have started.
 
     Raises:
         SurefootError: the two have no time in common.
@@ -122,6 +123,6 @@ def departures(a: Estimated, b: Estimated) -> dict[str, Departure]:
 
 
 def _from_start(position: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return positions (n, 3) m and headings (n,) rad from the first pose."""
+    """Return positions (n, 3) m and headings (n,) rad relative to the first pose, in its heading axes."""
     c, s = np.cos(yaw[0]), np.sin(yaw[0])
     return (position - position[0]) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), yaw - yaw[0]

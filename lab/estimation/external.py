@@ -18,7 +18,7 @@ PARTS = {
     "yaw_variance": slice(EX.yaw_variance, EX.yaw_variance + 1),
     "velocity_covariance": slice(EX.velocity_covariance, EX.velocity_covariance + 9),
 }  # fmt: skip
-"""Places of the fields of an `ExternalSample` in a row."""
+"""Places of the parts of a sample from elsewhere in its row of 26 numbers, by name."""
 LONGEST_DELAY_S = 0.4
 """Longest delay of samples from elsewhere, s: the estimator goes back by half a second at most."""
 
@@ -105,7 +105,10 @@ def _at(values: Array | None, row: int) -> Array | None:
 
 
 def _yaw(columns: Columns, rot_base_from_imu: Array) -> Array | None:
-    """Return the heading of base_link in the frame of the source, (e,) rad, NaN = unknown; None: there is none."""
+    """Return the heading of base_link in the frame of the source, (e,) rad, NaN = unknown; None: there is none.
+
+    `rot_base_from_imu` (3, 3): orientations in the columns are those of the IMU.
+    """
     if "external_yaw" in columns:
         return np.asarray(columns["external_yaw"], dtype=np.float64)
     if "external_quat_wxyz" not in columns:
@@ -132,7 +135,11 @@ def _variance(columns: Columns, count: int) -> Array:
 
 
 def _number(columns: Columns, key: str, default: float | None = None) -> float:
-    """Return a stated number that is positive or the default."""
+    """Return the stated number of a column `key`, positive unless there is a `default`, or the default if none is.
+
+    Raises:
+        SurefootError: the number is missing or not allowed.
+    """
     if key not in columns and default is not None:
         return default
     if key not in columns:

@@ -71,7 +71,11 @@ UNSTATED = FeetOptions()
 
 
 def _numbers(key: str, value: Any) -> Array:
-    """Return a positive number or several, (k,); lengths are below 1 m."""
+    """Return one or several numbers of a metadata `key`, (k,), 0 or more; lengths are below 1 m.
+
+    Raises:
+        SurefootError: the value is no such number.
+    """
     try:
         out = np.atleast_1d(np.asarray(value, dtype=np.float64)).ravel()
     except (TypeError, ValueError):
@@ -92,13 +96,16 @@ def up_at(columns: Columns) -> Array:
 
 
 def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[str]) -> tuple[Flags, Flags | None]:
-    """Return contacts (m, F) and switches (m, F, S), from the columns that show them.
+    """Return contacts (m, F) and switches (m, F, S) or None, from the columns that show them.
 
     Args:
         columns: of a log, with flags or forces of the feet.
-        position: of the feet, (m, F, 3) m, IMU axes.
+        position: of the feet, (m, F, 3) m, IMU axes; shows contacts where nothing else does.
         given: statements on the feet; with `contact_on`, forces count more than flags.
         notes: gets what was assumed.
+
+    Raises:
+        SurefootError: flags are not within 0 to 1.
     """
     forces_first = "force" in columns and given.contact_on is not None
     if "touch" in columns and not forces_first:
@@ -121,7 +128,7 @@ def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[
 
 
 def _by_force(force: Array, given: FeetOptions, notes: list[str]) -> Flags:
-    """Return contacts (m, F) from forces (m, F) N by two thresholds."""
+    """Return contacts (m, F) from forces (m, F) N by two thresholds, stated or a share of the usual total force."""
     on = ON * float(np.median(force.sum(axis=1))) if given.contact_on is None else given.contact_on
     off = OFF / ON * on if given.contact_off is None else given.contact_off
     notes.append(f"contacts by force: from {on:.0f} N on, until below {off:.0f} N")
@@ -136,14 +143,14 @@ def _by_force(force: Array, given: FeetOptions, notes: list[str]) -> Flags:
 def shape(
     given: FeetOptions, columns: Columns, position: Array, rot: Array, contact: Flags, notes: list[str]
 ) -> dict[str, Array]:
-    """Return `points` (F, K, 3) m of soles and lines, or `radius` (F,) m of points, as fields of a log.
+    """Return `points` (F, K, 3) m of soles and lines, foot axes, or `radius` (F,) m of points, as fields of a log.
 
     Args:
         given: statements on the feet.
         columns: of the log.
         position: of the feet, (m, F, 3) m, IMU axes.
-        rot: rot_imu_from_foot, (m, F, 3, 3).
-        contact: (m, F).
+        rot: rotation from foot to IMU, (m, F, 3, 3).
+        contact: feet that stand, (m, F).
         notes: gets what was assumed.
 
     Raises:
@@ -176,14 +183,20 @@ def shape(
 
 
 def _up_in_foot(columns: Columns, rot: Array, contact: Flags) -> Sequence[Array]:
-    """Return the direction of gravity in each standing foot, F arrays (k, 3), foot axes."""
+    """Return the direction of gravity in each standing foot, F arrays (k, 3), foot axes.
+
+    `rot`: rotation from foot to IMU, (m, F, 3, 3); `contact`: feet that stand, (m, F).
+    """
     seen = np.einsum("mfji,mj->mfi", rot, up_at(columns))
     stands = contact & np.isfinite(seen).all(axis=2)
     return [seen[stands[:, f], f] for f in range(contact.shape[1])]
 
 
 def _soles(rot: Array, up: Sequence[Array]) -> bool:
-    """Return whether feet have orientations of their own that stay level where they stand."""
+    """Return True if feet have orientations of their own, `rot` (m, F, 3, 3), and stay level where they stand.
+
+    `up`: direction of gravity in each standing foot, F arrays (k, 3), foot axes.
+    """
     apart = rot[:, 0] - rot[:, 1]
     if np.nanmax(np.abs(apart), initial=0.0) < 1e-6 or any(len(each) == 0 for each in up):
         return False
@@ -194,7 +207,8 @@ def _soles(rot: Array, up: Sequence[Array]) -> bool:
 def _corners(kind: str, foot: int, up: Array, size: Array) -> Array:
     """Return the ends of a line, (2, 3), or the corners of a sole, (4, 3), m, foot axes.
 
-    The length lies along x, or along z of a foot whose x axis points up or down.
+    The length lies along x, or along z of a foot whose x axis points up or down. `kind`: line or sole; `foot`: its
+    index; `up`: direction of gravity where it stands, (k, 3), foot axes; `size`: length and width, m.
     """
     mean = up.mean(axis=0) if len(up) else np.array([0.0, 0.0, 1.0])
     vertical = int(np.argmax(np.abs(mean)))

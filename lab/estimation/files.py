@@ -44,7 +44,7 @@ def open_log(
     path: Path, robot: str | None = None, sort: bool = False, feet: FeetOptions = UNSTATED, aligning: bool = False,
     **sensors: float,
 ) -> Opened:  # fmt: skip
-    """Read, check and complete a log.
+    """Return a log from a file, checked and completed, with notes on what was assumed.
 
     Args:
         path: `.mcap`, `.csv` or `.npz`.
@@ -96,11 +96,11 @@ def open_log(
 def log_of_table(
     name: str, columns: Columns, robot: Robot | None = None, feet: FeetOptions = UNSTATED, **more: Any
 ) -> tuple[Log, tuple[str, ...]]:
-    """Return a log from checked columns, and notes on what was assumed.
+    """Return a log from checked columns of a table, and notes on what was assumed.
 
     Args:
         name: of the log.
-        columns: see `surefoot.record.tables`.
+        columns: arrays by name, in SI units.
         robot: description, needed if the feet come as joint angles.
         feet: statements on the feet; they count more than those among the columns.
         more: other fields of the log.
@@ -138,7 +138,10 @@ def log_of_table(
 def _kinematics(
     name: str, columns: Columns, robot: Robot | None, notes: list[str]
 ) -> tuple[Columns, Array, Array, Array | None]:
-    """Return the columns, feet (m, F, 3) m and rot_imu_from_foot (m, F, 3, 3), and joint angles (m, nj) rad."""
+    """Return columns, feet (m, F, 3) m, IMU axes, rotations from foot to IMU (m, F, 3, 3), joints (m, nj) rad or None.
+
+    Forces by joint torques are added to the columns where there are no others.
+    """
     if "foot_position" in columns:
         return columns, *_feet(columns, notes), None
     if "joints" in columns:
@@ -161,7 +164,10 @@ def _kinematics(
 def _mounted(
     name: str, robot: Robot, given: FeetOptions, feet: int, touch: Flags | None, notes: list[str]
 ) -> dict[str, Any]:
-    """Return the fields of a log that a robot description gives."""
+    """Return the fields of a log that a robot description gives: radius, mounting of the IMU, robot.
+
+    `feet`: number of feet in the log; `touch`: its switches, (m, F, S) or None.
+    """
     mount = foot_mount(robot)
     if given.shaped:
         raise SurefootError("invalid", f"the feet are those of {robot.name}; leave --feet or --robot out", "feet")
@@ -198,7 +204,7 @@ def _feet(columns: Columns, notes: list[str]) -> tuple[Array, Array]:
 
 
 def _joints(columns: Columns, robot: Robot) -> tuple[list[int], Array]:
-    """Return the columns of the joints in the order of the description, and joint angles (m, nj) rad in that order."""
+    """Return the order of the columns of the joints, as indices by joint of the robot, and angles (m, nj) rad in it."""
     joints, order = np.asarray(columns["joints"], dtype=np.float64), list(range(columns["joints"].shape[1]))
     if "joint_names" in columns:
         names = [str(name) for name in columns["joint_names"]]

@@ -35,7 +35,10 @@ def calibrate_forces(log: Log) -> list[CalibratedValue]:
 
 
 def _zero(log: Log, foot: int, force: Array, weight: float) -> CalibratedValue:
-    """Return the zero of one cell, force (n,) N: minus the mean over swings of the median in each."""
+    """Return the correction of the zero of the force cell of `foot`: minus the mean over swings of the median in each.
+
+    `force` (m,) N: of that cell; `weight`: usual sum of all cells, N, which bounds the zero.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~log.contact[:, foot], [False]]).astype(np.int8)))
     seen: list[float] = []
     for first, end in zip(edges[::2], edges[1::2], strict=True):
@@ -52,7 +55,10 @@ def _zero(log: Log, foot: int, force: Array, weight: float) -> CalibratedValue:
 
 
 def _scales(log: Log, force: Array) -> list[CalibratedValue]:
-    """Return the scale s of each cell of force (n, L) N: sum of (1 + s) F = mass times specific force in blocks."""
+    """Return the correction s of the scale of each force cell: sum of (1 + s) F = mass times specific force in blocks.
+
+    `force` (m, F) N: forces F of the cells, their zeros corrected.
+    """
     count = force.shape[1]
     rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.stamp_ns) - 1)
     block = ((log.foot_ns - log.foot_ns[0]) / (1e9 * BLOCK_S)).astype(np.int64)

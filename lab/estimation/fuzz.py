@@ -30,7 +30,7 @@ class Inputs:
     """Inputs of an estimator that arrive with one inertial row; corruptions change them.
 
     They are the gyro w (3,) rad/s and the accelerometer q (3,) m/s^2 up to `stamp_ns`, IMU axes, and for each sample of
-    `feet` its stamp, ns, positions (F, 3) m, rotations (F, 3, 3) IMU from foot, and contacts (F,).
+    `feet` its stamp, ns, positions (F, 3) m, IMU axes, rotations from foot to IMU (F, 3, 3), and contacts (F,).
     """
 
     stamp_ns: int
@@ -226,7 +226,8 @@ def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options
 
     Args:
         name: of the estimator.
-        trials: how many; every second one has two kinds of corruption at a time.
+        log: the walk, with truth.
+        trials: number of stretches; every second one has two kinds of corruption at a time.
         seed: of all draws.
         starts: number of states, after uncorrupted inputs, that trials begin from.
         options: changes of the estimator's parameters.
@@ -279,7 +280,10 @@ def _trial(
 
 
 def _one_by_one(running: LogRunner, inputs: list[Inputs], truth: Array) -> tuple[str, Flags, float, Flags]:
-    """Return the failure (empty: none), rows without a flag, largest speed, m/s, rows with an error that matters."""
+    """Return the failure (empty: none), rows without a flag, largest speed, m/s, rows with an error that matters.
+
+    `inputs` are fed one by one; `truth`: true velocity at their rows, (n, 3) m/s, IMU axes; rows are flags (n,).
+    """
     before, fastest = sum(running.refused.values()), 0.0
     quiet, off = np.zeros(len(inputs), dtype=np.bool_), np.zeros(len(inputs), dtype=np.bool_)
     for i, x in enumerate(inputs):
@@ -297,7 +301,11 @@ def _one_by_one(running: LogRunner, inputs: list[Inputs], truth: Array) -> tuple
 
 
 def _by_rows(running: LogRunner, inputs: list[Inputs], truth: Array) -> tuple[str, Flags, float, Flags]:
-    """Return the results of `_one_by_one` by the kernel for whole logs, which gives the same bits."""
+    """Return failure (empty: none), rows without a flag, largest speed, m/s, and rows with an error that matters.
+
+    The inputs are fed to the kernel for whole logs, whose estimates are equal to those one by one, to the bit. `truth`:
+    true velocity, (n, 3) m/s, IMU axes; rows are flags (k,) of the inertial samples that arrive.
+    """
     before, rows = running.refusals, [i for i, x in enumerate(inputs) if x.imu]
     order: list[int] = []
     feet: list[tuple[int, Array, Array, Flags]] = []

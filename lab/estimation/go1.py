@@ -1,7 +1,7 @@
 """Unitree Go1: leg kinematics, foot forces by the joints, and a ROS 1 bag of the real robot.
 
-Joints: FL FR RL RR x hip, thigh, calf; feet in the same order. Axes of the trunk: x forward, y left, z up. With a, b, c
-the angles of a leg, l = 0.213 m and the hip's offset 0.080 m to the side:
+Joints: FL FR RL RR x hip, thigh, calf; feet FL FR RL RR. Axes of the trunk: x forward, y left, z up. With a, b, c the
+angles of a leg's hip, thigh and calf, l = 0.213 m and the hip's offset 0.080 m to the side:
 
     foot = hip + Rx(a) (-l sin b - l sin(b+c), +-0.080, -l cos b - l cos(b+c))
 """
@@ -31,7 +31,11 @@ which it lifts."""
 
 
 def _chain(joints: Array, scale: float) -> tuple[Array, Array, Array]:
-    """Return rotations of the hips, feet in hip axes from the hip and calves from the knee, for (n, 12) rad."""
+    """Return rotations of the hips, feet in hip axes from the hip, m, and calves from the knee, m, of n samples.
+
+    `joints` (n, 12) rad; `scale`: factor on the lengths. Shapes: (n, 4, 3, 3), (n, 4, 3), (n, 4, 3); the calf is the
+    vector from knee to foot in hip axes.
+    """
     a, b, c = (joints.reshape(-1, 4, 3)[..., i] for i in range(3))
     hip = Rotation.from_euler("x", a.reshape(-1, 1)).as_matrix().reshape(*a.shape, 3, 3)
     flat, length = np.zeros_like(a), scale * LINK
@@ -41,7 +45,7 @@ def _chain(joints: Array, scale: float) -> tuple[Array, Array, Array]:
 
 
 def go1_feet(joints: Array, scale: float = 1.0) -> tuple[Array, Array]:
-    """Return centres of the foot balls (n, 4, 3) m, trunk axes, and rot_trunk_from_calf (n, 4, 3, 3) of a Go1.
+    """Return centres of the foot balls (n, 4, 3) m, trunk axes, and rotations from calf to trunk (n, 4, 3, 3) of a Go1.
 
     Args:
         joints: (n, 12) rad, hip, thigh and calf of the legs FL FR RL RR.
@@ -54,11 +58,13 @@ def go1_feet(joints: Array, scale: float = 1.0) -> tuple[Array, Array]:
 
 
 def go1_forces(joints: Array, torques: Array) -> Array:
-    """Return the vertical ground force on each foot by statics, f = -J^-T tau, (n, 4) N, trunk axes.
+    """Return the vertical ground force on each foot by statics, z of f = -J^-T tau, (n, 4) N, trunk axes.
+
+    J is the Jacobian of a foot, tau the torques of its leg.
 
     Args:
-        joints: (n, 12) rad.
-        torques: (n, 12) Nm.
+        joints: (n, 12) rad, hip, thigh and calf of the legs FL FR RL RR.
+        torques: of these joints, (n, 12) Nm.
     """
     hip, foot, calf = _chain(joints, 1.0)
     about_y = np.stack([foot[..., 2], np.zeros_like(foot[..., 0]), -foot[..., 0]], axis=-1)
@@ -70,10 +76,10 @@ def go1_forces(joints: Array, torques: Array) -> Array:
 
 
 def go1_bag(path: Path) -> tuple[Log, Array]:
-    """Read a ROS 1 bag with `/Hardware_IMU` and `/joint_foot`; return the log, and the maker's attitude (n, 3, 3).
+    """Return the log of a ROS 1 bag with `/Hardware_IMU` and `/joint_foot`, and the maker's attitude, (n, 3, 3).
 
-    Positions of `/joint_foot` follow the joints above, its names do not; forces are counts above a baseline of each
-    foot and show contacts only. Stamps are those of the headers.
+    Positions of `/joint_foot` are those of hip, thigh and calf of FL FR RL RR, whatever its names; forces are counts
+    above a baseline of each foot and show contacts only. Stamps are those of the headers.
 
     Raises:
         SurefootError: `rosbags` is not installed.

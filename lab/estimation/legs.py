@@ -59,7 +59,8 @@ class LegModel:
     def values(self, theta: Array, kind: str, count: int) -> Array:
         """Return the values of one kind of parameter by their index, (count,), in their unit; 0 where none is unknown.
 
-        `theta`: value of each unknown, (P,), in its unit; `kind`: as in `Unknown.kind`.
+        `theta`: value of each unknown, (P,), in its unit; `kind`: length, zero (of joints), offset, mounting, lever,
+        radius, pivot, gyro bias or acc bias.
         """
         out = np.zeros(count)
         for u, value in zip(self._unknowns, theta, strict=True):
@@ -68,9 +69,9 @@ class LegModel:
         return out
 
     def feet(self, theta: Array, rows: Ints) -> tuple[Array, Array]:
-        """Return foot centres (k, F, 3) m and rot_imu_from_foot (k, F, 3, 3), IMU axes, at the samples `rows` (k,).
+        """Return foot centres (k, F, 3) m, IMU axes, and rotations from foot to IMU (k, F, 3, 3), at samples (k,).
 
-        `theta`: value of each unknown, (P,), in its unit.
+        `theta`: value of each unknown, (P,), in its unit; `rows`: foot samples of the log.
         """
         log = self.log
         if self._mount is None:
@@ -112,7 +113,7 @@ class LegModel:
 
 @kernel
 def _feet_of_rows(model: KinematicModel, joints: Array) -> tuple[Array, Array]:
-    """Return foot centres (k, F, 3) m and rot_base_from_foot (k, F, 3, 3), base axes, from joint angles (k, nj) rad."""
+    """Return foot centres (k, F, 3) m and rotations from foot to base_link (k, F, 3, 3) by joint angles (k, nj) rad."""
     count, feet = joints.shape[0], model.foot_link.size
     position, out = np.empty((count, feet, 3)), np.empty((count, feet, 3, 3))
     for k in range(count):
@@ -129,7 +130,7 @@ def _feet_of_rows(model: KinematicModel, joints: Array) -> tuple[Array, Array]:
 
 @kernel
 def _lever_squares(model: KinematicModel, joints: Array) -> Array:
-    """Return the sum of squares of each foot's Jacobian (k, F), m^2, from joint angles (k, nj) rad."""
+    """Return the sum of the squares of the entries of each foot's Jacobian (k, F), m^2, by joint angles (k, nj) rad."""
     out = np.zeros((joints.shape[0], model.foot_link.size))
     for k in range(joints.shape[0]):
         moved = foot_jacobians(model, joints[k])

@@ -36,7 +36,7 @@ class TrueMotion:
 
     @property
     def up(self) -> Array:
-        """Specific force at rest, (n, 3) m/s^2, IMU axes, points up."""
+        """True specific force at rest, (n, 3) m/s^2, IMU axes, points up."""
         return GRAVITY * self.rot[:, 2, :]
 
 
@@ -119,7 +119,7 @@ class Log:
 
     @property
     def rot(self) -> Array:
-        """True rot_world_from_imu at each inertial row, (n, 3, 3)."""
+        """True rotation from IMU to world at each inertial row, (n, 3, 3)."""
         return self.known().rot
 
     @property
@@ -211,7 +211,7 @@ class Segments(NamedTuple):
 
 
 def segments(log: Log) -> Segments:
-    """Cut the time of a log; foot samples before the first or after the last inertial row are left out."""
+    """Return the time of a log cut at every sample; foot samples outside of the inertial rows are left out."""
     stamps, feet = log.stamp_ns, log.foot_ns
     inside = np.flatnonzero((feet > stamps[0]) & (feet <= stamps[-1]))
     cuts = np.union1d(stamps, feet[inside])

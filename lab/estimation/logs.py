@@ -28,7 +28,7 @@ SENSORS: dict[str, float | int] = {
     "sigma_w": 0.01, "sigma_q": 0.09, "standstill_samples": 30, "standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5,
     "acc_bias_sd": 0.05,
 }  # fmt: skip
-"""Parameters of the inertial units of the humanoids, noise per sample; the same for both."""
+"""Parameters of the inertial units of both humanoids, noise per sample."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
 """Three points of a sole in its own axes, m: inside the outline of the humanoids' soles."""
 EXACT_ROWS = 7
@@ -52,7 +52,7 @@ class ForeignLog:
     contacts: Contacts = "given"
 
     def read(self, data: Path = DATA) -> Log:
-        """Read the log.
+        """Return the log of this row, read from the folder `data`.
 
         Raises:
             FileNotFoundError: the file is not there.
@@ -92,7 +92,7 @@ def _stamps(t: Array) -> NDArray[np.int64]:
 
 
 def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
-    """Return the exact motion of simulators that give no velocity: by the positions over `EXACT_ROWS`.
+    """Return the exact motion of simulators that give no velocity: by the positions over seven rows.
 
     `t` (n,) s; `position` (n, 3) m and `rot` (n, 3, 3) of the IMU in the world.
     """
@@ -101,7 +101,7 @@ def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
 
 
 def _command(row: ForeignLog, path: Path) -> Log:
-    """Return the log as `surefoot estimate` reads it; soles if the row has them."""
+    """Return the log of a file that `surefoot estimate` reads; with the points of soles if the row has them."""
     log = open_log(path).log
     return replace(log, points=np.repeat(SOLE[None], log.feet_count, axis=0)) if row.feet == "sole" else log
 
@@ -204,7 +204,12 @@ about which nothing is stated."""
 
 
 def foreign(name: str, data: Path = DATA) -> Log:
-    """Return a log recorded by others, by its name in `FOREIGN`; see `ForeignLog.read`."""
+    """Return a log recorded by others, by its name in the table `FOREIGN`.
+
+    Raises:
+        SurefootError: the name is not there, or the package that reads the log is not installed.
+        FileNotFoundError: the file is not there.
+    """
     if name not in FOREIGN:
         raise SurefootError("invalid", f"got {name!r}; known are {', '.join(FOREIGN)}", "log")
     return FOREIGN[name].read(data)

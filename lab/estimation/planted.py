@@ -15,7 +15,7 @@ from surefoot.services.estimator.inputs.results import BACKWARD, STEPPED
 from .log import Log
 
 Plant = Callable[[Log, float, int], Log]
-"""Log, s since its start, and the foot at fault to the log with the fault."""
+"""Function of a log, the time since its start, s, and the foot at fault, which returns the log with the fault."""
 
 SWITCHES, ENCODERS = ("contact", "touch", "chance"), ("foot_position", "foot_rot")
 """Fields of a log that come from the switches, and from the encoders."""
@@ -142,7 +142,8 @@ def named(fault: str, foot: int, feet: int, found: Mapping[str, Ints]) -> tuple[
         fault: name in `PLANTED`.
         foot: index of the foot at fault.
         feet: number of feet.
-        found: sensors that the estimator names as faulty at each row, (n,) each, bit f for foot f, by kind.
+        found: what the estimator names as faulty at each row, (n,) each, by kind: bits of feet (bit f for foot f), or
+            for the stamps and the inertial unit a number, 0 = sound.
     """
     own, pair, every = 1 << foot, (1 << foot) | (1 << (foot ^ 1)), (1 << feet) - 1
     legs = {

@@ -24,7 +24,7 @@ SCORED_FROM_S = 2.0
 
 
 def log_of_recording(path: Path | ReadableRecording, robot: str | None = None) -> Log:
-    """Read a recording, as far as it is sound.
+    """Return the log of a recording, as far as it is sound.
 
     Args:
         path: MCAP file, or one that is open.
@@ -44,7 +44,7 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
 
     Args:
         name: of the log.
-        columns: see `recorded_columns`.
+        columns: arrays of a recording by name, in SI units.
         robot: description of the robot.
         more: other fields of the log.
 
@@ -106,7 +106,7 @@ def _points(robot: Robot) -> Array | None:
 
 
 def _truth(columns: Columns, robot: Robot) -> TrueMotion | None:
-    """Return the motion of the IMU from that of base_link at the same stamps; None: it is not known there."""
+    """Return the motion of the IMU from that of base_link at the stamps of its rows; None: it is not known there."""
     if "base_position" not in columns:
         return None
     rows = np.searchsorted(columns["base_stamp_ns"], columns["stamp_ns"])
@@ -124,7 +124,11 @@ def _truth(columns: Columns, robot: Robot) -> TrueMotion | None:
 
 
 def published(columns: Columns, robot: Robot) -> Track:
-    """Return the recorded messages `state/velocity` and `state/odometry` of the estimator service as a track."""
+    """Return the recorded messages `state/velocity` and `state/odometry` of the estimator service as a track.
+
+    Raises:
+        SurefootError: the recording has none.
+    """
     if "published_velocity_imu" not in columns:
         raise SurefootError("invalid", "the recording has no state/velocity", "state/velocity")
     to_imu = matrix_from_quat(robot.imu.quat_wxyz).T

@@ -1,4 +1,4 @@
-"""Referees (estimators of others, for comparison) on logs: those of `track.PEERS`, `legs`, and those of GTSAM."""
+"""Referees (estimators of others, for comparison) on logs: invariant and linear filter, legs alone, those of GTSAM."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -31,9 +31,9 @@ def run(name: str, log: Log, options: Mapping[str, Any] | None = None) -> Track:
     Referees, estimators of others that ours is compared with, get round feet as points that rest.
 
     Args:
-        name: one of `KNOWN`.
+        name: an estimator of the service or a referee, one of `KNOWN`.
         log: what to run over.
-        options: of the estimator, by name: those of `track`, for one of GTSAM fields of `LeggedNoise`; `legs` has none.
+        options: changes of parameters of the estimator or noises of the referee, by name; `legs` has none.
 
     Raises:
         SurefootError: there is no such estimator, or its package is not installed.

@@ -64,9 +64,9 @@ def estimate(
 
     Args:
         log: what to run over.
-        name: name of an estimator of the service, or `paper`.
-        folder: gets one file per quantity, so that memory does not grow with the log; see `pack`.
-        smoothed: forward and backward, in one piece, see `smooth`; memory holds both passes.
+        name: of an estimator of the service or of a referee.
+        folder: gets one file per quantity, so that memory does not grow with the log.
+        smoothed: True = forward and backward, in one piece; memory holds both passes.
         progress: gets the share of the rows that is done.
         options: changes of the estimator's parameters.
     """

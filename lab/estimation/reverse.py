@@ -19,7 +19,7 @@ GAP = 1.5
 
 
 def begins(log: Log) -> Ints:
-    """Return the time at which the mean of each inertial row begins, (n,) ns."""
+    """Return the time at which the interval of each inertial row, which is a mean, begins, (n,) ns."""
     step = np.diff(log.stamp_ns)
     period = int(np.median(step)) if step.size else 0
     step = np.concatenate([[period], step])
@@ -27,17 +27,20 @@ def begins(log: Log) -> Ints:
 
 
 def centre(log: Log) -> int:
-    """Return the sum of a stamp in a log and the same instant's stamp in the reversed log, which is constant, ns."""
+    """Return the sum of the stamps of any instant in a log and in the reversed log, which is constant, ns."""
     return int(begins(log)[0] + log.stamp_ns[-1])
 
 
 def follows(log: Log) -> Flags:
-    """Return for each inertial row whether its stamp is that of the row n - 2 - k of the reversed log, (n,)."""
+    """Return True for each inertial row k whose stamp is that of row n - 2 - k of the reversed log, (n,)."""
     return np.append(begins(log)[1:] == log.stamp_ns[:-1], False)
 
 
 def _backward(found: Externals, total: int) -> Externals:
-    """Return samples from elsewhere of a reversed log: velocities change sign, none is late."""
+    """Return samples from elsewhere of a reversed log: velocities change sign, none is late.
+
+    `total`: sum of a stamp in the log and that of the instant in the reversed log, ns.
+    """
     stamps, rows = total + 1 - found.stamp_ns[::-1], found.rows[::-1].copy()
     rows[:, EX.velocity : EX.velocity + 3] *= -1.0
     return Externals(stamps, stamps, rows)

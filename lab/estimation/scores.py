@@ -91,7 +91,7 @@ def velocity_error(log: Log, found: Track) -> Array:
 
 
 def _trajectory(log: Log, found: Track, heading: float, lengths: Sequence[float]) -> dict[str, float]:
-    """Return the measures of the whole trajectory by field of `Score`; `heading` is the error at the end, deg."""
+    """Return the errors of the whole trajectory by name of the field of a score; `heading`: error at the end, deg."""
     rows = log.scored
     position, yaw = base_pose(log)
     true = trajectory.Poses(position[rows], log.rot[rows] @ log.rot_base_from_imu.T)
@@ -116,6 +116,8 @@ def _trajectory(log: Log, found: Track, heading: float, lengths: Sequence[float]
 def _pose_nees(log: Log, found: Track, rows: Flags, off: Array) -> dict[str, float]:
     """Return NEES of position and heading since the first scored row by the published covariance of the pose.
 
+    NEES is e^T P^-1 e of an error e with covariance P, as mean over rows.
+
     Args:
         log: with truth.
         found: track over it.
@@ -139,7 +141,7 @@ def _pose_nees(log: Log, found: Track, rows: Flags, off: Array) -> dict[str, flo
 
 
 def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:
-    """Return the running mean of rows (n, 3), any unit, over `seconds` s, where the window is whole, (n - w + 1, 3)."""
+    """Return the running mean of rows (n, 3), any unit, over w rows or `seconds` s, where whole, (n - w + 1, 3)."""
     rows = max(1, round(seconds / float(np.median(np.diff(log.seconds)))))
     if len(error) < rows:
         return error.mean(axis=0, keepdims=True)
@@ -168,7 +170,7 @@ def base_pose(log: Log) -> tuple[Array, Array]:
 
 
 def base_rot(log: Log, found: Track, rows: Flags | slice) -> Array:
-    """Return rot_odom_from_base at some rows of a track, (k, 3, 3), from its heading and its direction of gravity.
+    """Return the rotation from base_link to odom at some rows of a track, (k, 3, 3), by its heading and gravity.
 
     `rows`: k rows, by flag (n,) or slice.
     """
@@ -183,7 +185,7 @@ def _span(log: Log) -> tuple[int, int]:
 
 
 def _odometry(log: Log, found: Track) -> tuple[float, float, float, float]:
-    """Return net way, horizontal error of the displacement, largest error of height, m, and of heading, deg."""
+    """Return net way, m, horizontal error of the displacement, m, largest error of height, m, error of heading, deg."""
     first, last = _span(log)
     position, yaw = base_pose(log)
     true = position[last] - position[first]

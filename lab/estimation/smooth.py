@@ -77,7 +77,7 @@ def smooth(name: str, log: Log, **options: Any) -> Track:
 def mirrored(found: Track, known: Flags) -> Track:
     """Return a track over a reversed log with its rows in the order and signs of the log itself.
 
-    `known`: True for rows that the reversed log has as well, (n,); the track counts as not started at others.
+    `known`: True for rows that the reversed log has as well, (n,); at others the track counts as not started.
     """
     order = np.append(np.arange(len(known) - 2, -1, -1), 0)
     sign = np.repeat([1.0, -1.0, -1.0, 1.0], 3)
@@ -100,7 +100,7 @@ def _whole(values: Array | None) -> Array:
 
 
 def _state(found: Track) -> Array:
-    """Return the state x of each row, (n, 12), of estimates."""
+    """Return estimates (g m/s^2, v m/s, gyro bias rad/s, accelerometer bias m/s^2) of n rows, (n, 12), IMU axes."""
     return np.hstack([found.g, found.v, _whole(found.gyro_bias), _whole(found.acc_bias)])
 
 
@@ -128,7 +128,11 @@ def fused(log: Log, ahead: Track, back: Track) -> Track:
 
 
 def _disagreement(off: Array, total: Array, period: float) -> Array:
-    """Return the factors on the standard deviations of x (k, 12) by differences (k, 12) and their covariances."""
+    """Return the factors, (k, 12), >= 1, on the standard deviations of (g, v, gyro bias, accelerometer bias).
+
+    `off`: differences of forward and backward pass, (k, 12); `total`: their covariances, (k, 12, 12); `period`: time
+    between two rows, s.
+    """
     out = np.ones_like(off)
     rows = max(1, round(AGREED_S / period))
     for part, freedom in BLOCKS:
@@ -141,7 +145,10 @@ def _disagreement(off: Array, total: Array, period: float) -> Array:
 
 
 def _flags(ahead: Track, back: Track, good: list[Flags]) -> dict[str, Flags]:
-    """Return the flags: one pass is enough for `initialised` and `filter_ok`, the others of inputs need both."""
+    """Return the flags of both passes as one: one is enough for `initialised` and `filter_ok`, the others need both.
+
+    `good`: rows of each pass that has started and whose filter is sound, (n,).
+    """
     a, b = ahead.flags, back.flags
     out = {flag: np.where(a["initialised"], a[flag], b[flag]) for flag in FLAGS}
     started = a["initialised"] & b["initialised"]
@@ -152,7 +159,10 @@ def _flags(ahead: Track, back: Track, good: list[Flags]) -> dict[str, Flags]:
 
 
 def _mean(one: Array | None, other: Array | None, used: list[Flags]) -> Array | None:
-    """Return the mean probability of sliding (n, F) of the passes in use; NaN where neither has a standing foot."""
+    """Return the mean probability of sliding (n, F) of two passes where in use; NaN where neither has a standing foot.
+
+    `one`, `other`: probabilities of each pass, (n, F), NaN = the foot does not stand; `used`: its rows in use, (n,).
+    """
     if one is None or other is None:
         return one
     both = np.stack([np.where(use[:, None], values, np.nan) for use, values in zip(used, (one, other), strict=True)])
@@ -161,7 +171,10 @@ def _mean(one: Array | None, other: Array | None, used: list[Flags]) -> Array | 
 
 
 def _with_path(log: Log, out: Track, ahead: Track, back: Track, used: list[Flags]) -> Track:
-    """Return a track with heading, position and velocity in odom by its fused velocity and attitude."""
+    """Return a track with heading, position and velocity in odom by its fused velocity and attitude.
+
+    `out`: fused track; `ahead`, `back`: its passes; `used`: rows of each that are in use, (n,).
+    """
     first = int(np.argmax(used[0])) if used[0].any() else 0
     yaw = np.concatenate([[0.0], np.cumsum(_turns(ahead, back, used))])
     yaw += ahead.yaw[first] - yaw[first]
@@ -184,7 +197,7 @@ def _gap(steps: Array, ahead: Track, yaw: Array, used: Flags, rows: float) -> Ar
     """Return what the path of the forward pass has moved beyond the integral of the fused velocity, (n, 3) m.
 
     The forward pass corrects its position with each foot, so that errors that come with every stride cancel; what lasts
-    longer than `LASTING_S` is its.
+    longer than 2 s comes from it.
 
     Args:
         steps: of the integral from row to row, (n - 1, 3) m.
@@ -201,7 +214,10 @@ def _gap(steps: Array, ahead: Track, yaw: Array, used: Flags, rows: float) -> Ar
 
 
 def _turns(ahead: Track, back: Track, used: list[Flags]) -> Array:
-    """Return the fused change of heading from row to row, (n - 1,) rad."""
+    """Return the fused change of heading from row to row, (n - 1,) rad, weighted by the gyro biases' variances.
+
+    `used`: rows of each pass that are in use, (n,).
+    """
     seen: list[Array] = []
     weights: list[Array] = []
     for one, use in zip((ahead, back), used, strict=True):

@@ -1,10 +1,12 @@
 """Standing feet against the inertial unit, window by window: the residuals that calibration makes small.
 
 The gyro turns, the accelerometer moves a frame of its own, whose axes do not turn in the world:
-    R' = R [w - b_w],   p'' = R (q - b_q)                    rot_frame_from_imu, IMU in that frame, no gravity taken off
-A foot f that stands at c is seen at f(t): R(t) f(t) + p(t) = c - v s - g s^2 / 2, s = time since the window began.
-Within a window (v, g, one c per stance) are free; the rest is noise of foot, creep, gyro and accelerometer, whose
-covariance is K. Rows Q^T L^-1, with K = L L^T and Q orthogonal to the free terms, leave independent residuals.
+    R' = R [w - b_w],   p'' = R (q - b_q)
+R rotation from IMU to that frame, p place of the IMU in it, no gravity taken off; w rate of turn, q specific force, b_w
+and b_q their biases. A foot f that stands at c is seen at f(t): R(t) f(t) + p(t) = c - v s - g s^2 / 2, s = time since
+the window began. Within a window (v, g, one c per stance) are free; the rest is noise of foot, creep, gyro and
+accelerometer, whose covariance is K. Rows Q^T L^-1, with K = L L^T and Q orthogonal to the free terms, leave
+independent residuals.
 """
 
 import math
@@ -57,7 +59,10 @@ class StanceNoise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StanceWindow:
-    """Samples of standing feet in one time window of a log, sorted by stance, averaged over N blocks."""
+    """Samples of standing feet in a time window of a log, sorted by stance (a foot's time on the ground), in N blocks.
+
+    The samples of each block are averaged.
+    """
 
     start_ns: int
     sample: Ints  # (M,) foot sample
@@ -68,7 +73,7 @@ class StanceWindow:
     inflation: Array  # (N,) variance of its stance over the usual one
 
     def averaged(self, x: Array) -> Array:
-        """Return the means over the N blocks, (N, ...), of values of the M samples, (M, ...), in the same unit."""
+        """Return the means over the N blocks, (N, ...), of values x of the M samples, (M, ...), any unit."""
         sizes = np.diff(self.block, append=len(self.sample))
         return np.add.reduceat(x, self.block, axis=0) / sizes.reshape(-1, *(1,) * (x.ndim - 1))
 
@@ -83,7 +88,7 @@ class StanceWindow:
         return np.where(same, m - first, 0.0), m**2 * (3.0 * late - m) / 6.0, gyro, free
 
     def foot_covariance(self, noise: StanceNoise) -> Array:
-        """Return the covariance by sample noise and creep of the feet, (N, N) m^2, the same for each axis."""
+        """Return the covariance by sample noise and creep of the feet, (N, N) m^2, equal for each axis."""
         return noise.creep**2 * self.inflation * self._pairs[0] + np.diag(noise.foot**2 * self.inflation)
 
     def whitener(self, noise: StanceNoise) -> Array:
@@ -104,10 +109,12 @@ class StanceWindow:
 
 @kernel
 def _misfit(pairs: tuple[Array, Array, Array, Array], inflation: Array, noise: StanceNoise, y: Array) -> float:
-    """Return `StanceWindow.misfit` by elimination in [K, free terms, y]: K = U^T U, L = U^T, then L^-1 of the others.
+    """Return minus the log of the restricted likelihood of residuals in a window, up to a constant.
+
+    By elimination in [K, free terms, y]: K = U^T U the covariance of the residuals, L = U^T, then L^-1 of the others.
 
     Args:
-        pairs: of the window: parts of the covariance by time, (N, N), and free terms, (N, n).
+        pairs: of the window: parts of K by creep, accelerometer and gyro, (N, N) each, and free terms, (N, n).
         inflation: factor of the variance of each sample, (N,).
         noise: of feet and IMU.
         y: residuals, (N, 3) m.
@@ -141,15 +148,16 @@ def _misfit(pairs: tuple[Array, Array, Array, Array], inflation: Array, noise: S
 
 @kernel
 def integrate(step: Array, w: Array, q: Array) -> tuple[Array, Array, Array]:
-    """Integrate inertial rows from rest, without gravity.
+    """Return attitude, velocity and position by inertial rows, integrated from rest without gravity.
 
     Args:
         step: length of each row, (n,) s.
-        w: mean rate over it, (n, 3) rad/s, IMU axes.
+        w: mean rate of turn over it, (n, 3) rad/s, IMU axes.
         q: mean specific force over it, (n, 3) m/s^2, IMU axes.
 
     Returns:
-        At the beginning of each row: rot_frame_from_imu (n, 3, 3), velocity (n, 3) m/s and position (n, 3) m, frame.
+        At the beginning of each row: rotation from IMU to frame (n, 3, 3), velocity (n, 3) m/s, position (n, 3) m,
+        frame: axes of the IMU at the first row, which do not turn.
     """
     n = step.size
     rot, v, p = np.empty((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3))
@@ -176,14 +184,14 @@ class InertialPath:
 
     @classmethod
     def of(cls, log: Log, gyro_bias: Array, acc_bias: Array) -> "InertialPath":
-        """Integrate the inertial rows of a log without these biases, (3,) rad/s and (3,) m/s^2, IMU axes."""
+        """Return the path by the inertial rows of a log, without these biases, (3,) rad/s and (3,) m/s^2, IMU axes."""
         ends = 1e-9 * (log.stamp_ns - log.stamp_ns[0])
         step = np.diff(ends, prepend=ends[0] - np.median(np.diff(ends)))
         w, q = np.nan_to_num(log.w) - gyro_bias, np.nan_to_num(log.q) - acc_bias
         return cls(ends - step, w, q, *integrate(step, w, q))
 
     def at(self, t: Array) -> tuple[Array, Array]:
-        """Return rot_frame_from_imu (k, 3, 3) and position (k, 3) m at times (k,) s since the first inertial stamp."""
+        """Return rotation from IMU to frame (k, 3, 3) and position (k, 3) m at times t (k,) s since the first stamp."""
         i = np.clip(np.searchsorted(self.begin, t, side="right") - 1, 0, len(self.begin) - 1)
         return _ahead(t - self.begin[i], self.w[i], self.q[i], self.rot[i], self.v[i], self.p[i])
 
@@ -199,7 +207,7 @@ def _ahead(s: Array, w: Array, q: Array, rot: Array, v: Array, p: Array) -> tupl
 
 
 def stances(log: Log) -> Ints:
-    """Return the number of the stance of each foot at each sample, (m, F); -1 where there is none.
+    """Return the number of the stance (time on the ground) of each foot at each sample, (m, F); -1 where there is none.
 
     A foot has none in swing, just after it has landed, and just before it lifts.
     """
@@ -219,7 +227,7 @@ def stances(log: Log) -> Ints:
 
 
 def stance_windows(log: Log, most: int = WINDOWS, seconds: float = WINDOW_S) -> list[StanceWindow]:
-    """Cut a log into windows of this length, and return up to `most` in which the body moves over feet that stand."""
+    """Return windows of `seconds` s of a log, at most `most`, in which the body moves over feet that stand."""
     if len(log.stamp_ns) < FEWEST or len(log.foot_ns) < FEWEST:
         return []
     number = stances(log)

@@ -134,7 +134,7 @@ class LogRunner:
         Args:
             stamp_ns: time of the sample, ns.
             position: foot centres, (F, 3) m, IMU axes.
-            rot: rot_imu_from_foot, (F, 3, 3).
+            rot: rotation from each foot to the IMU, (F, 3, 3).
             contact: flag or probability of each foot, (F,), or at each of its S switches, (F, S).
         """
         self._estimator.feet(stamp_ns, position, rot, contact)
@@ -148,7 +148,7 @@ class LogRunner:
         return self._estimator.pose()
 
     def whole(self, log: Log, part: Ints, first: int, n: int) -> LogRows:
-        """Feed inputs of a log to the filter `best` in one compiled loop; return n estimates from inertial row `first`.
+        """Feed inputs of a log to the filter `best` in one compiled loop; return n estimates from row `first` on.
 
         `part`: inputs in the order of arrival, (k,) indices: numbers of inertial rows, then all rows + those of foot
         samples.
@@ -216,9 +216,9 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
 
 
 def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
-    """Return the track of n estimates from inertial row `first` on, computed in one compiled loop; equal to `_piece`.
+    """Return the track of n estimates from inertial row `first` on, computed in one compiled loop.
 
-    `part`: inputs in the order of arrival, numbers of inertial rows, then all rows + those of foot samples.
+    `part`: inputs in the order of arrival, (k,): numbers of inertial rows, then all rows + those of foot samples.
     """
     rows = running.whole(log, part, first, n)
     nis = np.ascontiguousarray(rows.vectors[:, 7, 0])
@@ -232,9 +232,10 @@ def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
 
 
 def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
-    """Feed inputs in the given order; return the track over `n` inertial rows from `first` on.
+    """Feed inputs in the given order, one by one; return the track over `n` inertial rows from `first` on.
 
-    Its yaw is the rate of heading, rad/s, and `v_odom` the velocity in heading axes: see `_reckoned`.
+    Its yaw is the rate of heading, rad/s, and `v_odom` the velocity in heading axes, still to be integrated. `part`:
+    inputs in the order of arrival, (k,): numbers of inertial rows, then all rows + those of foot samples.
     """
     feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
@@ -269,15 +270,16 @@ def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
 
 
 def _reckoned(log: Log, first: int, at: Array, found: Track) -> tuple[Array, Track]:
-    """Integrate the gyro about the vertical and the estimator's own velocity, for one without odometry.
+    """Return a track whose heading and position are integrals of its rates, for an estimator without odometry.
 
     Args:
+        log: what the track is over.
         first: inertial row at which the track begins.
         at: x, y, z, m, and heading, rad, at the row before it, (4,).
-        found: rows of `_piece`.
+        found: track whose yaw holds the rate of heading, rad/s, and `v_odom` the velocity in heading axes.
 
     Returns:
-        x, y, z and heading at the last row, and the track with position, heading and velocity in odom axes.
+        x, y, z and heading at the last row, (4,), and the track with position, heading and velocity in odom axes.
     """
     rows = slice(first, first + len(found.v))
     d = 1e-9 * np.diff(log.stamp_ns[rows], prepend=log.stamp_ns[max(first - 1, 0)])
@@ -289,7 +291,7 @@ def _reckoned(log: Log, first: int, at: Array, found: Track) -> tuple[Array, Tra
 
 
 def of_world(name: str, log: Log, found: PeerTrack) -> Track:
-    """Convert the result of a referee, which has poses of the IMU in the world, to a track.
+    """Return the result of a referee, which has poses of the IMU in the world, as a track.
 
     A referee is an estimator of others, for comparison. `name`: of the referee; `log`: the log that it ran over.
     """

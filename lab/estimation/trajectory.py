@@ -1,7 +1,7 @@
 """Measures of whole trajectories that are usual in the field: relative pose error, absolute trajectory error, path.
 
 A pair of rows i, j has the relative pose error E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) of true poses Q and estimated ones P
-(Sturm et al., IROS 2012; the same as `evo_rpe`); its length is that of the translation in E.
+(Sturm et al., IROS 2012; equal to `evo_rpe`); its length is that of the translation in E.
 """
 
 from collections.abc import Sequence

@@ -25,11 +25,11 @@ def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
     """Return the true motion of the IMU if position and orientation are known, else None.
 
     Args:
-        columns: of the log; without `true_velocity` it is that of the positions, see `velocity_of`.
+        columns: of the log; without `true_velocity` the velocity is that of the positions.
         notes: gets the window behind that velocity, and how much of the truth is not scored.
 
     Raises:
-        SurefootError: numbers of the truth are not finite.
+        SurefootError: numbers of the truth are not finite, or an orientation is no rotation.
     """
     if "true_position" not in columns or not ("true_rotation" in columns or "true_quat_wxyz" in columns):
         return None
@@ -66,9 +66,9 @@ def held_rows(position: Array, rot: Array, seconds: Array, window_s: float) -> F
     """Return the rows (n,) at which the truth repeats a pose of another time, or whose velocity comes from such a row.
 
     Args:
-        position: (n, 3) m, world.
-        rot: rot_world_from_imu, (n, 3, 3).
-        seconds: times of the rows, (n,).
+        position: of the IMU, (n, 3) m, world.
+        rot: rotation from IMU to world, (n, 3, 3).
+        seconds: times of the rows, (n,) s.
         window_s: time over which velocities are taken from positions, s.
     """
     held = np.zeros(len(seconds), dtype=np.bool_)
@@ -103,7 +103,7 @@ def over_window(v: Array, seconds: Array, window_s: float) -> Array:
 
 
 def rows_of(window_s: float, period: float) -> int:
-    """Return the number of rows, odd, of a window of `window_s` s; `period`: time between two rows, s."""
+    """Return the odd number of rows of a window of `window_s` s; `period`: time between two rows, s."""
     return 2 * round(0.5 * window_s / period) + 1
 
 
@@ -137,9 +137,9 @@ def velocity_of(position: Array, rot: Array, seconds: Array, acc: Array) -> tupl
     scatter of the positions, long ones take away the motion.
 
     Args:
-        position: (n, 3) m, world.
-        rot: rot_world_from_imu, (n, 3, 3).
-        seconds: times of the rows, (n,).
+        position: of the IMU, (n, 3) m, world.
+        rot: rotation from IMU to world, (n, 3, 3).
+        seconds: times of the rows, (n,) s.
         acc: specific force, (n, 3) m/s^2, IMU axes.
     """
     n, period = len(seconds), float(np.median(np.diff(seconds)))

@@ -51,15 +51,15 @@ def start(name: str, log: Log) -> dict[str, Any]:
 
 
 def tune(name: str, logs: Sequence[Log], measure: str = "rmse") -> dict[str, Any]:
-    """Search the noise parameters of an estimator that give the least mean error over some logs.
+    """Return the noise parameters of an estimator that give the least mean error over some logs, found by search.
 
     Args:
-        name: of an estimator; those without noise return no options.
+        name: of an estimator; for those without noise the result is empty.
         logs: to score; one configuration for all.
         measure: `rmse` or `smooth` of the score.
 
     Returns:
-        Options for `track`. For `inekf` with or without the points of the soles, whichever is better.
+        Options by name. For `inekf` with or without the points of the soles, whichever is better.
     """
     if name not in SEARCHED:
         return {}

@@ -66,7 +66,10 @@ def _check_sign(log: Log, good: NDArray[np.bool_]) -> None:
 
 
 def _check_gyro(log: Log, good: NDArray[np.bool_]) -> None:
-    """Check that gravity turns as the gyro measures: q' = -w x q over means of 0.3 s."""
+    """Raise SurefootError unless gravity turns as the gyro measures: q' = -w x q over means of 0.3 s.
+
+    q specific force, w rate of turn, in rows that are `good` (n,).
+    """
     w, q = log.w[good], log.q[good]
     most = float(np.quantile(np.abs(w), 0.999))
     period = 1e-9 * float(np.median(np.diff(log.stamp_ns)))

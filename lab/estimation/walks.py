@@ -48,9 +48,12 @@ def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:
     """Return a recorded walk of a simulated robot, from the cache if it is there.
 
     Args:
-        name: name of the walk, see `SCENARIOS` and `VARIANTS`.
+        name: of the walk: bioloid, nao, ragno-flat, ragno-rough, or a variant of one.
         seed: of the scenario.
         fresh: run the scenario again, so that the published estimates are those of the present code.
+
+    Raises:
+        SurefootError: there is no such walk.
     """
     plain, changes = VARIANTS.get(name, (name, {}))
     if plain not in SCENARIOS:
@@ -75,7 +78,7 @@ def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:
 
 
 def run_walk(scenario: Scenario, seed: int) -> tuple[Columns, str, bool]:
-    """Run a scenario in this process; return the columns of its recording, its robot, and whether its verdict is ok."""
+    """Run a scenario in this process; return the columns of its recording, its robot, and True if its verdict is ok."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "walk.mcap"
         run = run_local(scenario, seed, recording=file)

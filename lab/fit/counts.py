@@ -70,7 +70,10 @@ def durations(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> Non
 def _frames(
     runs: Sequence[Run], model: NavigationModel, found: Fitted, occurred: set[str], usual: dict[str, float]
 ) -> None:
-    """Write how many frames an action has: its time over the time between two frames."""
+    """Add the number of camera frames of each action to a result: its time over the time between two frames.
+
+    `occurred`: names of the actions in the recordings; `usual`: duration of each, s.
+    """
     gaps = np.concatenate([run.events[run.events[:, 0] == FRAME, 1][1:] for run in runs])
     if not len(gaps) or float(np.median(gaps)) <= 0.0:
         return
@@ -129,7 +132,10 @@ def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
 
 
 def _probability(views: Array, total: float, most: int) -> float:
-    """Return p at which frames with `views` (n,) landmarks in view hold `total` in the mean, each at most `most`."""
+    """Return p at which frames with `views` (n,) landmarks in view hold `total` in the mean, each at most `most`.
+
+    A frame holds min(Binomial(in view, p), most) landmarks.
+    """
     sizes, frames = np.unique(views.astype(int), return_counts=True)
     below = np.arange(most)
 

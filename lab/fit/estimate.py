@@ -33,7 +33,7 @@ def fit(
     for equal numbers.
 
     Args:
-        runs: events and times of each recording, as `events.read_run` returns them.
+        runs: events and times of each recording.
         model: begin of the search; its other numbers are not fitted.
         progress: gets the share that is done, and its step in words.
 
@@ -50,7 +50,7 @@ def fit(
 
 
 def group_of(action: ActionModel) -> int:
-    """Return the group of actions that share their noises."""
+    """Return the group of actions that share their noises: 0 on the spot, 1 straight walk, 2 arc."""
     if action.kind != "walk":
         return lk.ON_THE_SPOT
     return lk.STRAIGHT if action.turn_deg == 0.0 else lk.ARC
@@ -64,7 +64,7 @@ def _occurring(runs: Sequence[Run], model: NavigationModel) -> set[int]:
 
 
 def _begin(model: NavigationModel) -> Array:
-    """Return the parameters of the model, (PARAMETERS,); noises that are to be fitted are above 0."""
+    """Return the likelihood's parameters by the numbers of the model, (21,), SI; noises to be fitted are above 0."""
     found = {group_of(action): action for action in reversed(model.actions.values()) if action.kind != "stand"}
     walk, turn = found.get(lk.STRAIGHT) or found[lk.ARC], found[lk.ON_THE_SPOT]
     arc = found.get(lk.ARC, walk)
@@ -146,7 +146,7 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, progress
 
 
 def _number(model: NavigationModel, key: str, item: Parameter, value: FittedParameter) -> Interval:
-    """Return a parameter in the unit of its key; ways and turns are parts of what was commanded."""
+    """Return a parameter in the unit of its dotted key; ways and turns are parts of what was commanded."""
     _, _, rest = key.partition("actions.")
     name, _, field = rest.partition(".")
     factor = item.factor

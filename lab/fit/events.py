@@ -41,8 +41,9 @@ class Run:
 
     Attributes:
         path: file.
-        start: x, y, yaw at the beginning, m and rad.
-        events: rows of motions, frames and sightings, (n, COLUMNS); see `MOVE`, `FRAME`, `SEE`.
+        start: x, y, yaw at the beginning, m and rad, map.
+        events: (n, 6): motions (0, action, share), frames (1, s since the last), sightings (2, landmark x, y, range m,
+            bearing rad, 1 if standing).
         durations: per (kind before, action) the times of the action, s.
         halts: per kind of action the times from its last landing until the robot stands, s.
         frames: per action name rows (landmarks in view, matched) of each frame; of an image all that it shows count.
@@ -178,7 +179,7 @@ class _RunReader:
         return next((index, share) for own, index, share in self.under_way if own is motion)
 
     def _time(self, act: Act, ends_in: float | None, *, whole: bool) -> None:
-        """Take down how long an action takes by what the walker plans when it takes it up."""
+        """Record how long an action takes by the walker's plan when it takes it up; `ends_in`: time to its end, s."""
         if ends_in is None:
             self.landing = None
             return

@@ -32,13 +32,13 @@ def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, n
     """Carry the belief over a share of an action, in place.
 
     Args:
-        event: kind, number of the action, share.
-        actions: way m, turn rad, group of each action, (a, 3).
-        theta: parameters, in the slots of this module.
-        mean: belief, (n,), see `ukf`.
+        event: kind, number of the action, share of the action 0..1, (6,).
+        actions: way m, turn rad, group (0 on the spot, 1 straight, 2 arc) of each action, (a, 3).
+        theta: parameters, (21,), SI: noises, factors and biases at the indices of this module.
+        mean: belief, (n,): x, y m, heading rad (map), drift rad/m, then errors of pitch, roll (rad) and sway (m).
         cov: its covariance, (n, n).
         noise: scratch, (4,).
-        work: scratch of `ukf.predict`.
+        work: scratch, (3 n, max(n, 4)).
     """
     a, share = int(event[1]), event[2]
     forward, turn, group = actions[a, 0], actions[a, 1], int(actions[a, 2])
@@ -57,16 +57,16 @@ def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, n
 
 @free_kernel
 def _see(event: Array, theta: Array, height: float, mean: Array, cov: Array, gain: Array, work: Array) -> float:
-    """Correct the belief with a sighting, in place; return -ln of its density.
+    """Correct the belief with a sighting of a landmark, in place; return -ln of its density.
 
     Args:
-        event: kind, x and y of the landmark (m), range (m), bearing (rad), 1 if standing.
-        theta: parameters, in the slots of this module.
+        event: kind, x and y of the landmark (m, map), range (m), bearing (rad), 1 if standing, (6,).
+        theta: parameters, (21,), SI: noises, factors and biases at the indices of this module.
         height: of the camera, m.
-        mean: belief, (n,), see `ukf`.
+        mean: belief, (n,): x, y m, heading rad (map), drift rad/m, then errors of pitch, roll (rad) and sway (m).
         cov: its covariance, (n, n).
-        gain: scratch of `fill_gain`, (2, n - 4).
-        work: scratch of `ukf.update`.
+        gain: scratch for the effect of these errors on range and bearing, (2, n - 4).
+        work: scratch, (3 n, max(n, 4)).
     """
     n, r = mean.size, event[3]
     scale = theta[STANDING] if event[5] > 0.0 else 1.0
@@ -88,14 +88,15 @@ def _see(event: Array, theta: Array, height: float, mean: Array, cov: Array, gai
 def minus_log_likelihood(
     events: Array, actions: Array, start: Array, sd_start: Array, theta: Array, height: float, fades: Array
 ) -> float:
-    """Return -ln L of one run, nats.
+    """Return -ln L of one run, nats: how unlikely its sightings are under given parameters.
 
     Args:
-        events: motions, frames and sightings of a recording, rows as in `Run.events`, (n, 6).
-        actions: forward (m), turn (rad) and group (`ON_THE_SPOT`, `STRAIGHT` or `ARC`) of each action, (A, 3).
-        start: x, y (m) and yaw (rad) at the start, (3,).
+        events: motions (0, action, share), frames (1, s since the last), sightings (2, x, y, range, bearing, standing),
+            (n, 6).
+        actions: forward (m), turn (rad) and group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
+        start: x, y (m) and yaw (rad) at the start, map, (3,).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
-        theta: parameters, (PARAMETERS,).
+        theta: parameters, (21,), SI: noises, factors and biases at the indices of this module.
         height: of the camera, m.
         fades: time constants of tilt and sway, s, (2,); 0 = independent from frame to frame.
     """
@@ -132,11 +133,12 @@ def minus_log_likelihoods(
     """Return -ln L of one run, nats, under each of m sets of parameters, (m,).
 
     Args:
-        events: motions, frames and sightings of a recording, rows as in `Run.events`, (n, 6).
-        actions: forward (m), turn (rad) and group (`ON_THE_SPOT`, `STRAIGHT` or `ARC`) of each action, (A, 3).
-        start: x, y (m) and yaw (rad) at the start, (3,).
+        events: motions (0, action, share), frames (1, s since the last), sightings (2, x, y, range, bearing, standing),
+            (n, 6).
+        actions: forward (m), turn (rad) and group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
+        start: x, y (m) and yaw (rad) at the start, map, (3,).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
-        thetas: parameters, SI, (m, PARAMETERS).
+        thetas: parameters, SI, (m, 21).
         height: of the camera, m.
         fades: time constants of tilt and sway, s, (2,); 0 = independent from frame to frame.
     """

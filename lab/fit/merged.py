@@ -12,14 +12,14 @@ def merged(events: Array) -> Array:
     """Return the events of a recording, with motions and frames between two sightings joined.
 
     Motions of one action in a row become one motion, up to the whole action: the filter's prediction turns half-way
-    through, so that many short ones and a long one differ by noise only in the second order. Errors that fade by
-    exp(-t / fade) fade over the sum of the times; frames without a sighting only add to it.
+    through, so that many short ones and a long one differ by noise only in the second order. Errors that fade by exp(-t
+    / fade) fade over the sum of the times; frames without a sighting only add to it.
 
     Args:
-        events: motions, frames and sightings of a recording, rows as in `Run.events`, (n, COLUMNS).
+        events: motions (0, action, share), frames (1, s since the last) and sightings (2, ...) of a recording, (n, 6).
 
     Returns:
-        The joined events, (m, COLUMNS), m <= n; what follows the last sighting is left out.
+        The joined events, (m, 6), m <= n; what follows the last sighting is left out.
     """
     out: list[Array] = []
     moves: list[Array] = []

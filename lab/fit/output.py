@@ -30,7 +30,7 @@ def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:
 
 
 def check_out(out: Path, base: str) -> None:
-    """Refuse a name for the fitted model that is not *.toml, or that of its base (raises SurefootError).
+    """Raise SurefootError for a name of the fitted model that is not *.toml, or that of its base.
 
     Args:
         out: file to write.

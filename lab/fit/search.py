@@ -39,7 +39,7 @@ class Parameter:
     """Parameter of the likelihood that is searched for, with its keys, unit and bounds."""
 
     index: int
-    """Index of the parameter in `likelihood`."""
+    """Index of the parameter in the vector of the likelihood, 0 to 20."""
     keys: tuple[str, ...]
     """Dotted keys of the model."""
     factor: float = 1.0
@@ -71,7 +71,7 @@ class Likelihood:
 
     Args:
         runs: recordings.
-        actions: forward (m), turn (rad), group of each action, (A, 3).
+        actions: forward (m), turn (rad), group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
         height: of the camera, m.
         fades: time constants of tilt and sway, s, (2,).
@@ -90,11 +90,11 @@ class Likelihood:
         self._pool.shutdown(cancel_futures=True)
 
     def __call__(self, thetas: Array) -> Array:
-        """Return the sums of -ln L over the recordings, nats, (m,), for m sets of parameters (m, PARAMETERS)."""
+        """Return the sums of -ln L over the recordings, nats, (m,), for m sets of parameters (m, 21), SI."""
         return self.each(thetas).sum(axis=0)
 
     def each(self, thetas: Array) -> Array:
-        """Return -ln L of each recording, nats, (R, m), under m sets of parameters `thetas` (m, PARAMETERS)."""
+        """Return -ln L of each of R recordings, nats, (R, m), under m sets of parameters `thetas` (m, 21), SI."""
         parts = np.array_split(thetas, min(len(thetas), math.ceil(self._cores / len(self._runs))))
         jobs = [[self._pool.submit(self._one, run, part) for part in parts] for run in self._runs]
         values = np.array([np.concatenate([job.result() for job in row]) for row in jobs])
@@ -106,17 +106,17 @@ class Likelihood:
 
 
 class _Surface:
-    """-ln L as a function of the searched coordinates: logarithms of positive parameters, the others as they are."""
+    """Value -ln L as a function of P searched coordinates: logarithms of positive parameters, others as they are."""
 
     def __init__(self, likelihood: Likelihood, theta: Array, wanted: Sequence[Parameter]) -> None:
         self.likelihood, self.theta, self.wanted = likelihood, theta, wanted
 
     def coordinates(self) -> Array:
-        """Return theta as coordinates, (P,)."""
+        """Return the present parameters as coordinates, (P,)."""
         return np.array([math.log(self.theta[i.index]) if i.positive else self.theta[i.index] for i in self.wanted])
 
     def full(self, x: Array) -> Array:
-        """Return the parameters (m, PARAMETERS), SI, of coordinates `x` (m, P)."""
+        """Return the parameters (m, 21), SI, of coordinates `x` (m, P)."""
         out = np.tile(self.theta, (len(x), 1))
         for column, item in zip(x.T, self.wanted, strict=True):
             out[:, item.index] = np.exp(np.clip(column, LOWEST - 1.0, HIGHEST + 1.0)) if item.positive else column
@@ -127,19 +127,19 @@ class _Surface:
         return self.likelihood(self.full(x))
 
     def slopes(self, x: Array) -> Array:
-        """Return the gradient of each recording at x (P,) by central differences, (R, P)."""
+        """Return the gradient of -ln L of each of R recordings at coordinates x (P,) by central differences, (R, P)."""
         steps = STEP * np.eye(len(x))
         ends = self.likelihood.each(self.full(np.concatenate([x + steps, x - steps])))
         return (ends[:, : len(x)] - ends[:, len(x) :]) / (2.0 * STEP)
 
     def with_slope(self, x: Array) -> tuple[float, Array]:
-        """Return value and gradient (p,) at x (p,) by central differences."""
+        """Return -ln L, nats, and its gradient (P,) at coordinates x (P,) by central differences."""
         steps = STEP * np.eye(len(x))
         all_of = self.values(np.concatenate([x[None], x + steps, x - steps]))
         return float(all_of[0]), (all_of[1 : len(x) + 1] - all_of[len(x) + 1 :]) / (2.0 * STEP)
 
     def curvature(self, x: Array) -> Array:
-        """Return the matrix of second derivatives at x (P,) by central differences, (P, P)."""
+        """Return the matrix of second derivatives of -ln L at coordinates x (P,) by central differences, (P, P)."""
         n, e = len(x), STEP * np.eye(len(x))
         pairs = [(i, j) for i in range(n) for j in range(i + 1)]
         signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -160,13 +160,14 @@ def estimate(
 ) -> tuple[dict[int, FittedParameter], float]:
     """Return the likeliest parameters by index, and the gain of the log-likelihood over `theta`, nats.
 
-    Intervals come from `deviations`. A noise that is not known within `FACTOR`, and a distance or turn that does not
-    differ from the commanded one, get the value of theta again and are left out of the result; the rest is searched
-    anew. The interval of a noise that does not differ from zero begins at zero. A noise without a likeliest value, but
-    smaller than in theta, has an interval that ends where the likelihood has fallen by `ENOUGH`.
+    A noise that is not known within a factor of 10, and a distance or turn that does not differ from the commanded one,
+    get the value of theta again and are left out of the result; the rest is searched anew. The interval of a noise that
+    does not differ from zero begins at zero. A noise without a likeliest value, but smaller than in theta, has an
+    interval that ends where the likelihood has fallen by 1.92 nats.
 
     Args:
-        theta: begin of the search, (PARAMETERS,).
+        likelihood: -ln L of all recordings.
+        theta: begin of the search, (21,), SI.
         wanted: parameters that are searched; the others stay as in theta.
         sightings: scale of -ln L, so that the line search takes sensible steps.
         progress: gets the share that is done, by the usual number of evaluations.
@@ -221,7 +222,11 @@ def _minimum(surface: _Surface, scale: int, note: Callable[[], None]) -> tuple[A
 
 
 def _known(item: Parameter, x: float, sigma: float) -> bool:
-    """Return whether a coordinate is known better than in the model, see `estimate`."""
+    """Return True if a coordinate x, standard deviation `sigma`, is known: a noise within a factor of 10.
+
+    A way or turn is known if it differs from the commanded one within its 95 % interval, another parameter if that
+    interval is narrower than its bounds.
+    """
     if item.bounds is None:
         return Z95 * sigma <= math.log(FACTOR) and x > LOWEST + STEP
     low, high = item.bounds
@@ -231,16 +236,16 @@ def _known(item: Parameter, x: float, sigma: float) -> bool:
 
 
 def _rise(surface: _Surface, best: Array, value: float, k: int, x: float) -> float:
-    """Return by how many nats -ln L rises from `value` at the point `best` (p,) when coordinate k alone becomes x."""
+    """Return by how many nats -ln L rises above `value` when coordinate k of the point `best` (P,) becomes x."""
     point = best.copy()
     point[k] = x
     return float(surface.values(point[None])[0]) - value
 
 
 def _upper_end(surface: _Surface, best: Array, value: float, k: int, first: float) -> float | None:
-    """Return where the likelihood of a positive parameter has fallen by `ENOUGH`, if below its first value, else None.
+    """Return where the likelihood of a positive parameter has fallen by 1.92 nats, if below its first value, else None.
 
-    `best` (p,): maximum, logarithms; `value`: -ln L there; `k`: coordinate of the parameter; `first`: its first value.
+    `best` (P,): maximum, coordinates; `value`: -ln L there; `k`: coordinate of the parameter; `first`: its first value.
     """
 
     def above(x: float) -> float:

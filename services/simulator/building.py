@@ -32,7 +32,7 @@ class BuiltWorld(NamedTuple):
 
 
 def build_world(robot: Robot, request: ResetRequest) -> BuiltWorld:
-    """Build the world that a request describes.
+    """Return the world that a request describes, with the messages about its ground.
 
     Raises:
         Refusal: code `invalid`; the field of the request that cannot be fulfilled.

@@ -75,7 +75,7 @@ def primitive_ground(feet: Array, trial: PrimitiveTrial) -> Terrain:
     """Return ground with the primitive of a trial under every foot; each cell belongs to the nearest foot.
 
     Args:
-        feet: places of the feet, (n, 2) m.
+        feet: places of the feet, x and y, (n, 2) m, map.
         trial: the primitive, and how far off its middle the feet are.
     """
     low, high = feet.min(axis=0) - BORDER, feet.max(axis=0) + BORDER
@@ -110,7 +110,7 @@ def primitive_ground(feet: Array, trial: PrimitiveTrial) -> Terrain:
 
 
 def _step(x: float, y: float, trial: PrimitiveTrial) -> TerrainBox:
-    """Return the box behind a step edge through (x, y) m."""
+    """Return the box behind a step edge through (x, y) m, map."""
     c, s, half = math.cos(trial.yaw), math.sin(trial.yaw), 0.5 * trial.height + 0.005
     centre = (x + EDGE_HALF * c, y + EDGE_HALF * s, trial.height - half)
     return TerrainBox(
@@ -119,7 +119,7 @@ def _step(x: float, y: float, trial: PrimitiveTrial) -> TerrainBox:
 
 
 def _tripod(robot: Robot) -> list[int]:
-    """Legs of one tripod: every second one around the trunk."""
+    """Return the legs of one tripod: every second one around the trunk."""
     angles = [math.atan2(leg[1], leg[0]) for leg in kinematics.foot_positions(robot.model, robot.neutral)]
     around = sorted(range(robot.nlegs), key=lambda leg: angles[leg])
     return sorted(around[::2])
@@ -128,9 +128,9 @@ def _tripod(robot: Robot) -> list[int]:
 def _move(
     world: PhysicsWorld, robot: Robot, targets: Array, legs: list[int], way: Array, ticks: int
 ) -> NDArray[np.float64]:
-    """Move feet evenly by `way` (legs, 3) m over some ticks and rest; return their mean normal force, (L,) N.
+    """Move feet of `legs` evenly by `way` (3,) m, base_link, over some ticks and rest; return mean loads, (L,) N.
 
-    `targets` (L, 3) m: places in base_link, changed.
+    `targets` (L, 3) m: places of all feet in base_link, changed. The loads are normal forces.
     """
     start, load = targets[legs].copy(), np.zeros(robot.nlegs)
     for tick in range(ticks + REST_TICKS):

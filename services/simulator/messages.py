@@ -98,7 +98,7 @@ def image_message(taken: TakenImage) -> CameraImage:
 
 
 def depth_message(frame: DepthFrame, camera: DepthCamera) -> DepthImage:
-    """Return the message of an image of depths."""
+    """Return the message of an image of depths; `camera`: gives focal length, noise and mount."""
     f = camera.file
     return DepthImage(
         width=f.width_px, height=f.height_px, depths=b64encode(frame.depths.astype("<f4").tobytes()).decode(),

@@ -22,7 +22,7 @@ from .world import WorldError
 
 
 class SimulatorQueries:
-    """Handlers of the queries that the simulator serves."""
+    """Handlers of the queries that the simulator serves: each returns the reply to one request."""
 
     def __init__(self, run: SimulatedRun) -> None:
         self.run = run
@@ -56,7 +56,7 @@ class SimulatorQueries:
         return sim.ResetReply(epoch=epoch, run_id=f"{name}-seed{request.seed}-epoch{epoch}")
 
     def checkpoint(self, request: sim.CheckpointRequest) -> sim.CheckpointReply:
-        """Store the state of the simulated world under a name."""
+        """Store the state of the simulated world under a name; return its hash, tick and epoch (run)."""
         saved = self.run.world.checkpoint()
         self._saved[request.name] = (saved, self.run.request)
         leader = self.run.driver.node.leader
@@ -100,7 +100,7 @@ class SimulatorQueries:
         return self._accepted(node.leader.tick)
 
     def pause(self, request: sim.PauseRequest) -> sim.SimReply:
-        """Stop simulated time after a tick."""
+        """Stop simulated time after a tick; return the reply with that tick."""
         return self._accepted(self.run.driver.node.pause(request.at_tick, request.end))
 
     # -- disturbances ------------------------------------------------------------------------------------------
@@ -130,11 +130,11 @@ class SimulatorQueries:
         return self._at(request.at_tick, put)
 
     def set(self, request: sim.SetRequest) -> sim.SimReply:
-        """Change friction, mass or servo gains."""
+        """Plan a change of friction, mass or servo gains at a tick; return the reply."""
         return self._at(request.at_tick, lambda: self.run.world.set(request.quantity, request.value))
 
     def fault(self, request: sim.FaultRequest) -> sim.SimReply:
-        """Plan a fault of sensors, servos or packets that ends after its duration."""
+        """Plan a fault of sensors, servos or packets from a tick on, which ends after its duration."""
         tick = self.run.tick_of(request.at_tick)
         # The world counts ticks from its own reset: after a restore it is ahead of the lockstep tick.
         ahead = self.run.world.tick - max(0, self.run.driver.node.leader.tick)
@@ -171,7 +171,7 @@ class SimulatorQueries:
         return self.run.built.landmarks
 
     def status(self, request: StatusRequest) -> SimStatus:
-        """Return the state of simulated time and of the run, as `sim/status` reports it."""
+        """Return the state of simulated time and of the run: tick, mode, real-time factor, reasons of a stop."""
         return self.run.status()
 
     def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:

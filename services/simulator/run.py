@@ -101,13 +101,13 @@ class SimulatedRun:
         return at_tick
 
     def plan(self, at_tick: int | None, action: Callable[[], None]) -> int:
-        """Plan an action for the end of a tick, see `tick_of`; return the tick."""
+        """Plan an action for the end of a tick, None = the next one; return the tick (raises Refusal: it is over)."""
         tick = self.tick_of(at_tick)
         self.planned.append((tick, action))
         return tick
 
     def status(self) -> SimStatus:
-        """Return the state of time and of the run, with the real-time factor over at least `RATE_S`."""
+        """Return the state of time and of the run, with the real-time factor over at least 0.5 s."""
         node, leader, pace = self.driver.node, self.driver.node.leader, self.driver.node.pace
         now, tick = time.perf_counter(), leader.tick
         wall, before = now - self._wall[0], tick - self._wall[1]

@@ -98,7 +98,7 @@ class Simulator(Driver[SimulatorConfig]):
         return [(topic, message) for topic, message in known if message is not None]
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """Obey an emergency stop: the joints are held until the next reset, and the status is published at once."""
+        """Hold the joints after an emergency stop until the next reset, and publish the status at once."""
         if isinstance(message, EmergencyStop):
             self.run.stop(message.reason)
             self.on_status()

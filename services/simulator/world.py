@@ -78,20 +78,21 @@ class WorldConfig:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """x, y in m and yaw in rad of the trunk before it settles."""
     drift: float = 0.0
-    """Turn of a biped's walk by unequal legs, rad/m; see `UnequalLegs`."""
+    """Turn of a biped's walk by way walked, because its legs are unequal, rad/m, left positive; 0 = straight."""
     obstacles: tuple[Obstacle, ...] = ()
     """Boxes on the floor that no map shows."""
     must_rest: bool = True
-    """False: a robot that does not come to rest at the start is no error: slippery trials end so."""
+    """False: a robot that does not come to rest at the start is no error, for trials on slippery ground end so."""
 
 
 class PhysicsWorld:
-    """One robot on one ground.
+    """Simulated world of one robot on one ground, with its sensors, faults and exact state.
 
     Args:
         robot: the description; read only.
+        terrain: the ground.
         seed: of all sensors and faults.
-        config: other settings: physics, sensors, landmarks, start; None = the defaults of `WorldConfig`.
+        config: other settings: physics, sensors, landmarks, start; None = the defaults.
     """
 
     tick: int
@@ -170,10 +171,10 @@ class PhysicsWorld:
         self._release()
 
     def step_tick(self, command: Array | None = None, torque_limit: Array | None = None) -> None:
-        """Advance one control tick.
+        """Advance one control tick of 10 ms.
 
         Args:
-            command: joint positions for the servos, (nj,), rad, checked by the caller (`CommandGuard`); None = hold.
+            command: joint positions for the servos, (nj,), rad, checked by the caller; None = hold the last ones.
             torque_limit: the most the servos may give for it, (nj,), Nm, >= 0; None = what they can.
         """
         self.obstacles.move(self.data, self.address, self.tick)
@@ -193,7 +194,7 @@ class PhysicsWorld:
         self._release()
 
     def _run_to(self, step: int) -> None:
-        """Physics up to a step; set-points that arrive on the way take effect at their time."""
+        """Advance the physics up to a step; set-points that arrive on the way take effect at their time."""
         while (arrival := self._line.arrival(step)) is not None:
             at, (position, limit) = arrival
             if at > self.steps:
@@ -261,10 +262,11 @@ class PhysicsWorld:
         self.disturb.push(max(start_tick, self.tick + 1), force, duration, body)
 
     def displace(self, forward: float, left: float, turn: float, *, only_ask: bool = False) -> None:
-        """Move the robot in its posture by m and rad, heading axes; `only_ask`: only check whether it can stand there.
+        """Move the robot in its posture: m `forward` and `left`, rad `turn`, heading axes; `only_ask`: only check it.
 
         Raises:
-            WorldError: a foot is in the air, or the robot cannot stand there; see `placing.displacement`.
+            WorldError: a foot is in the air, the place is in or behind a wall or off the ground, or its ground is less
+                even.
         """
         if not (self.tracker.feet.normal_force >= truth.GATE_N).all():
             raise WorldError("at_tick", "only a robot with all feet on the ground is displaced; one is in the air")
@@ -339,7 +341,7 @@ class PhysicsWorld:
         """Restore a checkpoint of this world, from which it continues equally to the bit.
 
         Args:
-            saved: result of `checkpoint` of this world.
+            saved: checkpoint of this world.
             restart: count stamps and sequence numbers from here, as a new epoch does; `tick` goes on, so that pushes
                 and faults keep their time. A sample that was released at the checkpoint keeps its age.
 
@@ -376,7 +378,7 @@ class PhysicsWorld:
         self._first_tick = self.tick
 
     def _identity(self) -> list[str]:
-        """Robot, ground, profile and obstacles; a checkpoint fits no other world."""
+        """Return what identifies robot, ground, sensor profile and obstacles; a checkpoint fits no other world."""
         named = [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
         return [*named, *(box.model_dump_json() for box in self.config.obstacles)]
 

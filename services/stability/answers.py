@@ -47,7 +47,7 @@ from .sensing.state import Status, WatchParams
 
 
 def region_reply(request: RegionRequest, own: Robot) -> RegionReply:
-    """Return the reply to `stability/region`, a support region; `own` is the robot when the request names none."""
+    """Return the reply to `stability/region`, a support region; `own` is the robot if the request names none."""
     asked = region_question(request, own)
     found = in_common(regions_in(asked.mode, asked.contacts, asked.wanted))
     return RegionReply(**_region_fields(found, request.certificates, polygons=True))
@@ -156,7 +156,11 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
 
 
 def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot) -> FootForces:
-    """Fuse forces with the readings (N) of sensors under the feet, taken along the vertical."""
+    """Return forces fused with readings `loads` (N, None = none) of sensors under the feet, along the vertical.
+
+    Raises:
+        StabilityError: the number of readings is not that of the feet.
+    """
     if len(loads) != len(robot.legs):
         raise StabilityError("shape", "load_n", f"got {len(loads)} loads, {robot.name} has {len(robot.legs)} feet")
     sensor = PressureSensor()
@@ -167,7 +171,7 @@ def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot
 
 
 def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
-    """Return the message of a status; `mu` is the friction coefficient taken for every foot."""
+    """Return the message of a status; `mu`: friction coefficient of every foot; `fresh`: its samples are recent."""
     measured = now.com_measured
     return StabilityStatus(
         status=now.region.status,
@@ -199,7 +203,7 @@ def no_status(legs: int, mu: float) -> StabilityStatus:
 
 
 def _region_fields(found: Region, proofs: bool, polygons: bool) -> dict[str, Any]:
-    """Fields of a RegionReply."""
+    """Return the fields of a region that replies share; `proofs`: with certificates, `polygons`: with the polygons."""
     sinking = None if found.sinking is None else tuple(found.sinking.tolist())
     level = sinking is not None and len(sinking) == 4
     return {
@@ -216,7 +220,7 @@ def _region_fields(found: Region, proofs: bool, polygons: bool) -> dict[str, Any
 
 
 def _support(support: Support, proofs: bool) -> tuple[SupportPoint, ...]:
-    """Support values with their proofs: certificate at rest, twist with an acceleration, torques with limits."""
+    """Return support values as messages; `proofs`: with certificate or twist, forces, and torques of limited servos."""
     direction, value, point = _pairs(support.direction), support.value.tolist(), _pairs(support.point)
     gap, name = support.gap.tolist(), {4: "certificate", 6: "twist", 0: ""}[support.twist.shape[1]]
     out: list[SupportPoint] = []
@@ -243,18 +247,18 @@ def _support(support: Support, proofs: bool) -> tuple[SupportPoint, ...]:
 
 
 def _gradient(slope: MarginSlope) -> MarginGradient:
-    """Message of the gradient of a margin."""
+    """Return the gradient of a margin as a message."""
     x, y = slope.com.tolist()
     return MarginGradient(com=(x, y), mu=tuple(slope.mu.tolist()), position=_triples(slope.position))
 
 
 def _pairs(points: Array) -> tuple[tuple[float, float], ...]:
-    """Return the rows of (n, 2) as tuples."""
+    """Return the rows of points (n, 2) as tuples."""
     return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
 
 
 def _triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
-    """Return the rows of (n, 3) as tuples."""
+    """Return the rows of (n, 3) numbers as tuples."""
     return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three
 
 

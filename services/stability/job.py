@@ -26,7 +26,11 @@ class CalibrationJob:
         self._tick = -1
 
     def answer(self, request: CalibrateRequest) -> CalibrateReply:
-        """Carry out or plan one action of a calibration, as `stability/calibrate` requests."""
+        """Carry out an action of a calibration (start, finish, cancel, fit), or plan it for a later tick.
+
+        Raises:
+            StabilityError: poses of the request that cannot be used.
+        """
         if request.action == "fit":
             return self._reply(calibrate(self.robot, self._poses(request), self.variance, _apart(request)), "done")
         if request.action in ("start", "finish") and request.at_tick is not None:
@@ -47,7 +51,14 @@ class CalibrationJob:
         return report
 
     def sample(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> None:
-        """Take a sample of the standing robot: joints (n,) rad, torque (n,) N m, g_up (3,) base axes, stance (L,)."""
+        """Add a sample of the standing robot to the poses, while a calibration collects them.
+
+        Args:
+            joints: angles, (nj,) rad.
+            torque: as reported, (nj,) Nm.
+            g_up: upward specific force at rest, base_link, (3,) m/s^2.
+            stance: feet on the ground, (L,).
+        """
         if self.collector is not None and len(self.collector.poses) < MAX_COLLECTED:
             self.collector.add(joints, torque, g_up, stance)
 

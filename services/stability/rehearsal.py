@@ -58,7 +58,7 @@ def _contacts(robot: Robot) -> tuple[Contact, ...]:
 
 
 def _regions() -> None:
-    """Ask for regions of sets with an area, without, level and not, with no friction and with unlimited."""
+    """Compute regions of sets with an area and without, level and not, with no friction and with unlimited."""
     feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.02], [0.0, 0.1, 0.0]])
     for chosen, mu in (
         ([0, 1, 2, 3], 0.5),

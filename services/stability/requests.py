@@ -114,14 +114,14 @@ def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
 
 
 def _refuse(other: str, **given: bool) -> None:
-    """Refuse the first field that is given, by name, and cannot be combined with another."""
+    """Raise StabilityError for the first field that is given (True) and cannot be combined with that named `other`."""
     for field, wanted in given.items():
         if wanted:
             raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
 
 
 def _uncertainty(doubt: Doubt, n: int) -> Uncertainty:
-    """Read the uncertainty of the inputs, that of n contacts."""
+    """Return the uncertainty of the inputs of a margin with n contacts, as a request states it."""
     return Uncertainty(
         com=doubt.com_sd_m**2 * np.eye(2),
         foot=np.tile(doubt.foot_sd_m**2 * np.eye(3), (n, 1, 1)),
@@ -148,6 +148,9 @@ def named_robot(name: str, field: str = "robot") -> Robot:
 
 def packed_sets(request: BatchRequest) -> PackedSets:
     """Return the contact sets of a batch, which gives them as sets, or as counts and raw numbers.
+
+    The raw numbers are little-endian doubles: x, y of the CoM of every set, then position, normal and friction
+    coefficient of every contact (7 each).
 
     Raises:
         StabilityError: a field that cannot be used.
@@ -179,13 +182,13 @@ class EquilibriumQuestion:
     """Content of a request for contact forces, turned into the frame along the effective gravity."""
 
     contacts: ContactSet
-    """Contacts that may carry the robot, frame world."""
+    """Contacts that may carry the robot, frame with z against the effective gravity (at rest: frame world)."""
     com: Array
-    """Centre of mass, (2,) m, frame world."""
+    """Centre of mass, (2,) m, in the frame of the contacts."""
     weight: float
     """Weight that the contacts carry, N: mass times effective gravity."""
     back: Array
-    """rot_world_from_leaning, (3, 3)."""
+    """Rotation from the frame of the contacts to frame world, (3, 3)."""
 
 
 def equilibrium_question(request: EquilibriumRequest) -> EquilibriumQuestion:

@@ -43,7 +43,7 @@ class Stability(Service[StabilityConfig]):
     )
 
     def on_start(self) -> None:
-        """Load the robot, register the handlers."""
+        """Load the robot and register the handlers of the queries."""
         self.robot = load_robot(self.config.robot)
         self.params = self.config.watch()
         self.workers = Workers()
@@ -112,7 +112,7 @@ class Stability(Service[StabilityConfig]):
         self.workers.stop()
 
     def _collect(self) -> None:
-        """Give the latest samples to the calibration that is under way."""
+        """Pass the latest samples to the calibration that is under way."""
         joints, closed, velocity = self._joints, self._closed, self._velocity
         if joints is None or joints.torque is None or closed is None or velocity is None:
             return
@@ -122,7 +122,7 @@ class Stability(Service[StabilityConfig]):
 
 
 def _points_up(g_up: tuple[float, float, float]) -> bool:
-    """Return whether the estimator knows the direction up; g_up in m/s^2."""
+    """Return True if the estimator knows the direction up: g_up, base_link, m/s^2, is longer than 1."""
     return math.hypot(*g_up) > LEAST_GRAVITY
 
 

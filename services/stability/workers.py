@@ -26,7 +26,7 @@ AT_ONCE = 32
 
 
 def answered(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
-    """Return a handler that raises StabilityError of the given one as a Refusal, which a query can answer with."""
+    """Return a handler that raises StabilityError of the given one as Refusal, which a query can answer with."""
 
     def answer(request: Req) -> Rep:
         try:
@@ -64,5 +64,5 @@ class Workers:
         return self._soon(answered(whatif_reply), request)
 
     def _soon(self, answer: Callable[[Req], Rep], request: Req) -> Rep | Future[Rep]:
-        """Answer with the kernel of many sets: at once, but on the other thread as long as it is not compiled."""
+        """Return the answer at once if the kernel of many sets is compiled; else a future of the other thread."""
         return answer(request) if many.loaded() else self._background.answer(answer, request)

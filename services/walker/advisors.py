@@ -53,7 +53,7 @@ class Advisors:
         """Reason why a reply of this tick is missing, in words; empty = none is."""
 
     def select(self, step: LandingRequest) -> Sequence[FootholdReply]:
-        """Return the footholds of all legs of a step, from one request."""
+        """Return the footholds of all legs of a step, from one request; without a reply nominal ones (`no_answer`)."""
         if not self._footholds:
             return nominal_footholds(step)
         quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
@@ -77,7 +77,7 @@ class Advisors:
         return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
 
     def check(self, step: StanceCheck) -> StanceVerdict:
-        """Return whether a step is stable, and its margin; without a reply by the hull of the standing feet."""
+        """Return the verdict on a planned step; without a reply by the hull of the standing feet."""
         if not self._stability:
             return self._own_check(step)
         request = CheckRequest(

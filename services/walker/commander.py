@@ -52,7 +52,7 @@ class Commander:
         return WalkReply(accepted=True, id=number)
 
     def begin(self, epoch: int, tick: int) -> None:
-        """Begin a tick: in the first one resume what an earlier process stored; then obey the commands that are due."""
+        """Begin a tick: in the first one resume what an earlier process stored; then carry out the commands now due."""
         first, self._epoch, self._tick = self._tick < 0, epoch, tick
         if first and tick > 0:
             self._recall()
@@ -67,7 +67,7 @@ class Commander:
                 self.refused = reply.reason
 
     def obey(self, order: MotionOrder) -> None:
-        """Obey an order of the navigator in this tick; an order that came before is ignored.
+        """Carry out an order of the navigator in this tick; an order that came before is ignored.
 
         The walker does not correct its steps by such a walk: the navigator estimates drift itself.
         """

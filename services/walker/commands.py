@@ -40,13 +40,13 @@ def refusal_of(
     fallen: bool = False,
     stepping_gait: str | None = None,
 ) -> CommandReply | None:
-    """Return the refusal of a command, or None.
+    """Return the refusal of a command, or None if it may be carried out.
 
     Args:
         command: as received.
         can: abilities of the gait it asks for.
-        calibrated: the estimator has finished its standstill calibration.
-        fallen: the robot has fallen.
+        calibrated: True if the estimator has finished its standstill calibration.
+        fallen: True if the robot has fallen.
         stepping_gait: gait of the walk under way that has to end first; None: any gait may begin now.
     """
     for name in ("distance", "velocity", "angle"):

@@ -25,7 +25,7 @@ class Gait(Protocol):
         ...
 
     def set_map(self, heights: HeightMap | None) -> None:
-        """Take a new terrain map, frame map; None: the ground is where the feet are. A gait may ignore the map."""
+        """Use a new terrain map, frame map; None: the ground is where the feet are. A gait may ignore the map."""
         ...
 
     def kept(self) -> WalkMemory:

@@ -57,7 +57,7 @@ class WalkerOutputs:
     stance: Flags
     """Feet planned on the ground, (L,)."""
     footholds: Array
-    """Present or planned foot CENTRES in odom, (L, 3) m."""
+    """Present or planned foot CENTRES (of a biped: soles), (L, 3) m, frame map; of a biped odom."""
     foothold_status: tuple[str, ...]
     """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     trunk_height: float
@@ -67,7 +67,7 @@ class WalkerOutputs:
     margin: float | None
     """Static margin of the last step check, m."""
     reason: str
-    """Why a step was refused or degraded, in words; empty when all is well."""
+    """Reason in words for which a step was refused or degraded; empty when all is well."""
     steps: int
     """Steps finished since the start."""
     unreachable: int
@@ -159,14 +159,14 @@ class StanceCheck:
     positions: Array
     """Contact points of the stance feet, map frame, (n, 3) m."""
     normals: Array
-    """Ground normals there, (n, 3), unit."""
+    """Unit normals of the ground at the contact points, map frame, (n, 3)."""
     mu: float
     joints: Array
     """Planned joint angles, (nj,) rad."""
     base_position: Array
     """Position of base_link, (3,) m, map frame."""
     base_quat: Array
-    """rot_world_from_base as a quaternion w, x, y, z, (4,)."""
+    """Rotation from base_link to the map as a quaternion w, x, y, z, (4,)."""
     movement: Vec3
     """Planned movement of the trunk in the step, map axes, m."""
     legs: tuple[str, ...] = ()

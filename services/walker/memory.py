@@ -36,7 +36,7 @@ class WalkMemory:
 
 
 class _StoredWalk(Stored):
-    """Content of the file: a `WalkMemory`."""
+    """Content of the file: the state that a walker needs to go on after a restart, checked when it is read."""
 
     walk_id: int = Field(ge=0, le=MOST_ID)
     command: MotionCommand | None
@@ -78,7 +78,7 @@ class MemoryFile(RunMemory):
             self.write(epoch, tick, asdict(kept))
 
     def forget(self) -> None:
-        """Remove the file of an earlier run; the first state of the new run is written even if it is the same."""
+        """Remove the file of an earlier run; the first state of the new run is written even if it is equal."""
         self._last = None
         super().forget()
 

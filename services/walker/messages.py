@@ -39,13 +39,16 @@ def walker_inputs(inputs: TickInputs, estimate: tuple[VelocityEstimate, Odometry
 
 
 def newest_map(inputs: TickInputs, known: object) -> HeightMapMessage | ElevationMap | None:
-    """Return the map of a tick, None if none came; only the robot's own map if that `known` before is its own."""
+    """Return the map of a tick, None if none came; only the robot's own map if that `known` before is its own.
+
+    The robot's own map is an elevation map that it measures; the other one comes with the terrain.
+    """
     own = inputs.get(STATE_ELEVATION)
     return own if own is not None or isinstance(known, ElevationMap) else inputs.get(TERRAIN_MAP)
 
 
 def heights_of(message: HeightMapMessage | ElevationMap) -> HeightMap:
-    """Return the map of a message (raises HeightMapError)."""
+    """Return the height map that a message holds (raises HeightMapError)."""
     if isinstance(message, ElevationMap):
         return HeightMap.from_base64(message.model_dump(), message.heights)
     return HeightMap.from_wire(message.model_dump(), message.data)
@@ -58,7 +61,7 @@ def gait_message(out: WalkerOutputs, degraded: str, order: TakenOrder, navigated
         out: outputs of the gait.
         degraded: reason in words that takes the place of the gait's own; empty = none.
         order: the navigator's last order.
-        navigated: a navigator gives orders, so the time until the end of the walk is published.
+        navigated: True if a navigator gives orders: the time until the end of the walk is published.
     """
     return GaitState(
         walk_id=out.walk_id,

@@ -18,8 +18,8 @@ def rehearse(walker: Any, mapped: bool) -> None:
     """Move a walker through stand, steps and stop, so that every kernel of its gait is loaded.
 
     Args:
-        walker: a `LeggedWalker` or a `BipedWalker` that nothing else uses.
-        mapped: it takes a map.
+        walker: a walker of legged robots or bipeds that nothing else uses.
+        mapped: True if it uses a terrain map.
     """
     robot = walker.robot
     if mapped:

@@ -9,10 +9,11 @@ P = TypeVar("P")
 
 
 def settings_of(kind: type[P], robot: Robot, changes: dict[str, Any]) -> P:
-    """Return the settings of a robot.
+    """Return the settings of a robot's gait.
 
     Args:
         kind: dataclass of settings. A field without a default is the robot's own and must stand in `[gait]`.
+        robot: description with the table `[gait]`.
         changes: values that go before those of the description, by field.
 
     Raises:

@@ -1,13 +1,15 @@
 """Contact-aided right-invariant extended Kalman filter, after Hartley et al., IJRR 2020 (arXiv 1904.09251): a referee.
 
-State: R = rot_world_from_imu, v, p, contact points d_1..d_N (world axes), gyro and accelerometer bias. The error is
-X_hat X^-1 = exp(xi), xi = (phi, v, p, d_1..d_N), errors of the biases are b_hat - b:
+A referee is an estimator of others, with which ours is compared. State: R = rotation from IMU to world, v velocity, p
+position, contact points d_1..d_N (world axes), gyro and accelerometer bias. The error is X_hat X^-1 = exp(xi), xi =
+(phi, v, p, d_1..d_N), errors of the biases, e_g and e_a, are b_hat - b; [x] is the matrix of the cross product with x,
+g gravity:
 
     phi' = -R e_g,  v' = [g] phi - [v] R e_g - R e_a,  p' = xi_v - [p] R e_g,  d' = -[d] R e_g       (A of section 5)
-    z = R y + p - d = xi_p - xi_d + R n          (y = the point in IMU axes by forward kinematics)
+    z = R y + p - d = xi_p - xi_d + R n          (y = the point in IMU axes by forward kinematics, n its noise)
 
-A point that touches down is set to p + R y with the covariance of p (augmentation); one that lifts is dropped.
-Nothing is gated; noise is constant. For the laboratory: it multiplies by BLAS and does not run in a tick.
+A point that touches down is set to p + R y with the covariance of p (augmentation); one that lifts is dropped. Nothing
+is gated; noise is constant. For the laboratory: it multiplies by BLAS and does not run in a tick.
 """
 
 from typing import NamedTuple
@@ -114,7 +116,10 @@ def _new_state(points: int, start: PeerStart) -> InekfState:
 
 @kernel
 def _predict(s: InekfState, w: Array, q: Array, dt: float, noise: InekfNoise, g: Array) -> None:
-    """Carry the state over `dt` s of mean rates w (3,) rad/s and q (3,) m/s^2, in place; gravity g (3,) m/s^2."""
+    """Carry the state over `dt` s of mean rate of turn w (3,) rad/s and specific force q (3,) m/s^2, in place.
+
+    `g`: gravity, (3,) m/s^2, world; `noise`: standard deviations.
+    """
     size, points = s.cov.shape[0], s.at.shape[0]
     bg, ba = size - 6, size - 3
     wk, qk = w - s.bias_g, q - s.bias_a
@@ -156,9 +161,9 @@ def _predict(s: InekfState, w: Array, q: Array, dt: float, noise: InekfNoise, g:
 
 @kernel
 def _drop_points(s: InekfState, seen: Array, touch: Flags) -> int:
-    """Drop the points that do not touch any more, in place; return the number of those that stay.
+    """Drop the active points that do not touch any more, in place; return the number of those that stay.
 
-    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,).
+    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,): points that touch.
     """
     old = 0
     for f in range(touch.size):
@@ -175,7 +180,10 @@ def _drop_points(s: InekfState, seen: Array, touch: Flags) -> int:
 
 @kernel
 def _correct(s: InekfState, seen: Array, old: int, sigma: float) -> None:
-    """Correct with the `old` active points seen at (N, 3) m, IMU axes, of standard deviation `sigma` m, in place."""
+    """Correct the state, in place, with its `old` active points.
+
+    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `sigma`: standard deviation of a place, m.
+    """
     size, points = s.cov.shape[0], s.at.shape[0]
     h, z = np.zeros((3 * old, size)), np.zeros(3 * old)
     r = 0
@@ -208,9 +216,10 @@ def _correct(s: InekfState, seen: Array, old: int, sigma: float) -> None:
 
 @kernel
 def _add_points(s: InekfState, seen: Array, touch: Flags, sigma: float) -> None:
-    """Add the points that touch anew, with the covariance of p (augmentation), in place.
+    """Add the points that touch anew to the state, with the covariance of its position (augmentation), in place.
 
-    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,); `sigma`: noise of a place, m.
+    `seen`: contact points, IMU axes, (N, 3) m, NaN = unknown; `touch` (N,): points that touch; `sigma`: noise of a
+    place, m.
     """
     for f in range(touch.size):
         if not s.active[f] and touch[f] and np.isfinite(seen[f]).all():
@@ -226,10 +235,10 @@ def _add_points(s: InekfState, seen: Array, touch: Flags, sigma: float) -> None:
 
 @kernel
 def run(cut: Segments, log: Readings, start: PeerStart, state: InekfState, noise: InekfNoise, track: PeerTrack) -> None:
-    """Run the invariant extended Kalman filter along a log, and write its track, in place.
+    """Run the invariant extended Kalman filter along a log, and write its estimates to a track, in place.
 
     Args:
-        cut: time of the log.
+        cut: time of the log, cut at every inertial row and foot sample.
         log: samples of the log.
         start: only its first segment is read.
         state: at that segment, changed in place.

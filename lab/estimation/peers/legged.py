@@ -1,7 +1,8 @@
 """Legged estimators of GTSAM (from 4.3, optional) as referees, with the noise of GTSAM's own staircase example.
 
-Four of them: invariant filter, the same iterated over a graph, fixed-lag smoothers with one bias and with a bias that
-walks. They take points at the contacts; their filters do not estimate a bias, the mean gyro of a rest is given to them.
+A referee is an estimator of others, with which ours is compared. There are four: an invariant filter, one that is
+iterated over a graph, fixed-lag smoothers with one bias and with a bias that walks. They take points at the contacts;
+their filters do not estimate a bias, the mean gyro of a rest is given to them.
 """
 
 import importlib.util
@@ -90,11 +91,11 @@ def _contacts(seen: Array, touch: NDArray[np.bool_], before: NDArray[np.bool_]) 
 def legged(kind: str, log: Log, noise: LeggedNoise) -> PeerTrack:
     """Return the track of a log by one of the legged estimators of GTSAM; the covariance of smoothers is NaN.
 
-    The covariance of a filter is that of (turn, place, velocity) in IMU axes, X = X_hat exp(xi): errors of g and v in
-    IMU axes are [g] turn and velocity + [v] turn.
+    The covariance of a filter is that of (turn, place, velocity) in IMU axes, X = X_hat exp(xi): errors of g (specific
+    force at rest) and v (velocity) in IMU axes are [g] turn and velocity + [v] turn.
 
     Args:
-        kind: see `KINDS`.
+        kind: gtsam_iekf, gtsam_graph (filters), gtsam_lag or gtsam_combined (smoothers).
         log: what to run over.
         noise: standard deviations.
 
@@ -114,7 +115,10 @@ def legged(kind: str, log: Log, noise: LeggedNoise) -> PeerTrack:
 
 
 def _walk(kind: str, log: Log, cut: Segments, start: int, running: Any, out: PeerTrack) -> None:
-    """Run a GTSAM estimator along a log, and write its track, in place."""
+    """Run a GTSAM estimator along a log, and write its estimates to a track, in place.
+
+    `cut`: time of the log, cut at every sample; `start`: first segment to run; `running`: the estimator.
+    """
     before, taken = np.zeros(log.feet_count, dtype=np.bool_), int(log.stamp_ns[0])
     for s in range(len(cut.d)):
         k, j = int(cut.row[s]), int(cut.feet[s])
@@ -133,7 +137,7 @@ def _walk(kind: str, log: Log, cut: Segments, start: int, running: Any, out: Pee
 
 
 def _write(running: Any, kind: str, k: int, out: PeerTrack) -> None:
-    """Write row k of a track, in place."""
+    """Write the present estimate to row k of a track, in place."""
     now = running.estimate()
     rot = np.asarray(now.rotation().matrix())
     out.rot[k], out.x[k], out.v[k], out.g[k] = rot, now.x(0), rot.T @ now.x(1), GRAVITY * rot[2]

@@ -1,10 +1,10 @@
-"""Kinematics and gyro without a filter: a referee that needs neither noise nor a standstill.
+"""Kinematics and gyro without a filter: a referee (estimator to compare with) without noise or standstill.
 
 Velocity of the IMU by each foot that stands in two samples in a row, y its position in IMU axes, and their mean:
 
     v = -(y' + w x y)          (y' by differences, w the mean gyro in between)
 
-Attitude as in `linear`: gyro, kept upright by the accelerometer; heading is that of the gyro. The path is the integral.
+Attitude by the gyro, kept upright by the accelerometer; heading is that of the gyro. The path is the integral of v.
 """
 
 import numpy as np
@@ -24,14 +24,14 @@ TILT = 0.02  # rad, stated error of the attitude
 def path(log: Log, v: Array, rot: Array) -> Array:
     """Return the path of the IMU at each row, (n, 3) m, world: the integral of its velocity.
 
-    v: (n, 3) m/s, IMU axes; rot: rot_world_from_imu, (n, 3, 3).
+    v: (n, 3) m/s, IMU axes; rot: rotation from IMU to world, (n, 3, 3).
     """
     steps = np.diff(log.seconds, prepend=log.seconds[0])
     return np.cumsum(np.einsum("nij,nj->ni", rot, v) * steps[:, None], axis=0)
 
 
 def attitude(log: Log) -> Array:
-    """Return rot_world_from_imu at each inertial row, (n, 3, 3), by gyro and accelerometer of the log."""
+    """Return the rotation from IMU to world at each inertial row, (n, 3, 3), by gyro and accelerometer of the log."""
     return linear(log, LinearNoise()).rot
 
 
@@ -66,7 +66,7 @@ def legs(log: Log) -> PeerTrack:
 
 
 def gyro_attitude(log: Log, first: int = 0) -> Array:
-    """Return rot_world_from_imu at inertial rows from `first` on, (n - first, 3, 3), by the gyro alone.
+    """Return the rotation from IMU to world at inertial rows from `first` on, (n - first, 3, 3), by the gyro alone.
 
     It begins with the true attitude of row `first`, or without truth with that of gravity. The gyro's bias is the mean
     of the standstill where there is one; the tilt is not corrected.

@@ -1,13 +1,15 @@
 """Linear filter of position, velocity and feet with attitude from outside, as in MIT's Cheetah-Software: a referee.
 
-Attitude by a complementary filter (Mahony et al. 2008) over gyro and accelerometer, gyro bias by the rest at the
-beginning. State p, v, d_1..d_L (world axes); a = R q - g is an input. At each foot sample, per foot in contact:
+A referee is an estimator of others, with which ours is compared. Attitude by a complementary filter (Mahony et al.
+2008) over gyro and accelerometer, gyro bias by the rest at the beginning. State p position, v velocity, d_1..d_L feet
+(world axes); a = R q - g is an input, R the rotation from IMU to world, q the specific force, g gravity. At each foot
+sample, per foot in contact, w the rate of turn:
 
     p - d = -R y          (y = the foot in IMU axes)
     v = -R (w x y + y')   (y' by differences: logs have no joint rates)
     d_z = height at touch-down
 
-A foot in the air gets 100 times the noise, as there.
+A foot in the air gets 100 times the noise.
 """
 
 from typing import NamedTuple
@@ -54,7 +56,10 @@ def _new_state(feet: int, start: PeerStart) -> LinearState:
 
 @kernel
 def _predict(s: LinearState, w: Array, q: Array, dt: float, noise: LinearNoise) -> None:
-    """Carry attitude and state over `dt` s by the gyro w (3,) rad/s, bias removed, and q (3,) m/s^2, in place."""
+    """Carry attitude and state over `dt` s, in place.
+
+    `w`: rate of turn, (3,) rad/s, bias removed; `q`: specific force, (3,) m/s^2; both in IMU axes.
+    """
     up = np.array([0.0, 0.0, 1.0])
     lean = np.cross(q / np.linalg.norm(q), np.ascontiguousarray(s.rot.T) @ up)
     rate = w + noise.kp * lean
@@ -77,7 +82,7 @@ def _predict(s: LinearState, w: Array, q: Array, dt: float, noise: LinearNoise) 
 
 @kernel
 def _take_foot(s: LinearState, f: int, log: Readings, j: int, before: int, noise: LinearNoise) -> None:
-    """Correct with foot f of sample j, in place; `before`: the sample before, -1 = none."""
+    """Correct the state with foot f of foot sample j, in place; `before`: index of the sample before, -1 = none."""
     seen, since = log.seen[j, f], s.turned[3]
     down = log.touch[j, f] and np.isfinite(seen).all()
     was = before >= 0 and log.touch[before, f]
@@ -117,7 +122,7 @@ def _take_foot(s: LinearState, f: int, log: Readings, j: int, before: int, noise
 
 @kernel
 def _take(s: LinearState, h: Array, y: float, variance: float) -> None:
-    """Correct by one number y = h x + noise, h (n,) and x (n,), in place; `variance` of the noise."""
+    """Correct the state x (n,) by one number y = h x + noise, in place; h (n,), `variance` of the noise."""
     ph = s.cov @ h
     inn = h @ ph + variance
     s.x[:] = s.x + ph * ((y - h @ s.x) / inn)
@@ -130,10 +135,12 @@ def _take(s: LinearState, h: Array, y: float, variance: float) -> None:
 def run(
     cut: Segments, log: Readings, start: PeerStart, state: LinearState, noise: LinearNoise, track: PeerTrack
 ) -> None:
-    """Run the linear filter along a log, and write its track, whose covariance is that of an exact attitude, in place.
+    """Run the linear filter along a log, and write its estimates to a track, in place.
+
+    The covariance of the track is that of an exact attitude.
 
     Args:
-        cut: time of the log.
+        cut: time of the log, cut at every inertial row and foot sample.
         log: samples of the log.
         start: its first segment and gyro bias are read.
         state: at that segment, changed in place.

@@ -31,6 +31,8 @@ def elevation_file() -> Path | None:
 def elevation(r: ShapeSpec) -> Shape:
     """Return the heights of the Jacksboro fault as a field behind the flat pad where a robot starts.
 
+    `r`: grid, seed (turns and moves the field) and height of the highest over the lowest point.
+
     Raises:
         FileNotFoundError: matplotlib is installed without its sample data, or not at all.
     """
@@ -61,6 +63,6 @@ def _model(path: Path) -> Array:
 
 
 def _mirrored(index: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """Fold indices of any shape into 0..n-1: forwards, backwards, forwards ..."""
+    """Return indices of any shape folded into 0..n-1: forwards, backwards, forwards ..."""
     folded = index % (2 * n)
     return np.where(folded < n, folded, 2 * n - 1 - folded)

@@ -20,11 +20,11 @@ class TerrainBox:
     """One solid box of the ground."""
 
     position: tuple[float, float, float]
-    """Centre of a box of the ground, m, frame `map`."""
+    """Centre, (x, y, z) m, frame `map`."""
     half_size: tuple[float, float, float]
-    """Half edges of a box of the ground along x, y, z, m."""
+    """Half edges along the box's own x, y, z, m."""
     quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    """rot_map_from_box."""
+    """Rotation from the box's axes to map as a quaternion w, x, y, z."""
 
 
 class Shape(NamedTuple):
@@ -45,7 +45,7 @@ def random_stream(seed: int, name: str) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class TerrainGrid:
-    """Cells of a map; lengths in m, frame `map`."""
+    """Cells of a map: centre (x0, y0) of the first, nx along x, ny along y, edge `cell`; lengths in m, frame `map`."""
 
     x0: float
     y0: float
@@ -63,7 +63,7 @@ class TerrainGrid:
 
 @dataclass(frozen=True)
 class ShapeSpec:
-    """Arguments of a shape: the same ones give the same ground.
+    """Arguments of a terrain's shape: equal ones give equal ground.
 
     `amp` is the scale of the kind (mostly its highest point, m), `number` the primitive of a kind that has several,
     1..7, `yaw` its heading, rad.
@@ -89,13 +89,13 @@ def slab(
     """Return a box whose top face has the given height over its middle (x, y).
 
     Args:
-        x: of the middle of the top face, m.
+        x: of the middle of the top face, m, map.
         y: of it, m.
         height: of it, m.
-        slope: rise per metre along the axes of the box.
+        slope: rise per metre along x and y of the box.
         depth: half the thickness, m.
-        edges: of the top face seen from above, along the axes of the box, m.
-        yaw: of those axes, rad.
+        edges: of the top face seen from above, along x and y of the box, m.
+        yaw: heading of the box's x, rad.
     """
     slope_x, slope_y = slope
     normal = np.array([-slope_x, -slope_y, 1.0]) / math.sqrt(1.0 + slope_x**2 + slope_y**2)
@@ -117,7 +117,7 @@ def box_heights(box: TerrainBox, x: Array, y: Array) -> Array:
 
     Args:
         box: may be turned in any way.
-        x: of the points, m, map; broadcasts with `y`.
+        x: of the points, m, map, any shape that broadcasts with `y`.
         y: of the points, m, map.
 
     Returns:

@@ -37,7 +37,7 @@ EDGES = 0.15  # m, no stone is nearer to the pad's end than this
 
 
 def mixed(r: ShapeSpec) -> Shape:
-    """Return the mixed ground of a seed; `amp` scales all heights."""
+    """Return the ground of flagstones, hills, depressions and stones of a seed; `amp` of `r` scales all heights."""
     grid = r.grid
     x, y = grid.axes()
     hills = _Hills(grid, r.seed, r.amp)
@@ -55,7 +55,7 @@ def mixed(r: ShapeSpec) -> Shape:
 
 
 class _Hills:
-    """Wide hills, cones and depressions as a function of the plane."""
+    """Wide hills, cones and depressions as a function of the plane, drawn from a seed."""
 
     def __init__(self, grid: TerrainGrid, seed: int, amp: float) -> None:
         rng = random_stream(seed, "terrain/mixed/hills")
@@ -71,7 +71,7 @@ class _Hills:
         self.cones = np.column_stack((_places(rng, grid, n), radius, scale * radius * rng.uniform(*POINTED_SLOPE, n)))
 
     def heights(self, x: Array, y: Array) -> Array:
-        """Heights over x (1, nx) and y (ny, 1), (ny, nx) m."""
+        """Return the heights over x (1, nx) and y (ny, 1) m, (ny, nx) m."""
         z = np.zeros((y.shape[0], x.shape[1]))
         for cx, cy, sigma, height in (*self.wide, *self.hollows):
             z += self.amp * height * exp(-0.5 * ((x - cx) / sigma) ** 2) * exp(-0.5 * ((y - cy) / sigma) ** 2)
@@ -81,7 +81,10 @@ class _Hills:
 
 
 def _stones(grid: TerrainGrid, seed: int, amp: float, hills: _Hills) -> tuple[TerrainBox, ...]:
-    """Return flagstones and stones; each lies on the ground under its middle and reaches below all ground."""
+    """Return flagstones and stones as boxes; each lies on the ground under its middle and reaches below all ground.
+
+    `amp`: height of the highest point of the terrain, m, with which all heights scale.
+    """
     rng = random_stream(seed, "terrain/mixed/stones")
     boxes: list[TerrainBox] = []
     if amp == 0.0:
@@ -104,17 +107,17 @@ def _stones(grid: TerrainGrid, seed: int, amp: float, hills: _Hills) -> tuple[Te
 
 
 def _number(grid: TerrainGrid, density: float) -> int:
-    """Return the number of things of a density (1/m2) behind the pad."""
+    """Return the number of things of a density (1/m2) on the part of the grid behind the pad at the start."""
     end, half = _extent(grid)
     return round(density * max(0.0, end - PAD_END) * 2.0 * half)
 
 
 def _places(rng: np.random.Generator, grid: TerrainGrid, n: int) -> Array:
-    """Draw n points behind the pad, (n, 2) m."""
+    """Return n random points on the part of the grid behind the pad at the start, (n, 2) m."""
     end, half = _extent(grid)
     return np.column_stack((rng.uniform(PAD_END, max(end, PAD_END), n), rng.uniform(-half, half, n)))
 
 
 def _extent(grid: TerrainGrid) -> tuple[float, float]:
-    """Return the last x of a grid and half its width, m; the same for another cell."""
+    """Return the last x of a grid and half its width, m, which do not depend on the size of a cell."""
     return grid.x0 + (grid.nx - 1) * grid.cell, 0.5 * (grid.ny - 1) * grid.cell

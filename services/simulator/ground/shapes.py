@@ -53,7 +53,10 @@ def _slope(r: ShapeSpec) -> Shape:
 
 
 def _hill_field(grid: TerrainGrid, seed: int, amp: float, end: float = math.inf) -> Array:
-    """Sum of 40 Gaussians, scaled to [0, amp] in the lane up to x = end and faded out on the pad. (ny, nx)"""
+    """Return heights (ny, nx) m of 40 Gaussian hills, faded out on the pad at the start.
+
+    They are scaled to [0, amp] m in the lane along x, 0.5 m wide, up to x = end.
+    """
     x, y = grid.axes()
     rng = random_stream(seed, "terrain/hills")
     z = np.zeros((grid.ny, grid.nx))
@@ -70,7 +73,7 @@ def _hill_field(grid: TerrainGrid, seed: int, amp: float, end: float = math.inf)
 
 
 def _noise_field(grid: TerrainGrid, seed: int, amp: float) -> Array:
-    """Value noise: random nodes every 40 mm, smooth between, +-amp/2, zero on the pad. (ny, nx)"""
+    """Return heights (ny, nx) m of noise: random nodes every 40 mm, smooth between, +-amp/2 m, zero on the pad."""
     x, y = grid.axes()
     rng = random_stream(seed, "terrain/rough")
     u, v = (x[0] - grid.x0) / NOISE_WAVE, (y[:, 0] - grid.y0) / NOISE_WAVE
@@ -92,7 +95,7 @@ def _rough(r: ShapeSpec) -> Shape:
 
 
 def _stairs(grid: TerrainGrid, first: float, riser: float) -> tuple[tuple[TerrainBox, ...], Array]:
-    """Boxes of N_RISERS steps that rise along x and the height of their tops over the grid (1, nx)."""
+    """Return the boxes of three steps that rise along x from `first` m on by `riser` m, and their tops (1, nx) m."""
     x, _ = grid.axes()
     end, half_y = grid.x0 + grid.nx * grid.cell, 0.5 * grid.cell * grid.ny
     boxes: list[TerrainBox] = []
@@ -110,7 +113,7 @@ def _steps(r: ShapeSpec) -> Shape:
 
 
 def _flagstones(r: ShapeSpec) -> Shape:
-    """Tiles of 10 cm at random heights and slopes; the gaps of tilted tiles are closed by their depth."""
+    """Return tiles of 10 cm at random heights and slopes; the gaps of tilted tiles are closed by their depth."""
     x, y = r.grid.axes()
     rng = random_stream(r.seed, "terrain/flagstones")
     z = np.zeros((r.grid.ny, r.grid.nx))
@@ -132,7 +135,7 @@ def _flagstones(r: ShapeSpec) -> Shape:
 
 
 def _primitive(r: ShapeSpec) -> Shape:
-    """Flat, slope, step edge, hill, ridge, hole, groove about the origin; `yaw` turns them."""
+    """Return one of flat, slope, step edge, hill, ridge, hole, groove (1..7) about the origin; `yaw` turns it."""
     grid, amp, yaw = r.grid, r.amp, r.yaw
     x, y = grid.axes()
     u, v = math.cos(yaw) * x + math.sin(yaw) * y, -math.sin(yaw) * x + math.cos(yaw) * y
@@ -160,7 +163,7 @@ def _primitive(r: ShapeSpec) -> Shape:
 
 
 def _demo(r: ShapeSpec) -> Shape:
-    """Pad, hills with rough noise, three steps: everything on the first 1.5 m; `amp` scales all heights."""
+    """Return pad, hills with rough noise, three steps: everything on the first 1.5 m; `amp` scales all heights."""
     grid = r.grid
     x, _ = grid.axes()
     scale = r.amp / DEMO_HILLS
@@ -176,8 +179,8 @@ def inside(outline: Outline, x: Array, y: Array) -> NDArray[np.bool_]:
     """Return True for the points that lie on a floor, not on its edge.
 
     Args:
-        outline: corners of the floor, m; its edges run along x and y.
-        x: of the points, m; broadcast with `y`.
+        outline: corners of the floor, (x, y) m, map; its edges run along x and y.
+        x: of the points, m, any shape that broadcasts with `y`.
         y: of the points, m.
 
     Returns:
@@ -197,8 +200,8 @@ def walls(outline: Outline, height: float) -> tuple[TerrainBox, ...]:
     """Return a wall outside of each edge of a floor; it also fills corners that point outwards.
 
     Args:
-        outline: corners of the floor, counter-clockwise, m; its edges run along x and y.
-        height: m.
+        outline: corners of the floor, counter-clockwise, (x, y) m, map; its edges run along x and y.
+        height: of the walls, m.
     """
     boxes: list[TerrainBox] = []
     for k in range(len(outline)):

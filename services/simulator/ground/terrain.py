@@ -69,7 +69,7 @@ class Terrain:
     """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
 
     def on_floor(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points (n, 2) m are not in or behind a wall, (n,)."""
+        """Return True for the points (n, 2) m, map, that are not in or behind a wall, (n,)."""
         return inside(self.floor, points[:, 0], points[:, 1]) if self.floor else np.ones(len(points), dtype=np.bool_)
 
     @property
@@ -149,7 +149,7 @@ def make_terrain(
 
 
 def _around(kind: TerrainKind, cell: float) -> TerrainGrid:
-    """Return the cells of a floor and its walls, `cell` m wide."""
+    """Return the cells, `cell` m wide, of a grid that reaches over a walled floor to the outer faces of its walls."""
     (x0, x1), (y0, y1) = ((min(side) - WALL, max(side) + WALL) for side in zip(*kind.floor, strict=True))
     return TerrainGrid(x0, y0, round((x1 - x0) / cell) + 1, round((y1 - y0) / cell) + 1, cell)
 
@@ -160,7 +160,11 @@ def _map(grid: TerrainGrid, z: Array) -> HeightMap:
 
 
 def terrain_from_map(ground: HeightMap) -> Terrain:
-    """Return a terrain that is one height field, such as a file; unknown cells become the lowest known height."""
+    """Return a terrain that is one height field, such as a file; unknown cells become the lowest known height.
+
+    Raises:
+        TerrainError: no cell is known.
+    """
     known = np.isfinite(ground.z)
     if not known.any():
         raise TerrainError("map", "has no known cell")
@@ -170,7 +174,7 @@ def terrain_from_map(ground: HeightMap) -> Terrain:
 
 
 def observed_map(terrain: Terrain, profile: str, seed: int) -> HeightMap:
-    """Return the height map that the robot gets: the true one, or with errors like those of a mapper.
+    """Return the height map that the robot gets: the true one, or with errors of the kind that a mapper makes.
 
     Args:
         terrain: the true ground.

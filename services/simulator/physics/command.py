@@ -10,19 +10,17 @@ COMMAND_SLACK = 1e-6  # rad, rounding of a command at the limit
 
 
 class CommandGuard:
-    """Check of joint commands, which refuses those that the servos must not follow."""
+    """Check of joint commands, which refuses those that the servos must not follow; joint limits in rad, (nj,)."""
 
     def __init__(self, lower: Array, upper: Array) -> None:
         self._lower: list[float] = (lower - COMMAND_SLACK).tolist()  # plain floats: quicker than numpy for a few joints
         self._upper: list[float] = (upper + COMMAND_SLACK).tolist()
 
     def refusal(self, q: Sequence[float]) -> str | None:
-        """Return the reason against joint positions in the robot's order, rad; None: they are allowed.
+        """Return the reason against joint positions `q`, rad, in the robot's order; None: they are allowed.
 
-        The result does not depend on earlier commands: the runtime orders commands by their ticks.
-
-        Returns:
-            `wrong_length`, `not_finite` or `out_of_range`.
+        The reasons are `wrong_length`, `not_finite` and `out_of_range`. The result does not depend on earlier commands:
+        the runtime orders commands by their ticks.
         """
         if len(q) != len(self._lower):
             return "wrong_length"

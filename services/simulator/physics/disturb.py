@@ -38,7 +38,7 @@ class WorldError(InvalidField):
 
 @dataclass(frozen=True)
 class Push:
-    """Push of the robot: force at the centre of mass of a body in the ticks start <= tick < end."""
+    """Push of the robot: force at the centre of mass of a body (MuJoCo id) in the ticks start <= tick < end."""
 
     start: int
     end: int
@@ -83,7 +83,13 @@ class Disturbances:
     # --- requests -----------------------------------------------------------------------------------------------
 
     def push(self, tick: int, force: tuple[float, float, float], duration: float, body: str) -> None:
-        """Plan a force (N, world axes) at the centre of mass of a link for `duration` s from a tick on."""
+        """Plan a force (N, world axes) at the centre of mass of a link for `duration` s from a tick on.
+
+        `body`: name of the link, or `trunk`.
+
+        Raises:
+            WorldError: the link is unknown, or a number is not finite or positive.
+        """
         name = self._links[0] if body == "trunk" else body
         if name not in self._links:
             raise WorldError("body", f"got {body!r}, known are trunk, {', '.join(self._links)}")
@@ -94,7 +100,13 @@ class Disturbances:
         self.pushes.append(Push(tick, end, int(self.address.bodies[self._links.index(name)]), (x, y, z)))
 
     def set(self, tick: int, quantity: str, value: float) -> None:
-        """Change friction, mass or servo gains now; `tick`: present tick, which shows what servo faults are active."""
+        """Set friction, mass or servo gains from now on; `tick`: now, which shows what servo faults are active.
+
+        `value`: of friction the coefficient, else a factor on the robot's own masses or gains, 0 to 100.
+
+        Raises:
+            WorldError: the quantity is unknown, or the value out of range.
+        """
         if quantity not in QUANTITIES:
             raise WorldError("quantity", f"got {quantity!r}, known are {', '.join(QUANTITIES)}")
         if not (math.isfinite(value) and 0.0 < value <= MAX_VALUE):
@@ -103,7 +115,7 @@ class Disturbances:
         self._retune(tick)
 
     def add_fault(self, tick: int, fault: Fault, seed: int) -> None:
-        """Plan a fault; its random numbers depend on the seed of the run too."""
+        """Plan a fault; its random numbers depend on its own seed and on `seed`, that of the run."""
         self.faults.add(replace(fault, seed=fault.seed + seed))
         if fault.start_tick <= tick and fault.kind.startswith("servo"):
             self._retune(tick)
@@ -146,7 +158,7 @@ class Disturbances:
         Args:
             tick: now.
             samples: of intact sensors.
-            limit: range of the inertial unit, (6,): accelerometer m/s^2, gyro rad/s.
+            limit: range of the inertial unit, (6,): accelerometer m/s^2, gyro rad/s; not changed.
         """
         bank = self.faults
         imu, joints, contacts = samples
@@ -176,7 +188,7 @@ class Disturbances:
         return Samples(*arrived)
 
     def _failed(self, tick: int, sample: ContactSample, touch: NDArray[np.bool_]) -> ContactSample | None:
-        """Return the sample of foot sensors that fail as a whole, None if lost; `touch` (P,): true switches."""
+        """Return the sample of foot sensors that fail as a whole, None if lost; `touch` (P,): switches before that."""
         force = np.zeros(0) if sample.normal_force is None else sample.normal_force
         x = self.faults.fail(tick, "contacts", np.concatenate((np.where(touch, 1.0, -1.0), force)))
         if x is None:
@@ -223,7 +235,7 @@ class Disturbances:
         }  # fmt: skip
 
     def restore(self, tick: int, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier; `tick`: now."""
         self.pushes = [Push(start, end, body, (f[0], f[1], f[2])) for start, end, body, f in state["pushes"]]
         self.settings = dict(state["settings"])
         self._limit = None if state["torque_limit"] is None else np.array(state["torque_limit"])
@@ -232,7 +244,7 @@ class Disturbances:
 
 
 def at_limit(y: Array, limit: Array) -> bool:
-    """Return True if an inertial axis of y (3,), m/s^2 or rad/s, is at the end of its range, `limit` (3,)."""
+    """Return True if an axis of inertial sample y (6,), m/s^2 and rad/s, is at the end of its range, `limit` (6,)."""
     return bool((np.abs(y) >= limit).any())
 
 

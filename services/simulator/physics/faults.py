@@ -54,7 +54,7 @@ class Fault:
         return self.start_tick + max(1, round(self.duration / TICK_S))
 
     def active(self, tick: int) -> bool:
-        """Return whether the fault is on in this tick."""
+        """Return True if the fault is on in this tick."""
         return self.start_tick <= tick < self.end_tick
 
 
@@ -73,7 +73,7 @@ class FaultBank:
         self.lost = 0
 
     def __bool__(self) -> bool:
-        """Return whether any fault was ever planned: a run without faults pays nothing."""
+        """Return True if any fault was ever planned: a run without faults pays nothing."""
         return bool(self.faults)
 
     def equip(self, sensors: tuple[str, ...]) -> None:
@@ -131,11 +131,11 @@ class FaultBank:
     # --- servos -------------------------------------------------------------------------------------------------
 
     def changes_servos(self, tick: int) -> bool:
-        """Return whether a servo fault begins or ends in this tick."""
+        """Return True if a servo fault begins or ends in this tick."""
         return any(f.kind.startswith("servo") and tick in (f.start_tick, f.end_tick) for f in self.faults)
 
     def servo_strength(self, tick: int) -> Array:
-        """Return the factor, no unit, of faults on gains and torque limit of each servo at a tick, (nj,); 1 = sound."""
+        """Return the factor of faults on gains and torque limit of each servo at a tick, (nj,), no unit; 1 = sound."""
         strength = np.ones(len(self._names["joint"]))
         for fault in self.on(tick, "servo_dead", "servo_weak"):
             strength[self._indices(fault)] *= 0.0 if fault.kind == "servo_dead" else fault.value
@@ -149,7 +149,7 @@ class FaultBank:
         Args:
             tick: now.
             measured: accelerometer and gyro of the intact sensor, (6,) m/s^2 and rad/s.
-            limit: range of each axis, (6,), same units; made smaller in place by a fault that saturates.
+            limit: range of each axis, (6,), m/s^2 and rad/s; made smaller in place by a fault that saturates.
         """
         for fault in self.on(tick, "imu_bias"):
             measured = measured.copy()
@@ -162,9 +162,9 @@ class FaultBank:
         return None if self.on(tick, "imu_drop") else measured
 
     def joints(self, tick: int, position: Array, current: Array, torque: Array) -> tuple[Array, Array, Array] | None:
-        """Return position (n,) rad, current (n,) A, torque (n,) N m as broken sensors give them; None = no sample.
+        """Return position (nj,) rad, current (nj,) A, torque (nj,) Nm as broken sensors give them; None = no sample.
 
-        position, current, torque: of intact sensors, same shapes and units.
+        position, current, torque: of intact sensors, in these shapes and units.
         """
         table = np.stack((position, current, torque))
         table = self._freeze("joints", bool(self.on(tick, "joints_freeze")), table.ravel()).reshape(table.shape)
@@ -192,16 +192,13 @@ class FaultBank:
     def seen(
         self, tick: int, marks: list[Detection], goal: Detection | None, looks: Array
     ) -> tuple[list[Detection], Detection | None]:
-        """Return the landmarks and the marker that the broken camera reports.
+        """Return the landmarks and the marker of the goal that the broken camera reports.
 
         Args:
             tick: now.
             marks: recognised landmarks.
             goal: marker of the goal, None = not seen.
-            looks: descriptors of all landmarks, (n, d), no unit.
-
-        Returns:
-            Landmarks and marker.
+            looks: descriptors of all landmarks, (n, d), no unit, from which mistaken ones are made.
         """
         for fault, rng in zip(self.faults, self._random, strict=True):
             if fault.kind == "landmarks_drop" and fault.active(tick):
@@ -216,7 +213,7 @@ class FaultBank:
         return marks, markers[0] if markers else None
 
     def echo(self, tick: int, distance: float | None, shortest: float) -> tuple[float | None] | None:
-        """Return the distance, m, of the ultrasound under the faults of a tick, as a tuple of one; None = no sample.
+        """Return the distance, m, that a broken ultrasound reports, as a tuple of one; None = no sample.
 
         Args:
             tick: control tick.
@@ -228,7 +225,7 @@ class FaultBank:
         return (shortest,) if self.on(tick, "range_stuck") else (distance,)
 
     def _freeze(self, key: str, frozen: bool, value: Array) -> Array:
-        """Return the last value before the fault while it is on, else the value (n,); `key` names the sensor."""
+        """Return the last value before the fault while it is on (`frozen`), else `value` (n,); `key`: of the sensor."""
         if frozen and key in self._held:
             return np.array(self._held[key])
         self._held[key] = value.tolist()
@@ -237,7 +234,8 @@ class FaultBank:
     def fail(self, tick: int, sensor: str, x: Array) -> Array | None:
         """Return the numbers of a sample, (n,), as its failed sensor gives them, in its own units; None = no sample.
 
-        `x`: numbers of the intact sensor, (n,). A switch is +1 or -1, so that a factor of -1 inverts it.
+        `sensor`: its name in SENSORS; `x`: numbers of the intact sensor, (n,). A switch is +1 or -1, so that a factor
+        of -1 inverts it.
         """
         for n, (fault, rng) in enumerate(zip(self.faults, self._random, strict=True)):
             if fault.target not in ("", sensor):
@@ -263,18 +261,15 @@ class FaultBank:
     # --- packets ------------------------------------------------------------------------------------------------
 
     def packet(self, tick: int, channel: str, content: dict[str, Any] | None) -> dict[str, Any] | None:
-        """Return the packet that arrives in a tick over a faulty line.
+        """Return the packet that arrives in a tick over a faulty line, None = none does.
 
         Lost packets are counted. Late ones wait in a queue; when several arrive in one tick the last one counts and the
         others are lost, as one key carries one sample a tick. `packet_reorder` delays each packet by a random time.
 
         Args:
             tick: now.
-            channel: one of `CHANNELS`.
+            channel: line: imu, joints, contacts or command.
             content: what was sent now, plain JSON values; None = nothing.
-
-        Returns:
-            What arrives now.
         """
         queue = self._queues.setdefault(channel, [])
         if content is not None:
@@ -317,7 +312,7 @@ class FaultBank:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier."""
         self.faults = [Fault(**f) for f in state["faults"]]
         self._random = [np.random.default_rng() for _ in self.faults]
         for rng, saved in zip(self._random, state["random"], strict=True):
@@ -328,7 +323,7 @@ class FaultBank:
 
 
 def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detection:
-    """Return a landmark that looks like another one of the map, whose descriptors are `looks` (n, d)."""
+    """Return a landmark with the looks of another one of the map, whose descriptors are `looks` (n, d); noise stays."""
     if len(looks) < 2 or mark.landmark < 0:
         return mark
     other = int(rng.integers(len(looks) - 1))
@@ -343,7 +338,7 @@ def _packed(marks: list[Detection]) -> Array:
 
 
 def _unpacked(numbers: Array) -> list[Detection]:
-    """Return the landmarks of the numbers of `_packed`."""
+    """Return the landmarks of numbers: their count, then range (m), bearing (rad), index and descriptor of each."""
     count = int(numbers[0])
     rows = numbers[1:].reshape(count, -1) if count else ()
     return [Detection(float(row[0]), float(row[1]), row[3:].copy(), int(row[2])) for row in rows]
@@ -362,7 +357,7 @@ def _target_of(kind: str) -> str:
 
 
 def _needed(kind: str) -> tuple[str, ...]:
-    """Return the sensors, one of which a fault breaks; empty = every robot has it."""
+    """Return the sensors of which the robot needs one for a kind of fault; empty = every robot has it."""
     if kind in ("camera_dark", "camera_freeze"):
         return "landmarks", IMAGE
     if kind.startswith("camera"):

@@ -24,7 +24,7 @@ def coupled_links(robot: Robot) -> list[int]:
 
 
 def place_joints(qpos: Array, addresses: "Addresses", q: Array) -> None:
-    """Write joint angles q (nj,) rad into MuJoCo's positions, both axes of a coupled motor; play is centred.
+    """Write joint angles q (nj,) rad into MuJoCo's positions, both axes of a coupled motor; the gears' play is centred.
 
     `qpos`: positions of the whole model, (nq,), m and rad, changed in place; `addresses`: where the joints are in it.
     """
@@ -35,7 +35,7 @@ def place_joints(qpos: Array, addresses: "Addresses", q: Array) -> None:
 
 
 def read_joints(qpos: Array, addresses: "Addresses") -> Array:
-    """Return the angles of the output shafts of the servos, (nj,) rad, with the play of their gears; a copy.
+    """Return the angles of the output shafts of the servos, (nj,) rad, play of their gears included; a copy.
 
     `qpos`: positions of the whole model, (nq,), m and rad; `addresses`: where the joints are in it.
     """
@@ -53,9 +53,9 @@ def add_joint(
 
     Args:
         spec: model, changed.
-        body: that the joint turns.
+        body: that the joint turns, changed.
         robot: the description.
-        index: of the joint.
+        index: of the joint in the description.
         kp: position gain, Nm/rad.
         kv: velocity gain, Nm s/rad.
         torque: largest torque of every servo, (nj,) Nm.
@@ -85,7 +85,7 @@ def add_joint(
 
 
 def add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: int) -> None:
-    """Add the second axis that a motor turns to a body: its angle equals that of the first axis."""
+    """Add the second axis that a motor turns to a body: its angle equals that of the first; `link`: its index."""
     joint, name = robot.joints[robot.links[link].joint], robot.links[link].name
     body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=robot.links[link].axis)
     spec.add_equality(
@@ -100,7 +100,10 @@ def add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: i
 
 
 def add_backlash(body: mujoco.MjsBody, robot: Robot, link: int) -> None:
-    """Add the free play of a servo's output shaft to a body, as a joint in series; nothing where it is 0."""
+    """Add the free play of a servo's output shaft to a body, as a joint in series; nothing where it is 0.
+
+    `link`: index of the link in the description that the body belongs to.
+    """
     joint = robot.joints[robot.links[link].joint]
     if joint.servo.backlash == 0.0:
         return

@@ -32,7 +32,7 @@ TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular
 
 @dataclass(frozen=True)
 class Physics:
-    """Contact and integration settings: feet creep by 0.006 mm/s on 15 deg and sink in by 0.03 mm."""
+    """Contact and integration settings: feet creep by 0.006 mm/s on 15 deg of slope and sink in by 0.03 mm."""
 
     timestep: float = 1e-3  # s
     gravity: float = GRAVITY  # m/s2
@@ -173,7 +173,10 @@ def retune(
     perturb: Perturbation,
     physics: Physics | None = None,
 ) -> None:
-    """Set masses, servos and friction of a compiled model; always relative to the description, so it is repeatable."""
+    """Set masses, servos and friction of a compiled model; always relative to the description, so it is repeatable.
+
+    `perturb`: differences of the simulated robot from the description; `physics`: contact settings, None = the usual.
+    """
     physics = physics or Physics()
     masses, coms, inertias = _inertial(robot, perturb)
     model.body_mass[addresses.bodies] = masses
@@ -189,7 +192,7 @@ def retune(
 
 
 def _inertial(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]:
-    """Masses (nl,), centres of mass (nl, 3) and principal inertias (nl, 3) of the perturbed robot."""
+    """Return masses (nl,) kg, centres of mass (nl, 3) m, principal inertias (nl, 3) kg m^2 of the perturbed links."""
     scale = np.full(len(robot.links), perturb.leg_mass_scale)
     scale[0] = perturb.trunk_mass_scale
     mass = scale * np.array([link.mass for link in robot.links])
@@ -200,7 +203,7 @@ def _inertial(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]
 
 
 def _servos(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]:
-    """kp, kv and torque limit per joint, (nj,) each, of the perturbed robot."""
+    """Return kp (Nm/rad), kv (Nm s/rad) and torque limit (Nm) of the perturbed robot's joints, (nj,) each."""
     servos = [joint.servo for joint in robot.joints]
     kp = np.array([s.kp for s in servos]) * perturb.kp_scale
     kv = np.array([s.kv for s in servos]) * perturb.kv_scale
@@ -209,7 +212,7 @@ def _servos(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]:
 
 
 def _gravity(size: float, tilt: tuple[float, float]) -> list[float]:
-    """Gravity in the axes of a floor rolled and pitched against the horizontal; level: straight down."""
+    """Return gravity, m/s^2, in the axes of a floor rolled and pitched (`tilt`, rad) against the horizontal."""
     roll, pitch = tilt
     if roll == 0.0 and pitch == 0.0:
         return [0.0, 0.0, -size]

@@ -28,7 +28,7 @@ UPRIGHT = 0.5
 
 
 class Obstacles:
-    """Obstacles of one world.
+    """Obstacles of one world: boxes that stand or cross the floor, which no contact moves.
 
     Args:
         spec: of the world, before it is compiled; each obstacle becomes a body of it.
@@ -48,7 +48,7 @@ class Obstacles:
         self._geoms: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
     def find(self, model: Any) -> None:
-        """Look up the geoms in the compiled model."""
+        """Find the obstacles' geoms in the compiled model and keep their ids."""
         names = [f"terrain_obstacle_{i}" for i in range(len(self._boxes))]
         self._geoms = np.array([model.geom(name).id for name in names], dtype=np.int64)
 
@@ -68,7 +68,7 @@ class Obstacles:
                 self._walk(box, place, robot)
 
     def _walk(self, box: Obstacle, place: Array, robot: Array) -> None:
-        """Move an obstacle at `place` by a tick towards its end, in place, unless it gives way to the robot.
+        """Move an obstacle at `place` by a tick towards its end, in place, unless it gives way to the robot ahead.
 
         `place`, `robot`: x, y, z in the world, (3,) m.
         """
@@ -86,7 +86,7 @@ class Obstacles:
         place[1] += share * way_y
 
     def touched(self, data: Any) -> bool | None:
-        """Return whether the robot pressed a side of an obstacle in the last physics step; None: there are none."""
+        """Return True if the robot pressed a side of an obstacle in the last physics step; None: there are none."""
         if not self._boxes:
             return None
         contact = data.contact

@@ -26,7 +26,12 @@ MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
 
 
 def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
-    """Return the terrain of a kind, or of a file, see `heightmap_exchange.SUFFIXES`.
+    """Return the terrain of a kind, or of a file, by its name in a scenario.
+
+    Args:
+        name: kind of a generated terrain, or path of a height map with a known suffix.
+        seed: of a generated terrain.
+        amplitude: of a generated terrain's relief, m; None = that of the kind.
 
     Raises:
         TerrainError: the name is neither a kind nor a readable file.

@@ -31,7 +31,7 @@ def place(
     pose: tuple[float, float, float],
     stance: NDArray[np.float64],
 ) -> None:
-    """Set the positions of trunk and joints of a robot that stands on its ground.
+    """Set the positions of trunk and joints of a robot that stands on its ground, 1 mm above it.
 
     Args:
         model: the compiled world.
@@ -39,7 +39,7 @@ def place(
         address: indices of the robot in it.
         spheres: geoms of the feet, (P,).
         terrain: the ground.
-        pose: x, y in m and yaw in rad of the trunk.
+        pose: x, y in m and yaw in rad of the trunk, frame map.
         stance: joint angles, (nj,), rad.
 
     Raises:
@@ -62,7 +62,7 @@ def place(
 def footprint(
     model: mujoco.MjModel, data: mujoco.MjData, address: Addresses, spheres: NDArray[np.int64], yaw: float
 ) -> NDArray[np.float64]:
-    """Return points (n, 2) m on the floor, `GRID` apart, of the rectangle along the heading that feet and trunk fill.
+    """Return points (n, 2) m, 3 cm apart, of the rectangle on the floor along the heading that feet and trunk fill.
 
     Args:
         model: the compiled world.
@@ -84,7 +84,7 @@ def footprint(
 
 
 class Displacement(NamedTuple):
-    """Rigid motion of the robot over the floor: p' = Rz(turn) (p - centre) + centre + move."""
+    """Rigid motion of the robot over the floor, of points p (3,) m: p' = Rz(turn) (p - centre) + centre + move."""
 
     centre: NDArray[np.float64]
     """Origin of base_link before the motion, x and y, (2,) m, map axes."""
@@ -103,7 +103,7 @@ class Displacement(NamedTuple):
         return out
 
     def turned(self, vector: NDArray[np.float64]) -> None:
-        """Turn a vector in map axes, (3,), any unit, by the turn of the motion about the vertical, in place."""
+        """Turn `vector`, in map axes, (3,), any unit, by the turn of the motion about the vertical, in place."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         vector[:2] = c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
 
@@ -126,8 +126,8 @@ def displacement(
         address: indices of the robot in it.
         spheres: geoms of the feet, (P,).
         terrain: the ground.
-        forward: m along the heading.
-        left: m.
+        forward: way along the heading, m.
+        left: way across it, m.
         turn: rad, left positive.
 
     Raises:
@@ -155,7 +155,7 @@ def displacement(
 
 
 def displace(data: mujoco.MjData, way: Displacement) -> None:
-    """Move the robot to another place with its posture, speeds and loads, so that it continues to stand or walk."""
+    """Move the robot by a displacement with its posture, speeds and loads, so that it continues to stand or walk."""
     data.qpos[:3] = way.of(data.qpos[None, :3])[0]
     data.qpos[3:7] = multiply(quat_from_rpy(0.0, 0.0, way.turn), data.qpos[3:7].copy())
     for vector in (data.qvel[:3], data.qacc_warmstart[:3]):  # rates of the free joint are in its own axes

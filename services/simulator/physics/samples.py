@@ -98,12 +98,12 @@ _ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "torque_lim
 
 
 def pack(sample: NamedTuple) -> dict[str, Any]:
-    """Return a sample as plain JSON values, from which `unpack` makes it again."""
+    """Return a sample (a named tuple) as plain JSON values by field, from which it can be made again."""
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in sample._asdict().items()}
 
 
 def unpack(kind: type[Any], values: dict[str, Any]) -> Any:
-    """Return the sample of a class `kind` from the plain JSON values that `pack` made."""
+    """Return the sample of a class `kind` from plain JSON values by field."""
     known: dict[str, Any] = {k: np.array(v) if k in _ARRAYS and v is not None else v for k, v in values.items()}
     if "touch" in values:
         known["touch"] = tuple(tuple(foot) for foot in values["touch"])
@@ -117,7 +117,7 @@ class ExactState(NamedTuple):
     position: Array
     """Origin of base_link in the world, (3,) m."""
     quat_wxyz: Array
-    """rot_world_from_base as a quaternion w, x, y, z, (4,)."""
+    """Rotation from base_link to the world as a quaternion w, x, y, z, (4,)."""
     velocity: Array
     """Velocity of the origin of base_link, world axes, (3,) m/s."""
     angular_velocity: Array
@@ -145,13 +145,13 @@ class ExactState(NamedTuple):
     tilt: float
     """Angle between the trunk's z axis and the vertical, rad."""
     fallen: bool
-    """Tilt above 45 deg or trunk contact, now or earlier."""
+    """True if the tilt was above 45 deg or the trunk touched the ground, now or earlier."""
     foot_twist: Array
     """Turn of each sole about the vertical since its touch-down, (L,) rad; empty for point feet."""
     stance_twist: Array
     """Turn of each sole in its last finished stance, (L,) rad; empty for point feet."""
     touching: bool | None
-    """A foot or the trunk presses the side of an obstacle; None = the world has none."""
+    """True if a foot or the trunk presses the side of an obstacle; None = the world has none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,11 +169,11 @@ class Checkpoint:
         return hashlib.sha256(self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:
-        """Return one line of JSON, then little-endian float64."""
+        """Return the checkpoint as bytes: one line of JSON, then the physics as little-endian float64."""
         return self.meta.encode() + b"\n" + self.physics.astype("<f8").tobytes()
 
     @classmethod
     def from_bytes(cls, payload: bytes) -> "Checkpoint":
-        """Return the checkpoint that `to_bytes` wrote."""
+        """Return the checkpoint of bytes: one line of JSON, then little-endian float64."""
         meta, physics = payload.split(b"\n", 1)
         return cls(np.frombuffer(physics, dtype="<f8").astype(np.float64), meta.decode())

@@ -25,7 +25,7 @@ class ServoLine:
 
     Args:
         robot: its servos' resolution counts for each joint, the longest latency for all.
-        step_ns: physics step.
+        step_ns: length of a physics step, ns.
     """
 
     def __init__(self, robot: Robot, step_ns: int) -> None:
@@ -46,7 +46,7 @@ class ServoLine:
         return self.resolution * np.rint(set_points / self.resolution)
 
     def send(self, step: int, command: ServoCommand) -> None:
-        """Put a command on the line to the servos in a physics step."""
+        """Put a command, sent in a physics step, on the line to the servos; it arrives later by their latency."""
         heard = self.heard(command.position)
         self._coming.append(Arrival(step + self.latency_steps, ServoCommand(heard, command.torque_limit)))
 
@@ -55,9 +55,9 @@ class ServoLine:
         return self._coming.pop(0) if self._coming and self._coming[0].step <= until else None
 
     def state(self, step: int) -> list[Any]:
-        """Return the commands under way, relative to a step, as plain JSON values."""
+        """Return the commands under way, their steps counted from `step`, as plain JSON values."""
         return [[at - step, pack(command)] for at, command in self._coming]
 
     def restore(self, step: int, state: list[Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set the commands under way to a `state` that was returned earlier, its steps counted from `step`."""
         self._coming = [Arrival(step + ahead, unpack(ServoCommand, command)) for ahead, command in state]

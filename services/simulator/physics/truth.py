@@ -35,7 +35,7 @@ WALL = 0.5  # a normal that rises less than this is a wall's
 
 
 class FeetTruth(NamedTuple):
-    """State of the feet, one row per foot: views of two tables, which are updated in place and copied as one."""
+    """State of the feet, one entry per foot: views of two tables, which are updated in place and copied as one."""
 
     force: Array  # (L, 3) N, contact force on the foot, world axes
     centre: Array  # (L, 3) m, foot centre in world
@@ -54,7 +54,7 @@ def feet_of(table: Array, counts: Ints) -> FeetTruth:
     """Return the state of the feet as views of its two tables.
 
     `table` (L, 17): force N, centre m, normal, start m (3 columns each), normal force N, sliding and displacement m of
-    this and of the last stance; `counts` (L, 2): finished stances, ticks since the foot stood.
+    this stance, sliding and displacement m of the last; `counts` (L, 2): finished stances, ticks since the foot stood.
     """
     return FeetTruth(
         table[:, 0:3], table[:, 3:6], table[:, 6:9], table[:, 9:12], table[:, 12], table[:, 13], table[:, 14],
@@ -76,7 +76,7 @@ class Contacts(NamedTuple):
 
 
 class GeomRoles(NamedTuple):
-    """Roles of the geoms of a model: spheres of the feet, P of them, and belly."""
+    """Roles of the geoms of a model: P spheres of the feet, and belly."""
 
     sphere_of_geom: Ints  # (ngeom,) -1 = no sphere of a foot
     foot_of_sphere: Ints  # (P,)
@@ -169,7 +169,7 @@ class TruthTracker:
         """Update all feet by the state at the end of a tick; the kinematics in the data must belong to that state.
 
         Args:
-            first: forget earlier ticks: feet that touch begin their stance here.
+            first: True = forget earlier ticks: feet that touch begin their stance here.
         """
         touched = self.forces()
         _feet(self._bodies, self._steps, self._xpos, self._xmat, self.contact, self._table, self._counts, first)
@@ -179,7 +179,7 @@ class TruthTracker:
         self.fallen = (self.fallen and not first) or touched or tilted
 
     def displaced(self, way: Displacement) -> None:
-        """Move the stored places of the feet with a displacement of the robot, which counts as no slip and no twist."""
+        """Move the stored places of the feet by a displacement of the robot, which counts as no slip and no twist."""
         self.feet.start[:] = way.of(self.feet.start)
         for normal in self.feet.normal:
             way.turned(normal)
@@ -196,7 +196,7 @@ class TruthTracker:
         return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier."""
         self.fallen = bool(state["fallen"])
         for key, array in self.feet._asdict().items():
             array[:] = state[key]
@@ -206,7 +206,15 @@ class TruthTracker:
 
 @kernel
 def _forces(contacts: Contacts, roles: GeomRoles, sphere_force: Array, force: Array, contact: Array) -> bool:
-    """Sum the contact forces of a step per sphere (P,) and foot (L, 3), and its contacts weighted by force, (L, 6)."""
+    """Write the contact forces of a physics step per sphere and per foot; return True if the trunk touched the ground.
+
+    Args:
+        contacts: of the step.
+        roles: of the geoms.
+        sphere_force: result: normal force on each sphere, (P,) N.
+        force: result: force on each foot, world axes, (L, 3) N.
+        contact: result: place (m) and normal of each foot's contacts, summed with weight N, world, (L, 6).
+    """
     geom, frame, pos, address, efc_force = contacts
     sphere_of_geom, foot_of_sphere, is_belly = roles
     sphere_force[:] = 0.0
@@ -242,17 +250,18 @@ def _feet(
     bodies: FootBodies, steps: SphereSteps, xpos: Array, xmat: Array, contact: Array, table: Array, counts: Ints,
     first: bool,
 ) -> None:  # fmt: skip
-    """Advance the feet by one tick, in the tables of `feet_of`, in place.
+    """Advance the state of the feet by one tick, in place.
 
     Args:
-        bodies: places of the L feet.
+        bodies: places of the L feet in their links.
         steps: touch and motion of their spheres.
         xpos: places of all bodies, (nbody, 3) m, world.
-        xmat: rot_world_from_body by rows, (nbody, 9).
+        xmat: rotations from each body to the world, row by row, (nbody, 9).
         contact: place (m) and normal of each foot's contacts, summed with weight N, world, (L, 6).
-        table: (L, 17), written.
-        counts: (L, 2), written.
-        first: begin anew.
+        table: (L, 17), written: force, centre, normal, start (3 each), normal force, sliding and displacement, those of
+            the last stance.
+        counts: (L, 2), written: finished stances, ticks since the foot stood (-1 = in swing).
+        first: True = begin anew.
     """
     feet = _feet_of(table, counts)
     for i in range(bodies.body.shape[0]):
@@ -283,9 +292,9 @@ def _feet(
 
 @kernel
 def _slid(steps: SphereSteps, normal: Array, radius: float, foot: int) -> tuple[bool, float]:
-    """Return whether a foot stood in any step of a tick, and the way its contact slid then, m.
+    """Return True if a foot stood in any physics step of a tick, and the way its contact slid then, m.
 
-    `normal` (3,): unit normal of the ground, world; `radius` of the foot, m.
+    `normal` (3,): unit normal of the ground, world; `radius` of the foot, m; `foot`: its index.
     """
     stood, slid = False, 0.0
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -310,7 +319,10 @@ def _slid(steps: SphereSteps, normal: Array, radius: float, foot: int) -> tuple[
 
 @kernel
 def _stand(feet: FeetTruth, i: int, stood: bool, slid: float) -> None:
-    """Begin, continue or end the stance of foot i, in place: it `stood` in this tick, and slid by `slid` m."""
+    """Begin, continue or end the stance of foot i, in place: it `stood` in this tick, and slid by `slid` m.
+
+    A stance ends after three ticks without load.
+    """
     if stood:
         if feet.below[i] < 0:
             feet.sliding[i] = 0.0
@@ -331,9 +343,9 @@ def _stand(feet: FeetTruth, i: int, stood: bool, slid: float) -> None:
 
 
 def _window(model: mujoco.MjModel, data: mujoco.MjData, sensor: int, count: int) -> Array:
-    """View of the history of a run of equal sensors, (count, steps x dim).
+    """Return a view of the samples of `count` equal sensors in MuJoCo's history, (count, steps x dim).
 
-    It holds per sensor a user value, the cursor, the times and the values.
+    `sensor`: index of the first. The history holds per sensor a user value, the cursor, the times and the values.
     """
     steps, dim = int(model.sensor_history[sensor][0]), int(model.sensor_dim[sensor])
     start, width = int(model.sensor_historyadr[sensor]), 2 + steps * (1 + dim)
@@ -341,7 +353,7 @@ def _window(model: mujoco.MjModel, data: mujoco.MjData, sensor: int, count: int)
 
 
 def _feet_at_rest(n: int) -> tuple[Array, Ints]:
-    """Return the tables of `feet_of`, (n, 17) and (n, 2), of feet that are in swing."""
+    """Return the two tables of n feet in swing: (n, 17) forces, places and ways, (n, 2) counts, -1 = in swing."""
     table, counts = np.zeros((n, 17)), np.zeros((n, 2), dtype=np.int64)
     feet = feet_of(table, counts)
     feet.normal[:, 2], feet.below[:] = 1.0, -1

@@ -13,7 +13,7 @@ class TwistTracker:
     """Turn of each sole about the vertical since its touch-down, rad; only for robots whose feet are soles.
 
     Args:
-        bodies: (L,) body ids of the feet.
+        bodies: MuJoCo ids of the bodies of the feet, (L,).
     """
 
     def __init__(self, bodies: NDArray[np.int64]) -> None:
@@ -26,9 +26,9 @@ class TwistTracker:
         """Update the turn of each sole by the state at the end of a tick.
 
         Args:
-            xmat: rot_world_from_body of every body, row by row, (nbody, 9), no unit.
+            xmat: rotations from each body to the world, row by row, (nbody, 9), no unit.
             below: (L,) ticks since a foot last stood, -1 = in swing.
-            first: forget earlier ticks: stances begin here.
+            first: True = forget earlier ticks: feet that stand begin their stance here.
         """
         if first:
             self.standing[:], self.last[:] = False, 0.0
@@ -49,6 +49,6 @@ class TwistTracker:
         return {name: getattr(self, name).tolist() for name in ("start", "twist", "last", "standing")}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set all arrays to values that `state()` returned earlier."""
+        """Set all arrays to values that were returned for a checkpoint earlier."""
         for name, values in state.items():
             getattr(self, name)[:] = values

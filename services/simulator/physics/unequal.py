@@ -2,7 +2,7 @@
 
 Both legs are made a little crooked, as bent links or badly set servos do: the foot that a set-point places dx ahead of
 its neutral place turns by kappa dx about the trunk, and the legs of the outer side advance further than those of the
-inner one. With p the foot in base_link that the set-points mean, z up and kappa the drift in rad per m,
+inner one. With p the foot in base_link that the set-points mean, R its rotation, z up and kappa the drift in rad per m,
 
     p' = Rz(kappa dx) p - (0, kappa dx^2 / 2, 0),    R' = Rz(kappa dx) R.
 
@@ -52,7 +52,7 @@ class UnequalLegs:
 
 @kernel
 def bent(model: KinematicModel, q: Array, joints: Ints, neutral: Array, drift: float) -> Array:
-    """Return the joint angles (nj,) rad at which crooked legs have their feet.
+    """Return the joint angles (nj,) rad at which crooked legs have their feet: their straight walk turns by `drift`.
 
     Args:
         model: the robot, two legs of six joints.
@@ -91,9 +91,10 @@ def bent(model: KinematicModel, q: Array, joints: Ints, neutral: Array, drift: f
 
 @kernel
 def _column(a: Array, first: int, c: int, rot: Array, axis: Array, foot: Array, origin: Array) -> None:
-    """Add the motion (m/rad) and turn of a foot by a joint to rows `first` to `first` + 5 of column c of a, in place.
+    """Add the motion of a foot by a joint, per rad, to column c of `a` (12, 13): rows first .. first + 5, in place.
 
-    `rot` (3, 3): of the joint's link; `axis` (3,): in that link; `foot`, and `origin` of the joint: (3,) m; base axes.
+    The rows are place x, y, z (m) and turn about x, y, z. `rot` (3, 3): rotation from the joint's link to base_link;
+    `axis` (3,): of the joint in that link; `foot`, and `origin` of the joint: (3,) m; base_link axes.
     """
     turn, arm = np.empty(3), np.empty(3)
     for i in range(3):
@@ -108,7 +109,10 @@ def _column(a: Array, first: int, c: int, rot: Array, axis: Array, foot: Array, 
 
 @kernel
 def _eliminate(a: Array) -> None:
-    """Solve the linear equations a (n, n + 1), right side last, in place; zeros if singular: a stretched leg."""
+    """Solve linear equations, a (n, n + 1) with the right side last, which becomes the solution; in place.
+
+    It becomes zero if the equations are singular: a stretched leg.
+    """
     n = a.shape[0]
     for i in range(n):
         pivot = i

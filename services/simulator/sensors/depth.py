@@ -29,7 +29,7 @@ TERRAIN = 0  # group of the ground's geoms
 
 @dataclass(frozen=True, eq=False)
 class DepthCamera:
-    """Numbers of a depth camera's file, SI, and the direction of every pixel."""
+    """Numbers of a depth camera's file, SI, and the direction of every pixel as a ray (row by row from the top)."""
 
     file: DepthCameraFile
     focal: float  # px
@@ -39,7 +39,7 @@ class DepthCamera:
 
 
 def read_depth_camera(name: str) -> DepthCamera:
-    """Read `robots/depth_cameras/<name>.toml`.
+    """Return the depth camera of `robots/depth_cameras/<name>.toml`.
 
     Raises:
         RobotError: unknown name, or a number is out of range; `field` names it.
@@ -65,6 +65,7 @@ class DepthSensor:
     """Sensor model of a depth camera, with the random stream of one run.
 
     Args:
+        camera: its numbers and rays.
         seed: of the run.
     """
 
@@ -78,9 +79,9 @@ class DepthSensor:
 
         Args:
             ticks: control ticks since the run began.
-            model: of the world.
+            model: MuJoCo model of the world.
             data: its state.
-            trunk: body of base_link.
+            trunk: id of the body of base_link.
         """
         if ticks % self._every:
             return None

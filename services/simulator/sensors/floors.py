@@ -21,7 +21,7 @@ from ..ground.shapes import inside
 from ..ground.terrain import Terrain, TerrainError
 
 Array = NDArray[Any]
-"""Greys as float32, 0 = black, 1 = white."""
+"""Greys as float32, (rows, cols), 0 = black, 1 = white; rows along y, columns along x."""
 Painter = Callable[[tuple[int, int], np.random.Generator], Array]
 
 TEXEL = 0.0015
@@ -52,7 +52,7 @@ class Texture(NamedTuple):
 
 
 def _noise(shape: tuple[int, int], cell: tuple[float, float], rng: np.random.Generator) -> Array:
-    """Smooth noise of unit deviation, about, with features of `cell` pixels (rows, columns)."""
+    """Return smooth noise of about unit deviation, of a shape (rows, cols), with features of `cell` pixels each way."""
     size = [max(2, math.ceil(n / c) + 2) for n, c in zip(shape, cell, strict=True)]
     grid = rng.standard_normal(size).astype(np.float32)
     for axis, (n, c) in enumerate(zip(shape, cell, strict=True)):
@@ -64,7 +64,7 @@ def _noise(shape: tuple[int, int], cell: tuple[float, float], rng: np.random.Gen
 
 
 def _speckle(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Return noise of many sizes, float32 of a shape (rows, cols)."""
+    """Return smooth noise of many sizes, of a shape (rows, cols), about zero."""
     cells = ((3.0, 0.5), (6.0, 0.7), (12.0, 0.7), (30.0, 0.5))
     return sum((w * _noise(shape, (c, c), rng) for c, w in cells), np.zeros(shape, np.float32))
 
@@ -91,7 +91,7 @@ def _tiles(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def _boards(shape: tuple[int, int], rng: np.random.Generator, printed: int) -> Array:
-    """Boards of 7 x 49 cm; with `printed` > 0 only so many look different, and they lie in the same order always."""
+    """Return greys of boards of 7 x 49 cm; with `printed` > 0 only so many look different, in an order that repeats."""
     high, long = round(0.07 / TEXEL), round(0.49 / TEXEL)
     rows, cols = shape[0] // high + 1, shape[1] // long + 2
     count = printed or rows * cols
@@ -121,7 +121,11 @@ PAINTERS: dict[str, Painter] = {
 
 
 def _photograph(path: Path, width: float, shape: tuple[int, int]) -> Array:
-    """Grey of a picture file laid on the floor `width` m wide, mirrored at its edges."""
+    """Return the greys of a picture file laid on the floor `width` m wide, mirrored at its edges, (rows, cols).
+
+    Raises:
+        TerrainError: the file is no picture, or too large.
+    """
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -151,8 +155,8 @@ def paint(terrain: Terrain, name: str, width: float, light: float, seed: int) ->
 
     Args:
         terrain: the ground; level.
-        name: key of `PAINTERS`, or path of a picture.
-        width: m, of a picture on the floor.
+        name: of a procedural texture (random, carpet, tiles, parquet, laminate), or path of a picture.
+        width: of a picture on the floor, m.
         light: brightness, 1 = as usual.
         seed: of a procedural texture.
 
@@ -191,9 +195,9 @@ def _centres(terrain: Terrain) -> NDArray[np.float64]:
 
 
 def _lamp(along: Array, middle: float) -> Array:
-    """Return the light of a row of lamps, 0 to 1, at places `along` m; the strongest counts: h^2 / (h^2 + d^2).
+    """Return the light of a row of lamps at places `along` m, (n,), 0 to 1; the nearest counts: h^2 / (h^2 + d^2).
 
-    d is the distance from the nearest lamp, one of which stands at `middle` m.
+    h is the height of the lamps, d the distance from the nearest, one of which stands at `middle` m.
     """
     away = (along - middle + 0.5 * LAMP_SPACING) % LAMP_SPACING - 0.5 * LAMP_SPACING
     return (LAMP_HEIGHT**2 / (LAMP_HEIGHT**2 + away**2)).astype(np.float32)

@@ -1,8 +1,8 @@
 """Images of the floor: the exposure of a camera that moves, computed pixel by pixel.
 
-The floor is the plane z = 0, so a pixel at (x, y, 1) in camera axes (x right, y down, z ahead) sees the floor at
-p + k R (x, y, 1), k = -p_z / (R (x, y, 1))_z, with p and R the camera's pose in the map. Each row is exposed for its
-own time (rolling shutter), in `SUBFRAMES` parts whose poses lie on the camera's real path; blur is their mean. Greys of
+The floor is the plane z = 0, so a pixel at (x, y, 1) in camera axes (x right, y down, z ahead) sees the floor at p + k
+R (x, y, 1), k = -p_z / (R (x, y, 1))_z, with p and R the camera's place and rotation in the map. Each row is exposed
+for its own time (rolling shutter), in 8 parts whose poses lie on the camera's real path; blur is their mean. Greys of
 the texture are interpolated between pixels; the parts of an exposure share the two sizes whose pixels are as large as
 the camera's, so that their mean lies between both.
 """
@@ -68,7 +68,7 @@ class View(NamedTuple):
     numbers: Array
     """Focal length px, exposure s, readout s, time of the middle since the first pose s, time between poses s, (5,)."""
     poses: Array
-    """Poses of the camera on its path: position m (3), rot_map_from_camera row by row (9), (k, 12)."""
+    """Poses of the camera on its path: position m (3), rotation from camera to map row by row (9), (k, 12)."""
 
 
 class TakenImage(NamedTuple):
@@ -82,7 +82,7 @@ class TakenImage(NamedTuple):
     position: Array
     """Position of the camera in base_link by kinematics, (3,) m."""
     look: Array
-    """rot_base_from_camera by kinematics, (3, 3)."""
+    """Rotation from the camera to base_link by kinematics, (3, 3)."""
     focal: float
     """Focal length that the driver states, px."""
     exposure: float
@@ -94,7 +94,10 @@ class TakenImage(NamedTuple):
 
 @kernel
 def _grey(texture: Texture, level: int, x: float, y: float) -> float:
-    """Return the grey at (x, y), pixels of the first size, in a smaller size."""
+    """Return the grey, 0..255, of a texture at (x, y) of its size `level` (each half as wide as the one before).
+
+    x, y: from the lower-left corner, pixels of the first size.
+    """
     first, rows, cols = texture.levels[level, 0], texture.levels[level, 1], texture.levels[level, 2]
     scale = 1.0 / (1 << level)
     u, v = x * scale - 0.5, y * scale - 0.5
@@ -175,9 +178,11 @@ SPOILT = (*PIXEL_FAULTS, "camera_freeze", "camera_repeat", "camera_late", "camer
 
 
 class ImageSensor:
-    """Camera that takes images; one seeded random stream.
+    """Camera that takes images of the floor; one seeded random stream.
 
     Args:
+        optics: properties of the camera.
+        texture: picture of the floor.
         seed: of the run.
         form: format of the images.
     """
@@ -234,7 +239,7 @@ class ImageSensor:
         return TakenImage(seq, stamp, pixels, at.mount, at.look, o.focal, o.exposure, o.readout, self.form)
 
     def spoil(self, faults: FaultBank, tick: int, image: TakenImage | None) -> TakenImage | None:
-        """Return the image of this tick as the broken camera gives it; `tick` is of the world."""
+        """Return the image of this tick as the broken camera gives it, None = none; `tick`: of the world."""
         if image is None:
             return None
         held, self._held = self._held, image
@@ -257,7 +262,7 @@ class ImageSensor:
         return {"rng": self.rng.bit_generator.state, "path": [[part.tolist() for part in pose] for pose in self.path]}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier."""
         self.rng.bit_generator.state = state["rng"]
         self.path.clear()
         self.path.extend(CameraPose(*(np.array(part) for part in pose)) for pose in state["path"])

@@ -65,7 +65,7 @@ class Camera:
     still: float = 1.0
     """Part of the noise of range and bearing that a sharp image has; blur brings the rest."""
     tilt_blind: bool = False
-    """Places on the floor are computed as if the trunk were level and at its height in the neutral stance."""
+    """True if places on the floor are computed as if the trunk were level and at its height in the neutral stance."""
 
 
 class Landmarks(NamedTuple):
@@ -94,7 +94,7 @@ class CameraPose(NamedTuple):
 
 
 def read_camera(name: str) -> Camera:
-    """Read `robots/cameras/<name>.toml`.
+    """Return the camera of `robots/cameras/<name>.toml`.
 
     Raises:
         RobotError: unknown name, or a number is out of range; `field` names it.
@@ -103,7 +103,7 @@ def read_camera(name: str) -> Camera:
 
 
 def camera_of(file: CameraFile) -> Camera:
-    """Return the camera of a file."""
+    """Return the camera that a file of a profile describes, in SI."""
     return Camera(
         name=file.name,
         link=file.link,
@@ -144,6 +144,7 @@ def laid(field: Landmarks, terrain: Terrain, seed: int, copied: float, copies: i
 
     Args:
         field: landmarks, those in or behind walls as well.
+        terrain: the ground.
         seed: of the choice of those that look alike.
         copied: share of the landmarks whose descriptor is that of others, 0..1.
         copies: number of landmarks that share one such descriptor.
@@ -170,7 +171,14 @@ def link_of(robot: Robot, camera: Camera) -> int:
 
 
 def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array, joints: Array) -> CameraPose:
-    """Return the pose of a camera for base_link at `position` (3,) m and quat_wxyz (4,), world, and joints (nj,) rad.
+    """Return the pose of a camera of a robot in the map.
+
+    Args:
+        robot: that carries the camera.
+        camera: its link, place and pitch.
+        position: of base_link, (3,) m, map.
+        quat_wxyz: rotation from base_link to map, (4,).
+        joints: joint angles, (nj,) rad.
 
     Raises:
         RobotError: the robot has no such link.
@@ -196,7 +204,7 @@ def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array
 
 
 def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return the indices (k,) of floor points (n, 2) m in the image, and their places in camera axes, (k, 3) m."""
+    """Return the indices (k,) of floor points (n, 2) m, map, in the image, and their places, (k, 3) m, camera axes."""
     local = product(points, pose.rot[:2]) - product(pose.position, pose.rot)  # (n, 3)
     index = np.flatnonzero(local[:, 2] > NEAREST)
     half = 0.5 * np.array([camera.width, camera.height]) / camera.focal
@@ -241,8 +249,9 @@ class LandmarkSensor:
     Args:
         robot: robot that carries the camera.
         camera: profile of the camera.
+        field: landmarks on the floor.
         seed: of the run.
-        goal: marker of the goal on the floor, m; None = none.
+        goal: x, y of the marker of the goal on the floor, m, map; None = none.
     """
 
     def __init__(
@@ -259,9 +268,9 @@ class LandmarkSensor:
         """Return one frame: recognised landmarks, at most `camera.most`, and the goal marker if it is seen.
 
         Args:
-            before: pose dt before the exposure's end.
+            before: pose of the camera dt before the exposure's end.
             now: pose at its end.
-            dt: s.
+            dt: time between both, s.
         """
         c = self.camera
         v, w = motion(before, now, dt)
@@ -299,9 +308,9 @@ class LandmarkSensor:
         return Detection(float(distance), float(bearing), descriptor + c.descriptor_sigma * noise[2:], index)
 
     def state(self) -> dict[str, Any]:
-        """Return the state of the random stream."""
+        """Return the state of the random stream, as plain JSON values."""
         return {"rng": self.rng.bit_generator.state}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier."""
         self.rng.bit_generator.state = state["rng"]

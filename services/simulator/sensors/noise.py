@@ -44,7 +44,7 @@ class NormalStream:
         return {"start": self.start, "row": self.row}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set the position of the stream to a `state` that was returned earlier."""
         self.rng.bit_generator.state = state["start"]
         self._fill()
         self.row = int(state["row"])
@@ -88,11 +88,11 @@ class ImuSensor:
         """Return one sample of the inertial unit.
 
         Args:
-            acc: specific force in the physics steps of the sample, IMU frame, (n, 3), m/s2.
-            gyro: angular rate in the same steps, (n, 3), rad/s.
+            acc: exact specific force in the n physics steps of the sample, IMU frame, (n, 3), m/s2.
+            gyro: exact angular rate in these steps, (n, 3), rad/s.
 
         Returns:
-            Measured acceleration and rate, (6,) m/s2 and rad/s, and whether an axis is at the end of its range.
+            Measured acceleration and rate, (6,) m/s2 and rad/s, and True if an axis is at the end of its range.
         """
         if self.profile is None:
             return window_mean(acc, gyro), False
@@ -100,13 +100,13 @@ class ImuSensor:
         return out, _imu(acc, gyro, self.turn_on, self.gauss_markov, self.normal.next(), self.table, out)
 
     def state(self) -> dict[str, Any]:
-        """Biases of gyro and accelerometer and the random stream, for a checkpoint; empty for an exact sensor."""
+        """Return biases of accelerometer and gyro and the random stream, for a checkpoint; empty without a profile."""
         if self.profile is None:
             return {}
         return {"turn_on": self.turn_on.tolist(), "b": self.gauss_markov.tolist(), "normal": self.normal.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier."""
         if self.profile is not None:
             self.turn_on, self.gauss_markov = np.array(state["turn_on"]), np.array(state["b"])
             self.normal.restore(state["normal"])
@@ -142,8 +142,8 @@ def _imu(acc: Array, gyro: Array, turn_on: Array, gauss_markov: Array, normal: A
 class JointSensor:
     """Sensor model of the encoders and servo currents.
 
-    position = resolution round((q + zero error) / resolution); current = torque / k + noise; the torque is what a
-    driver would compute from the current with the k it knows, which may differ from the true one.
+    position = resolution round((q + zero error) / resolution); current = torque / k + noise, k the torque per ampere;
+    the torque is what a driver would compute from the current with the k it knows, which may differ from the true one.
     """
 
     def __init__(
@@ -176,7 +176,7 @@ class JointSensor:
         return {"zero": self.zero.tolist(), "normal": self.normal.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier."""
         self.zero = np.array(state["zero"])
         self.normal.restore(state["normal"])
 
@@ -218,10 +218,11 @@ class FootSensor:
         """Return one sample of the foot sensors.
 
         Args:
-            force: normal force on each contact sphere, N, feet one after the other, (sum of points,).
+            force: normal force on each contact sphere, N, feet one after the other, (P,).
 
         Returns:
-            Switches in the same order, True = closed, and, for the kind `force`, the force per foot (L,) in N.
+            Switches of the spheres, (P,), True = closed, and, for the kind `force`, the force per foot (L,) in N, else
+            None.
         """
         s = self.sensor
         self.closed = (force >= s.on_n) | (self.closed & (force >= s.off_n))
@@ -231,11 +232,11 @@ class FootSensor:
         return self.closed, np.where(total < s.min_n, 0.0, np.minimum(total, s.max_n))
 
     def state(self) -> dict[str, Any]:
-        """State of each foot switch, true if closed, for a checkpoint."""
+        """Return the state of each foot switch, true if closed, for a checkpoint."""
         return {"closed": self.closed.tolist()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set the foot switches to a `state` that was returned earlier."""
         self.closed = np.array(state["closed"], dtype=np.bool_)
 
 

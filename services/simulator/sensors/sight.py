@@ -49,7 +49,7 @@ class Floor:
     copies: int = 10
     """Landmarks that share one such look."""
     texture: str | None = None
-    """Texture of `floors.paint` for a camera that takes images; None = it recognises landmarks."""
+    """Name of a procedural texture or a picture, for a camera that takes images; None = it recognises landmarks."""
     texture_width: float = 2.0
     """Width of a picture on the floor, m."""
     texture_seed: int | None = None
@@ -89,7 +89,7 @@ class Senses:
         robot: names its camera and its ranger, or one of them.
         seed: of the run: where the landmarks are, what is recognised, noise.
         floor: landmarks, marker and texture on the floor.
-        terrain: the ground: landmarks lie on its floor, on open ground as far as its map and `FIELD` reach.
+        terrain: the ground: landmarks lie on its floor, on open ground as far as its map reaches, 10 x 10 m at least.
         camera: name of a profile; None = no camera.
         depth_camera: name of a profile; None = no such camera.
 
@@ -141,8 +141,9 @@ class Senses:
         Args:
             ticks: control ticks since the run began.
             truth: function that returns the exact state.
-            model: of the world.
+            model: MuJoCo model of the world.
             data: its state.
+            address: indices of the robot in it.
         """
         self.frame = self.reach = self.image = None
         self.depths = None if self.depth is None else self.depth.take(ticks, model, data, address.trunk)
@@ -220,7 +221,7 @@ class Senses:
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned; samples of that tick are dropped."""
+        """Set everything that changes in a run to a `state` that was returned earlier; samples of its tick are lost."""
         self.rng.bit_generator.state = state["rng"]
         self.bump[:] = state["bump"]
         self.before = None if state["before"] is None else CameraPose(*(np.array(part) for part in state["before"]))

@@ -21,7 +21,7 @@ class SensorSuite:
     Args:
         robot: the description; read only.
         profile: of the inertial unit, or its name; None = the robot's own; "ideal" = exact.
-        rate_hz: of the inertial samples.
+        rate_hz: of the inertial samples, Hz.
         seed: of all sensors.
         torque_per_ampere: true constant of the servo motors, Nm/A; None = as described.
         zero_sigma: standard deviation of each servo's zero beyond the encoder's own, rad.
@@ -62,7 +62,7 @@ class SensorSuite:
         """Sample joints and feet now, for release at the end of the tick.
 
         Args:
-            stamp_ns: now.
+            stamp_ns: now, ns of simulated time.
             seq: number of the sample.
             q: true joint angles, (nj,), rad.
             torque: of the servos, (nj,), Nm.
@@ -73,7 +73,10 @@ class SensorSuite:
         self._due = (joints, ContactSample(stamp_ns, seq, by_foot(touch.tolist(), self._points), force))
 
     def release(self, stamp_ns: int, seq: int, acc: Array, gyro: Array) -> Samples:
-        """Return the samples of this tick; `acc` m/s2 and `gyro` rad/s belong to its physics steps, (steps, 3)."""
+        """Return the samples of this tick, stamped `stamp_ns` and numbered `seq`.
+
+        `acc`, m/s^2, and `gyro`, rad/s: exact ones in its physics steps, axes of the inertial unit, (steps, 3).
+        """
         y, saturated = self._imu.measure(acc, gyro)
         joints, contacts = self._due
         self._due = (None, None)
@@ -84,7 +87,7 @@ class SensorSuite:
         return {"imu": self._imu.state(), "joints": self._joints.state(), "feet": self._feet.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to what `state` returned earlier."""
+        """Set everything that changes in a run to a `state` that was returned earlier."""
         self._imu.restore(state["imu"])
         self._joints.restore(state["joints"])
         self._feet.restore(state["feet"])

@@ -38,7 +38,7 @@ class Ranger:
 
 
 def read_ranger(name: str) -> Ranger:
-    """Read `robots/rangers/<name>.toml`.
+    """Return the ultrasonic sensor of `robots/rangers/<name>.toml`.
 
     Raises:
         RobotError: unknown name, or a number is out of range; `field` names it.
@@ -63,12 +63,12 @@ def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, 
     The cone is level although the trunk is not: a smooth floor sends a slanting beam away, not back.
 
     Args:
-        model: of the world.
+        model: MuJoCo model of the world.
         data: its state.
-        place: (3,) m, map.
+        place: of the sensor, (3,) m, map.
         heading: of the middle of the cone, rad.
-        half_cone: rad.
-        longest: m.
+        half_cone: half the angle of the cone, rad.
+        longest: range of the sensor, m.
     """
     best, hit = longest, np.zeros(1, dtype=np.int32)
     for angle in np.linspace(heading - half_cone, heading + half_cone, RAYS):
@@ -80,7 +80,7 @@ def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, 
 
 
 def bumped(data: Any, address: Addresses, feet: int, least: float) -> NDArray[np.bool_]:
-    """Return whether each foot pressed a wall in the last physics step with at least `least` N, (L,)."""
+    """Return True for each of `feet` feet that pressed a wall in the last physics step by at least `least` N."""
     force, contact = np.zeros(feet), data.contact
     for i in np.flatnonzero(np.abs(contact.frame[:, 2]) < UPRIGHT):
         foot = address.foot_of_geom[contact.geom[i]].max()

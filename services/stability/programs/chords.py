@@ -34,12 +34,13 @@ def beyond_chords(
 
     Args:
         r: cone programs of the contact set.
-        order: support points in the order of their directions' angles; its first `count` entries are used.
+        order: indices of the support points by rising angle of their directions; its first `count` are used.
         place: (k, 2) support points, scaled frame.
-        force: (k, n, 3) their forces, in units of the weight, cone coordinates.
+        force: (k, n, 3) forces that hold the CoM at them, in units of the weight, cone coordinates (normal, two
+            tangents).
         over: (count, 2) height and area of the triangle over each chord, in that order, scaled frame.
         tolerance: triangles no higher than that are left out, scaled frame.
-        size: area of the inner polygon, scaled frame.
+        size: area of the inner polygon, scaled frame; triangles below 1e-4 of it are left out.
     """
     h, n, count, found = r.h, r.h.shape[0], over.shape[0], 0
     point, equations = np.empty((3 * count, 2)), np.empty((4, 5))
@@ -65,7 +66,7 @@ def beyond_chords(
 
 @row_kernel
 def _place(h: Array, x: Array) -> tuple[float, float]:
-    """Return the CoM that forces x (n, 3), cone coordinates, hold: x and y in the scaled frame, by h (n, 3, 2)."""
+    """Return x, y of the CoM, scaled, that forces x (n, 3) in cone coordinates hold: sum of h_i'x_i, h (n, 3, 2)."""
     px, py = 0.0, 0.0
     for i in range(x.shape[0]):
         for q in range(3):
@@ -78,9 +79,20 @@ def _place(h: Array, x: Array) -> tuple[float, float]:
 def _outward(
     r: Reduced, first: Array, second: Array, nx: float, ny: float, x: Array, step: Array, equations: Array
 ) -> bool:
-    """From the mean of two feasible forces as far as the cones allow: x (n, 3); False where no step can be trusted.
+    """Write forces x (n, 3) that hold the CoM as far along (nx, ny) as one step from two feasible forces leads.
 
-    Room for the step (n, 3) and for the equations A'PA lam = A'Pg (4, 5) is the caller's.
+    Args:
+        r: cone programs of the n contacts.
+        first: forces (n, 3), in units of the weight, cone coordinates.
+        second: forces (n, 3); the step begins at the mean of both.
+        nx: x of the direction of gain, scaled frame, any length.
+        ny: y of it.
+        x: result, (n, 3).
+        step: room for the step, (n, 3).
+        equations: room for A'PA lam = A'P g, (4, 5): A balance, P inverse Hessian of the cones' barrier, g gain.
+
+    Returns:
+        False where no step can be trusted; x is then the mean.
     """
     a, h, n = r.a, r.h, x.shape[0]
     equations[:] = 0.0
@@ -127,23 +139,26 @@ def _outward(
 
 @row_kernel
 def _half(x: Array) -> float:
-    """Return x'Jx / 2 of a force x (3,) in cone coordinates, not negative, J = diag(1, -1, -1)."""
+    """Return x'Jx / 2, at least 0, of a force x (3,) in cone coordinates (normal, tangents), J = diag(1, -1, -1)."""
     side = math.sqrt(x[1] * x[1] + x[2] * x[2])
     return max(0.0, 0.5 * (x[0] - side) * (x[0] + side))
 
 
 @row_kernel
 def _weighed(x: Array, v0: float, v1: float, v2: float) -> tuple[float, float, float]:
-    """Return P v = x (x'v) - (x'J x) J v / 2 of x (3,) and v, J = diag(1, -1, -1): cone coordinates."""
+    """Return P v, P the inverse Hessian of the cone's barrier at the force x (3,): x (x'v) - (x'Jx) J v / 2.
+
+    J = diag(1, -1, -1); v = (v0, v1, v2); both in cone coordinates.
+    """
     half, along = _half(x), x[0] * v0 + x[1] * v1 + x[2] * v2
     return x[0] * along - half * v0, x[1] * along + half * v1, x[2] * along + half * v2
 
 
 @row_kernel
 def _solved(equations: Array) -> tuple[float, float, float, float]:
-    """Return the solution of four symmetric equations, overwritten; 0 in null directions.
+    """Return the solution of four linear equations with a symmetric matrix, 0 in null directions.
 
-    `equations` (4, 5): upper triangle of the matrix, right-hand side in the last column.
+    `equations` (4, 5): upper triangle of the matrix, right-hand side in the last column; overwritten.
     """
     floor = 0.0
     for j in range(4):

@@ -48,7 +48,7 @@ def within(given: ArrayLike, field: str, limit: float = MAX_COORDINATE, unit: st
 
 @dataclass(frozen=True, slots=True)
 class ContactSet:
-    """Points of contact in a gravity-aligned frame."""
+    """Points of contact in a gravity-aligned frame (z up), checked, with unit normals and friction coefficients."""
 
     position: Array
     """Points of contact, (n, 3) m."""
@@ -61,7 +61,7 @@ class ContactSet:
         return self.mu.size
 
     def without(self, index: int) -> "ContactSet":
-        """Return the set without one contact."""
+        """Return the set without the contact of that index."""
         keep = np.arange(len(self)) != index
         return ContactSet(self.position[keep], self.normal[keep], self.mu[keep])
 
@@ -117,7 +117,11 @@ class ContactPoint(Protocol):
 
 
 def contacts_of(points: Sequence[ContactPoint], field: str = "contacts") -> ContactSet:
-    """Return the contact set of the points of a request; refusals (StabilityError) name `field`."""
+    """Return the contact set of the points of a request, normals made unit; None as friction becomes unlimited.
+
+    Raises:
+        StabilityError: what is wrong with which field; paths of fields begin with `field`.
+    """
     mu = [math.inf if c.mu is None else c.mu for c in points]
     return contact_set([c.position for c in points], [c.normal for c in points], mu, field=field)
 
@@ -134,7 +138,10 @@ _FAULTS = (
 
 @row_kernel
 def _normalise(position: Array, normal: Array, mu: Array) -> tuple[int, int]:
-    """Make normals unit, in place; the first fault, counted from 1 as in _FAULTS, and its contact; (0, 0) if none."""
+    """Make normals unit, in place; return the first fault, 1 to 6 as in _FAULTS, and its contact, or (0, 0) if none.
+
+    position (n, 3) m, normal (n, 3) of any length but zero, mu (n,).
+    """
     n = mu.size
     for fault in range(1, 7):
         for i in range(n):

@@ -28,7 +28,7 @@ SAME = 1e-13  # support points nearer than that are one point
 
 
 class Fan(NamedTuple):
-    """Support values h(a) of a region in directions a, with points and forces, in the order asked; scaled lengths."""
+    """Solved directions a of a region C: support values h(a), points and forces in the order asked, scaled lengths."""
 
     direction: Array  # (cap, 2) unit
     value: Array  # (cap,) h(a)
@@ -41,15 +41,15 @@ class Fan(NamedTuple):
 
 
 ANSWER, ENCLOSE, APPROACH = 0, 1, 2
-"""FanGoals: only answer what is asked; bring the outer polygon close to the inner; find the nearest edge to a point."""
+"""Kinds of goals: answer what is asked; bring outer polygon close to inner; find the edge nearest to a point."""
 
 
 class FanGoal(NamedTuple):
-    """Goal of further directions: ANSWER (none), ENCLOSE (close polygons), APPROACH (nearest edge); scaled lengths."""
+    """Aim of the choice of further directions: ANSWER (none), ENCLOSE (close polygons), APPROACH (nearest edge)."""
 
     kind: int
     tolerance: float
-    """Distance of outer from inner polygon (ENCLOSE), or of the best value from its bound (APPROACH)."""
+    """Greatest distance of outer from inner polygon (ENCLOSE), or of best value from bound (APPROACH), scaled."""
     x: float
     y: float
     """x and y of the point to approach, in the scaled frame (APPROACH)."""
@@ -71,7 +71,7 @@ ASKED = FanGoal(ANSWER, 0.0, 0.0, 0.0)
 
 @row_kernel
 def new_fan(capacity: int, contacts: int) -> Fan:
-    """Return a fan with room for `capacity` directions of so many contacts, without answers."""
+    """Return a fan (answers of a region by direction) with room for `capacity` directions and `contacts` contacts."""
     return Fan(
         np.empty((capacity, 2)),
         np.empty(capacity),
@@ -86,7 +86,7 @@ def new_fan(capacity: int, contacts: int) -> Fan:
 
 @row_kernel
 def evaluate(r: Reduced, fan: Fan, begin: int, end: int) -> bool:
-    """Solve for directions begin .. end - 1 of the fan, eight at a time; return True if all are solved."""
+    """Solve programs `r` for directions begin .. end - 1 of `fan`, write the answers there; True if all are solved."""
     a, h, c = r.a, r.h, r.c
     n = a.shape[0]
     lanes = LANES if end - begin > 2 else end - begin  # eight cost as much as two: a row is one vector
@@ -127,10 +127,10 @@ def evaluate(r: Reduced, fan: Fan, begin: int, end: int) -> bool:
 
 @row_kernel
 def _between(fan: Fan, solved: int, s: int, lam: Array, x: Array, lane: int) -> bool:
-    """Write a feasible pair for direction s by the answers on both sides of it into a lane of lam (m, 8), x (n, 3, 8).
+    """Write a feasible start for direction `s` of a fan, made of the answers on both sides of it, into column `lane`.
 
-    b of the program is linear in the direction: a = p a_k + q a_m, p, q >= 0, makes p lam_k + q lam_m feasible, as any
-    mean of forces is. Return False if it has no such neighbours.
+    With unit directions a_s = p a_k + q a_m, p, q >= 0, of neighbours k and m, p lam_k + q lam_m is feasible, and so is
+    any mean of forces. lam (4, lanes): twists; x (n, 3, lanes): forces. False: none among the `solved` ones.
     """
     if solved < 3:
         return False
@@ -155,7 +155,7 @@ def _between(fan: Fan, solved: int, s: int, lam: Array, x: Array, lane: int) -> 
 
 @row_kernel
 def _angle(x: float, y: float) -> float:
-    """Monotone in the angle of (x, y) from 0 at +x, without trigonometry: 0 .. 4."""
+    """Return a number from 0 to 4 that grows with the angle of the vector (x, y), counter-clockwise from 0 at +x."""
     t = y / (abs(x) + abs(y))
     if x < 0.0:
         return 2.0 - t
@@ -164,7 +164,7 @@ def _angle(x: float, y: float) -> float:
 
 @row_kernel
 def insert(fan: Fan, begin: int, end: int) -> None:
-    """Sort the directions begin .. end - 1 of a fan into its order by angle, in place."""
+    """Sort directions begin .. end - 1 of a fan, by rising angle, into the indices fan.order, sorted up to `begin`."""
     for s in range(begin, end):
         angle, j = _angle(fan.direction[s, 0], fan.direction[s, 1]), s
         while j > 0:
@@ -178,7 +178,7 @@ def insert(fan: Fan, begin: int, end: int) -> None:
 
 @row_kernel
 def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
-    """Return normal x, y, height and area of the triangle between edge y_k y_m and its support lines, or zeros."""
+    """Return outward normal x, y, height and area of the triangle over the edge between points k and m, or zeros."""
     ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
     ex, ey = fan.point[m, 0] - fan.point[k, 0], fan.point[m, 1] - fan.point[k, 1]
     length, det = math.hypot(ex, ey), ax * by - ay * bx
@@ -196,9 +196,10 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
 
 @row_kernel
 def wide_triangles(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tuple[int, Outlook]:
-    """Write unit normals of the inner polygon's edges with the largest triangles over them into `pick` (8, 2).
+    """Write outward unit normals of the inner polygon's edges with the largest triangles over them to `pick` (8, 2).
 
-    Return their number, at most `room`, and the largest height. Triangles within the goal's tolerance are left out.
+    Triangles lie between an edge and the support lines of the fan's `count` answers, higher than the goal's tolerance.
+    Return the number of normals, at most `room`, and the outlook: `best` is the largest height.
     """
     rank, gap, wanted = np.empty(LANES), 0.0, 0
     for i in range(count):
@@ -217,11 +218,11 @@ def wide_triangles(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) 
 
 @row_kernel
 def near_arcs(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tuple[int, Outlook]:
-    """Find min over unit directions a of h(a) - a'p: the distance of p to the border inside, minus that outside.
+    """Find the unit direction a of least h(a) - a'p: distance of p, the goal's point, to the border, negative outside.
 
-    Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs
-    whose bound is below the best value are split there. Return the number of directions written to `pick` (8, 2), at
-    most `room`, and the best value, its lower bound and its index.
+    Between neighbours of the fan's `count` directions the edge between their points bounds it from below; arcs with a
+    bound below the best are split. Return the number of directions put to `pick` (8, 2), at most `room`; best value,
+    bound, index.
     """
     rank, best, arg, wanted = np.empty(LANES), math.inf, 0, 0
     for s in range(count):
@@ -252,7 +253,7 @@ def near_arcs(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tu
 
 @row_kernel
 def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, float, float]:
-    """Lower bound of h(d) - d'p for directions d between two neighbours, and the direction where it is taken."""
+    """Return a unit d (x, y) where h(d) - d'p can be least between neighbours k, m, and the bound; p = (px, py)."""
     ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
     ux, uy = fan.point[k, 0] - px, fan.point[k, 1] - py
     vx, vy = fan.point[m, 0] - px, fan.point[m, 1] - py
@@ -290,7 +291,7 @@ def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, f
 
 @row_kernel
 def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
-    """Return True if the region has an area, its inner polygon (e, 2) and the polygon's diameter, scaled lengths."""
+    """Return True if the first `count` points of a fan span an area, their hull (e, 2) and its diameter, scaled."""
     inner, size = hull(fan.point[:count]), 0.0
     for k in range(inner.shape[0]):
         for j in range(k):
@@ -309,10 +310,9 @@ def heights(fan: Fan, count: int) -> Array:
 
 @row_kernel
 def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
-    """Return whether the smallest h(a) - a'p is found: as near to its lower bound as the solver is exact.
+    """Return True if the smallest h(a) - a'p is as near to its lower bound, in `outlook`, as the solver is exact.
 
-    True also where all directions are used (the middle of a circle: all are equally near); not where the solver gave up
-    on a direction in between.
+    True also where the fan is full, with `count` answers (the middle of a circle: all directions are equally near).
     """
     if count == fan.value.size:
         return True
@@ -326,19 +326,19 @@ def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
 def explore(
     r: Reduced, fan: Fan, solved: int, count: int, goal: FanGoal, limit: int, batch: int
 ) -> tuple[int, bool, Outlook]:
-    """Solve for the directions given, then for those that a goal asks for. The only kernel that contains the solver.
+    """Answer the directions of a fan, then those that a goal asks for. The only kernel that contains the solver.
 
     Args:
-        r: programs of the contact set.
-        fan: the first `solved` directions have answers and an order, those up to `count` are to be answered.
-        solved: how many are.
-        count: how many there are.
-        goal: what to refine for.
-        limit: at most so many directions in the end, <= capacity of the fan.
-        batch: at most so many at once, <= 8: fewer use what the last ones showed, more are quicker.
+        r: cone programs of the contact set.
+        fan: its first `solved` directions have answers and an order; the rest up to `count` are to be answered.
+        solved: number of directions with an answer.
+        count: number of directions given.
+        goal: aim of further directions.
+        limit: most directions in the end, <= capacity of the fan.
+        batch: most directions at once, <= 8: fewer use what the last ones showed, more are quicker.
 
     Returns:
-        Number of directions that have an answer, whether all given ones are solved, and the progress towards the goal.
+        Number of answers, True if all given ones are solved, and the progress towards the goal.
     """
     pick, fine, outlook = np.empty((LANES, 2)), False, Outlook(math.inf, -math.inf, 0)
     while True:
@@ -366,13 +366,11 @@ def explore(
 def enclose(
     r: Reduced, fan: Fan, solved: int, count: int, goal: FanGoal, limit: int, batch: int
 ) -> tuple[int, bool, float, Array, Array]:
-    """Answer the `count` directions of a fan, of which `solved` are, and those of a goal; then draw the polygons.
+    """Answer `count` directions of a fan, of which `solved` are, and those a goal asks for; return the polygons.
 
-    In the end there are at most `limit`, `batch` at once. ENCLOSE adds points beyond edges to the inner polygon.
-
-    Returns:
-        Number of answers, True if the region has an area, largest height of a triangle between the polygons, inner
-        (e, 2) and outer polygon (o, 2), scaled lengths.
+    Most directions are `limit`, `batch` at once. ENCLOSE adds points beyond edges to the inner polygon. Returned are
+    the number of answers, True if the region has an area, `best` of the outlook (ENCLOSE: largest height between the
+    polygons), inner (e, 2) and outer polygon (o, 2), scaled lengths.
     """
     count, fine, outlook = explore(r, fan, solved, count, goal, limit, batch)
     if not fine:
@@ -393,7 +391,7 @@ def enclose(
 
 
 def with_room(fan: Fan, count: int, capacity: int) -> Fan:
-    """Return a copy of the first `count` answers of a fan, with room for `capacity`."""
+    """Return a copy of a fan with its first `count` answers, and room for `capacity` of them."""
     copy = new_fan(capacity, fan.force.shape[1])
     for mine, theirs in zip(copy, fan, strict=True):
         mine[:count] = theirs[:count]

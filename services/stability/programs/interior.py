@@ -57,7 +57,7 @@ from .lanes import (
 from .newton import add_dot, add_gram, add_products, factor, move, solve, step, subtract_combination
 
 FAILED, SOLVED, NO_PRIMAL, NO_DUAL = 0, 1, 2, 3
-"""Outcome of a lane. NO_PRIMAL: no forces exist, lam proves it. NO_DUAL: the gain has no bound, x proves it."""
+"""Status of a program: no answer; solved; no forces exist, lam proves it; the gain b'x has no bound, x proves it."""
 
 TOLERANCE = 1e-9  # of residuals and gap; lengths ~ 1, weight 1, relative to the value where that is larger
 ACCEPTABLE = 1e-7  # taken when no better one came
@@ -75,17 +75,17 @@ def aligned(size: int) -> Array:
 
 @row_kernel
 def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Array, status: Ints, share: float) -> int:
-    """Solve up to eight programs that share the matrix.
+    """Solve up to eight programs min c'lam, A_i lam - b_i in the second-order cone Q, that differ in b_i only.
 
     Args:
-        a: (n, 3, m) matrices A_i.
-        rhs: (n, 3, 8) right-hand sides b_i, last index = lane.
+        a: (n, 3, m) matrices A_i of n contacts.
+        rhs: (n, 3, lanes) right-hand sides b_i, last index = program, at most 8.
         c: objective, (m,).
-        lam: (m, 8) result: the twist; with NO_PRIMAL a ray with c'lam = -1.
-        x: (n, 3, 8) result: forces in cone coordinates; with NO_DUAL a ray with b'x = 1.
-        error: (8,) result: largest of residuals and gap, relative to max(1, value).
-        status: (8,) result: FAILED, SOLVED, NO_PRIMAL or NO_DUAL.
-        share: of a feasible pair given in lam and x, that the start is made of; the rest is the centre.
+        lam: (m, lanes) start and result: the twist; with NO_PRIMAL a ray with c'lam = -1.
+        x: (n, 3, lanes) start and result: forces in cone coordinates; with NO_DUAL a ray with b'x = 1.
+        error: (lanes,) result: largest of residuals and gap, relative to max(1, value).
+        status: (lanes,) result: FAILED 0, SOLVED 1, NO_PRIMAL 2 (no forces exist) or NO_DUAL 3 (gain without bound).
+        share: weight of the pair lam, x in the start, 0 .. 1, the rest is the cones' centre; 0: they are not read.
 
     Returns:
         Number of iterations.
@@ -132,7 +132,7 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
 
 @row_kernel
 def start(w: Array, o: int, lanes: int) -> None:
-    """Write s = x = (1, 0, 0), the centre of the cone, for the contact at `o` of w (432 n,), laid out as in `lanes`."""
+    """Write s = x = (1, 0, 0), the centre of the cone, for the contact whose block of 432 numbers begins at w[o]."""
     o &= MASK
     for k in range(lanes):
         w[o + S + k] = w[o + X + k] = 1.0
@@ -141,13 +141,13 @@ def start(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float) -> None:
-    """Mix the centre with a feasible pair, in w and g: less of the way is left, and no cone is near.
+    """Mix the centre of the cones with a feasible pair in w and g: less of the way is left, and no border is near.
 
     Args:
         a: matrix of each contact, (n, 3, m).
-        lam: dual solution of each lane, (m, lanes).
+        lam: dual solution of each program, (m, lanes).
         x: primal forces, cone coordinates, (n, 3, lanes).
-        w, g: state of the solver, see `lanes.py`, written.
+        w, g: (432 n,) state of the contacts, (488,) of the programs, layout in `lanes.py`, written.
         share: weight of the pair, 0 to 1.
     """
     n, m, lanes = a.shape[0], lam.shape[0], lam.shape[1]
@@ -174,7 +174,7 @@ def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float
 def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
     """Write RES = s - A lam + b tau, RESIDUAL = c tau - A'x, GAP = kappa + c'lam - b'x, MU = mean complementarity.
 
-    They are rows of w and g, see `lanes.py`; a (n, 3, m) = A, c (m,).
+    They are rows of w (contacts) and g (programs), layout in `lanes.py`; a (n, 3, m) = A, c (m,) the objective.
     """
     n, m = a.shape[0], c.size
     for k in range(lanes):
@@ -198,10 +198,9 @@ def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 @row_kernel
 def residual(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Set the row RES of a contact, the residual s + b tau - A lam, to s + b tau; add b'x to GAIN and s'x to MU.
+    """Set RES, three rows of the contact whose block begins at w[o], to s + b tau; add b'x to GAIN and s'x to MU in g.
 
-    The contact is at offset `o` of the cone array w (432 n,), GAIN and MU are rows of the programs' array g (488,):
-    rows of eight programs, no unit, as in `lanes`.
+    s dual slack, x force, b right-hand side: rows of w (432 per contact); tau: row of g (488,). A row has 8 programs.
     """
     o &= MASK
     for k in range(lanes):
@@ -216,9 +215,9 @@ def residual(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int, lanes: int) -> None:
-    """Subtract A lam from RES and A'x from RESIDUAL for the contact at `o` with matrix A = a[i], a (n, 3, m), no unit.
+    """Subtract A lam from RES of the contact whose block is at w[o], A'x from RESIDUAL in g, A = a[i] (3, unknowns).
 
-    DUAL_RES becomes max(DUAL_RES, abs(RES)). m = `unknowns`; w (432 n,), g (488,): rows of eight lanes, see `lanes`.
+    lam, x: twist, force; DUAL_RES in g becomes max(DUAL_RES, abs(RES)). Rows of 8 programs; w (432 n,), g (488,).
     """
     o &= MASK
     if unknowns == 4:
@@ -251,11 +250,11 @@ def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int
 
 @row_kernel
 def _keep_best(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
-    """Keep the best answer of each lane and retire lanes that are done; True if a lane is left.
+    """Keep the best answer of each program and retire those that are done; return True if one is left.
 
     Args:
-        c: right-hand side of the equations, (m,).
-        w, g: state of the solver, see `lanes.py`; ACTIVE becomes 0 in lanes that are done.
+        c: objective of the program, (m,).
+        w, g: (432 n,) state of the contacts, (488,) of the programs, see `lanes.py`; ACTIVE becomes 0 where done.
         lam: dual solutions, (m, lanes), written.
         x: primal forces, cone coordinates, (n, 3, lanes), written.
         error: largest of residuals and gap, relative to max(1, value), (lanes,), written.
@@ -308,7 +307,7 @@ def _save(m: int, w: Array, g: Array, k: int, factor_: float, lam: Array, x: Arr
 def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
     """Scale, factor M = A'W^-2 A, and solve for the part of the step that is proportional to dtau (P2, SECOND, DEN).
 
-    They are rows of w and g, see `lanes.py`; a (n, 3, m) = A, c (m,).
+    They are rows of w (contacts) and g (programs), layout in `lanes.py`; a (n, 3, m) = A, c (m,) the objective.
     """
     n, m = a.shape[0], c.size
     for j in range(4 * m * (m + 1)):
@@ -338,7 +337,10 @@ def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 @row_kernel
 def scale(w: Array, o: int, lanes: int) -> None:
-    """Write scaling of (s, x), scaled point, scaled RHS and RES of the contact at `o` of w (432 n,), as in `lanes`."""
+    """Write the Nesterov-Todd scaling W of the contact whose block begins at w[o]: W x = W^-1 s, s dual slack, x force.
+
+    Written in its rows of 8 programs: axis and size of W, SCALED = W x, RHS_S = W^-1 b; RES becomes W^-1 RES.
+    """
     o &= MASK
     for k in range(lanes):
         s0, s1, s2 = w[o + S + k], w[o + S + 8 + k], w[o + S + 16 + k]
@@ -375,7 +377,7 @@ def scale(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int) -> None:
-    """Write COLUMNS = W^-1 A, A = a[i], a (n, 3, m), no unit, of the contact at `o` of w (432 n,), see `lanes`."""
+    """Write W^-1 A, A = a[i] (3, unknowns), to COLUMNS of the contact whose block begins at w[o], by its scaling W."""
     o &= MASK
     for j in range(unknowns):
         v0, v1, v2, out = a[i, 0, j], a[i, 1, j], a[i, 2, j], (o + COLUMNS + 24 * j) & MASK
@@ -388,7 +390,7 @@ def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int)
 
 @row_kernel
 def copy_rhs(w: Array, o: int, lanes: int) -> None:
-    """Copy row RHS_S into SECOND for the contact at `o` of w (432 n,), no unit, in every lane, see `lanes`."""
+    """Copy RHS_S, the scaled right-hand side, to SECOND, rows of 8 programs, for the contact whose block is at w[o]."""
     o &= MASK
     for k in range(lanes):
         w[o + SECOND + k] = w[o + RHS_S + k]

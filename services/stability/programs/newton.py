@@ -47,16 +47,16 @@ from .lanes import (
 
 @row_kernel
 def step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> None:
-    """Compute a Newton step of all n contacts: predictor (sigma = 0), or corrector with its second-order terms.
+    """Compute a Newton step of up to eight programs: predictor (sigma = 0), or corrector with its second-order terms.
 
     Args:
-        c: cost of the programs, (m,), no unit.
-        w: cone array (432 n,), rows of eight programs as in `lanes`; the rows STEP of the contacts are written.
-        g: array of the programs (488,), rows as in `lanes`: written are the step P1 of the unknowns, D_TAU and D_KAPPA
-            of tau and kappa, and REACH, 1 / the longest step that stays in all cones.
+        c: objective of the programs, (m,), no unit.
+        w: state of n contacts, (432 n,), blocks of rows of 8 programs; their rows STEP are written.
+        g: state of the programs, (488,), rows of 8: written are the step P1 of the unknowns, D_TAU and D_KAPPA of tau
+            and kappa, and REACH, 1 / the longest step that stays in all cones.
         n: number of contacts.
-        lanes: programs in use.
-        correct: True = corrector.
+        lanes: number of programs, at most 8.
+        correct: True = corrector, after the predictor's step.
     """
     m = c.size
     for j in range(m):
@@ -92,9 +92,10 @@ def step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> Non
 
 @row_kernel
 def predictor(w: Array, o: int, lanes: int) -> None:
-    """Write TARGET = - scaled point (complementarity zero at once) and FIRST = TARGET + RES, in every lane.
+    """Write the target of a plain Newton step (complementarity 0 at once) for the contact whose block begins at w[o].
 
-    They are rows of the contact at offset `o` of the cone array w (432 n,), no unit, see `lanes`.
+    Three rows each, of 8 programs: TARGET = - SCALED, FIRST = TARGET + RES, with SCALED the point W x (W the scaling of
+    the cone, x the force) and RES the scaled residual. w is (432 n,), no unit.
     """
     o &= MASK
     for k in range(lanes):
@@ -106,10 +107,12 @@ def predictor(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Write Mehrotra's corrector of the contact at offset `o` of w in every lane, p the scaled point.
+    """Write the target of Mehrotra's corrector for the contact whose block begins at w[o], from the predictor's STEP.
 
-    TARGET = p^-1 o (sigma mu e - p o p - dx o ds), FIRST = TARGET + (1 - sigma) RES, rows of eight lanes in w (432 n,);
-    sigma and mu are rows of g (488,), no unit, see `lanes`.
+    TARGET = p^-1 * (sigma mu e - p * p - dx * ds), FIRST = TARGET + (1 - sigma) RES: * the product of the cone's
+    algebra, e = (1, 0, 0), p the scaled point, dx = STEP and ds = -p - STEP the predictor's steps, RES the scaled
+    residual; sigma, mu (centring, mean complementarity): rows of g (488,). Rows hold 8 programs; w is (432 n,), no
+    unit.
     """
     o &= MASK
     for k in range(lanes):
@@ -133,9 +136,10 @@ def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def direction(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Write STEP = FIRST + SECOND dtau of the contact at offset `o` of w, in every lane.
+    """Write STEP = FIRST + SECOND dtau, the scaled step of the force, for the contact whose block begins at w[o].
 
-    REACH, a row of g, grows to 1 / (longest step that stays in both cones). w (432 n,), g (488,): no unit, see `lanes`.
+    REACH, a row of g, grows to 1 / (longest step that keeps force and slack in their cones). dtau = row D_TAU of g;
+    rows hold 8 programs; w (432 n,), g (488,), no unit.
     """
     o &= MASK
     for k in range(lanes):
@@ -162,9 +166,10 @@ def direction(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def move(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Move the contact at `o` of w by LENGTH: x += LENGTH W^-1 STEP, s += LENGTH W (TARGET - STEP), in every lane.
+    """Move force x and dual slack s of the contact whose block begins at w[o] along their step by the share LENGTH.
 
-    w (432 n,), g (488,): rows of eight lanes, no unit, see `lanes`.
+    x += LENGTH W^-1 STEP, s += LENGTH W (TARGET - STEP), W the scaling of the cone; LENGTH is a row of g (488,), the
+    others are rows of w (432 n,), each with 8 programs, no unit.
     """
     o &= MASK
     for k in range(lanes):
@@ -188,9 +193,9 @@ def move(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def factor(g: Array, unknowns: int, lanes: int) -> None:
-    """Factor MATRIX of g (488,) by Cholesky in place, in every lane; the diagonal becomes 1/l, 0 if it is null.
+    """Replace MATRIX of g by its Cholesky factor L, for up to eight programs; diagonal 1 / l_jj, 0 if it is null.
 
-    No unit; rows of eight lanes as in `lanes`, MATRIX the lower triangle of (unknowns, unknowns), row by row.
+    MATRIX: lower triangle of a matrix (unknowns, unknowns), row by row, 8 programs per entry; g (488,), no unit.
     """
     if unknowns == 4:
         _factor4(g, lanes)
@@ -243,9 +248,9 @@ def _factor4(g: Array, lanes: int) -> None:
 
 @row_kernel
 def solve(g: Array, unknowns: int, v: int, lanes: int) -> None:
-    """Solve the Newton system of all lanes with the Cholesky factor in MATRIX of g, in place.
+    """Solve L L'y = v for up to eight programs at once, L the Cholesky factor in MATRIX of g, y in the place of v.
 
-    g (488,): rows of eight lanes, no unit, see `lanes`; right side and then solution in `unknowns` rows from `v` on.
+    v: index in g (488,) where the right-hand side begins, `unknowns` rows of 8 programs; no unit.
     """
     if unknowns == 4:
         _solve4(g, v, lanes)
@@ -292,9 +297,9 @@ def _solve4(g: Array, v: int, lanes: int) -> None:
 
 @row_kernel
 def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: int) -> None:
-    """Add sign * a'b of two 3-vectors, at offsets a, b of w (432 n,), to the row at `out` of g (488,), in every lane.
+    """Add sign * a'b to the row g[out:] of 8 programs: two 3-vectors whose rows begin at w[a] and w[b], 8 numbers each.
 
-    No unit; rows of eight lanes as in `lanes`.
+    w (432 n,) and g (488,) are the states of contacts and programs of the solver, no unit.
     """
     out, a, b = out & MASK, a & MASK, b & MASK
     for k in range(lanes):
@@ -303,9 +308,9 @@ def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: in
 
 @row_kernel
 def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, lanes: int) -> None:
-    """Add to row out + 8 j of g the product of scaled column j of the contact at `o` with the vector at row `v` of it.
+    """Add A'u to `unknowns` rows from g[out] on: A (3, unknowns) the scaled columns of the contact at w[o].
 
-    w (432 n,), g (488,), offsets o, v, out: as in `lanes`, rows of eight lanes, no unit; j runs over `unknowns`.
+    u is the 3-vector of that contact at w[o + v]. Rows hold 8 programs; w (432 n,), g (488,), no unit.
     """
     if unknowns != 4:
         for j in range(unknowns):
@@ -322,9 +327,9 @@ def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, la
 
 @row_kernel
 def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: int, lanes: int) -> None:
-    """Subtract the sum of column_j y_j from the 3-vector at row `v` of the block at offset `o` of w (432 n,).
+    """Subtract A y from the 3-vector at w[o + v]: A the scaled columns of the contact whose block begins at w[o].
 
-    y_j are rows of g (488,) from `y` on; rows of eight lanes as in `lanes`, no unit; j runs over `unknowns`.
+    A is (3, unknowns), y the `unknowns` rows from g[y] on. Rows hold 8 programs; w (432 n,), g (488,), no unit.
     """
     v, o, y = (o + v) & MASK, (o + COLUMNS) & MASK, y & MASK
     if unknowns != 4:
@@ -346,9 +351,9 @@ def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: i
 
 @row_kernel
 def add_gram(w: Array, o: int, g: Array, unknowns: int, lanes: int) -> None:
-    """Add A'A, A the scaled columns of the contact at `o` of w (432 n,), to MATRIX in g (488,), in every lane.
+    """Add A'A to MATRIX of g: A the scaled columns, (3, unknowns), of the contact whose block begins at w[o].
 
-    No unit; rows of eight lanes as in `lanes`; A is (3, unknowns).
+    MATRIX holds the lower triangle, row by row, 8 programs per entry; w (432 n,), g (488,), no unit.
     """
     if unknowns != 4:
         for j in range(unknowns):

@@ -46,10 +46,16 @@ class Outline(NamedTuple):
 
 @row_kernel
 def outline(r: Reduced, position: Array, first: Array, goal: FanGoal, limit: int, skip: int) -> Outline:
-    """Solve for the directions `first` (k, 2) and those of a goal, and return everything in metres.
+    """Solve for directions of a contact set and return its region of balance in metres.
 
-    The goal ENCLOSE begins at the corners of the hull of the contacts at `position` (n, 3), and is met with `limit`
-    directions at most. Without it the answers to the first `skip` directions are left out of the result.
+    Args:
+        r: cone programs of the set.
+        position: points of contact, (n, 3) m; with the goal ENCLOSE the corners of their hull give further first
+            directions.
+        first: unit directions to solve for, (k, 2).
+        goal: aim of further directions: ANSWER (none) or ENCLOSE (outer polygon near the inner one).
+        limit: most directions with ENCLOSE.
+        skip: without ENCLOSE, number of directions at the start whose answers are left out of the result.
     """
     if goal.kind == ENCLOSE:
         first = np.concatenate((corner_normals(hull(position[:, :2].copy())), first))
@@ -88,10 +94,10 @@ def outline(r: Reduced, position: Array, first: Array, goal: FanGoal, limit: int
 
 @row_kernel
 def edge_normals(corners: Array) -> Array:
-    """Return outward unit normals (e, 2) of the hull `corners` (e, 2) m of 3 to 8 contacts, else the axes.
+    """Return outward unit normals (e, 2) of a hull with e = 3 to 8 corners, (e, 2) m; else 8 directions, 45 deg apart.
 
-    On mild ground these are the normals of the region's edges. A very thin hull gets the axes, too: its normals are
-    hardly less than half a turn apart, and the support lines between them cross nowhere near.
+    On mild ground these are the normals of the region's edges. A very thin hull gets the 8 directions, too: its normals
+    are hardly less than half a turn apart, and the support lines between them cross nowhere near.
     """
     n = corners.shape[0]
     if n < 3 or n > 8:
@@ -112,9 +118,10 @@ def edge_normals(corners: Array) -> Array:
 
 @row_kernel
 def corner_normals(corners: Array) -> Array:
-    """Return unit directions (e, 2) at which refinement begins: outward at each corner of a hull, `corners` (e, 2) m.
+    """Return unit directions at which refinement begins, (e, 2): outward at the e corners of a hull, `corners` in m.
 
     On mild ground the support points are these corners at once; directions between them then go where it is curved.
+    Hulls of less than 3 or more than 8 corners, and very thin ones, get 8 directions instead.
     """
     edges = edge_normals(corners)
     n = edges.shape[0]

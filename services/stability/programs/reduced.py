@@ -28,7 +28,11 @@ SMALL_MU = 1e-9  # below it friction is left out
 
 
 class Reduced(NamedTuple):
-    """Cone programs of a contact set in scaled lengths: matrices shared by all directions."""
+    """Cone programs of a set of n contacts: min c'lam with a_i lam - h_i d in the cone, for any horizontal direction d.
+
+    a, h: balance and place of the CoM by forces in cone coordinates; c: objective of the unknowns lam; origin, length:
+    the scaled frame, its origin the centroid of the contacts (m), its unit of length in m.
+    """
 
     a: Array  # (n, 3, 4)
     h: Array  # (n, 3, 2)
@@ -38,7 +42,7 @@ class Reduced(NamedTuple):
 
 
 class Subspace(NamedTuple):
-    """Subspace of twists (v, w_z) that are the unknowns of a set with unlimited or no friction."""
+    """Subspace of twists (v, w_z) that are the unknowns of contacts of which some have unlimited or no friction."""
 
     basis: Array  # (4, 4) twist = basis @ unknowns + offset @ direction
     offset: Array  # (4, 2)
@@ -52,10 +56,17 @@ class Subspace(NamedTuple):
 
 @row_kernel
 def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, Array, float, float]:
-    """Return the matrices a (n, 3, 4) and h (n, 3, 2) of n contacts, and their scaled frame.
+    """Return the matrices of the cone programs of n contacts, and the scaled frame in which they hold.
 
-    The frame: origin (3,) m, unit of length, m, largest horizontal distance from the origin, m. Contacts: position
-    (n, 3) m, unit normal (n, 3), friction mu (n,).
+    Args:
+        position: points of contact, (n, 3) m.
+        normal: unit normals, (n, 3).
+        mu: friction coefficients, (n,); inf counts as 0 here.
+
+    Returns:
+        a (n, 3, 4): force x, y, z and yaw moment of each cone coordinate (normal, two tangents); h (n, 3, 2): what each
+        adds to the x, y of the CoM; origin (3,) m, the centroid; unit of length, m, largest distance from it along the
+        horizontal or along z; largest horizontal distance from it, m.
     """
     n = mu.size
     origin = np.zeros(3)
@@ -111,10 +122,11 @@ def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
 
 
 def _special(reduced: Reduced, contacts: ContactSet, unlimited: NDArray[np.bool_]) -> tuple[Reduced, Subspace]:
-    """Take out free forces (unlimited friction) and twists that no contact feels (no friction, one vertical line).
+    """Return programs and subspace where some contacts have unlimited or no friction, or all lie on a vertical line.
 
-    A free tangential force demands that the twist does not move its point tangentially: linear equations E lam = e a,
-    solved by lam = offset a + basis eta. Where they contradict each other the free forces can shift the CoM at will.
+    Free tangential forces (`unlimited` (n,): contacts that have them) demand that the twist lam does not move their
+    points tangentially: linear equations E lam = e d, d the direction, solved by lam = offset d + basis eta. Where they
+    contradict each other the free forces can shift the CoM at will. Twists that no contact feels are taken out as well.
     """
     a, h, c = reduced.a, reduced.h, reduced.c
     clone = ContactSet(contacts.position, contacts.normal, np.ones(len(contacts)))

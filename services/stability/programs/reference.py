@@ -59,7 +59,7 @@ class Reference:
         self._solver = clarabel.DefaultSolver(empty, self._c, matrix, np.zeros(3 * n), cones, settings)
 
     def solve(self, rhs: Array) -> ReferenceAnswer:
-        """Solve for right-hand sides b_i, (n, 3), in scaled lengths (no unit)."""
+        """Solve for right-hand sides b_i, (n, 3), one vector per cone, in scaled lengths (no unit)."""
         self._solver.update(b=-np.ascontiguousarray(rhs).ravel())
         solution = self._solver.solve()
         z, x = np.array(solution.x), np.array(solution.z).reshape(self._shape)
@@ -74,7 +74,7 @@ class Reference:
         return ReferenceAnswer(FAILED, np.nan, z, x, np.inf)
 
     def answer(self, r: Reduced, fan: Fan, k: int) -> int:
-        """Solve for the k-th direction of a fan, write the answer to row k of the fan, and return its status."""
+        """Solve programs `r` for direction k of a fan, write the answer to row k of the fan, and return its status."""
         found = self.solve(product(r.h, fan.direction[k]))
         fan.status[k], fan.value[k], fan.error[k] = found.status, found.value, found.error
         fan.unknown[k], fan.force[k] = found.unknown, found.force
@@ -118,9 +118,11 @@ def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array,
 def nearest_border(r: Reduced, fan: Fan, count: int, x: float, y: float) -> tuple[float, Array]:
     """Return the smallest h(a) - a'p over all unit directions a, and that direction (2,), in scaled lengths (no unit).
 
+    h(a) is the support value of the region, p = (x, y): the value is the distance of p to the border, negative outside.
+
     Args:
-        r: programs of the contact set.
-        fan: with an answer in its first `count` directions; it is not changed.
+        r: cone programs of the contact set.
+        fan: answers of the region in its first `count` directions; it is not changed.
         count: number of answers.
         x: of the point p.
         y: of the point p.

@@ -1,13 +1,16 @@
 """Region that the servos can hold: friction cones and torque limits, with the weight of the legs.
 
-The torque of leg i is tau_i = G_i - J_i' F_i, so |tau_i| <= tau_max are six linear inequalities for
-each leg of three joints. With forces in units of the weight, f_i = F_i / (m g), and the constraints of `reduced`:
+The joint torques of leg i are tau_i = G_i - J_i'F_i: G_i (3,) Nm holds the leg's own weight, J_i (3, 3) m/rad is the
+Jacobian of its contact point, F_i (3,) N the force of the ground. So |tau_i| <= tau_max are six linear inequalities for
+each leg of three joints. With forces in units of the weight, f_i = F_i / (m g) = B_i D_i x_i, x_i in the second-order
+cone Q (x_i cone coordinates, B_i = [normal, two tangents], D_i their scale by friction):
 
-    h(a) = max sum h_i(a)'x_i   s.t.  sum G_i'x_i = (0,0,1,0),  x_i in Q,
+    h(a) = max sum h_i(a)'x_i   s.t.  sum A_i'x_i = (0,0,1,0),  x_i in Q,
            G_ij - mg J_ij'B_i D_i x_i within +- tau_max_j
 
-solved by clarabel, one solver for all directions. The posture is held fixed, as is the legs' weight: the region
-holds the places where a load may bring the CoM (Orsolino et al.), near the present posture where the joints may.
+with A_i'x_i the force and yaw moment of contact i, h_i(a)'x_i what it adds to the CoM along a. Solved by clarabel, one
+solver for all directions a. The posture is held fixed, as is the legs' weight: the region holds the places where a load
+may bring the CoM (Orsolino et al.), near the present posture where the joints may.
 """
 
 import math
@@ -43,7 +46,7 @@ class ServoLegs:
 
 
 class _Cones(NamedTuple):
-    """Cone program of a set, all but its objective."""
+    """Cone program of a contact set with torque limits, all but its objective: balance, limits and friction cones."""
 
     a: Array
     """Columns of the balance per cone coordinate, (n, 3, 4); its forces are a[:, :, :3]."""
@@ -56,13 +59,13 @@ class _Cones(NamedTuple):
     rows: Any
     """Sparse matrix of the constraints."""
     right: Array
-    """Right side of the constraints."""
+    """Right side of the constraints, (rows,), in the order of `rows`."""
     cones: list[Any]
     """Cones of the constraints, clarabel's."""
 
 
 def _cones(contacts: ContactSet, legs: ServoLegs, clarabel: Any, sparse: Any) -> _Cones:
-    """Write down balance, torque limits and friction cones; `clarabel` and `sparse` are these modules."""
+    """Return the cone program of contacts and legs; `clarabel` and `sparse` are the modules of that name."""
     n = len(contacts)
     unlimited = np.isinf(contacts.mu)  # the cone is a half-space: one normal and two free tangential forces
     mu = np.where(unlimited, 1.0, np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu))
@@ -87,7 +90,7 @@ def actuated_region(contacts: ContactSet, legs: ServoLegs, given: Array | None =
 
     Args:
         contacts: one for each standing leg.
-        legs: in the same order.
+        legs: Jacobians, torques and limits of the standing legs, in the order of the contacts.
         given: (k, 2) unit directions of the support values, beside the 16 that are always solved for; None = these.
 
     Returns:
@@ -124,7 +127,20 @@ def actuated_region(contacts: ContactSet, legs: ServoLegs, given: Array | None =
 def _solve(
     contacts: ContactSet, legs: ServoLegs, a_k: Array, value: Array, point: Array, force: Array, torque: Array
 ) -> float | None:
-    """Fill in the answers for the directions a_k and return the largest gap, m; None if infeasible."""
+    """Write the answers for unit directions into the arrays; return the largest duality gap, m, or None if infeasible.
+
+    Args:
+        contacts: n contacts.
+        legs: of the contacts, in their order.
+        a_k: unit directions, (k, 2).
+        value: result: support values, (k,) m.
+        point: result: farthest places of the CoM, (k, 2) m.
+        force: result: contact forces there, (k, n, 3), in units of the weight.
+        torque: result: joint torques there, (k, n, 3) Nm.
+
+    Raises:
+        StabilityError: clarabel finds no answer.
+    """
     clarabel, sparse = clarabel_and_sparse()
     program, n = _cones(contacts, legs, clarabel, sparse), len(contacts)
     h, origin, length, columns = program.h, program.origin, program.length, program.a[:, :, :3]

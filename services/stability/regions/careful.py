@@ -39,11 +39,11 @@ STATUS: dict[int, SupportStatus] = {SOLVED: "ok", NO_DUAL: "unbounded", NO_PRIMA
 FLAT = 1e-9  # of a direction's effect on free forces; below it they do not carry the CoM
 LINE, LEVEL = 1e-9, 1e-6  # of the length of a line: how far contacts may lie off it, and how steep it may be
 WIDE, POINT, SEGMENT = 0, 1, 2
-"""Shapes of a region that `flat_ends` returns."""
+"""Shapes of a region: with an area, one point, a segment."""
 
 
 class Oracle:
-    """Support function h(a) of the region of at least one contact: how far the CoM may go in direction a."""
+    """Support function h(a) of the region of one contact or more: how far the CoM may go in direction a."""
 
     def __init__(self, contacts: ContactSet, reduced: Reduced, subspace: Subspace | None) -> None:
         self.contacts, self.reduced, self.subspace = contacts, reduced, subspace
@@ -54,7 +54,7 @@ class Oracle:
 
     @cached_property
     def sinking(self) -> Array | None:
-        """Twist (v, w_z), (4,), no unit, with v_z = -1, that proves that the set cannot carry the weight, or None."""
+        """Twist (v, w_z), (4,), scaled lengths, v_z = -1, that proves that the set cannot carry the weight, or None."""
         if self.subspace is not None and self.subspace.sinking is not None:
             return self.subspace.sinking
         fan = self.fan(np.zeros((1, 2)), 1)
@@ -64,14 +64,14 @@ class Oracle:
         """Return the gain along each direction of each tangential force that nothing limits, (k, 2 j), no unit.
 
         Where one is not 0 the region has no bound. `direction`: unit vectors, (k, 2); j contacts have unlimited
-        friction; (k, 0) where no contact has.
+        friction; (k, 0) with ordinary friction.
         """
         if self.subspace is None:
             return np.zeros((len(direction), 0))
         return product(direction, self.subspace.drift.T)
 
     def fan(self, direction: Array, capacity: int) -> Fan:
-        """Solve for unit directions (k, 2), no unit; return a fan with room for at least `capacity` of them.
+        """Return the answers for unit directions `direction`, (k, 2), as a fan with room for `capacity` or more.
 
         Raises:
             StabilityError: `no_convergence`, by field `contacts`.
@@ -97,12 +97,15 @@ class Oracle:
 
     @property
     def anchor(self) -> Array:
-        """Return x, y of the origin of the scaled frame of regions, (2,) m."""
+        """Origin of the scaled frame in the frame of the request, (2,) m: position = anchor + length * scaled."""
         r = self.reduced
         return r.origin[:2] if self.subspace is None else r.origin[:2] + r.length * self.subspace.point
 
     def support(self, fan: Fan, chosen: Ints) -> Support:
-        """Return the answers of a fan with indices `chosen` (k,), in metres; unbounded where `drift` is not 0."""
+        """Return answers of a fan as support values in metres, frame of the request, for its directions `chosen` (k,).
+
+        A direction is unbounded where tangential forces without limit move the CoM along it.
+        """
         r, n = self.reduced, len(self.contacts)
         direction = fan.direction[chosen]
         drift = self.drift(direction)
@@ -127,17 +130,18 @@ class Oracle:
     def twist(self, unknown: Array, direction: Array) -> Array:
         """Return the twist (v, w_z), (4,), in scaled lengths, of a solution of the reduced dual.
 
-        `unknown`: solution, (4,), coordinates of the twist in the subspace of the set; `direction`: its unit vector,
-        (2,).
+        Args:
+            unknown: solution, (4,): coordinates of the twist in the subspace of the set.
+            direction: unit vector that it was solved for, (2,); zeros for a proof that nothing carries the weight.
         """
         if self.subspace is None:
             return unknown
         return product(self.subspace.basis, unknown) + product(self.subspace.offset, direction)
 
     def moved(self, scaled: Array, direction: Array) -> Array:
-        """Return a twist (v, w_z), (4,), of the scaled frame as (v in m, w_z) about the origin of the request's frame.
+        """Return a twist (v, w_z), (4,), of the scaled frame as (v m, w_z) about the origin of the request's frame.
 
-        `direction`: unit vector (2,) to which the twist belongs.
+        `direction`: unit vector (2,) to which the twist belongs, (-a_y, a_x) being its turn about x, y.
         """
         (x, y, z), s, w = self.reduced.origin, self.reduced.length, scaled[3]
         ax, ay = direction  # v' = v - Om x origin, Om = (-a_y, a_x, w)
@@ -149,9 +153,9 @@ class Oracle:
         """Return forces (n, 3) in the frame of the request, in units of the weight; free ones balance the rest.
 
         Args:
-            cone: forces in cone coordinates, (n, 3), weight 1.
-            weight: of the robot, in the unit of the result.
-            free: amplitudes of the free tangential forces; None = computed from the balance.
+            cone: forces in cone coordinates (normal, two tangents), (n, 3), weight 1.
+            weight: that the forces carry, in weights: 1, or 0 for forces that only shift the CoM.
+            free: further amplitudes of the free tangential forces (unlimited friction), (2 j,); None = none.
         """
         a = self.reduced.a
         s = self.subspace
@@ -177,11 +181,14 @@ def careful(
 
     Args:
         contacts: n contacts.
-        programs: of the contacts, by `reduce`.
+        programs: cone programs of the contacts, and the subspace of their unknowns (None with ordinary friction).
         first: (k, 2) unit directions to begin with.
         goal: ENCLOSE to refine, else ANSWER.
-        limit: at most so many directions.
+        limit: most directions.
         skip: without refinement, number of directions whose support values are left out.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
     """
     oracle, refine, r = Oracle(contacts, *programs), goal.kind == ENCLOSE, programs[0]
     if oracle.subspace is not None and oracle.subspace.sinking is not None:
@@ -222,7 +229,10 @@ def careful(
 
 
 def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
-    """Point (1, 2) or ends (2, 2) of a region without area, scaled frame; None if it has an area."""
+    """Return the point (1, 2) or the ends (2, 2) of a region without area, scaled frame; None if it has an area.
+
+    `fan`: answers in its first `count` directions.
+    """
     points = fan.point[:count]
     span = points[:, None, :] - points[None, :, :]
     distance = np.hypot(span[..., 0], span[..., 1])
@@ -241,7 +251,7 @@ def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
 
 
 def few(contacts: ContactSet, direction: Array) -> Region:
-    """Return the region of no contact, or of one: its own point if the vertical lies in its cone.
+    """Return the region of no contact (empty), or of one: its own point if the vertical lies in its friction cone.
 
     `direction`: unit directions of the support values, (k, 2), frame of the contacts.
     """
@@ -270,7 +280,7 @@ def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region
     Args:
         contacts: n contacts.
         direction: unit directions of the supports, (k, 2); their values are NaN.
-        sinking: twist (v m, w_z), (4,), that proves it.
+        sinking: twist (v m, w_z), (4,), v_z < 0, that proves it; it is scaled to v_z = -1.
     """
     k, n = len(direction), len(contacts)
     nan = np.full(k, np.nan)
@@ -283,7 +293,7 @@ def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region
 
 @row_kernel
 def holds(normal: Array, mu: float) -> bool:
-    """Return True if one contact with unit normal (3,) and friction coefficient mu carries the weight: upright cone."""
+    """Return True if one contact carries the weight: the vertical lies in its cone, unit normal (3,), friction mu."""
     if math.isinf(mu):
         return normal[2] >= 0.0
     return normal[2] > 0.0 and mu * normal[2] >= math.hypot(normal[0], normal[1]) - CONE
@@ -291,7 +301,7 @@ def holds(normal: Array, mu: float) -> bool:
 
 @row_kernel
 def line_of(position: Array) -> tuple[bool, Array]:
-    """Return True if all contacts, (n, 3) m, lie on one line, not vertical, and its horizontal unit vector (2,)."""
+    """Return True if contacts (n, 3) m lie on one line, not vertical, and then its horizontal unit vector (2,)."""
     line, far, n = np.zeros(3), 0.0, position.shape[0]
     for i in range(1, n):
         x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
@@ -313,16 +323,17 @@ def line_of(position: Array) -> tuple[bool, Array]:
 
 @row_kernel
 def along(line: Array) -> Array:
-    """Return unit directions (4, 2) that find a region without area: both ways along and across a unit `line` (2,)."""
+    """Return four unit directions (4, 2): along a unit `line` (2,) and back, then across it to the left and right."""
     x, y = line[0], line[1]
     return np.array([[x, y], [-x, -y], [-y, x], [y, -x]])
 
 
 @row_kernel
 def flat_ends(probe: Fan) -> tuple[int, Array]:
-    """Return the shape of a region by its supports in the four directions along and across a line, and its ends.
+    """Return the shape of a region (WIDE 0, POINT 1, SEGMENT 2) and its ends, from its supports along a line.
 
-    Ends are in scaled lengths (no unit): (0, 2) for an area or no end, (1, 2) for a point, (2, 2) for a segment.
+    `probe`: answers in four directions: along the line, back, and across it both ways. Ends are in scaled lengths: (0,
+    2) for an area or no end, (1, 2) for a point, (2, 2) for a segment.
     """
     for k in range(4):
         if probe.status[k] != SOLVED:

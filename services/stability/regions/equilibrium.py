@@ -47,13 +47,14 @@ class LeastFriction:
 def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
     """Return forces in the friction cones that hold the CoM, or a twist as a proof that there are none.
 
-    The balance is sum f = e_z, sum r x f = c x e_z, with a twist of six unknowns as its dual. Unlimited friction
-    demands u_t = 0 of the twist, and contacts at one point or on one line do not resist some twists: the program is
-    solved in the remaining twists, and free tangential forces carry the rest.
+    The balance is sum f = e_z, sum r x f = c x e_z, f contact forces in units of the weight, r contact points, c the
+    CoM; its dual has a twist of six unknowns. Unlimited friction demands u_t = 0 of the twist (no tangential velocity
+    at that point), and contacts at one point or on one line do not resist some twists: the program is solved in the
+    remaining twists, and free tangential forces carry the rest.
 
     Args:
-        contacts: any.
-        com: (2,) m.
+        contacts: any number, none too, with any friction.
+        com: x, y of the CoM, (2,) m, frame of the contacts.
 
     Raises:
         StabilityError: no_convergence, by field `contacts`.
@@ -89,9 +90,11 @@ def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
 
 
 def _wrenches(contacts: ContactSet) -> tuple[Array, Array, Array, float]:
-    """Columns of the forces (n, 3, 3) and wrenches (n, 3, 6), origin (3,) m and unit of length.
+    """Return what the cone coordinates (normal, two tangents) of n contacts give: forces and wrenches, and their frame.
 
-    Those of unlimited friction are the normal and two free tangents.
+    Forces (n, 3, 3) and wrenches (n, 3, 6), force and moment about the origin, last index = axis; origin (3,) m, the
+    contacts' centroid, and the unit of length of arms, m. With unlimited friction the three vectors have length 1, else
+    the normal and the tangents of length mu are divided by sqrt(1 + mu^2).
     """
     unlimited = np.isinf(contacts.mu)
     mu = np.where(unlimited, 1.0, np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu))
@@ -105,7 +108,7 @@ def _wrenches(contacts: ContactSet) -> tuple[Array, Array, Array, float]:
 
 
 def _image(columns: Array) -> tuple[Array, Array]:
-    """Orthonormal bases of what columns (m, k) span, (m, r), and of what they do not, (m, m - r)."""
+    """Return orthonormal bases of what columns (m, k) span, (m, r), and of the rest of the space, (m, m - r)."""
     if not columns.size:
         return np.zeros((len(columns), 0)), np.eye(len(columns))
     u, s, _ = np.linalg.svd(columns)
@@ -116,20 +119,21 @@ def _image(columns: Array) -> tuple[Array, Array]:
 
 
 def _moved(scaled: Array, length: float, origin: Array) -> Array:
-    """Return the twist (v, Om), (6,), about the frame's origin, m, of one of scaled lengths about `origin` (3,)."""
+    """Return a twist (v m, Om), (6,), about the frame's origin from one in units of `length` about `origin` (3,) m."""
     return np.concatenate((length * scaled[:3] - np.cross(scaled[3:], origin), scaled[3:]))
 
 
 def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
     """Return forces whose largest share of friction is the smallest (min-max); None if the CoM is not held.
 
-    For a share s of every friction coefficient let t(s) = min t such that forces hold the CoM and
-    |f_t,i| <= mu_i (s n'f_i + t): not above zero where the share is enough, and a program with an inside even where
-    forces of that share are just possible. Its root is found by Newton's method within a bracket.
+    For a share s of every friction coefficient mu_i let t(s) = min t such that contact forces f_i hold the CoM and
+    |f_t,i| <= mu_i (s n'f_i + t), n'f_i and f_t,i being normal and tangential parts: t is not above zero where the
+    share is enough, and the program has an inside even where forces of that share are just possible. The root of t is
+    found by Newton's method within a bracket.
 
     Args:
         contacts: n, with any friction.
-        com: (2,) m.
+        com: x, y of the CoM, (2,) m, frame of the contacts.
 
     Raises:
         StabilityError: no_convergence, by field `contacts`.
@@ -153,9 +157,10 @@ def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
 
 
 def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tuple[float, float, Array]:
-    """Return t of `least_friction` for a share, its slope, and its forces (n, 3); `com` (2,) m.
+    """Return t, its slope and forces (n, 3) for a share s of friction: min t with |f_t,i| <= mu_i (s n'f_i + t).
 
-    The slope is -dt/dshare = sum z_i n'f_i by the multipliers z.
+    The forces f_i (f_t,i tangential, n'f_i normal) hold the CoM, `com` (2,) m, and are in units of the weight, as is t;
+    their normal parts sum up to at most `most`. The slope is -dt/ds = sum z_i n'f_i by the multipliers z.
     """
     clarabel, sparse = clarabel_and_sparse()
     n, limited = len(contacts), (contacts.mu >= SMALL_MU) & np.isfinite(contacts.mu)
@@ -196,8 +201,11 @@ def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tupl
 def least_forces(contacts: ContactSet, com: Array) -> Array | None:
     """Return forces (n, 3) with the smallest sum of squares, in units of the weight; None if the CoM is not held.
 
-    What a force controller would command: the least of all forces where those lie in the cones, as they mostly do on
-    level ground, else a quadratic program over cones, solved by clarabel. `com`: (2,) m, frame of the contacts.
+    A force controller would command these: the least of all forces where those lie in the cones, as they mostly do on
+    level ground, else a quadratic program over cones, solved by clarabel. `com`: x, y, (2,) m, frame of the contacts.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
     """
     least = _least_of_all(contacts, com)
     if least is not None:
@@ -228,7 +236,10 @@ def least_forces(contacts: ContactSet, com: Array) -> Array | None:
 
 
 def _least_of_all(contacts: ContactSet, com: Array) -> Array | None:
-    """Return the forces with the smallest sum of squares, cones or not, (n, 3); None unless they lie in the cones."""
+    """Return the balancing forces of least sum of squares, (n, 3), in units of the weight; None unless in the cones.
+
+    `com`: x, y of the CoM, (2,) m, frame of the contacts.
+    """
     n = len(contacts)
     if n == 0:
         return None

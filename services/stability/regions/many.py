@@ -60,10 +60,13 @@ def assess(contacts: ContactSet, index: Ints, begin: Ints, com: Array, *, thread
 
     Args:
         contacts: the pool.
-        index: indices of the contacts of all sets, one set after the other, (n,).
+        index: indices in the pool of the contacts of all sets, one set after the other, (n,).
         begin: first place of each set in `index`, and the end, (k + 1,).
         com: centre of mass of each set, (k, 2) m.
-        threads: that work at a time.
+        threads: number that work at a time.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
     """
     count = len(com)
     out = Variants(np.empty(count, dtype=np.int64), np.empty(count))
@@ -81,7 +84,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def loaded() -> bool:
-    """Return whether the kernel of `assess` is compiled, so that a call does not wait for the compiler."""
+    """Return True if the kernel of `assess` is compiled, so that a call does not wait for the compiler."""
     return bool(_assess.signatures)  # pyright: ignore[reportFunctionMemberAccess] - of numba's object
 
 
@@ -109,14 +112,17 @@ class Pool(NamedTuple):
     member: Ints
     """Indices of the contacts of all sets, one set after the other, (k,)."""
     begin: Ints
-    """Places in `member` where each set begins, and the end, (s + 1,)."""
+    """Place in `member` where each set begins, and the end, (s + 1,)."""
     com: Array
     """CoM of each set, (s, 2) m."""
 
 
 @free_kernel
 def _assess(pool: Pool, first: int, last: int, status: Ints, distance: Array) -> None:
-    """Write status and margin (m) of sets first .. last - 1, (sets,); status _HARD where the kernel gives up."""
+    """Write status and margin of sets first .. last - 1 of a pool, one number per set of the pool in both arrays.
+
+    Status: index into STATUSES, or _HARD (-1) where the kernel gives up; margin in `distance`, m.
+    """
     for s in range(first, last):
         n = pool.begin[s + 1] - pool.begin[s]
         p, v, m = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
@@ -130,9 +136,10 @@ def _assess(pool: Pool, first: int, last: int, status: Ints, distance: Array) ->
 
 @row_kernel
 def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple[int, float]:
-    """Return status and margin (m) at x, y of a set of contacts, equal to those of `region` and `margin`.
+    """Return status and margin (m) of a CoM at x, y over a set of n contacts, equal to those of `region` and `margin`.
 
-    position (n, 3) m, unit normal (n, 3), friction mu (n,).
+    position (n, 3) m, unit normal (n, 3), friction mu (n,). Status: index into STATUSES, or _HARD (-1), not solved
+    here.
     """
     n = mu.size
     if n == 0:
@@ -176,9 +183,9 @@ def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple
 
 @row_kernel
 def _without_end(status: Ints) -> tuple[int, float]:
-    """Return status and margin (NaN) where not every direction has a value: infeasible, or left to `region`.
+    """Return status and margin (NaN) where not every direction has a value: infeasible, or _HARD, left to `region`.
 
-    `status`: of each direction, (k,), as in `programs.interior`.
+    `status`: outcome of each direction, (k,): 0 failed, 1 solved, 2 no forces exist, 3 no bound.
     """
     for k in range(status.size):
         if status[k] == NO_PRIMAL:
@@ -199,20 +206,20 @@ class PackedSets:
     contacts: ContactSet
     """Contacts of all sets, one set after the other."""
     begin: Ints
-    """Places in `contacts` where each set begins, and the end, (s + 1,)."""
+    """Place in `contacts` where each set begins, and the end, (s + 1,)."""
     com: Array
     """CoM of each set, (s, 2) m."""
 
 
 def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLike, com: ArrayLike) -> PackedSets:
-    """Check and normalise many sets at once.
+    """Return many contact sets in one pool, checked and with unit normals.
 
     Args:
         position: (n, 3) m, of the contacts of all sets, one set after the other.
         normal: (n, 3), any length but zero.
-        mu: (n,) or one number for all; inf = unlimited.
-        counts: (s,) contacts of each set.
-        com: (s, 2) m.
+        mu: (n,) or one number for all; inf = unlimited friction.
+        counts: number of contacts of each set, (s,).
+        com: x, y of the CoM of each set, (s, 2) m.
 
     Raises:
         StabilityError: names the set and its contact, as in `sets.7.contacts.2.normal`.
@@ -250,8 +257,10 @@ def _place(field: str, begin: Ints) -> str:
 
 
 def batch(sets: PackedSets, threads: int | None = None) -> Variants:
-    """Return status and margin of every set, on all cores or on `threads` of them; answers do not depend on the
-    number."""
+    """Return status and margin of every set, on all cores or on `threads` of them.
+
+    The answers do not depend on the number of threads.
+    """
     index = np.arange(len(sets.contacts))
     return assess(sets.contacts, index, sets.begin, sets.com, threads=threads or os.cpu_count() or 1)
 
@@ -261,7 +270,7 @@ def what_if(contacts: ContactSet, com: Array, candidates: ContactSet | None = No
 
     Args:
         contacts: n contacts now.
-        com: (2,) m.
+        com: x, y of the CoM, (2,) m.
         candidates: m places for one more foot, each tried alone.
     """
     n, m, pool = len(contacts), 0, contacts

@@ -37,11 +37,17 @@ class Extent:
     value: float | None
     """Signed way, m, negative when the region ends behind the point; None unless status is ok."""
     status: ExtentStatus
-    """Status of the way; `missed`: the line does not meet the region."""
+    """`ok`, `unbounded` (no edge that way), `infeasible` (no region), `missed` (the line does not meet the region)."""
 
 
 def margin(region: Region, point: Array) -> Margin:
-    """Return the signed distance of c (2,) m from the edge: min over unit a of h(a) - a'c, m, positive inside."""
+    """Return the signed distance of `point` c, (2,) m, from the edge: min over unit a of h(a) - a'c, positive inside.
+
+    h(a) is the support value of the region in direction a, the largest a'c of its points.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
+    """
     if region.status in ("infeasible", "unbounded"):
         return Margin(None)
     if region.solved is not None:
@@ -56,8 +62,12 @@ def margin(region: Region, point: Array) -> Margin:
 def extent(region: Region, point: Array, direction: Array) -> Extent:
     """Return the largest t, m, with point (2,) + t a in the region, for a unit direction a (2,).
 
-    One equality more than the support program (b = a turned by 90 degrees): sum h_i(b)'x_i = b'c0; its dual has one
-    unknown nu more: min lam_3 + nu b'c0 - a'c0 s.t. A_i lam + nu h_i(b) - h_i(a) in Q.
+    The program of the support value h(a), with one equality more that keeps the CoM on the line (b = a turned by 90
+    degrees, c0 the point, x_i the contact forces): sum h_i(b)'x_i = b'c0. Its dual has one unknown nu more: min lam_3 +
+    nu b'c0 - a'c0 s.t. A_i lam + nu h_i(b) - h_i(a) in the cone Q, lam the twist.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
     """
     if region.status == "infeasible":
         return Extent(None, "infeasible")
@@ -75,7 +85,11 @@ def extent(region: Region, point: Array, direction: Array) -> Extent:
 def _edge(s: Solved, point: Array, a: Array) -> Extent:
     """Return the way from a point (2,) m along the unit direction a (2,) to the edge of the region, by one program.
 
-    Free forces move the CoM along a line: only directions d = a - nu b that they leave alone have an edge.
+    Args:
+        s: cone programs of the region.
+        point: start, frame of the programs.
+        a: direction. Free tangential forces move the CoM along a line: with them, only directions d = a - nu b (b
+            across a) that they leave alone have an edge; else the way is unbounded.
     """
     r, across = s.reduced, np.array([-a[1], a[0]])
     start = (point - s.anchor) / r.length

@@ -43,21 +43,21 @@ class Support:
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Map from points p of a frame along the effective gravity to a horizontal plane of the world: matrix p + zero."""
+    """Map of points p (2,) m of the frame along effective gravity to a level plane of the world: matrix p + zero."""
 
     matrix: Array
-    """Linear part of the map from the scaled plane to the ground, (2, 2) m, determinant > 0."""
+    """Derivative of world x, y by x, y of the leaning frame, (2, 2), no unit, determinant > 0."""
     zero: Array
-    """Origin of the scaled plane on the ground, (2,) m."""
+    """World x, y of the origin of the leaning frame's plane, seen along gravity, (2,) m."""
 
     def back(self, c: Array) -> Array:
-        """Return the point p (2,) of the frame along gravity that lies at c (2,) m in the plane: the inverse map."""
+        """Return the point p (2,) m of the leaning frame that lies at c (2,) m in the level plane: the inverse map."""
         return solve(self.matrix, (c - self.zero)[:, None])[:, 0]
 
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """Cone programs of a region that has an area, and their solutions in a fan of directions."""
+    """Cone programs of a region that has an area or no bound, and their solutions in a fan of directions."""
 
     reduced: Reduced
     """Programs of the contacts, scaled frame."""
@@ -68,12 +68,16 @@ class Solved:
     anchor: Array
     """Origin of the scaled frame, (2,) m: position = anchor + length * scaled."""
     drift: Array | None = None
-    """Gain of free tangential forces per direction of an unbounded region, (k, 2); None if there are none."""
+    """Gain of free tangential forces per unit direction, (2k, 2): not 0 = no bound; None: no force is free."""
     plane: Plane | None = None
     """Plane of the region, where the programs are those of a leaning frame."""
 
     def level(self) -> "Solved":
-        """Return the answers of a bounded region in its plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
+        """Return the answers turned into the level plane of the region: h(d) = h(a) / |M^-T a|, d = M^-T a / |M^-T a|.
+
+        h: support values, a, d: unit directions of the leaning frame and of the plane, M: matrix of the map between
+        them.
+        """
         if self.plane is None:
             return self
         fan, count, matrix = with_room(self.fan, self.count, self.count), self.count, self.plane.matrix
@@ -103,7 +107,7 @@ class Region:
     gap: float
     """Largest distance of outer from inner, m; NaN if there is no outer."""
     exact: bool
-    """inner is the region itself, to rounding (hull, segment, point)."""
+    """True if inner is all that is known: the region to rounding, or that of torque limits or several gravities."""
     calls: int
     """Number of directions that were solved for."""
     sinking: Array | None = None

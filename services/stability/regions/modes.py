@@ -72,7 +72,7 @@ class Refinement(NamedTuple):
     directions: Array | None = None
     """Directions to solve for, (k, 2), unit length; None = chosen adaptively."""
     adaptive: bool | None = None
-    """Refine until outer is within `tolerance` of inner; None = when no directions are given."""
+    """True: refine until outer is within `tolerance` of inner; None = if no directions are given."""
     tolerance: float = 1e-4
     """Largest distance of outer from inner of an adaptive region, measured along the effective gravity, m."""
     limit: int = 128
@@ -129,21 +129,21 @@ class Leaning:
     """Contact set in a frame along the effective gravity, and the rotation to that frame."""
 
     contacts: ContactSet
-    """In the leaning frame: z against g_eff."""
+    """Contacts in the leaning frame, whose z axis points against the effective gravity."""
     rot: Array
     """Rotation from frame world into the frame whose z is against the effective gravity, (3, 3)."""
     strength: float
     """Magnitude of the effective gravity, m/s^2."""
 
     def directions(self, given: Array | None) -> Array | None:
-        """Return unit directions (k, 2) of a horizontal plane of the world as unit vectors of the leaning frame."""
+        """Return unit directions (k, 2) of a level plane of the world as unit vectors of the leaning frame, or None."""
         if given is None or (self.strength == GRAVITY and self.rot[2, 2] == 1.0):
             return given
         turned = product(given, self.to_world())
         return np.ascontiguousarray(turned / np.hypot(turned[:, 0], turned[:, 1])[:, None])
 
     def at_height(self, points: Array, height: float) -> Array:
-        """Return where vertical lines through points of the leaning frame meet the plane z = `height`, m, of the world.
+        """Return where lines along gravity through points of the leaning frame meet the plane z = `height`, m.
 
         points: x, y, (k, 2) m, leaning frame, whose z is against the effective gravity. Result: world x, y, (k, 2) m.
         """
@@ -165,7 +165,8 @@ class Leaning:
         """Return a region of the leaning frame, cut by the plane z = height (m) of the world, frame world.
 
         A point p of the leaning frame lies at c = M p + c0 in that plane: with a = M'd / |M'd| the support value of the
-        cut in direction d is |M'd| h(a) + d'c0. `proofs`: with twists and forces of the supports.
+        cut in direction d is |M'd| h(a) + d'c0, h(a) that of the region. `proofs`: turn twists and forces of the
+        supports, too; else twists are NaN and forces stay in the leaning frame.
         """
         s, k = found.support, len(found.support.direction)
         plane = Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
@@ -192,8 +193,10 @@ class Leaning:
         )
 
     def _twist(self, twist: Array, a: Array) -> Array:
-        """Return the twist (v, Om), (6,), in the world for (v, w_z), (4,), of the leaning frame and a direction a,
-        (2,)."""
+        """Return the twist (v m, Om), (6,), world axes, of a leaning one (v m, w_z), (4,), and its direction a (2,).
+
+        The turn of the leaning twist is (-a_y, a_x, w_z).
+        """
         spin = np.array([-a[1], a[0], twist[3]])
         return np.concatenate((product(self.rot.T, twist[:3]), product(self.rot.T, spin)))
 
@@ -221,7 +224,9 @@ def lean(contacts: ContactSet, up: Array) -> Leaning:
 
 
 def leanings(mode: AtRest | Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
-    """Return the contact set under every gravity of a mode: leaning to the sides, then upright.
+    """Return the contact set in a frame along each gravity of a mode: leaning to eight sides (Tilted), then upright.
+
+    The frame's z is against the effective gravity, gravity less the acceleration of the centre of mass.
 
     Raises:
         StabilityError: with this acceleration the robot would fly.
@@ -253,7 +258,7 @@ def stays_down(up: Array, acceleration: Array) -> Array:
 
 
 def _common(polygons: list[Array]) -> Array:
-    """Return the intersection (e, 2) of convex polygons, counter-clockwise; points and segments meet within MET m."""
+    """Return the intersection (e, 2) m of convex polygons, counter-clockwise; points and segments meet within 1 nm."""
     normals: list[Array] = []
     offsets: list[Array] = []
     for corners in polygons:
@@ -273,7 +278,7 @@ def _common(polygons: list[Array]) -> Array:
 
 
 def _thinned(polygon: Array) -> Array:
-    """Return a polygon (n, 2), or its ends (2, 2) if it is thinner than THIN, its middle (1, 2) if it is shorter."""
+    """Return a polygon (n, 2) m; its ends (2, 2) if it is narrower than 1e-7 m, its middle (1, 2) if also shorter."""
     if len(polygon) < 2:
         return polygon
     span = polygon[:, None] - polygon[None]

@@ -30,13 +30,16 @@ class Check:
     extent: Extent | None
     """From the CoM now along the movement; None without horizontal movement."""
     gsm: Extent | None
-    """Geometric stability margin (28), signed: from c1 along the movement."""
+    """Geometric stability margin: signed way from `com_after` along the movement to the edge; None without movement."""
     stable: bool
     """True if the support region has an area and the centre of mass after the movement lies in it."""
 
 
 def worst(checks: Sequence[Check]) -> Check:
-    """Combine the checks over several regions, none of them infeasible: the smallest margins and ways."""
+    """Return the smallest margins and ways of the checks over several regions, none of them infeasible.
+
+    Stable only if all are; `com_after` is that of the first.
+    """
     first = checks[0]
     if len(checks) == 1:
         return first
@@ -64,16 +67,20 @@ def _nearest(found: Sequence[Extent | None]) -> Extent | None:
 
 
 def check(region: Region, com: Array, movement: Array, shift: Array) -> Check:
-    """Return the margins of a movement in three phases: now, after the trunk has moved, and along the way.
+    """Return the margins of a movement of the trunk: before it, after it, and the ways to the edge along it.
 
-    Equation (28) of Walas & Belter is printed as a norm, which hides a fall: here GSM = extent_along(c1, a), the signed
-    way from c1 = com + r_M + r_KIN to the edge; a ray may also enter the region ahead, so margin(c1) >= 0 decides.
+    Equation (28) of Walas & Belter, the geometric stability margin, is printed as a norm, which hides a fall: here it
+    is the signed way from the CoM after the movement, c1 = com + movement + shift, along the movement to the edge. A
+    ray may also enter the region ahead, so margin(c1) >= 0 decides.
 
     Args:
         region: of the contacts that stay.
-        com: (2,) m, now: measured or from kinematics.
-        movement: r_M, movement of the trunk over its feet, (3,) m.
-        shift: r_KIN, by which the legs that turn with it move the CoM besides, (3,) m.
+        com: x, y of the CoM now, measured or from kinematics, (2,) m.
+        movement: of the trunk over its feet, (3,) m (r_M of the paper).
+        shift: by which the legs that turn with the trunk move the CoM besides, (3,) m (r_KIN of the paper).
+
+    Raises:
+        StabilityError: no solver finds an edge.
     """
     after = com + movement[:2] + shift[:2]
     now, then = margin(region, com), margin(region, after)
@@ -106,9 +113,9 @@ class Movement:
     shift: Array
     """Further shift of the centre of mass by the legs, (3,) m (r_KIN of the paper)."""
     uncertainty: Uncertainty | None = None
-    """Asks for the margin that allows for it; at rest only."""
+    """Uncertainty of the inputs for which a second margin is wanted, only with gravity alone; None: none is."""
     gradient: bool = False
-    """Asks for the gradient of the margin; at rest only."""
+    """True if the gradient of the margin is wanted; with gravity alone only."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,10 +39,13 @@ def region(
 
     Args:
         contacts: 0 to 64 contacts.
-        directions: (k, 2) unit directions, None = adaptive.
-        adaptive: refine until outer is within `tolerance` of inner; default: when no directions are given.
-        tolerance: m.
-        limit: at most so many directions when adaptive (not less than it begins with: 3 to 8, and those given).
+        directions: (k, 2) unit directions of the support values, frame of the contacts; None = adaptive.
+        adaptive: refine until outer is within `tolerance` of inner; None: if no directions are given.
+        tolerance: greatest distance of outer from inner polygon, m.
+        limit: most directions when adaptive (not less than it begins with: 3 to 8, and those given).
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
     """
     refine = directions is None if adaptive is None else adaptive
     given = np.empty((0, 2)) if directions is None else directions
@@ -100,7 +103,8 @@ def has_axes(directions: Array) -> bool:
 def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float]:
     """Return True if the region is the hull of the contacts exactly, and slopes p, q of their plane z = p x + q y + c.
 
-    position, normal: (n, 3), points in m and unit normals; mu: friction coefficients, (n,).
+    The slopes are 0 where they are not computed (less than 3 contacts, or nearly on one line). position, normal: (n,
+    3), points in m and unit normals; mu: friction coefficients, (n,).
     """
     n = mu.size
     if n < 3:
@@ -136,10 +140,11 @@ def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float
 
 @row_kernel
 def carried(position: Array, direction: Array, p: float, q: float) -> tuple[Array, Array, Array, Array]:
-    """Return the support of contacts on a plane where the outermost one carries all, for directions (k, 2).
+    """Return the support of contacts on a plane where the outermost one carries all, for unit directions a (k, 2).
 
-    position: contacts, (n, 3) m; p, q: slopes of their plane z = p x + q y + const. Returned are the value a'c (k,) m,
-    the point c (k, 2) m, the twist (v, w_z) that proves it (k, 4), and forces as shares of the weight (k, n, 3).
+    position: contacts, (n, 3) m; direction: the a; p, q: slopes of their plane z = p x + q y + const. Returned are the
+    value a'c (k,) m, the point c (k, 2) m, the twist (v m, w_z) that proves it (k, 4), and forces as shares of the
+    weight (k, n, 3).
     """
     k, n = direction.shape[0], position.shape[0]
     value, point, twist, force = np.empty(k), np.empty((k, 2)), np.empty((k, 4)), np.zeros((k, n, 3))

@@ -21,7 +21,7 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """Uncertainty of the inputs; standard deviations count `kappa` times, bounds fully."""
+    """Uncertainty of the inputs of a margin; standard deviations count `kappa` times, bounds fully."""
 
     com: Array
     """Covariance of the CoM, (2, 2) m^2."""
@@ -47,16 +47,17 @@ class MarginSlope:
 
 
 def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tuple[Array, Array]:
-    """Return the gradient of the support value h(a) in one direction a, by its certificate and the forces at its point.
+    """Return the gradient of the support value h(a) of a region in one direction a, by its certificate and its forces.
 
     Args:
-        contacts: n contacts.
-        twist: (4,) certificate (v m, w_z).
-        force: (n, 3) in units of the weight.
+        contacts: n contacts at r_i, friction coefficients mu_i.
+        twist: (4,) certificate of the value: (v m, w_z), about the origin.
+        force: (n, 3) forces f_i that hold the CoM at the support point, in units of the weight.
         a: unit direction, (2,).
 
     Returns:
-        d h / d mu_i = - u_i'f_t,i / mu_i >= 0, (n,) m; d h / d r_i = Om x f_i, (n, 3), no unit.
+        dh / dmu_i = - u_i'f_t,i / mu_i >= 0, (n,) m, and dh / dr_i = Om x f_i, (n, 3), no unit: Om = (-a_y, a_x, w_z),
+        u_i = v + Om x r_i the velocity of the twist at contact i, f_t,i the tangential part of f_i.
     """
     spin = np.array([-a[1], a[0], twist[3]])
     u = twist[:3] + np.cross(spin, contacts.position)
@@ -67,11 +68,11 @@ def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tupl
 
 
 def margin_gradient(found: Region, com: Array, here: Margin) -> MarginSlope | None:
-    """Return the gradient of the margin `here` of a CoM (2,) m: that of h(a) in the direction of the nearest edge.
+    """Return the gradient of the margin `here` of a CoM (2,) m: that of the support value towards the nearest edge.
 
     The forces are those that hold the CoM at the nearest point of the edge: along a straight edge support points are
     not unique, and each foot counts by its lever. Where two edges are equally near there is only a one-sided slope.
-    None when there is no region, or no edge.
+    None when the region has no area (or no bound), or no edge is near.
     """
     if here.value is None or found.status != "ok":
         return None
@@ -88,7 +89,10 @@ def margin_gradient(found: Region, com: Array, here: Margin) -> MarginSlope | No
 
 
 def _nearest_edge(polygon: Array, point: Array) -> Array:
-    """Return the unit direction (2,) from a point (2,) to the nearest edge of a polygon (e, 2), outside: from it."""
+    """Return the unit direction (2,) from a point (2,) m inside a polygon (e, 2) m to its nearest edge.
+
+    Outside of the polygon it is the direction from the nearest point of the edge to the point.
+    """
     along = np.roll(polygon, -1, axis=0) - polygon
     out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
     slack = np.add.reduce(out * (polygon - point), axis=1)
@@ -116,8 +120,8 @@ def robust_margin(contacts: ContactSet, com: Array, unknown: Uncertainty) -> flo
     """Return the smallest margin of a CoM c, (2,) m, that is left with uncertain inputs, m, inside positive.
 
     It is min over unit a of h(a) - a'c - kappa sqrt(a'S a + sum (Om x f_i)'S_i (Om x f_i)), with the least friction of
-    the bounds, S and S_i the covariances of CoM and contact points, f_i the forces and Om the turn of the certificate.
-    None when even the most cautious set has no region, or no edge.
+    the bounds: h the support value, S and S_i the covariances of CoM and contact points, f_i the forces and Om the turn
+    of the certificate of h(a). None when even the most cautious set has no region, or no edge.
     """
     careful = shrunk(contacts, unknown.friction, unknown.normal)
     found = region(careful)
@@ -148,7 +152,7 @@ def _unit(angles: Array) -> Array:
 
 
 def _supports(contacts: ContactSet, directions: Array) -> Support:
-    """Support values in directions (k, 2), with proof."""
+    """Return the support values of the region in unit directions (k, 2), with proof."""
     return region(contacts, directions).support
 
 

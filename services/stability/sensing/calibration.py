@@ -1,13 +1,14 @@
 """Gains of the torque measurement from poses of the standing robot (Walas & Belter 4.7, corrected).
 
-The paper moves the trunk 10 cm to either side and divides the way by the measured way of the CoM. That fixes the sum
-of both ways only, takes the weight for granted and leaves offsets in. Here every pose i gives the six equations of
-rest, linear in the factors s of the torques (tau = s tau_reported) and in an offset d of the CoM in the trunk:
+The paper moves the trunk 10 cm to either side and divides the way by the measured way of the CoM. That fixes the sum of
+both ways only, takes the weight for granted and leaves offsets in. Here every pose i gives the six equations of rest,
+linear in the factors s of the torques (tau = s tau_reported) and in an offset d of the CoM in the trunk:
 
     sum over standing feet of A1 J^-T (G - tau_reported s) = (0, 0, mg, mg (c_y + d_y), -mg (c_x + d_x), 0)
 
-with c by kinematics. They are weighed by the noise of the torques; a prior keeps the factors near each other where
-the poses do not separate them.
+with c the CoM by kinematics, J the Jacobian of a foot, G the torques that hold its leg, A1 the map of a foot's force to
+force and moment about the mean foot. They are weighed by the noise of the torques; a prior keeps the factors near each
+other where the poses do not separate them.
 """
 
 import math
@@ -47,18 +48,24 @@ class PoseCollector:
     """Picks poses out of a stream of samples: the mean over a moment in which the robot rests, one for each place."""
 
     def __init__(self, window: int = 15, still: float = 0.012, apart: float = 0.02) -> None:
-        """Window in samples; largest change of a joint in it and least change between poses, rad."""
+        """Begin without poses.
+
+        Args:
+            window: samples whose mean is a pose.
+            still: largest change of a joint in the window, rad.
+            apart: least change of some joint from the pose before, rad.
+        """
         self.poses: list[SweptPose] = []
         self._window, self._still, self._apart = window, still, apart
         self._recent: list[tuple[Array, Array, Array, Flags]] = []
 
     def add(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> bool:
-        """Take a sample; return True if it completed a pose.
+        """Add a sample to the window; return True if it completed a pose, which is then the last of `poses`.
 
         Args:
-            joints: angles, (n,) rad.
-            torque: of the joints, (n,) N m.
-            g_up: upward unit vector, base axes, (3,).
+            joints: angles, (nj,) rad.
+            torque: as reported, (nj,) Nm.
+            g_up: upward specific force at rest, base_link, (3,) m/s^2.
             stance: feet on the ground, (L,).
         """
         self._recent.append((joints, torque, g_up, stance))
@@ -87,7 +94,7 @@ class Calibration:
     """
 
     common: float
-    """One factor for all joints."""
+    """One factor for all joints: mean of `gain`, weighed by the mean squares of the torques."""
     common_sd: float
     gain: Array
     """Factor of each joint, (nj,)."""
@@ -95,7 +102,7 @@ class Calibration:
     offset: Array
     """Displacement of the CoM from the one by kinematics, (2,) m, x forward, y left."""
     residual: float
-    """Root mean square of the force equations that remain, N."""
+    """Root mean square of what remains of the force equations, N."""
     poses: int
 
 
@@ -161,11 +168,11 @@ def _used(robot: Robot, poses: Sequence[SweptPose]) -> Array:
 def equations(robot: Robot, pose: SweptPose) -> tuple[Array, Array, Array] | None:
     """Return the six equations of rest of a pose for the torque factors; None when a standing leg is not observed.
 
-    Axes are level, moments are about the mean foot; rows are forces, N, then moments, N m.
+    Axes are level, x along the heading, moments are about the mean foot; rows are forces x, y, z, N, then moments, N m.
 
     Returns:
-        Matrix (6, nj + 2) of the factors and the offset of the CoM (m), right side (6,), and the share of each joint
-        torque in each equation, (6, nj).
+        Matrix (6, nj + 2) of the factors and the offset of the CoM (x, y of the trunk, m), right side (6,), and what
+        one Nm of each joint torque adds to each equation, (6, nj).
     """
     found = leg_inverses(robot, pose.joints, pose.g_up)
     if not pose.stance.any() or not found.observed[pose.stance].all():
@@ -204,9 +211,8 @@ def level_from_up(up: Array) -> Array:
 
 
 def gain_of_47(moved: float, measured: Sequence[float]) -> float:
-    """Return the single gain of Walas & Belter 4.7: way moved over way measured, both summed over the moves, no unit.
+    """Return the single gain of Walas & Belter 4.7: way moved over the sum of the ways measured, no unit.
 
-    `moved`: way of one movement, m; `measured`: way by the forces in each movement, m. Theirs is 20 / 26.59 =
-    0.752.
+    `moved`: whole way of the trunk, m; `measured`: way by the forces in each movement, m. Theirs is 20 / 26.59 = 0.752.
     """
     return moved / float(np.sum(measured))

@@ -43,7 +43,7 @@ class MeasuredCom:
     weight: float
     """Sum of the vertical forces, N."""
     misfit: float
-    """Squared, normalised violation of the three equations that hold at rest: chi-square with 3 degrees of freedom."""
+    """Squared, normalised violation of the equations of rest (F_x, F_y, yaw moment): chi-square, 3 dof."""
 
 
 def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array, torque_variance: float) -> FootForces:
@@ -76,9 +76,10 @@ class LegInverses(NamedTuple):
 
 
 def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
-    """Return J^-T of the points where the feet touch level ground, and the torques G(q) that hold the legs' own weight.
+    """Return maps from joint torques to foot forces, J^-T, and the torques G(q) that hold the legs' own weight.
 
-    joints: q, (nj,) rad; g_up: upward specific force at rest, base_link, (3,) m/s^2.
+    J is the Jacobian of the point where a foot touches level ground. joints: q, (nj,) rad; g_up: upward specific force
+    at rest, base_link, (3,) m/s^2.
     """
     return LegInverses(*_leg_inverses(robot.model, joints, g_up, robot.foot_radii))
 
@@ -86,9 +87,16 @@ def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
 def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, stance: Flags) -> float | None:
     """Return the factor s of all torques with which the feet carry the known weight: makes the CoM free of the gain.
 
-    Read with a wrong gain, forces are not just scaled, because the leg's own weight is known and not measured:
-    F = J^-T (G - s tau). Level rows give s = (sum [J^-T G]_z - m g) / sum [J^-T tau]_z over the standing feet.
-    joints (n,) rad, torque (n,) N m, g_up (3,) unit, base axes, stance (L,).
+    Read with a wrong gain, forces are not just scaled, because the leg's own weight is known and not measured: F = J^-T
+    (G - s tau), J Jacobians of the feet, G torques that hold the legs. Vertical forces of the standing feet give s =
+    (sum [J^-T G]_z - m g) / sum [J^-T tau]_z.
+
+    Args:
+        robot: its mass is m.
+        joints: angles, (nj,) rad.
+        torque: tau as measured, (nj,) Nm.
+        g_up: upward specific force at rest, base_link, (3,) m/s^2; its length is g.
+        stance: standing feet, (L,).
 
     Returns:
         None when a standing leg is not observed, or the torques make too little of the weight.
@@ -106,15 +114,15 @@ def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, st
 
 
 def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) -> FootForces:
-    """Fuse forces from torques with the loads n'F of sensors under the feet, each weighed by its covariance.
+    """Fuse forces F from torques with the loads p = n'F of sensors under the feet, each weighed by its covariance.
 
-    F += K (p - n'F), K = R n / (n'R n + s^2). A leg that is not observed is taken from its sensor alone: F = p n,
-    with tangential parts as uncertain as `BLIND` of the load.
+    F += K (p - n'F), K = R n / (n'R n + s^2), n normal of the sole, R covariance of F, s^2 variance of p. A leg that is
+    not observed is taken from its sensor alone: F = p n, with tangential parts as uncertain as half of the load.
 
     Args:
-        found: forces from torques.
+        found: forces from torques; not changed.
         normal: unit normal of each sole, axes of the forces, (L, 3).
-        load: n'F, (L,) N; NaN = no reading.
+        load: p, (L,) N; NaN = no reading.
         variance: of each load, (L,) N^2.
     """
     force, covariance, observed = found.force.copy(), found.covariance.copy(), found.observed.copy()
@@ -170,9 +178,10 @@ def _leg_inverses_of(
 def leg_forces_of(
     model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array, torque: Array, variance: float
 ) -> tuple[Array, Array, Flags]:
-    """Return force (L, 3) N on each foot, covariance (L, 3, 3) N^2, base_link, and whether it is observed, (L,).
+    """Return force (L, 3) N on each foot, covariance (L, 3, 3) N^2, base_link, and True where observed, (L,).
 
     Args:
+        model: links and joints of the robot.
         rot: orientations of its links, (n, 3, 3), base_link from link.
         pos: their origins in base_link, (n, 3) m.
         g_up: upward specific force at rest, base_link, (3,) m/s^2.
@@ -208,17 +217,18 @@ def com_from_forces(
 ) -> MeasuredCom | None:
     """Return CoM and weight by least squares over the six equations of rest; replaces (31) of Walas & Belter.
 
-    Three equations must hold whatever the CoM is: sum F_x = sum F_y = 0 and no yaw moment, C F = 0. The forces are
-    projected on them, F = Fm - R C'(C R C')^-1 C Fm, then W = sum F_z and c = centroid + sum(r F_z - z F) / W. (31)
-    divides by an assumed weight instead: there a gain error of the sensors scales c about the origin, here it cancels.
+    Three equations must hold whatever the CoM is: sum F_x = sum F_y = 0 and no yaw moment, C F = 0. The measured forces
+    Fm, covariance R, are projected on them, F = Fm - R C'(C R C')^-1 C Fm; then W = sum F_z and c = centroid + sum(r
+    F_z - z F) / W, with the feet r (x, y), z from their centroid. (31) divides by an assumed weight instead: there a
+    gain error of the sensors scales c about the origin, here it cancels.
 
     Args:
         position: feet, (n, 3) m, gravity-aligned frame.
-        force: ground on foot, (n, 3) N, same axes.
+        force: ground on foot, (n, 3) N, in these axes.
         covariance: of each force, (n, 3, 3) N^2.
         floor: smallest weight that counts, N.
-        tilt_sd: of the frame's roll and pitch, rad: the weight seen in a tilted frame has a horizontal part, so
-            sum F_x = sum F_y = 0 holds only up to W times that.
+        tilt_sd: of the frame's roll and pitch, rad: the weight seen in a tilted frame has a horizontal part, so sum F_x
+            = sum F_y = 0 holds only up to W times that.
 
     Returns:
         None when the feet carry less than `floor`.
@@ -286,9 +296,16 @@ def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tu
 def _com_covariance(
     position: Array, covariance: Array, centroid: Array, com: Array, weight: float, gain: Array, inv: Array
 ) -> Array:
-    """Covariance (2, 2) m^2 of the CoM, `com` (2,) m from the centroid of the feet.
+    """Return the covariance (2, 2) m^2 of the CoM, `com` (2,) m from the centroid of the feet.
 
-    `gain` holds R C' of each foot, `inv` the inverse of C R C'.
+    Args:
+        position: feet, (n, 3) m.
+        covariance: R of the force on each, (n, 3, 3) N^2.
+        centroid: mean of the feet, (3,) m.
+        com: x, y of the CoM from the centroid, (2,) m.
+        weight: sum of the vertical forces, N.
+        gain: R C' of each foot, (n, 3, 3), C (3, 3) mapping its force to sum F_x, sum F_y and yaw moment.
+        inv: inverse of the sum of C R C', (3, 3).
     """
     n = position.shape[0]
     slope = np.zeros((n, 2, 3))  # d com / d force

@@ -43,15 +43,24 @@ class Shift:
     after: "PosedRobot"
     """Robot after the movement."""
     reachable: bool
-    """Every stance leg keeps its foot in place with all joints inside their limits."""
+    """True if every stance leg (its foot on the ground) keeps its foot in place with all joints inside their limits."""
 
 
 @kernel
 def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) -> tuple[Array, bool]:
-    """Return joint angles (n,) rad that keep the stance feet (L,) in place when the trunk moves, and if they do.
+    """Return joint angles that keep the stance feet in place when the trunk moves, and True if they do.
 
-    The trunk moves by `move` (3,) m, base_link axes. Newton's method from the present angles, dq = J'(J J')^-1 e: it
-    stays on the leg's own branch, and legs with more than three joints take the shortest way.
+    Newton's method from the present angles, dq = J'(J J')^-1 e (J Jacobian of a foot, e its error): it stays on the
+    leg's own branch, and legs with more than three joints take the shortest way.
+
+    Args:
+        model: links and joints of the robot.
+        joints: present angles, (nj,) rad.
+        move: of the trunk, (3,) m, base_link axes.
+        stance: True for feet on the ground, (L,).
+
+    Returns:
+        Angles (nj,) rad, and True if feet are in place within 1e-6 m and no joint has moved beyond its limits.
     """
     rot, pos = forward(model, joints)
     q, start = joints.copy(), foot_positions_of(model, rot, pos)
@@ -95,7 +104,7 @@ def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) 
 
 @dataclass(frozen=True, slots=True)
 class PosedRobot:
-    """A robot in a posture; frame world."""
+    """A robot in a posture: joint angles and pose of the trunk, frame world."""
 
     robot: Robot
     """The robot."""
@@ -104,14 +113,14 @@ class PosedRobot:
     base: Array
     """Origin of base_link in the world, (3,) m."""
     rot: Array
-    """rot_world_from_base, (3, 3)."""
+    """Rotation from base_link to frame world, (3, 3)."""
 
     def com(self) -> Array:
         """Return the centre of mass by kinematics, (3,) m, frame world."""
         return com_in_world(self.robot.model, self.joints, self.rot, self.base)
 
     def moved(self, movement: Array, stance: Flags) -> Shift:
-        """Move the trunk by `movement` (3,) m with the feet of the stance legs (L,) held in place."""
+        """Return the effect of moving the trunk by `movement` (3,) m, world axes; feet of `stance` (L,) stay."""
         if not movement.any():
             return Shift(np.zeros(3), self, True)
         vector, joints, reachable = _moved(self.robot.model, self.joints, self.rot, movement, stance)
@@ -119,9 +128,10 @@ class PosedRobot:
         return Shift(vector, after, bool(reachable))
 
     def standing_legs(self, contacts: ContactSet, names: tuple[str | None, ...]) -> Flags:
-        """Legs (L,) that stand on the contacts: by name where given, else the leg whose foot is nearest (within 3 cm).
+        """Return True for legs (L,) that stand on contacts: by name where given, else that of the nearest foot (3 cm).
 
-        If no contact is near a foot, the contacts are in another frame than the base: then all legs are taken to stand.
+        `names`: leg of each contact, None = not given. If no contact is near a foot, the contacts are in another frame
+        than the base: then all legs are taken to stand.
 
         Raises:
             StabilityError: a name is unknown or used twice.
@@ -142,10 +152,10 @@ class PosedRobot:
         return stance if stance.any() else np.ones_like(stance)
 
     def loaded_legs(self, contacts: ContactSet, names: tuple[str | None, ...]) -> list[int]:
-        """Return the index of the leg on each contact: by name, else that whose foot is nearest (within 3 cm).
+        """Return the index of the leg on each contact: by name, else (None) that whose foot is nearest, within 3 cm.
 
         Raises:
-            StabilityError: a name is unknown or used twice, or no foot is near a contact.
+            StabilityError: a name is unknown, or a leg is used twice, or its foot is not near the contact.
         """
         feet = feet_in_world(self.robot.model, self.joints, self.rot, self.base)
         known, out = [leg.name for leg in self.robot.legs], list[int]()
@@ -175,7 +185,7 @@ class HeldRobot(NamedTuple):
     stands: PosedRobot
     """Posture, frame world."""
     legs: list[int]
-    """Leg on each contact."""
+    """Index of the leg on each contact."""
     limit: Array
     """Torque limits of the servos, (nj,) Nm."""
     servos: ServoLegs
@@ -195,7 +205,7 @@ def held(robot: Robot, asked: Actuation, contacts: ContactSet, names: tuple[str 
 
 
 def _servos(stands: PosedRobot, legs: list[int], limit: Array) -> ServoLegs:
-    """Servos of the legs that stand on the contacts, with torque limits (nj,) Nm."""
+    """Return Jacobians and torques of the legs (indices) on the contacts; `limit`: torque limits, (nj,) Nm."""
     robot, joints, rot = stands.robot, stands.joints, stands.rot
     up, index = rot[2].copy(), robot.model.leg_joints[legs]
     jacobian = contact_jacobians(robot.model, joints, up, robot.foot_radii)
@@ -221,7 +231,13 @@ class SteppedRobot(NamedTuple):
 def stepped(
     stands: PosedRobot | HeldRobot, contacts: ContactSet, names: tuple[str | None, ...], way: Array
 ) -> SteppedRobot:
-    """Return the effect of moving the trunk by `way` (3,) m over the legs on the contacts; name None: the nearest.
+    """Return the effect of moving the trunk by `way` (3,) m, world axes, over the legs that stand on the contacts.
+
+    Args:
+        stands: robot in a posture, with torque limits or without.
+        contacts: that stay on the ground, frame world.
+        names: leg of each contact; None = that of the nearest foot.
+        way: of the trunk.
 
     Raises:
         StabilityError: a name is unknown or used twice.
@@ -284,7 +300,7 @@ def torque_limits(robot: Robot, given: ArrayLike | None) -> Array:
 
 
 def _distance(points: Array, point: Array) -> Array:
-    """Distances (n,) m of points (n, 3) from a point (3,)."""
+    """Return the distances (n,) m of points (n, 3) m from a point (3,) m."""
     away = points - point
     return np.sqrt(product(away * away, np.ones(3)))
 
@@ -295,9 +311,9 @@ def _twice(name: str, contact: int) -> StabilityError:
 
 @kernel
 def feet_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) -> Array:
-    """Return the centres of the foot spheres in the world, (L, 3) m.
+    """Return the centres of the foot spheres in frame world, (L, 3) m.
 
-    joints: (nj,) rad; rot: rot_world_from_base, (3, 3); base: origin of base_link in the world, (3,) m.
+    joints: (nj,) rad; rot: rotation from base_link to world, (3, 3); base: origin of base_link in the world, (3,) m.
     """
     feet = foot_positions(model, joints)
     out = np.empty_like(feet)
@@ -309,9 +325,9 @@ def feet_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array)
 
 @kernel
 def com_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) -> Array:
-    """Return the centre of mass in the world, (3,) m.
+    """Return the centre of mass in frame world, (3,) m.
 
-    joints: (nj,) rad; rot: rot_world_from_base, (3, 3); base: origin of base_link in the world, (3,) m.
+    joints: (nj,) rad; rot: rotation from base_link to world, (3, 3); base: origin of base_link in the world, (3,) m.
     """
     centre, out = com(model, joints), np.empty(3)
     for r in range(3):
@@ -323,9 +339,10 @@ def com_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) 
 def _moved(
     model: KinematicModel, joints: Array, rot: Array, movement: Array, stance: Flags
 ) -> tuple[Array, Array, bool]:
-    """Return the shift of the CoM (3,) m, world axes, joints (n,) rad after the movement, and if the feet hold.
+    """Return the shift of the CoM in the trunk, (3,) m, world axes, the joints (nj,) rad, and True if the feet hold.
 
-    `rot`: rot_world_from_base, (3, 3); `movement` of the trunk, (3,) m, world axes; `stance` (L,).
+    `rot`: rotation from base_link to world, (3, 3); `movement` of the trunk, (3,) m, world axes; `stance`: feet on the
+    ground, (L,). The joint angles are those after the movement.
     """
     move, vector = np.empty(3), np.empty(3)
     for r in range(3):
@@ -339,9 +356,9 @@ def _moved(
 
 @row_kernel
 def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
-    """Return d p_i / d (joints (n,) of leg i), m/rad, for the lowest point p of each foot sphere, (L, 3, n).
+    """Return the derivatives of the lowest point of each foot sphere by the n joints of its leg, (L, 3, n) m/rad.
 
-    `up`: unit vector, base axes, (3,); `radius` (L,) m.
+    Axes base_link; `joints`: angles, (nj,) rad; `up`: unit vector, base_link, (3,); `radius` of the spheres, (L,) m.
     """
     rot, pos = forward(model, joints)
     return contact_jacobians_of(model, rot, pos, up, radius)

@@ -48,16 +48,13 @@ class PressureSensor:
         return (self.resistance_1n * voltage / (self.fixed * (self.supply - voltage))) ** (1.0 / self.exponent)
 
     def line(self) -> tuple[float, float]:
-        """Return offset N and slope N/V of the straight line that fits best, in least squares, inside the range."""
+        """Return offset, N, and slope, N/V, of force over voltage: the best line (least squares) in the range."""
         force = np.linspace(self.least, self.most, 101)
         slope, offset = np.polyfit(self.voltage(force), force, 1)
         return float(offset), float(slope)
 
     def linearised(self, voltage: Array) -> Array:
-        """Return the forces, N, that the straight line of `line` gives for voltages, V, of any shape.
-
-        That is what a small controller computes.
-        """
+        """Return the forces, N, of the best straight line for voltages, V, of any shape, as a small controller does."""
         offset, slope = self.line()
         return offset + slope * voltage
 
@@ -76,9 +73,9 @@ class PressureSensor:
 
 
 def read_loads(load: Array, sensor: PressureSensor) -> tuple[Array, Array]:
-    """Return loads, (L,) N, and variances, (L,) N^2, from the loads that sensors report, (L,) N.
+    """Return loads under L feet as they are used, (L,) N, and their variances, (L,) N^2, from reported loads, (L,) N.
 
-    A load below the range of the sensor becomes half of its least one, a load above it NaN.
+    A load below the range of the sensor becomes half of its least one, a load above it, or NaN, becomes NaN.
     """
     below, inside = load < sensor.least, (load >= sensor.least) & (load < sensor.most)
     value = np.where(inside, load, np.where(below, 0.5 * sensor.least, np.nan))

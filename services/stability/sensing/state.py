@@ -36,21 +36,21 @@ class WatchParams:
     ground: one sample of 33 ms 49 times, two to four 13 times, the longest, 0.37 s, of a foot that touched down and
     carried nothing until the other feet were lifted."""
     least_load: float = 0.5
-    """Share of the weight the measured forces must carry before their CoM is believed."""
+    """Share of the weight that measured forces must carry before a CoM is computed from them."""
 
 
 class StandingFeet:
-    """Filter of the standing feet from switches that chatter.
+    """Filter of the standing feet from foot switches that chatter.
 
     A foot that has landed and is planned to stand is still at its place when its load vanishes for a moment (the impact
     of another foot, a stiff edge): it takes load again as soon as the trunk sinks, so it bounds the static region. A
-    switch counts as closed for `hold_s` after it opens, but only in a planned stance; a foot that is planned to swing
-    counts while its switch is closed and not longer, one that has not touched the ground since it swung does not count
-    at all.
+    switch counts as closed for `hold_s` after it opens, but only while the foot is planned to stand; a foot that is
+    planned to swing counts while its switch is closed and not longer, one that has not touched the ground since it
+    swung does not count at all.
 
     Args:
         legs: number of feet.
-        hold_s: how long an open switch of a planned stance is bridged, s.
+        hold_s: how long an open switch of a foot that is planned to stand is bridged, s.
     """
 
     def __init__(self, legs: int, hold_s: float) -> None:
@@ -58,9 +58,10 @@ class StandingFeet:
         self._touched = np.full(legs, -np.inf)  # time of the last closed switch in this stance
 
     def update(self, stamp: float, touch: Flags, planned: Flags | None) -> Flags:
-        """Return the feet that stand at `stamp` s, (L,) bool.
+        """Return the feet that stand at `stamp` s, (L,) bool, and keep when each touched last.
 
-        `touch`: closed switches, (L,); `planned`: feet of the planned stance, (L,), None = no plan: switches alone.
+        `touch`: closed switches, (L,); `planned`: feet that the gait plans to stand, (L,); None = no plan: switches
+        alone.
         """
         return _standing(
             self._touched, self._hold_s, stamp, touch, touch if planned is None else planned, planned is None
@@ -69,7 +70,16 @@ class StandingFeet:
 
 @row_kernel
 def _standing(touched: Array, hold_s: float, stamp: float, touch: Flags, planned: Flags, alone: bool) -> Flags:
-    """Return the feet (L,) that stand, as `StandingFeet.update`; note in `touched`, (L,) s, when each touched last."""
+    """Return the feet (L,) that stand: switch closed, or opened at most `hold_s` ago in a foot planned to stand.
+
+    Args:
+        touched: stamp of the last closed switch since the foot swung, (L,) s, -inf = none; changed in place.
+        hold_s: time that an open switch is bridged, s.
+        stamp: now, s.
+        touch: closed switches, (L,).
+        planned: feet that the gait plans to stand, (L,).
+        alone: True = there is no plan, switches alone count.
+    """
     standing = touch.copy()
     for i in range(touch.size):
         if touch[i]:
@@ -97,7 +107,10 @@ class Status:
 
 @row_kernel
 def level_from_base(g_up: Array) -> Array:
-    """Return rot_level_from_base, (3, 3): z along g_up (3,) m/s^2, base_link, x the trunk's x axis made level."""
+    """Return the rotation from base_link to frame level, (3, 3): z along g_up, x the trunk's x axis made level.
+
+    `g_up`: upward specific force, base_link, (3,) m/s^2.
+    """
     rot = np.empty((3, 3))
     size = math.sqrt(g_up[0] * g_up[0] + g_up[1] * g_up[1] + g_up[2] * g_up[2])
     ux, uy, uz = g_up[0] / size, g_up[1] / size, g_up[2] / size
@@ -130,7 +143,7 @@ class Footing(NamedTuple):
     com: Array
     """Centre of mass by kinematics, (3,) m, frame level."""
     rot: Array
-    """rot_level_from_base, (3, 3)."""
+    """Rotation from base_link to frame level (z up, x along the heading), (3, 3)."""
 
 
 @row_kernel
@@ -144,16 +157,17 @@ def _footing(
     mu: float,
     variance: float,
 ) -> Footing:
-    """Compute the links' poses once, and all that follows from them.
+    """Return contacts, forces and CoM of the feet that stand; the links' poses are computed once.
 
     Args:
-        joints: angles, (n,) rad.
-        g_up: upward unit vector, base axes, (3,).
-        torque: of the joints, (n,) N m.
-        touch: feet on the ground, (L,).
-        radius: of the feet, (L,) m.
+        model: links and joints of the robot.
+        joints: angles, (nj,) rad.
+        g_up: upward specific force at rest, base_link, (3,) m/s^2.
+        torque: of the joints, (nj,) Nm.
+        touch: feet that stand, (L,).
+        radius: of the foot spheres, (L,) m.
         mu: friction coefficient.
-        variance: of a torque, (N m)^2.
+        variance: of a torque, Nm^2.
     """
     links, origins = forward(model, joints)
     feet, centre = foot_positions_of(model, links, origins), com_of(model, links, origins)
@@ -183,13 +197,13 @@ def _footing(
 
 
 def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array | None, params: WatchParams) -> Status:
-    """Return the static stability of the present stance.
+    """Return the static stability of the robot on the feet that stand: region, CoM and margins.
 
     Args:
         robot: the robot.
-        joints: (nj,) rad.
-        touch: (L,) feet that touch.
-        g_up: upward specific force at rest, base_link, (3,) m/s2.
+        joints: angles, (nj,) rad.
+        touch: feet that stand, (L,).
+        g_up: upward specific force at rest, base_link, (3,) m/s^2.
         torque: measured joint torques, (nj,) Nm, or None.
         params: friction and accuracy.
     """

@@ -27,15 +27,16 @@ FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot th
 
 
 def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
-    """Update the trunk's tilt and rate from the estimate; return whether the robot falls.
+    """Update the trunk's tilt and rate from the estimate; return True if the robot begins to fall.
 
     The unplanned tilt is the measured tilt less its slow mean `rest`. That mean holds the floor's slope, which turns
     with the heading, the servos' zeros and the bias of the estimate, which may wander by some degrees in a walk. A
     disturbance moves the mean by at most `slow_from_rad` of its size.
 
     Args:
-        s: state; rate, rest, tilt and peak are updated.
+        s: state; rate, rest, tilt and peak are updated, and the reason of a fall.
         p: settings.
+        inputs: estimate of this tick: roll and pitch, rad, and their rates, rad/s.
     """
     rate = np.array(inputs.rate[:2])
     s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * rate
@@ -57,19 +58,19 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
 
 
 def felt_rate(s: BipedState) -> Array:
-    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s; small ones are 0 at a stand."""
+    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s; at a stand nearer to 0 by 0.02."""
     if s.mode is not Mode.STAND:
         return s.rate
     return np.sign(s.rate) * np.maximum(0.0, np.abs(s.rate) - QUIET_RAD_S)
 
 
 def learn(s: BipedState, p: BipedParams, body: Array) -> None:
-    """Correct the gain of planned steps, in place, by the quotient of measured and planned way of the whole walk.
+    """Correct the gain of planned steps, `s.gain`, by the quotient of measured and planned way of the whole walk.
 
     Args:
-        s: state; its body pose is still that before the step.
+        s: state; its body pose is still that before the step; sums of ways and gains are changed in place.
         p: settings.
-        body: x, y (m) and yaw (rad) of the body at the end of the step, odom, (3,).
+        body: x, y (m) and yaw (rad) of the body at the end of the step by plan, odom, (3,).
     """
     if s.seen_then is not None and p.learn > 0.0 and s.learning and not s.held:
         plan, seen = body - s.body, s.seen - s.seen_then
@@ -85,7 +86,14 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 
 
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
-    """Bend the knees of a falling robot by one more tick with its feet where they are: it falls from less height."""
+    """Bend the knees of a falling robot by one more tick with its feet where they are: it falls from less height.
+
+    Args:
+        s: state; clock and command are changed, and at the end the mode.
+        p: settings.
+        robot: its neutral posture and joint limits are read.
+        g: geometry of its legs.
+    """
     s.clock += 1
     part = smooth(s.clock * TICK_S / p.fold_s)
     folded = robot.neutral.copy()

@@ -89,8 +89,8 @@ class BipedWalker:
     def command(self, command: MotionCommand) -> CommandReply:
         """Accept or refuse a command; an accepted one replaces the present one at the next step.
 
-        A command that comes less than `LATE_TICKS` before the last landing of a walk, while the weight already moves to
-        rest between the feet, begins when the robot stands.
+        A command that comes less than 0.25 s before the last landing of a walk, while the weight already moves to rest
+        between the feet, begins when the robot stands.
         """
         s = self.state
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
@@ -110,7 +110,7 @@ class BipedWalker:
         return CommandReply(True, s.walk_id)
 
     def _take_up(self, late: AcceptedCommand) -> None:
-        """Make a new command the present one from the next step on."""
+        """Make a new command the present one from the next step on, with a new ZMP reference if steps are under way."""
         s = self.state
         s.gait, s.late, walking = late.gait, None, late.route is not None
         self._take_params(self._params_of(late.gait))
@@ -185,7 +185,7 @@ class BipedWalker:
             s.rise_from = s.command
 
     def _begin(self) -> None:
-        """Stand on the feet as the measured joints place them."""
+        """Set the planned feet, body and CoM by the measured joints, and rise from there to the stance."""
         s, q = self.state, self.state.measured
         assert q is not None
         rot, _ = kinematics.forward(self.robot.model, q)
@@ -204,7 +204,7 @@ class BipedWalker:
         s.mode = Mode.RISE
 
     def _stand(self) -> None:
-        """No step any more; the reference goes on to its end between the feet."""
+        """End stepping: stand with no step planned; the reference goes on to its end between the feet."""
         s = self.state
         if s.mode is Mode.START:
             s.ref, s.row = s.ref[s.row : s.row + 1].copy(), 0
@@ -251,7 +251,7 @@ class BipedWalker:
                 self._take_up(s.late)
 
     def _ticks_left(self) -> int:
-        """Until the present step's touch-down, or until the first step begins."""
+        """Return the control ticks until the present step's touch-down, or until the first step begins."""
         s = self.state
         if s.mode is Mode.START:
             return max(0, math.ceil(self.params.start_s / TICK_S - 1e-9) - s.clock)
@@ -273,7 +273,7 @@ class BipedWalker:
         return upcoming(s.route, now, self.params, self.width, s.scale, s.gain, ticks)
 
     def _pause(self) -> None:
-        """Without an estimate: close the feet, and go on when it is back."""
+        """Keep the rest of the walk for later, without an estimate: only the feet are closed until it is back."""
         s = self.state
         if s.route is not None and not s.route.finished:
             s.paused, s.reason = s.route, STALE
@@ -314,7 +314,7 @@ class BipedWalker:
         s.steps += 1
 
     def _lay_reference(self) -> None:
-        """ZMP reference from the beginning of the present step over all steps that are known."""
+        """Write the ZMP (zero-moment point) reference from the beginning of the present step over all known steps."""
         s, p = self.state, self.params
         points, ticks, double = [s.zmp_from], [], []
         feet = s.feet.copy()

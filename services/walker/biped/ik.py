@@ -1,11 +1,14 @@
 """Legs of six joints in closed form: hip yaw, roll, pitch, knee, ankle pitch, roll; the yaw axis may be inclined.
 
-With the hip yaw q1 about the unit axis u, R1 = rot(u, q1), p the ankle from the hip in base_link and p' = R1'p:
-q2 = atan2(p'_y, -p'_z), v = Rx(-q2) p', L = hypot(v_x, v_z), cos q4 = (L^2 - a^2 - b^2) / (2 a b),
-q3 = atan2(-v_x, -v_z) - atan2(b sin q4, a + b cos q4); n = normal of the sole seen from the shin:
-q6 = asin(-n_y), q5 = atan2(n_x, n_z). Ankle point and sole normal are exact for every q1; what is left is the yaw e(q1)
-of the sole, and q1 solves e = 0. Where one motor turns both hips, q1 solves e_left = e_right: the feet keep their
-relative yaw and the pelvis turns by the common rest.
+With the hip yaw q1 about the unit axis u, R1 = rot(u, q1), p the ankle from the hip in base_link and p' = R1'p, a and b
+the lengths of thigh and shin, n the normal of the sole seen from the shin:
+
+    q2 = atan2(p'_y, -p'_z),  v = Rx(-q2) p',  L = hypot(v_x, v_z),  cos q4 = (L^2 - a^2 - b^2) / (2 a b)
+    q3 = atan2(-v_x, -v_z) - atan2(b sin q4, a + b cos q4),  q6 = asin(-n_y),  q5 = atan2(n_x, n_z)
+
+Ankle point and sole normal are exact for every q1; what is left is the yaw e(q1) of the sole, and q1 solves e = 0.
+Where one motor turns both hips, q1 solves e_left = e_right: the feet keep their relative yaw and the pelvis turns by
+the common rest.
 """
 
 import math
@@ -90,10 +93,11 @@ def leg_angles(g: LegGeometry, leg: int, yaw: float, ankle: Array, rot: Array) -
         leg: 0 left, 1 right.
         yaw: angle of the hip's yaw joint, rad.
         ankle: ankle point in base_link, (3,) m.
-        rot: rot_base_from_foot, (3, 3).
+        rot: rotation from the foot's axes to base_link, (3, 3).
 
     Returns:
-        Six angles (yaw first), (6,) rad; yaw of the sole that is left over, rad; True if the ankle is within reach.
+        Angles of hip yaw, roll, pitch, knee, ankle pitch, roll, (6,) rad; yaw of the sole that is left over, rad; True
+        if the ankle is within reach.
     """
     a, b = g.thigh, g.shin
     r1 = matrix_from_axis_angle(g.yaw_axis[leg], yaw)
@@ -136,14 +140,14 @@ def leg_angles(g: LegGeometry, leg: int, yaw: float, ankle: Array, rot: Array) -
 
 @kernel
 def _mismatch(g: LegGeometry, legs: int, yaw: float, ankles: Array, rots: Array) -> float:
-    """Return the yaw left over, rad: of one leg, or the difference of both where they share a motor (legs = 2).
+    """Return the yaw left over, rad: of one sole, or the difference of both where they share a motor (legs = 2).
 
     Args:
-        g: lengths of the legs.
-        legs: number of the leg, or 2.
+        g: geometry of the legs.
+        legs: number of the leg, 0 or 1, or 2 for both.
         yaw: angle of the hip's yaw joint, rad.
         ankles: ankle points in base_link, (2, 3) m.
-        rots: rot_base_from_foot, (2, 3, 3).
+        rots: rotations from the axes of each foot to base_link, (2, 3, 3).
     """
     if legs < 2:
         return leg_angles(g, legs, yaw, ankles[legs], rots[legs])[1]
@@ -164,17 +168,17 @@ def _solve_yaw(g: LegGeometry, legs: int, start: float, ankles: Array, rots: Arr
 
 @kernel
 def legs_ik(g: LegGeometry, q: Array, ankles: Array, rots: Array) -> tuple[float, bool]:
-    """Write into q the angles that bring both ankles and soles where they should be.
+    """Write into q the angles that bring both ankles and soles where they should be; return what is missed.
 
     Args:
         g: geometry of both legs.
         q: joint angles, (nj,) rad; the hip yaws in it are the start of the search, the legs' angles are replaced.
-        ankles: ankle points in base_link, (2, 3) m.
-        rots: rot_base_from_foot, (2, 3, 3).
+        ankles: ankle points in base_link, left and right, (2, 3) m.
+        rots: rotations from the axes of each foot to base_link, (2, 3, 3).
 
     Returns:
         Largest yaw by which a sole misses (rad; not 0 where one motor turns both hips and the pelvis is not half way),
-        and whether both are reached within the joint limits. Angles beyond a limit are set to it.
+        and True if both are reached within the joint limits. Angles beyond a limit are set to it.
     """
     worst, reachable = 0.0, True
     shared = _solve_yaw(g, 2, float(q[g.joints[0, 0]]), ankles, rots) if g.coupled else 0.0

@@ -1,11 +1,12 @@
 """Landing of the swinging foot, corrected for the estimated tilt of the trunk, so that the sole meets the floor flat.
 
-A trunk that leans by roll r and pitch p puts a sole that is a ahead and l left of the standing one down slanted and
-l r - a p too high. It strikes with an edge before its time, the leg goes on stretching and kicks the trunk to the other
+A trunk that leans by roll r and pitch p puts a sole that is a ahead and l left of the standing one down slanted and l r
+- a p too high. It strikes with an edge before its time, the leg goes on stretching and kicks the trunk to the other
 side: a robot with weak servos rocks more from step to step until it tips over an outer edge. So the sole is turned back
-by the lean w (r, p), its height by a part of w (a p - l r), and a foot that touches early is not pressed on. What was
-changed fades while both feet bear load, which brings the trunk upright slowly. A strong lean is a push and no sag: the
-foot has to come down then, and w falls from 1 to 0 between the tilts at which the next step becomes shorter.
+by the lean w (r, p), its height changed by a part of w (a p - l r), and a foot that touches early is not pressed on.
+What was changed fades while both feet bear load, which brings the trunk upright slowly. A strong lean is a push and no
+sag: the foot has to come down then, and the weight w falls from 1 to 0 between the tilts at which the next step becomes
+shorter.
 """
 
 import math

@@ -28,9 +28,9 @@ class BipedParams:
     crouch: float
     """Hip height over the ankles as part of the leg's length, 0..1."""
     zmp_y_m: float
-    """ZMP of single support inwards of the ankle, m."""
+    """ZMP (zero-moment point) of single support, from the ankle towards the other foot, m."""
     zmp_x_m: float = 0.0
-    """ZMP of single support ahead of the ankle, m."""
+    """ZMP (zero-moment point) of single support, ahead of the ankle, m."""
     quick_s: float = 0.4
     """Duration of a step of the gait `quick`, s."""
     quick_m: float = 0.030
@@ -50,9 +50,9 @@ class BipedParams:
     rise_s: float = 1.0
     """Time from the measured joints to the stance, s."""
     sag: float = 1.0
-    """Part of the servos' compliance that the set-points lead by, 0..1."""
+    """Part of the servos' compliance (torque / kp) that the set-points lead by, 0..1."""
     lag: float = 1.0
-    """Part of the servos' velocity lag that the set-points lead by, 0..1."""
+    """Part of the servos' velocity lag (joint rate times kv / kp) that the set-points lead by, 0..1."""
     lag_limit: float = 6.0
     """Largest joint rate for which the servos' lag is made up in advance, rad/s."""
     gyro_s: float = 0.05
@@ -62,11 +62,11 @@ class BipedParams:
     slow_from_rad: float = math.radians(3.0)
     """Peak of the unplanned tilt in a step from which on the next one becomes shorter, rad."""
     slow_full_rad: float = math.radians(8.0)
-    """Peak of the unplanned tilt in a step from which on the next one marks time, rad."""
+    """Peak of the unplanned tilt in a step from which on the next one goes nowhere, a step on the spot, rad."""
     falling_rad: float = math.radians(30.0)
     """Unplanned tilt from which on the robot is lost and folds, rad."""
     fold_s: float = 0.4
-    """Duration of folding the legs at the start of a walk, s."""
+    """Time in which a falling robot bends its knees, s."""
     learn: float = 0.5
     """Part of the difference between odometry and plan learned in each step, 0..1; 0 = none."""
     learn_limit: float = 0.3

@@ -35,13 +35,13 @@ def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
 
 @kernel
 def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array:
-    """Return the point at which the ZMP rests on a foot, (2,) m, odom.
+    """Return the point at which the ZMP (zero-moment point) rests on a foot, (2,) m, odom.
 
     Args:
-        foot: x, y (m), yaw (rad), odom, (3,).
+        foot: x, y (m), yaw (rad) of the point under its ankle, odom, (3,).
         side: 0 = left, 1 = right.
-        ahead: from the middle of the foot forward, m.
-        inwards: from the middle of the foot towards the other foot, m.
+        ahead: from that point forward, m.
+        inwards: from that point towards the other foot, m.
     """
     y = -inwards if side == 0 else inwards
     out = np.empty(2)
@@ -53,15 +53,15 @@ def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array
 
 @kernel
 def reference(points: Array, ticks: Array, double: Array) -> Array:
-    """Return the ZMP reference through support points: a ramp of `double[i]` ticks to point i + 1, then rest.
+    """Return the ZMP reference through support points: a ramp of `double[i]` ticks to point i + 1, then rest there.
 
     Args:
-        points: (n + 1, 2) m, the first is where the ZMP is now.
+        points: (n + 1, 2) m, odom; the first is where the reference is now.
         ticks: (n,) length of each phase, ramp and rest, ticks.
         double: (n,) length of its ramp, ticks.
 
     Returns:
-        ZMP in each tick, (sum of ticks, 2) m, odom.
+        ZMP (zero-moment point) in each tick, (sum of ticks, 2) m, odom.
     """
     total = 0
     for i in range(ticks.size):
@@ -100,6 +100,6 @@ def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
 
 
 def between(feet: Array) -> Array:
-    """Return the pose half way between two feet, (3,): x, y (m), yaw (rad); `feet` (2, 3): the same of each, odom."""
+    """Return the pose half way between two feet, (3,): x, y (m), yaw (rad); `feet` (2, 3): x, y, yaw of each, odom."""
     turn = math.atan2(math.sin(feet[1, 2] - feet[0, 2]), math.cos(feet[1, 2] - feet[0, 2]))
     return np.array([*(0.5 * (feet[0, :2] + feet[1, :2])), feet[0, 2] + 0.5 * turn])

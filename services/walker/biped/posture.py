@@ -29,17 +29,17 @@ def _rotation(roll: float, pitch: float, yaw: float, out: Array) -> None:
 
 @kernel
 def pose_legs(g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array) -> tuple[float, bool, Array]:
-    """Write into q the leg angles for feet and trunk in odom.
+    """Write into q the leg angles for feet and trunk in odom; return what is missed, and the trunk's rotation.
 
     Args:
         g: geometry of both legs.
-        q: joint angles, (nj,) rad; start of the search.
-        feet: (2, 4) x, y, yaw, height of the soles, m and rad; soles are level.
-        trunk: (4,) x, y, yaw, height of base_link, m and rad.
+        q: joint angles, (nj,) rad; start of the search, changed in place.
+        feet: (2, 4) x, y, yaw, height of the soles, left and right, m and rad, odom; soles are level.
+        trunk: (4,) x, y, yaw, height of base_link, m and rad, odom.
         tilt: (2,) roll and pitch of the trunk, rad.
 
     Returns:
-        Yaw missed (rad), reachable, rot_odom_from_base (3, 3).
+        Yaw missed by the feet, rad; True if they are within reach; rotation from base_link to odom, (3, 3).
     """
     rot = np.empty((3, 3))
     _rotation(tilt[0], tilt[1], trunk[2], rot)
@@ -68,12 +68,12 @@ def place_com(
         g: geometry of its legs.
         q: joint angles, (nj,) rad.
         feet: left and right foot, (2, 4) x, y, yaw, height of the sole, m and rad, odom.
-        trunk: base_link, (4,) x, y, yaw, height, m and rad, odom.
+        trunk: base_link, (4,) x, y, yaw, height, m and rad, odom; x and y are changed.
         tilt: roll and pitch of the trunk, (2,) rad.
         com: wanted place, (2,) m, odom.
 
     Returns:
-        Yaw missed by the feet, rad; whether they are within reach; rot_odom_from_base (3, 3).
+        Yaw missed by the feet, rad; True if they are within reach; rotation from base_link to odom, (3, 3).
     """
     missed, reachable, rot = pose_legs(g, q, feet, trunk, tilt)
     for _ in range(COM_ITERATIONS):
@@ -90,13 +90,15 @@ def load_torques(
 ) -> Array:
     """Return the torques that hold the robot while it accelerates, (nj,) Nm: G(q) - J'f, links as point loads.
 
+    G(q) are the torques by the weight and inertia of the links, f the force on a foot and J the Jacobian of its point.
+
     Args:
         model: kinematics of the robot.
         q: joint angles, (nj,) rad.
-        rot: rot_odom_from_base, (3, 3).
+        rot: rotation from base_link to odom, (3, 3).
         trunk: (4,) x, y, yaw, height of base_link, m and rad, odom.
         push: (3,) m/s2, acceleration of the CoM less gravity: (c'', 9.81), odom.
-        share: (2,) part of the load on each foot, 0 to 1.
+        share: (2,) part of the load on each foot, left and right, 0 to 1.
         zmp: (2, 2) m, where each foot carries it, odom, on the ground.
     """
     up = np.empty(3)
@@ -128,10 +130,10 @@ def load_torques(
 
 @kernel
 def load_share(zmp: Array, feet: Array) -> Array:
-    """Return the part of the load on each foot, left and right, (2,), 0 to 1.
+    """Return the part of the load on each foot, left and right, (2,), 0 to 1, by the place of the ZMP between them.
 
-    w_left = clip((z - p_right).d / d.d, 0, 1), d = p_left - p_right. `zmp`: z, (2,) m; `feet`: x, y of left and right
-    foot first, p, (2, 2 or more) m, odom.
+    w_left = clip((z - p_right).d / d.d, 0, 1), d = p_left - p_right. `zmp`: z, zero-moment point, (2,) m, odom; `feet`:
+    left and right foot, their columns beginning with x, y, p, (2, 2 or more) m, odom.
     """
     dx, dy = feet[0, 0] - feet[1, 0], feet[0, 1] - feet[1, 1]
     w = ((zmp[0] - feet[1, 0]) * dx + (zmp[1] - feet[1, 1]) * dy) / (dx * dx + dy * dy)

@@ -31,7 +31,7 @@ class PreviewGains(NamedTuple):
 
 
 def preview_gains(height: float, dt: float) -> PreviewGains:
-    """Solve the discrete Riccati equation by doubling and unroll the preview gains.
+    """Return the gains of the preview controller: the discrete Riccati equation solved by doubling, then unrolled.
 
     Args:
         height: of the CoM over the ground, m.
@@ -63,7 +63,8 @@ def preview_gains(height: float, dt: float) -> PreviewGains:
 def riccati(a: Array, b: Array, q: Array, r: float) -> Array:
     """Return the stabilising K (n, n) of K = A'KA - A'KB (r + B'KB)^-1 B'KA + Q, by structured doubling.
 
-    a, b, q: A (n, n), B (n, 1), Q (n, n), in SI units of the n states.
+    a, b, q: A (n, n), the step of a linear system x = A x + B u; B (n, 1), effect of the input u; Q (n, n), cost of the
+    state. r: cost of the input.
     """
     n = len(a)
     ak, gk, hk = a.copy(), product(b, b.T) / r, q.copy()
@@ -80,17 +81,17 @@ def riccati(a: Array, b: Array, q: Array, r: float) -> Array:
 
 @kernel
 def preview_step(gains: PreviewGains, x: Array, error: Array, reference: Array, k: int) -> Array:
-    """Advance both axes by one tick, in place.
+    """Advance the planned CoM by one tick in both axes: x and error are changed in place.
 
     Args:
-        gains: of the preview controller, `PreviewGains`.
-        x: (3, 2) CoM position, velocity, acceleration in x and y.
-        error: (2,) sums of the ZMP error.
-        reference: ZMP, (n, 2) m, one row per tick; beyond its end the last row holds.
+        gains: of the preview controller.
+        x: (3, 2) CoM position m, velocity m/s, acceleration m/s^2 (rows) in x and y (columns), odom.
+        error: (2,) sums of the ZMP error in x and y, m.
+        reference: ZMP (zero-moment point), (n, 2) m, odom, one row per tick; beyond its end the last row holds.
         k: row of the present tick.
 
     Returns:
-        ZMP of the plan after the step, (2,) m.
+        ZMP of the plan after the step, (2,) m, odom.
     """
     n, dt, lead = reference.shape[0], gains.dt, gains.height / GRAVITY
     zmp = np.empty(2)

@@ -29,12 +29,14 @@ def walk_state(s: BipedState) -> WalkState:
 
 
 def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
-    """Return the time until the last planned step of the present command lands, s; None: no command is under way.
+    """Return the time until the last planned step of the present command lands, s; None if none is under way.
+
+    None also in the closing step, which follows the last planned one.
 
     Args:
         s: state.
         p: settings of the gait.
-        ticks_left: of the present step, or of the shift of weight before the first.
+        ticks_left: control ticks of the present step, or of the shift of weight before the first.
     """
     route = s.route if s.late is None else s.late.route
     if route is None or s.mode not in (Mode.STAND, Mode.START, Mode.STEP):
@@ -60,7 +62,7 @@ def outputs(
         s: state.
         soles: (2, 4) soles now: x, y, yaw, height, m and rad, odom; changed to the landing of a foot in swing.
         phase: of the present step, 0..1.
-        double: both feet stand in the present step.
+        double: True if both feet stand in the present step.
         height: of base_link, m.
         ends: time until the last planned step lands, s; None = no command is under way, or unknown.
     """

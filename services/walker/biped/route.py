@@ -72,7 +72,10 @@ class BipedRoute:
         return max(1, math.ceil(part - LITTLE)) if math.isfinite(part) else math.inf
 
     def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
-        """Return a command for the remaining route that leads to the same steps."""
+        """Return a command for the remaining route that leads to equal steps, each `step_s` s long.
+
+        `duration`: time after which the walk ends, s, as in the first command; None = no limit.
+        """
         if self.turning:
             return MotionCommand("turn", angle=self.turn, gait=gait, duration=duration)
         distance = self.forward if math.isfinite(self.forward) else None
@@ -82,8 +85,8 @@ class BipedRoute:
     def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
         """Return way (m) and turn (rad) of the next step, and the route after it; `scale`, 0 to 1, shortens the step.
 
-        After shortened steps a rest of less than `LITTLE` steps is left: the last step includes it if it may be so
-        long, else the rest is dropped, for it would cost the time of a whole step.
+        After shortened steps less than 0.2 of a step may be left: the last step includes it if it may be so long, else
+        it is dropped, for it would cost the time of a whole step.
         """
         rest = 0.0
         if abs(self.step) > 0.0:
@@ -121,7 +124,7 @@ def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> Biped
 
 
 def first_swing(route: BipedRoute, feet: Array) -> int:
-    """Return the foot that steps first, 0 = left: the inner one of a turn, else the one behind.
+    """Return the foot that steps first, 0 = left, 1 = right: the inner one of a turn, else the one behind.
 
     `feet`: left and right, x, y (m), yaw (rad), odom, (2, 3).
     """
@@ -138,11 +141,11 @@ def upcoming(
     """Return the next footsteps: at least `ticks` control ticks of them, or all to the closing step of the walk.
 
     Args:
-        route: None = only bring the feet together.
+        route: remaining route; None = only bring the feet together.
         now: the feet as they stand, or will stand after the present step.
         params: settings.
         width: half distance of the feet, m.
-        scale: shortens the first step.
+        scale: shortens the first step, 0..1.
         gain: (2,) quotient of measured and planned way, and of measured and planned turn: the plan is divided by it.
         ticks: length of the preview.
     """
@@ -166,12 +169,12 @@ def upcoming(
 
 
 def together(feet: Array, body: Array, width: float, params: BipedParams) -> bool:
-    """Return whether both feet (2, 3) stand beside the body pose (3,), `width` m apart: x, y (m), yaw (rad), odom."""
+    """Return True if both feet (2, 3) stand `width` m beside the body pose (3,): x, y (m), yaw (rad), odom."""
     return not any(apart(feet[i], placed(body, i, width), params) for i in (LEFT, RIGHT))
 
 
 def apart(foot: Array, wanted: Array, params: BipedParams) -> bool:
-    """Return whether a foot is away from its place, both x, y (m) and yaw (rad), (3,), beyond limits of `params`."""
+    """Return True if a foot is away from its wanted place, both x, y (m), yaw (rad), (3,), beyond closing limits."""
     turn = foot[2] - wanted[2]
     return bool(
         math.hypot(foot[0] - wanted[0], foot[1] - wanted[1]) > params.close_m

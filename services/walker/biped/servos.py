@@ -26,7 +26,7 @@ class SetPoints:
         robot: the robot.
         geometry: of its legs.
         params: crouch and lean of the stance.
-        feet: (2, 4) x, y, yaw, height of the soles under the hips, m and rad.
+        feet: (2, 4) x, y, yaw, height of the soles under the hips, m and rad, origin between them.
         middle: (2,) m, where the CoM is over them at rest.
     """
 
@@ -50,9 +50,9 @@ class SetPoints:
         """Set joint angles and set-points of this tick in the state `s`.
 
         Args:
-            s: state; trunk, angles and command are written.
+            s: state; trunk, angles, command and the correction of the landing are written.
             p: settings.
-            soles: left and right, (2, 4) x, y, yaw, height, m and rad, odom.
+            soles: left and right by plan, (2, 4) x, y, yaw, height, m and rad, odom.
             double: ticks of a step in which both feet bear load.
         """
         s.trunk[2] = between(soles)[2]

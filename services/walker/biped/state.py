@@ -30,12 +30,15 @@ class AcceptedCommand:
     command: MotionCommand
     gait: str
     route: BipedRoute | None
-    """Rest of a walk or turn; None for stand and stop."""
+    """Route of a walk or turn; None for stand and stop."""
 
 
 @dataclass(eq=False)
 class Touchdown:
-    """Deviation from the plan of the foot that swings or landed last: turn of its sole, and height of touch-down."""
+    """Deviation from the plan of the foot that swings or landed last: turn of its sole, and height of touch-down.
+
+    `leg` is that foot: 0 = left, 1 = right.
+    """
 
     leg: int = 0
     turn: Array = field(default_factory=lambda: np.zeros(2))
@@ -51,7 +54,8 @@ class BipedState:
     """State of the gait of a biped; frame odom.
 
     `command` are the set-points of the servos, `rise_from` those at which rising or folding began, (nj,) rad;
-    `contacts` whether each foot touches, (2,); `stamp` the time of the tick, s; `steps` and `unreachable` are counts.
+    `contacts`: True for each foot that touches, (2,); `stamp` the time of the tick, s; `steps` the number of finished
+    steps; `unreachable`: 1 if the feet are out of reach in this tick, else 0; `next_swing`: 0 = left, 1 = right.
     """
 
     joints: int
@@ -63,7 +67,7 @@ class BipedState:
     undone: BipedRoute | None = None
     """Route before the present step."""
     paused: BipedRoute | None = None
-    """Rest of a walk that waits for the estimate."""
+    """Remaining part of a walk that waits for the estimate."""
     late: AcceptedCommand | None = None
     """Command that came while the closing step landed; it is taken up when the robot stands."""
     walk_id: int = 0
@@ -73,14 +77,14 @@ class BipedState:
     progress: float = 0.0
     """Phase of the present swing, 0..1."""
     tilt: Array = field(default_factory=lambda: np.zeros(2))
-    """Roll and pitch beyond the plan, rad."""
+    """Roll and pitch of the trunk beyond the plan, (2,) rad."""
     landing: Touchdown = field(default_factory=Touchdown)
     begin: Array = field(default_factory=lambda: np.zeros(3))
-    """Place of the swinging foot at lift-off, (3,) x, y, yaw."""
+    """Place of the swinging foot at lift-off, (3,) x, y (m), yaw (rad), odom."""
     feet: Array = field(default_factory=lambda: np.zeros((2, 3)))
-    """Places of the feet, (2, 3) x, y, yaw; of the swinging one at lift-off."""
+    """Places of the feet, left and right, (2, 3) x, y (m), yaw (rad), odom; of the swinging one at lift-off."""
     body: Array = field(default_factory=lambda: np.zeros(3))
-    """Body pose that the feet belong to, (3,) x, y, yaw."""
+    """Body pose that the feet belong to, half way between them, (3,) x, y (m), yaw (rad), odom."""
     x: Array = field(default_factory=lambda: np.zeros((3, 2)))
     """Planned CoM in odom, (3, 2), rows in m, m/s, m/s^2: position, velocity, acceleration in x and y, SI."""
     error: Array = field(default_factory=lambda: np.zeros(2))
@@ -92,13 +96,13 @@ class BipedState:
     zmp_from: Array = field(default_factory=lambda: np.zeros(2))
     """ZMP reference at the beginning of the present step, (2,) m."""
     trunk: Array = field(default_factory=lambda: np.zeros(4))
-    """Pose of base_link, (4,) x, y, yaw, height."""
+    """Planned pose of base_link, (4,) x, y, yaw, height, m and rad, odom."""
     q: Array = field(default_factory=lambda: np.zeros(0))
-    """Planned joint angles, (nj,)."""
+    """Planned joint angles, (nj,) rad."""
     rate: Array = field(default_factory=lambda: np.zeros(2))
     """Smoothed roll and pitch rate, (2,) rad/s."""
     rest: Array = field(default_factory=lambda: np.zeros(2))
-    """Slow mean of the measured roll and pitch, rad: floor, servos' zeros and the bias of the estimate."""
+    """Slow mean of the measured roll and pitch, (2,) rad: floor, servos' zeros and the bias of the estimate."""
     peak: float = 0.0
     """Largest unplanned tilt of the present step, rad."""
     scale: float = 1.0
@@ -110,11 +114,11 @@ class BipedState:
     began: float | None = None
     """Simulated time of the first step, s."""
     recovering: bool = False
-    """Started again in the middle of a run, not standing yet."""
+    """True from a restart in the middle of a run until the robot stands."""
     stamp: float = 0.0
     stopping: bool = False
     measured: Array | None = None
-    """Last joint sample, (nj,)."""
+    """Joint angles of the last sample, (nj,) rad; None before the first."""
     rise_from: Array | None = None
     command: Array | None = None
     contacts: Flags = field(default_factory=lambda: np.ones(2, dtype=np.bool_))

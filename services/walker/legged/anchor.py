@@ -26,7 +26,11 @@ MAX_TILT_OFFSET = 0.06  # rad; an accelerometer bias of 3 sigma (ADIS16365: 16 m
 
 
 def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
-    """Set planned trunk and feet by measured joints and estimate; feet without contact will be lowered first."""
+    """Set planned trunk and feet by measured joints and estimate; feet without contact will be lowered first.
+
+    `state` is changed in place: the stage becomes STAND if all feet have contact, or none has, else SETTLE. Its joints
+    must have been measured.
+    """
     s = state
     assert s.measured is not None
     rot = rotations.matrix_from_rpy(inputs.roll, inputs.pitch, inputs.yaw)
@@ -43,7 +47,11 @@ def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
 
 
 def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, inputs: WalkerInputs) -> None:
-    """Move planned trunk and feet to the estimated pose and tilt, and part of the way to the heights of the map."""
+    """Move planned trunk and feet to the estimated pose and tilt, and part of the way to the heights of the map.
+
+    Trunk and feet move together, so the feet keep their place in the trunk frame. `state` is changed in place; `ground`
+    None: no heights are taken out.
+    """
     s, limit = state, params.level_limit_rad
     old = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
     roll, pitch = tilt(s, inputs)
@@ -76,8 +84,8 @@ def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> No
     Args:
         state: of the walker; `tilt_offset` is changed.
         gain: share of the found error that is learned.
-        xy: places of the standing feet from the trunk, axes of odom, (n, 2) m.
-        gaps: height of the map's ground over each foot, (n,) m.
+        xy: places of the standing feet from the trunk, axes of the map, (n, 2) m.
+        gaps: height of a foot centre on the map's ground less that of the planned foot, (n,) m.
     """
     s = state
     c, n = math.cos(s.yaw), math.sin(s.yaw)
@@ -98,7 +106,7 @@ def placed(state: WalkerState, inputs: WalkerInputs) -> WalkerInputs:
 
     An estimator that is started again begins at the start pose, wherever the robot is. The robot rests meanwhile, so it
     stands where the plan has it: that pose defines the new offset of odom in the map. The learned error of the tilt is
-    reset.
+    reset. `state` is changed in place.
     """
     s = state
     if not s.calibrated:

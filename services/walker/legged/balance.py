@@ -32,14 +32,14 @@ LEAST_SHIFT = 0.001  # m; a shorter one changes nothing
 
 @kernel
 def nearest_inside(edges: Array, slack: Array, wanted: float) -> tuple[Array, bool]:
-    """Return the shortest shift t, (2,) m, with slack_k - n_k't >= wanted for all edges, and whether it was found.
+    """Return the shortest shift t, (2,) m, with slack_k - n_k't >= wanted for all edges, and True if it was found.
 
     Hildreth's method.
 
     Args:
-        edges: outward unit normals n_k, (k, 2).
+        edges: outward unit normals n_k of the edges of a convex region, (k, 2).
         slack: distance inside each edge before the shift, (k,) m.
-        wanted: m.
+        wanted: least distance inside after it, m.
     """
     push = np.zeros(slack.size)
     t = np.zeros(2)
@@ -58,7 +58,10 @@ def nearest_inside(edges: Array, slack: Array, wanted: float) -> tuple[Array, bo
 
 
 def hull_edges(ring: Array) -> tuple[Array, Array]:
-    """Return outward unit normals (k, 2) of a counter-clockwise ring (n, 2) m, and n_k'p on each edge, (k,) m."""
+    """Return outward unit normals n_k (k, 2) of the edges of a ring (n, 2) m, and n_k'p of a point p on each, (k,) m.
+
+    The ring is counter-clockwise; edges without length are left out.
+    """
     along = np.roll(ring, -1, axis=0) - ring
     length = np.hypot(along[:, 0], along[:, 1])
     keep = length > 1e-9
@@ -85,12 +88,12 @@ def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
 
 
 def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: StanceVerdict) -> bool:
-    """React to the check of a step, e.g. to a small margin; return whether the step may be taken as planned.
+    """React to the check of a step, e.g. to a small margin; return True if the step may be taken as planned.
 
     Args:
         state: a new goal of the trunk, gait or scale, and the reason in words, are written to it.
         frame: robot, settings, ground.
-        begin: pose of the trunk now.
+        begin: pose of the trunk from which it would move over its feet.
         reply: result of the check of the step.
     """
     s, p = state, frame.params
@@ -120,9 +123,9 @@ def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: St
 
 
 def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Array) -> bool:
-    """Set the goal of the trunk as near to the shifted place as all legs reach; return whether there is one.
+    """Set the goal of the trunk as near to the shifted place as all legs reach; return True if there is one.
 
-    `shift`: from the pose `begin`, (2,) m, frame odom.
+    `shift`: from the pose `begin`, (2,) m, frame map; cut to the longest movement that the settings allow.
     """
     size = float(np.hypot(shift[0], shift[1]))
     if size < LEAST_SHIFT:
@@ -137,7 +140,7 @@ def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Arr
 
 
 def _head_for(state: WalkerState, goal: Array) -> None:
-    """Set the goal of the trunk, (2,) m in odom; each foot that touches now may look for the ground anew before it."""
+    """Set the goal of the trunk, (2,) m, frame map; feet that touch now may look for the ground anew before it."""
     state.goal = goal
     state.hanging[state.contacts] = 0
     state.sunk[state.contacts] = 0.0
@@ -150,9 +153,10 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
     these feet, or a part of that margin where the hull has no room.
 
     Args:
+        state: of the walker; not changed.
         frame: robot, settings, ground.
         legs: that will swing.
-        place: of the trunk in the gait at the end of the step, map.
+        place: of the trunk at the end of the step without leaning, map.
     """
     s, model = state, frame.robot.model
     standing = [i for i in range(frame.robot.nlegs) if i not in legs]
@@ -173,7 +177,7 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
 
 
 def upright(state: WalkerState, place: BodyPose) -> bool:
-    """Return whether the trunk leans to one side; if so, set its `place` in the gait as its next goal."""
+    """Return True if the trunk leans to one side; then set `place`, where it would be without, as its next goal."""
     leans = math.hypot(state.lean[0], state.lean[1]) >= LEAST_SHIFT
     if leans:
         _head_for(state, np.array([place.x, place.y]))
@@ -191,7 +195,7 @@ def lean_time(begin: BodyPose, end: BodyPose, params: WalkerParams) -> float:
 
 
 def shift(state: WalkerState, reach: float) -> None:
-    """Move the trunk by at most `reach` (m) towards its goal over standing feet."""
+    """Move the trunk by at most `reach` (m) towards its goal over standing feet; clear the goal when it is reached."""
     s = state
     if s.goal is None:
         return
@@ -223,7 +227,7 @@ def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: t
 
 
 def lagging(state: WalkerState, frame: PlanningContext) -> int:
-    """Return the index of the group that swings first: that farthest from neutral; feet just landed count 0."""
+    """Return the index of the group of legs that swings first: that farthest from neutral; feet just landed count 0."""
     off = state.footholds[:, :2] - state.body[:2] - planning.rotated(state.yaw, frame.neutral)
     far = np.hypot(off[:, 0], off[:, 1])
     far[list(state.swung)] = 0.0
@@ -243,6 +247,6 @@ def relax(state: WalkerState, frame: PlanningContext) -> None:
 
 
 def usual(state: WalkerState, gait: GaitPattern) -> None:
-    """Switch to the gait that a command asks for."""
+    """Set the gait that a command asks for, also as the one to return to after a careful gait."""
     state.gait = state.usual = gait
     state.group %= gait.steps_per_cycle

@@ -69,7 +69,7 @@ class LeggedWalker:
     # --- inputs that come now and then -----------------------------------------------------------------------------
 
     def set_map(self, heights: HeightMap | None) -> None:
-        """Take a new terrain map, or none (then the ground is where the feet are)."""
+        """Use a new terrain map, or none (then the ground is where the feet are)."""
         ground = None if heights is None else Ground.build(heights, self.robot.foot_radius)
         self.frame = planning.PlanningContext(self.robot, self.params, ground, self.frame.neutral)
 
@@ -110,7 +110,7 @@ class LeggedWalker:
         return WalkMemory(s.walk_id, route.command, route.start, route.began, s.offset)
 
     def resume(self, kept: WalkMemory) -> None:
-        """Resume the stored walk after a restart, before the first tick: feet down, to neutral, then the rest."""
+        """Resume the stored walk after a restart, before the first tick: feet down, to neutral, then the way left."""
         s = self.state
         route = None if kept.command is None else LeggedRoute(kept.command, kept.start, kept.walk_id, kept.began)
         s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True
@@ -234,7 +234,7 @@ class LeggedWalker:
         s.swung = legs
 
     def _closing_group(self) -> tuple[int, ...]:
-        """Return the group of legs farthest from neutral, each group once; empty when all are near."""
+        """Return the group of legs farthest from neutral, each group once; empty when all are near enough."""
         s = self.state
         place = self._place()
         wanted = planning.rotated(s.yaw, self.frame.neutral) + np.array([place.x, place.y])
@@ -247,9 +247,10 @@ class LeggedWalker:
         return worst
 
     def _plan(self, legs: tuple[int, ...], place: BodyPose, after: Advance) -> planning.StepPlan | None:
-        """Ask for footholds and for the safety of a step that ends at a place of the trunk in the gait.
+        """Return the plan of a step of `legs`, with footholds and safety asked for; None when the step cannot be taken.
 
-        None with the reason set when the step cannot be taken.
+        `place`: of the trunk at its end without leaning; `after`: movement of the trunk in each step after it. The
+        reason of a None, and what the next try should change (scale, height, goal), are written to the state.
         """
         s, frame, gait = self.state, self.frame, self.state.gait
         begin = self._pose()

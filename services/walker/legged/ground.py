@@ -34,7 +34,7 @@ def box_max(z: Heights, cell: float, x0: float, y0: float, under: Rectangle) -> 
     """Return the height of the highest cell whose centre lies in a rectangle, m; NaN if it holds no known cell.
 
     Args:
-        z: heights, (ny, nx) m, map, NaN = unknown.
+        z: heights, (ny, nx) m, map, NaN = unknown; rows along y, columns along x.
         cell: edge of a cell, m.
         x0: x of the centre of cell [0, 0], m, map.
         y0: y of the centre of cell [0, 0], m.
@@ -60,16 +60,16 @@ def box_max(z: Heights, cell: float, x0: float, y0: float, under: Rectangle) -> 
 def face_normal(z: Heights, cell: float, x0: float, y0: float, x: float, y: float, bottom: float) -> Array:
     """Return the unit normal of the face a foot stands on, map, (3,): plane through the cells near its lowest point.
 
-    Robust least squares, weights 1 / (1 + (e / scale)^2) with e first the height over `bottom`, then the distance
-    from the plane of the round before: a foot beside or upon a step sees the level ground it stands on, not the mean
-    of both levels. Vertical where fewer than three cells, or cells on one line, are known.
+    Robust least squares, weights 1 / (1 + (e / scale)^2) with e first the height over `bottom`, then the distance from
+    the plane of the round before: a foot beside or upon a step sees the level ground it stands on, not the mean of both
+    levels. Vertical where fewer than three cells, or cells on one line, are known.
 
     Args:
-        z: heights, (ny, nx) m, NaN = unknown.
+        z: heights, (ny, nx) m, NaN = unknown; rows along y, columns along x.
         cell: edge of a cell, m.
         x0: x of the centre of cell [0, 0], m, map.
         y0: y of the centre of cell [0, 0], m.
-        x: x of the lowest point of the foot, m.
+        x: x of the lowest point of the foot, m, map.
         y: y of the lowest point, m.
         bottom: height of the lowest point, m.
     """
@@ -122,7 +122,10 @@ class Ground:
 
     @classmethod
     def build(cls, heights: HeightMap, foot_radius: float, smooth: bool = True) -> "Ground":
-        """Return the layers of a map: 3 x 3 median (edges stay), holes filled, dilated by the foot sphere."""
+        """Return the layers of a map: 3 x 3 median (edges stay), holes filled, dilated by the foot sphere.
+
+        `foot_radius`: of that sphere, m; `smooth` False: no median on known ground.
+        """
         surface = heights.smoothed(1) if smooth else heights
         for _ in range(FILL_ROUNDS):
             unknown = np.isnan(surface.z)
@@ -132,11 +135,11 @@ class Ground:
         return cls(surface=surface, centres=surface.dilated(foot_radius), version=heights.version)
 
     def centre_height(self, x: float, y: float) -> float:
-        """Return the height of a foot centre that stands at (x, y), m; NaN where unknown."""
+        """Return the height of a foot centre that stands at (x, y) m, frame map, m; NaN where unknown."""
         return self.centres.height_at(x, y)
 
     def normal(self, x: float, y: float, bottom: float) -> Array:
-        """Return the unit normal of the ground under a foot whose lowest point is at (x, y, bottom) m, (3,)."""
+        """Return the unit normal of the ground (3,) under a foot whose lowest point is (x, y, bottom) m, frame map."""
         s = self.surface
         return face_normal(s.z, s.cell, s.origin[0], s.origin[1], x, y, bottom)
 

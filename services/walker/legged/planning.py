@@ -42,18 +42,18 @@ class StepPlan:
     begin: BodyPose
     end: BodyPose
     feet_from: Array
-    """Foot centres at lift-off, (L, 3) map."""
+    """Foot centres at lift-off, (L, 3) m, map."""
     feet_to: Array
-    """Foot centres at touch-down; standing feet as in `feet_from`."""
+    """Foot centres at touch-down, (L, 3) m, map; standing feet stay where they are."""
     deepest: Array
-    """Height down to which each foot looks for the ground, (L,) m."""
+    """Height down to which each foot looks for the ground, (L,) m, map."""
     top: Array
-    """Height of the level part of each swing, (L,) m."""
+    """Height of the foot centre on the level part of each swing, (L,) m, map."""
     go: Array
     arrive: Array
     """Phases between which each foot moves sideways, (L,)."""
     status: tuple[str, ...]
-    """Status of each foot's foothold, see `WalkerOutputs.foothold_status`."""
+    """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     duration: float
     """Duration of the step, s; longer than half a period when a foot has far to fall."""
     shape: SwingShape
@@ -69,7 +69,7 @@ def rotated(yaw: float, vectors: Array) -> Array:
 
 
 def centre_height(frame: PlanningContext, x: float, y: float, feet: Array) -> float:
-    """Return the height of a foot centre that stands at (x, y) m, map, m; the mean of the feet where it is unknown.
+    """Return the height of a foot centre that stands at (x, y) m, frame map; the mean of the feet where unknown.
 
     `feet`: foot centres now, (L, 3) m, map.
     """
@@ -80,9 +80,15 @@ def centre_height(frame: PlanningContext, x: float, y: float, feet: Array) -> fl
 def landings(
     frame: PlanningContext, gait: GaitPattern, legs: tuple[int, ...], end: BodyPose, after: Advance, feet: Array
 ) -> Array:
-    """Return nominal landings (n, 3) m, odom: neutral feet about the trunk `lead` steps beyond the end of this step.
+    """Return nominal landings of n legs, (n, 3) m, map: neutral feet about the trunk `gait.lead` steps after this step.
 
-    `feet` (L, 3) m, odom: their heights stand for ground that is not known.
+    Args:
+        frame: robot, settings, ground.
+        gait: gives the number of steps by which a landing is ahead.
+        legs: numbers of the legs that swing.
+        end: pose of the trunk after this step.
+        after: movement of the trunk in each step after it.
+        feet: foot centres now, (L, 3) m, map: their mean height stands for ground that is not known.
     """
     ahead = moved(end, after, gait.lead)
     xy = rotated(ahead.yaw, frame.neutral[list(legs)]) + np.array([ahead.x, ahead.y])
@@ -96,10 +102,10 @@ def foothold_request(
 
     Args:
         legs: numbers of the n legs that swing.
-        nominal: nominal landings of their foot centres, frame odom, (n, 3) m.
+        nominal: nominal landings of their foot centres, frame map, (n, 3) m.
         end: pose of the trunk after the step.
-        after: way of the trunk in each step after it.
-        gait: gives the number of steps of a stance.
+        after: movement of the trunk in each step after it.
+        gait: gives the number of steps for which a foot stands.
     """
     stance_steps = 2.0 * gait.lead
     x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
@@ -114,7 +120,10 @@ def foothold_request(
 
 
 def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float) -> float:
-    """Return the height of base_link, m: mean ground under feet (L, 3) m + hip height, clear of the ground below."""
+    """Return the height of base_link, m, map: mean ground under the feet + hip height + shift, clear of the ground.
+
+    `feet`: foot centres, (L, 3) m, map; `at`: place and heading of the trunk; `shift`: asked for, m.
+    """
     robot, params = frame.robot, frame.params
     z = float(np.mean(feet[:, 2])) - robot.foot_radius + params.hip_height_m + shift
     if frame.ground is not None:
@@ -126,9 +135,10 @@ def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float
 
 
 def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
-    """Return the swept ground (n, SAMPLES) m and the height of the level part (n,) m of the swings of n legs.
+    """Return the swept ground (n, 13) and the height of the level part (n,) of the swings of n legs, m, map.
 
-    `feet`, `feet_to`: foot centres at lift-off and at landing, (L, 3) m, map; ground that is unknown is NaN.
+    Swept ground: lowest admissible height of the foot centre in 13 pieces of the way, NaN = unknown. `feet`, `feet_to`:
+    foot centres at lift-off and at landing, (L, 3) m, map.
     """
     swept = np.full((len(legs), swing.SAMPLES), np.nan)
     if frame.ground is not None:
@@ -172,7 +182,7 @@ def end_pose(
         feet_to: foot centres at the end, (L, 3) m.
         apex: foot centres at the tops of the swings, (L, 3) m.
         shift: change of the trunk's height that the foothold service asked for, m.
-        leans: the trunk is at its end pose before the swing begins.
+        leans: True if the trunk is at its end pose before the swing begins.
     """
     limit = frame.params.trunk_step_m
     wanted = trunk_height(frame, feet_to, planar, shift)
@@ -189,7 +199,7 @@ def end_pose(
 
 
 def reaches(frame: PlanningContext, begin: BodyPose, end: BodyPose, feet: Array, part: float) -> bool:
-    """Return whether all legs reach their `feet` (L, 3) m, odom, after a `part` of the step, 0..1; level trunk."""
+    """Return True if all legs reach their `feet` (L, 3) m, map, after a `part` of the step, 0..1; level trunk."""
     a, b = begin, end
     body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
     rot = rotations.matrix_from_rpy(0.0, 0.0, a.yaw + part * (b.yaw - a.yaw))
@@ -206,16 +216,16 @@ def complete(
     swings: tuple[Array, Array],
     status: tuple[str, ...],
 ) -> StepPlan:
-    """Return the step with its swing paths over the whole swept ground.
+    """Return the plan of the step with its swing paths over the whole swept ground.
 
     Args:
         frame: robot, ground and parameters.
         legs: numbers of the n legs that swing.
         begin: pose of the trunk before the step.
         end: pose of the trunk after it.
-        feet: foot centres before the step, frame odom, (L, 3) m.
+        feet: foot centres before the step, frame map, (L, 3) m.
         feet_to: foot centres after it, (L, 3) m.
-        swings: swept ground (n, SAMPLES) m and height of the level part (n,) m of each swing.
+        swings: swept ground (n, 13), NaN = unknown, and height of the level part (n,) of each swing, m.
         status: of the foothold of each leg.
     """
     n, params, (swept, highest) = feet.shape[0], frame.params, swings
@@ -248,7 +258,7 @@ def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:
 def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Array) -> StanceCheck:
     """Return the request to the stability service: the standing feet and the way of the trunk over them.
 
-    `joints`: angles, (n,) rad; `rot`: rot_odom_from_base, (3, 3).
+    `joints`: angles before the step, (nj,) rad; `rot`: rotation from base_link to map, (3, 3).
     """
     positions, normals = contacts(frame, plan.feet_from[~plan.swing])
     begin, end = plan.begin, plan.end

@@ -11,9 +11,9 @@ from surefoot.robot.description import KinematicModel
 
 @kernel
 def into_base(feet: Array, body: Array, rot: Array) -> Array:
-    """Return feet (L, 3) m of the map in base_link, (L, 3) m: rot' (feet - body).
+    """Return feet (L, 3) m of frame map in base_link, (L, 3) m: rot' (feet - body).
 
-    `body`: origin of base_link in the map, (3,) m; `rot`: rot_map_from_base, (3, 3).
+    `body`: origin of base_link in the map, (3,) m; `rot`: rotation from base_link to map, (3, 3).
     """
     out = np.empty_like(feet)
     for i in range(feet.shape[0]):
@@ -25,9 +25,9 @@ def into_base(feet: Array, body: Array, rot: Array) -> Array:
 
 @kernel
 def into_map(feet_base: Array, body: Array, rot: Array) -> Array:
-    """Return feet (L, 3) m of base_link in the map, (L, 3) m: body + rot feet.
+    """Return feet (L, 3) m of base_link in frame map, (L, 3) m: body + rot feet.
 
-    `body`: origin of base_link in the map, (3,) m; `rot`: rot_map_from_base, (3, 3).
+    `body`: origin of base_link in the map, (3,) m; `rot`: rotation from base_link to map, (3, 3).
     """
     out = np.empty_like(feet_base)
     for i in range(feet_base.shape[0]):
@@ -42,14 +42,15 @@ def into_map(feet_base: Array, body: Array, rot: Array) -> Array:
 def share_load(feet: Array, com_xy: Array, support: Array, weight: float) -> Array:
     """Return the vertical force on each foot that balances the weight, (L,) N, never negative.
 
-    Smallest sum of f^2 / support under sum f = W and sum f r = W c: f = S A' (A S A')^-1 b, A = rows (1, x, y) about
-    the centre of mass. Without three feet that span a plane the weight is shared in proportion to `support`.
+    Smallest sum of f^2 / support under sum f = W and sum f r = W c: f = S A'(A S A')^-1 b, with S = diag(support), the
+    rows (1, x, y) of A for feet about the centre of mass c, and b = (W, 0, 0). Without three feet that span a plane the
+    weight is shared in proportion to `support`.
 
     Args:
         feet: foot centres, (L, 3) m, any frame with z up.
         com_xy: centre of mass in that frame, (2,) m.
         support: how far each foot takes part, 0..1, (L,).
-        weight: N.
+        weight: W, N.
     """
     n = feet.shape[0]
     gram = np.zeros((3, 3))
@@ -85,19 +86,20 @@ def set_points(
 ) -> tuple[Array, Array, Flags]:
     """Return the set-points of the servos that hold the trunk at a pose over the feet.
 
-    A position servo under the torque tau rests at q = command - tau / kp, tau = G(q) - J'f with f the ground's force
-    on the foot; the set-point adds tau / kp.
+    A position servo of stiffness kp under the torque tau rests at q = command - tau / kp, tau = G(q) - J'f with G the
+    torques by the weight of the links, f the ground's force on the foot, J its Jacobian; the set-point adds tau / kp.
 
     Args:
         model: kinematics of the robot.
         feet: wanted foot centres in the map, (L, 3) m.
-        body: wanted base_link position, (3,) m.
-        rot: rot_map_from_base, (3, 3).
+        body: wanted base_link position in the map, (3,) m.
+        rot: rotation from base_link to map, (3, 3).
         support: share of each foot in carrying the weight, 0..1, (L,).
         compliance: compensated part of 1 / kp of every joint, rad/Nm, (nj,); zeros switch it off.
 
     Returns:
-        Set-points (nj,) rad within the joint limits, joint angles (nj,) rad without compensation, reachable (L,).
+        Set-points (nj,) rad within the joint limits, joint angles (nj,) rad without compensation, True for legs that
+        reach, (L,).
     """
     feet_base = into_base(feet, body, rot)
     q, reachable = kinematics.legs_ik(model, feet_base)

@@ -22,7 +22,7 @@ class LeggedRoute:
         return self if self.start is not None else replace(self, start=pose, began=now)
 
     def over(self, now: float) -> bool:
-        """Return whether the duration of the command has passed at the time `now`, s."""
+        """Return True if the duration of the command has passed at the time `now`, s."""
         limit = self.command.duration
         return limit is not None and self.began is not None and now - self.began >= limit
 
@@ -41,7 +41,7 @@ def remaining(route: LeggedRoute, pose: BodyPose) -> float:
 
 
 def finished(route: LeggedRoute, pose: BodyPose, params: WalkerParams) -> bool:
-    """Return whether the command is carried out (a distance that was passed counts)."""
+    """Return True if the command is carried out (a distance that was passed counts)."""
     left = remaining(route, pose)
     if route.command.action == "walk":
         forward = (route.command.distance or 1.0) >= 0.0
@@ -50,7 +50,7 @@ def finished(route: LeggedRoute, pose: BodyPose, params: WalkerParams) -> bool:
 
 
 def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int, step_s: float) -> float:
-    """Return the way of the trunk in one step of `step_s` seconds, m, without sign."""
+    """Return the length of the trunk's way in one step of `step_s` s, m, >= 0, of a gait of `steps_per_cycle` steps."""
     if command.velocity is None:
         return params.stride_m / steps_per_cycle
     return min(abs(command.velocity) * step_s, params.max_stride_m / steps_per_cycle)
@@ -66,16 +66,15 @@ def advance(
 ) -> Advance:
     """Return the movement of the trunk in the next step, heading axes of `pose`.
 
+    Cross-track and heading errors of a walk are taken out by `steer_gain` within limits; zero if the command is done.
+
     Args:
         route: the command and where it began.
-        pose: dead-reckoned pose, odom.
+        pose: place of the trunk now, map.
         params: settings.
-        steps_per_cycle: of the gait.
+        steps_per_cycle: steps until every leg has swung once.
         scale: 0..1, shortens the step.
         step_s: duration of a step, s; None = half a period.
-
-    Returns:
-        The advance; cross-track and heading errors are taken out by `steer_gain` within limits.
     """
     command, start = route.command, route.start or pose
     if command.action not in ("walk", "turn") or finished(route, pose, params):
@@ -100,7 +99,7 @@ def advance(
 
 
 def moved(pose: BodyPose, step: Advance, part: float = 1.0) -> BodyPose:
-    """Return the pose after `part` of an advance; z is kept."""
+    """Return the pose after `part` of an advance (1 = all, may be more); z is kept."""
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     return BodyPose(
         x=pose.x + part * (c * step.forward - s * step.left),

@@ -22,12 +22,13 @@ KEPT = 2.0 / 3.0  # of a lean, in which a foot that will lift keeps its load: th
 
 
 def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
-    """Move trunk and feet by one tick of the planned step; return whether the step is done.
+    """Move trunk and feet by one tick of the planned step, `dt` s; return True if the step is done.
 
     The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
     that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
     find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
-    nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear.
+    nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear. `state`
+    and the landings of its plan are changed in place.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
@@ -66,14 +67,14 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
 
 
 def _move(state: WalkerState, plan: StepPlan, part: float) -> None:
-    """Put the trunk at a part of its way in the step, 0..1; its height changes smoothly."""
+    """Put the trunk of the state at a part of its way in the step, 0..1; its height changes smoothly."""
     a, b, ease = plan.begin, plan.end, swing.smooth(part)
     state.body[:] = (a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + ease * (b.z - a.z))
     state.yaw = a.yaw + part * (b.yaw - a.yaw)
 
 
 def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
-    """Let swinging feet that touch stand where they are; their height is the measured one."""
+    """Mark swinging feet that touch as landed where they are, in state and plan; their height is the measured one."""
     s = state
     touched = plan.swing & ~s.landed & s.contacts
     if touched.any() and s.measured is not None:
@@ -82,7 +83,7 @@ def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
 
 
 def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
-    """Let the landings of these feet (L,) be where they are, at the measured height, in place."""
+    """Set the landings of the plan of these feet (L,) to where they are, at the measured height, in place."""
     s = state
     assert s.measured is not None
     rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
@@ -92,10 +93,10 @@ def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
 
 
 def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: float) -> bool:
-    """Of the feet `landed` (L,), those that touch nothing any more go on down by `way` (m); returns whether any do.
+    """Lower those of the feet `landed` (L,) that touch nothing any more by `way`, m; return True if there are any.
 
     A foot that met an edge on its way stands there for a moment and then hangs beside it: were the others lifted now,
-    the robot would fall onto it.
+    the robot would fall onto it. Counters of the state and landings of the plan are changed in place.
     """
     s = state
     if s.fresh:
@@ -109,9 +110,10 @@ def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: 
 
 
 def bear(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
-    """Lower standing feet without contact over dt s, by `search_m` in all at most; return True if any is lowered.
+    """Lower standing feet without contact over `dt` s, by `search_m` in all at most; return True if any is lowered.
 
-    None is while fewer than three others touch: a robot that is lifted has no ground below its feet.
+    None is while fewer than three others touch: a robot that is lifted has no ground below its feet. `state` is
+    changed.
     """
     s = state
     if s.fresh:
@@ -134,7 +136,7 @@ def _no_ground(robot: Robot, feet: Flags) -> str:
 
 
 def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
-    """Let feet that have looked for the ground far enough stand where they are."""
+    """Mark swinging feet that have looked for the ground down to their deepest height as landed where they are."""
     s = state
     lost = plan.swing & ~s.landed & (s.feet[:, 2] < plan.deepest)
     if lost.any():
@@ -144,7 +146,7 @@ def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
 
 
 def settle(state: WalkerState, dt: float) -> None:
-    """Lower every foot without contact over a tick of dt s; once all have landed, set the stage to STAND."""
+    """Lower every foot without contact over a tick of `dt` s; once all have landed, set the stage to STAND."""
     s = state
     if s.fresh:
         s.landed |= s.contacts
@@ -157,5 +159,5 @@ def settle(state: WalkerState, dt: float) -> None:
 
 
 def load(state: WalkerState, dt: float) -> None:
-    """Raise the share in the load of feet that have landed towards 1 over dt s, in place."""
+    """Raise the share in the load of feet that have landed, `state.support`, towards 1 over `dt` s (0.1 s in all)."""
     state.support = np.minimum(1.0, state.support + state.landed * (dt / LOAD_S))

@@ -45,7 +45,7 @@ def smooth(a: float) -> float:
 def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> float:
     """Return the height of the foot centre at swing phase v, m; v > 1 goes on down at the speed of the last part.
 
-    z0, top, z1: heights at the begin, on the level part and at the end, m.
+    z0, top, z1: heights of the foot centre at lift-off, on the level part and at landing, m, map.
     """
     if v <= shape.rise_end:
         return z0 + (top - z0) * smooth(v / shape.rise_end)
@@ -91,7 +91,7 @@ def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive
 def clears(
     shape: SwingShape, z0: float, z1: float, top: float, go: float, arrive: float, ground: Array, margin: float
 ) -> bool:
-    """Return whether the path stays over the swept ground.
+    """Return True if the path of the foot centre stays over the swept ground.
 
     Args:
         shape: phases of the swing.
@@ -100,7 +100,8 @@ def clears(
         top: height of the level part, m.
         go: phase in which the sideways movement begins.
         arrive: phase in which it ends.
-        ground: lowest admissible foot-centre heights at equal steps of the way, first at lift-off, (k,) m.
+        ground: lowest admissible foot-centre heights at equal steps of the way, first at lift-off, (k,) m, NaN =
+            unknown.
         margin: wanted clearance away from the two ends, m; it grows from 0 over the first and last eighth.
     """
     n = ground.size
@@ -119,10 +120,10 @@ def clears(
 
 
 def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> Array:
-    """Return the lowest admissible foot-centre heights along the way from p0 to p1, (SAMPLES,) m, NaN where unknown.
+    """Return the lowest admissible foot-centre heights along the way from p0 to p1, (13,) m, map, NaN where unknown.
 
     Args:
-        centres: map of foot centres (dilated by the foot sphere).
+        centres: map of foot centres (ground dilated by the foot sphere).
         p0: lift-off, (3,) m, map.
         p1: landing, (3,) m, map.
         halfwidth: half the width of the swept corridor, m.
@@ -136,10 +137,10 @@ def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> 
 def _swept(
     z: NDArray[np.float32], cell: float, x0: float, y0: float, p0: Array, p1: Array, halfwidth: float, out: Array
 ) -> None:
-    """Write the highest cell, m, per piece of the way from p0 to p1 into `out` (SAMPLES,).
+    """Write the highest cell, m, per piece of the way from p0 to p1 into `out` (13,), NaN where all are unknown.
 
-    A cell counts one cell's width around its centre, so no height slips by. z (ny, nx) m: heights, the first cell's
-    centre at x0, y0 m; p0, p1 (3,) m; `halfwidth` of the way, m.
+    A cell counts one cell's width around its centre, so no height slips by. z (ny, nx) m: heights of foot centres,
+    cells of edge `cell` m, the first one's centre at x0, y0 m; p0, p1 (3,) m, map; `halfwidth` of the way, m.
     """
     ny, nx = z.shape
     out[:] = -math.inf
@@ -184,10 +185,15 @@ def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
 
 
 def window(shape: SwingShape, p0: Array, p1: Array, top: float, ground: Array, margin: float) -> tuple[float, float]:
-    """Return phases (go, arrive) of the sideways movement: the gentlest that clears the ground, else the last.
+    """Return phases (go, arrive) of the sideways movement: the gentlest that clears the ground, else the last tried.
 
-    p0, p1: foot centre at begin and end, (3,) m; top: height of the level part, m; ground: lowest heights of the foot
-    centre at equal steps of the way, (k,) m; margin: over them, m.
+    Args:
+        shape: phases of the swing.
+        p0: foot centre at lift-off, (3,) m.
+        p1: foot centre at landing, (3,) m.
+        top: height of the level part, m.
+        ground: lowest admissible heights of the foot centre at equal steps of the way, (k,) m, NaN = unknown.
+        margin: clearance over them, m.
     """
     for go, arrive in WINDOWS:
         if clears(shape, p0[2], p1[2], top, go, arrive, ground, margin):
@@ -211,14 +217,14 @@ class SwingPaths(NamedTuple):
 def targets(
     paths: SwingPaths, landed: NDArray[np.bool_], v: float, present: Array, reach: float, support: Array, rate: float
 ) -> tuple[Array, Array]:
-    """Return foot centres of all legs in this tick, (L, 3) m, and the share of each in the load, 0..1, (L,).
+    """Return foot centres of all legs in this tick, (L, 3) m, map, and the share of each in the load, 0..1, (L,).
 
     Args:
         paths: of all feet in the step.
         landed: feet on the ground, (L,).
         v: swing phase.
         present: foot centres of the last tick, (L, 3) m.
-        reach: longest way of a standing or landed foot towards its foothold in this tick, m.
+        reach: longest way per axis of a standing or landed foot towards its foothold in this tick, m.
         support: shares of the last tick, (L,).
         rate: growth of a share in this tick; that of a foot in the air shrinks by it.
     """
