@@ -9,6 +9,7 @@ estimation.run("log.npz").track.v
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,12 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from surefoot.arguments import choice, file_path, instance, number, shown, whole
+from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
+from surefoot.robots import WIDEST_ANGLE
 from surefoot.services.estimator.feet.contact import contact_points
 from surefoot.services.estimator.feet.mount import bare_mount, foot_mount
-from surefoot.services.estimator.inputs.external import ExternalSample
+from surefoot.services.estimator.inputs.external import LARGEST, SHAPES, ExternalSample
 from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
@@ -38,13 +41,16 @@ __all__ = [
 ]  # fmt: skip
 
 MOST_FEET = 16
+ROUNDING = 1e-6
+"""By how much a probability may miss 0 and 1."""
+_OF_STAMPS = (InputResult.DUPLICATE, InputResult.BACKWARD, InputResult.LATE, InputResult.AHEAD)
+_UNITS = {"position": "m", "yaw": "rad", "velocity": "m/s"}
 _ALLOWED = {
     InputResult.NONFINITE: "finite numbers",
-    InputResult.SHAPE: "gyro and acc (3,), joints (nj,), positions (L, 3), rotations (L, 3, 3), contact (L,) or (L, S)",
     InputResult.DUPLICATE: "each stamp once",
+    InputResult.BACKWARD: "stamps that rise, but for samples that are missing",
     InputResult.LATE: "stamps of the last half second",
     InputResult.AHEAD: "stamps near those before",
-    InputResult.SATURATED: "values within the range of the sensor",
     InputResult.UNIT: "rad/s, m/s^2 (specific force: +9.81 along up at rest) and m",
     InputResult.COVARIANCE: "symmetric positive covariances",
     InputResult.FRAME: "a position together with a heading",
@@ -56,18 +62,34 @@ class StrictEstimator(Estimator):
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
         """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; raise FieldError if refused."""
-        return _accepted("imu", super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, clipped), (w, q))
+        result = super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, clipped)
+        if result is InputResult.SHAPE:
+            _refuse("imu", result, f"w {_form(w)} and q {_form(q)}", "w (3,) rad/s and q (3,) m/s^2")
+        if result is InputResult.SATURATED:
+            most = self.params.max_gyro, self.params.max_acc
+            beyond = _reaches("w", w, most[0]) or _reaches("q", q, most[1]) or "clipped = True"
+            _refuse("imu", result, beyond, f"w within +-{most[0]:.4g} rad/s and q within +-{most[1]:.4g} m/s^2")
+        return _accepted("imu", result, stamp_ns, (w, q))
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take joint angles (nj,) rad and contacts by foot (L,) or switch (L, S), None = unknown; raise if refused."""
-        if self._mount.model is None:
+        model = self._mount.model
+        if model is None:
             raise FieldError("unsupported", "joints", "got joint angles, expected feet: no robot was named")
+        if wrong := _outside("q", q, -WIDEST_ANGLE, WIDEST_ANGLE):
+            text = f"got {wrong}, allowed are q within +-{WIDEST_ANGLE:g} rad, NaN = unknown"
+            raise FieldError("range", "joints", text)
+        _check_contact("joints", contact)
         try:
-            return _accepted("joints", super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact), (q, contact))
+            result = super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact)
         except FieldError as error:
-            if error.field == "feet":  # which they become
-                _refuse("joints", InputResult(error.code), (q, contact))
-            raise
+            if error.field != "feet":
+                raise
+            result = InputResult(error.code)  # the angles become feet
+        if result is InputResult.SHAPE:
+            form = f"q (nj,) = {model.lower.shape} and {self._contact_form}"
+            _refuse("joints", result, f"q {_form(q)} and contact {_form(contact)}", form)
+        return _accepted("joints", result, stamp_ns, (q, contact))
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take poses and contacts of the feet, for logs without joint angles; raise an error if refused.
@@ -81,7 +103,16 @@ class StrictEstimator(Estimator):
         Raises:
             FieldError: they are refused.
         """
-        return _accepted("feet", super().feet(whole(stamp_ns, "stamp_ns", "ns"), position, rot, contact), position)
+        _check_contact("feet", contact)
+        result = super().feet(whole(stamp_ns, "stamp_ns", "ns"), position, rot, contact)
+        if result is InputResult.SHAPE:
+            got = f"position {_form(position)}, rot {_form(rot)} and contact {_form(contact)}"
+            _refuse("feet", result, got, f"position (L, 3), rot (L, 3, 3) and {self._contact_form}")
+        return _accepted("feet", result, stamp_ns, position)
+
+    @property
+    def _contact_form(self) -> str:
+        return f"contact (L,) or (L, S), L = {self._feet}"
 
     def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
         """Take a pose, heading or velocity of another source, such as a camera, and raise an error if it is refused.
@@ -92,7 +123,10 @@ class StrictEstimator(Estimator):
             FieldError: it is refused.
         """
         instance(sample, "external", ExternalSample, "an ExternalSample")
-        return _accepted("external", super().external(whole(stamp_ns, "stamp_ns", "ns"), sample), sample)
+        result = super().external(whole(stamp_ns, "stamp_ns", "ns"), sample)
+        if not result.accepted:
+            _refuse("external", result, *_wrong_part(sample, stamp_ns, result))
+        return result
 
 
 def estimator(
@@ -165,11 +199,71 @@ def names() -> tuple[str, ...]:
     return names()
 
 
-def _accepted(field: str, result: InputResult, given: Any) -> InputResult:
+def _accepted(field: str, result: InputResult, stamp_ns: int, given: Any) -> InputResult:
     if not result.accepted:
-        _refuse(field, result, given)
+        _refuse(field, result, f"stamp_ns = {stamp_ns}" if result in _OF_STAMPS else shown(given))
     return result
 
 
-def _refuse(field: str, result: InputResult, given: Any) -> NoReturn:
-    raise FieldError(result.value, field, f"got {shown(given)}, allowed are {_ALLOWED[result]}")
+def _refuse(field: str, result: InputResult, got: str, allowed: str = "") -> NoReturn:
+    raise FieldError(result.value, field, f"got {got}, allowed are {allowed or _ALLOWED[result]}")
+
+
+def _numbers(values: Any) -> Array:
+    """Return values as numbers of their shape, none if they are no numbers."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
+
+
+def _form(values: Any) -> str:
+    """Return the shape of numbers as text, or what was given in their place."""
+    found = _numbers(values)
+    return str(found.shape) if found.size and values is not None else shown(values)
+
+
+def _reaches(name: str, values: Any, most: float) -> str:
+    """Return the first of the values that reaches +-`most`, with its name and index; empty = none does."""
+    within = float(np.nextafter(most, 0.0))
+    return _outside(name, values, -within, within)
+
+
+def _outside(name: str, values: Any, low: float, high: float) -> str:
+    """Return the first of the values below `low` or above `high`, with its name and index; empty = none is."""
+    found = _numbers(values)
+    for at in np.argwhere((found < low) | (found > high)).tolist():
+        return f"{name}{at if at else ''} = {float(found[tuple(at)]):g}"
+    return ""
+
+
+def _check_contact(field: str, contact: Any) -> None:
+    """Check flags or probabilities of contact (raises FieldError: `range`)."""
+    if wrong := _outside("contact", contact, -ROUNDING, 1.0 + ROUNDING):
+        text = f"got {wrong}, allowed are flags or probabilities, 0 to 1, NaN = unknown"
+        raise FieldError("range", field, text)
+
+
+def _wrong_part(sample: ExternalSample, stamp_ns: int, result: InputResult) -> tuple[str, str]:
+    """Return what a refused pose or velocity holds in the part that is wrong, and what is allowed there."""
+    given = {name: getattr(sample, name) for name, _ in SHAPES if getattr(sample, name) is not None}
+    if not given:
+        return "a sample without a value", "position, yaw or velocity, with its covariance or variance"
+    if result is InputResult.FRAME:
+        return f"position = {shown(sample.position)} and yaw = None", _ALLOWED[result]
+    for name, size in SHAPES:
+        key = f"{name}_covariance" if size > 1 else f"{name}_variance"
+        part = {name: given.get(name), key: getattr(sample, key)}
+        alone = replace(ExternalSample(yaw=0.0, yaw_variance=1.0), **part)
+        if name not in given or alone.row()[1] is not result:
+            continue
+        value, spread = _numbers(part[name]), _numbers(part[key])
+        if result is InputResult.SHAPE:
+            forms = f"{name} {(size,) if size > 1 else '()'}", f"{key} {'(3, 3) or (9,)' if size > 1 else '()'}"
+            return f"{name} {_form(part[name])} and {key} {_form(part[key])}", " and ".join(forms)
+        if result is InputResult.UNIT:
+            return f"{name} = {shown(part[name])}", f"numbers within +-{LARGEST[name]:g} {_UNITS[name]}"
+        wrong = key if result is InputResult.COVARIANCE or np.isfinite(value).all() else name
+        allowed = "numbers above 0" if wrong == "yaw_variance" and np.isfinite(spread).all() else _ALLOWED[result]
+        return f"{wrong} = {shown(part[wrong])}", allowed
+    return f"stamp_ns = {stamp_ns}", _ALLOWED[result]

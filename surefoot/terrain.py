@@ -112,10 +112,14 @@ def save(heightmap: HeightMap, path: str | PathLike[str], **extra: str | int | f
         extra: how the map came to be, such as kind and seed; kept in both files.
 
     Raises:
-        FieldError: no height map, or no path.
+        FieldError: no height map, no path, or one that cannot be written.
     """
     instance(heightmap, "heightmap", HeightMap, "a height map")
-    return save_npz(heightmap, file_path(path, "path"), **extra)
+    target = file_path(path, "path")
+    try:
+        return save_npz(heightmap, target, **extra)
+    except OSError as error:
+        raise FieldError("unwritable", "path", f"{target} cannot be written: {error.strerror}") from None
 
 
 def load(path: str | PathLike[str]) -> HeightMap:

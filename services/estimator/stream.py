@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from surefoot.arguments import shown
 from surefoot.arrays import Array, Flags
+from surefoot.errors import FieldError
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
 
@@ -31,6 +33,13 @@ from .params import EstimatorParams, StartPose, paper_params
 BEST, PAPER = "best", "paper"
 NAMES = (BEST, *ESTIMATORS, PAPER)
 """Every estimator: `best`, those of the paper improved, and `paper`, its filter to the letter."""
+
+
+class NotRunning(FieldError, KeyError):
+    """Refusal of the name of an estimator that does not run."""
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.message}"  # of a KeyError it would be quoted
 
 
 class Estimator:
@@ -259,7 +268,7 @@ class Estimator:
         """Return the present estimate of one estimator.
 
         Raises:
-            KeyError: no estimator of this name runs.
+            NotRunning: no estimator of this name runs; it is a KeyError too.
         """
         e = self._estimate_of_best() if name == BEST else self._estimate_of_paper(name)
         return e._replace(inputs_ok=False, sensors_ok=False) if self.silent else e
@@ -277,7 +286,8 @@ class Estimator:
     def _estimate_of_paper(self, name: str) -> VelocityAndTilt:
         names, group = next((pair for pair in self._groups if name in pair[0]), ((), None))
         if group is None:
-            raise KeyError(name)
+            running = ", ".join((BEST, *(n for some, _ in self._groups for n in some)))
+            raise NotRunning("unknown_name", "name", f"got {shown(name)}, running are {running}")
         out: PaperOutput = group.output("ekf" if names == (PAPER,) else name)
         covariance = out.covariance.copy()
         for i in range(3):

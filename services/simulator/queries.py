@@ -15,6 +15,7 @@ from surefoot.schemas.topics import Query
 
 from .experiment import outcome_of
 from .ground.terrain import KINDS, MAP_PROFILES
+from .physics.disturb import too_strong
 from .physics.faults import Fault, FaultError
 from .physics.samples import Checkpoint
 from .run import SimulatedRun
@@ -110,6 +111,8 @@ class SimulatorQueries:
         names = ("trunk", *(link.name for link in self.run.robot.links))
         if request.body not in names:
             raise Refusal("invalid", f"no link {request.body!r}; known are {', '.join(names)}", "body")
+        if wrong := too_strong(self.run.robot, request.force):
+            raise Refusal("invalid", f"force: {wrong}", "force")
         return self._at(request.at_tick, lambda: self.run.world.push(request.force, request.duration, request.body))
 
     def place(self, request: sim.PlaceRequest) -> sim.SimReply:

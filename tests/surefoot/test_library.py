@@ -13,6 +13,8 @@ import surefoot
 from surefoot.errors import FieldError, SurefootError
 from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.navigator.belief import ukf
+from surefoot.services.simulator.physics.faults import Fault
+from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.stability.programs.contacts import contact_set
 from surefoot.services.stability.regions.margin import margin
 from surefoot.services.stability.regions.region import region
@@ -58,6 +60,14 @@ def robot() -> surefoot.robots.Robot:
 
 def belief() -> surefoot.navigation.PoseFilter:
     return surefoot.navigation.PoseFilter()
+
+
+def refusing() -> surefoot.estimation.Estimator:
+    return surefoot.estimation.estimator("ragno")
+
+
+def moved(**parts: object) -> object:
+    return refusing().external(0, surefoot.estimation.ExternalSample(**parts))  # type: ignore[arg-type]
 
 
 GROUND = np.zeros((21, 21))
@@ -133,6 +143,23 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: surefoot.terrain.load(""), "type", "path", "''"),
     (lambda: surefoot.simulation.world(terrain="flatt"), "unknown_name", "terrain", "flat"),
     (lambda: surefoot.estimation.estimator("ragno", names=()), "missing", "names", "()"),
+    (lambda: contact_set(np.zeros((3, 4)), np.ones((3, 4)), 0.5), "shape", "contacts.position", "(3, 4)"),
+    (lambda: contact_set(FEET, np.ones((3, 3)), [0.5, 0.5]), "shape", "contacts.mu", "each of 3 contacts"),
+    (lambda: stands().without(7), "range", "index", "got 7, allowed is 0 to 2"),
+    (lambda: stands().without(-1), "range", "index", "got -1, allowed is 0 to 2"),
+    (lambda: surefoot.terrain.save(surefoot.terrain.generate("flat"), "/nope/x"), "unwritable", "path", "/nope/x"),
+    (lambda: refusing().estimate("nope"), "unknown_name", "name", "got 'nope', running are best"),
+    (lambda: refusing().imu(0, (0, 0, 9), (0, 0, 9.8)), "saturated", "imu", "w[2] = 9, allowed are w within +-5.236"),
+    (lambda: refusing().imu(0, (0, 0, 0), (0, 0, 99)), "saturated", "imu", "q[2] = 99, allowed are w within"),
+    (lambda: refusing().imu(0, (0, 0), (0, 0, 9)), "shape", "imu", "got w (2,) and q (3,), allowed are w (3,) rad/s"),
+    (lambda: refusing().joints(0, np.zeros(18), [7] * 6), "range", "joints", "contact[0] = 7, allowed are flags or"),
+    (lambda: refusing().joints(0, np.full(18, 90.0)), "range", "joints", "q[0] = 90, allowed are q within +-12.6 rad"),
+    (lambda: surefoot.estimation.estimator(feet=4).feet(0, [], []), "shape", "feet", "rot (L, 3, 3) and contact (L,)"),
+    (lambda: moved(), "shape", "external", "got a sample without a value"),
+    (lambda: moved(yaw=0.0, yaw_variance=-1.0), "covariance", "external", "yaw_variance = -1.0, allowed are numbers a"),
+    (lambda: moved(yaw=0.0), "nonfinite", "external", "got yaw_variance = None"),
+    (lambda: moved(yaw=1e6, yaw_variance=1.0), "unit", "external", "yaw = 1000000.0, allowed are numbers within"),
+    (lambda: moved(velocity=(1, 2), velocity_covariance=np.eye(3)), "shape", "external", "got velocity (2,) and"),
     (lambda: surefoot.bags.check("no.mcap"), "unreadable", "path", "no.mcap"),
     (lambda: surefoot.bags.messages("no.mcap", "state/velocit"), "unknown_topic", "", "state/velocity"),
 ]  # fmt: skip
@@ -253,6 +280,82 @@ def test_refused_samples_raise_or_are_counted() -> None:
     with pytest.raises(FieldError, match="each stamp once"):
         strict.imu(0, (0, 0, 0), (0, 0, 9.8))
     assert strict.imu(10_000_000, (0, 0, 0), (0, 0, 9.8)).accepted
+
+
+def test_an_old_stamp_is_refused_as_such() -> None:
+    strict = refusing()
+    for k in range(20):
+        strict.imu(k * 10_000_000, (0, 0, 1e-3 * k), (0, 0, 9.8))
+    with pytest.raises(FieldError, match="got stamp_ns = 55000000, allowed are stamps that rise"):
+        strict.imu(55_000_000, (0, 0, 0.1), (0, 0, 9.8))
+
+
+MISUSED: list[tuple[Callable[[surefoot.simulation.StrictWorld], object], str, str]] = [
+    (lambda w: w.step_tick([1, 2]), "command", "got shape (2,), expected shape (18,) in rad"),
+    (lambda w: w.step_tick(NAN * w.command), "command", "got nan at [0]"),
+    (lambda w: w.step_tick(np.full(18, 90.0)), "command", "got 90.0 at [0], allowed is -12.6 to 12.6 rad"),
+    (lambda w: w.step_tick(None, [1]), "command", "got None with a torque_limit"),
+    (lambda w: w.step_tick(w.command, [1]), "torque_limit", "got shape (1,)"),
+    (lambda w: w.step_tick(w.command, np.full(18, -1.0)), "torque_limit", "got -1.0 at [0], allowed is 0"),
+    (lambda w: w.push((1, 2), 0.1), "force", "got shape (2,), expected shape (3,) in N"),
+    (lambda w: w.push((1e9, 0, 0), 0.1, start_tick=6), "force", "got 1e+09 N, allowed are 0 to "),
+    (lambda w: w.push((1, 0, 0), "long"), "duration", "got 'long'"),  # type: ignore[arg-type]
+    (lambda w: w.reset(seed=-1), "seed", "got -1, allowed is 0"),
+    (lambda w: w.reset(pose=(1, 2)), "pose", "got shape (2,), expected shape (3,)"),
+    (lambda w: w.reset(stance="low"), "stance", "got 'low'"),  # type: ignore[arg-type]
+    (lambda w: w.set("friction", "a"), "value", "got 'a', expected numbers"),  # type: ignore[arg-type]
+    (lambda w: w.add_fault(3), "fault", "got 3, expected a Fault"),  # type: ignore[arg-type]
+    (lambda w: w.add_fault(Fault("imu_bias", 1, "long")), "duration", "got 'long'"),  # type: ignore[arg-type]
+    (lambda w: w.restore(3), "saved", "got 3, expected the result of `checkpoint`"),  # type: ignore[arg-type]
+    (lambda w: w.displace("on", 0.0, 0.0), "forward", "got 'on'"),  # type: ignore[arg-type]
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def flat() -> surefoot.simulation.StrictWorld:
+    return surefoot.simulation.world()
+
+
+@pytest.mark.parametrize(("call", "field", "text"), MISUSED, ids=lambda p: p if isinstance(p, str) else "")
+def test_a_world_refuses_what_it_cannot_use_and_stays(
+    flat: surefoot.simulation.StrictWorld, call: Callable[[surefoot.simulation.StrictWorld], object],
+    field: str, text: str,
+) -> None:  # fmt: skip
+    before = flat.checkpoint().sha256
+    with pytest.raises(FieldError) as refused:
+        call(flat)
+    assert refused.value.field == field
+    assert str(refused.value).startswith(f"{field}: {text}")
+    assert flat.checkpoint().sha256 == before
+
+
+def steps(world: PhysicsWorld, count: int) -> None:
+    for _ in range(count):
+        world.step_tick()
+
+
+def test_a_world_whose_physics_diverge_raises_until_it_is_reset() -> None:
+    world = surefoot.simulation.world()
+    PhysicsWorld.push(world, (1e9, 0.0, 0.0), 0.1, start_tick=6)  # past the limit of the library
+    steps(world, 5)
+    with pytest.raises(SurefootError, match=r"diverged by tick \d+: .*accelerations") as raised:
+        steps(world, 30)
+    assert raised.value.code == "diverged"
+    assert 6 <= world.tick < 30
+    with pytest.raises(SurefootError, match="diverged"):
+        world.step_tick()
+    world.reset()
+    world.step_tick()
+
+
+def test_a_world_moves_as_that_of_the_simulator() -> None:
+    world = surefoot.simulation.world(seed=3)
+    inner = PhysicsWorld(robot(), world.terrain, 3)
+    for one in (world, inner):
+        one.push((3.0, 0.0, 0.0), 0.1, start_tick=4)
+        for _ in range(10):
+            one.step_tick(one.command + 0.01)
+    assert world.checkpoint().sha256 == inner.checkpoint().sha256
 
 
 def test_a_foothold_is_scaled_to_the_cells_of_the_patch() -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from surefoot.arrays import Array
 from surefoot.errors import InvalidField
+from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 from surefoot.schemas.topics import TICK_S
 
@@ -30,10 +31,20 @@ from .samples import (
 
 QUANTITIES = ("friction", "mass", "servo")
 MAX_VALUE = 100.0
+MOST_WEIGHTS = 100.0
+"""Largest force of a push that a user may ask for, in weights of the robot: the physics diverge far beyond it."""
 
 
 class WorldError(InvalidField):
     """Refusal of a request that the world cannot fulfil; `field` names the wrong argument."""
+
+
+def too_strong(robot: Robot, force: tuple[float, float, float]) -> str:
+    """Return what is wrong with the size of a force on a robot, (3,) N: received and allowed; empty = nothing."""
+    most, size = MOST_WEIGHTS * GRAVITY * robot.mass, math.hypot(*force)
+    if size <= most:
+        return ""
+    return f"got {size:g} N, allowed are 0 to {most:.0f} N, {MOST_WEIGHTS:g} times the weight of {robot.name}"
 
 
 @dataclass(frozen=True)

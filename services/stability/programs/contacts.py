@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from surefoot.arguments import shown, whole
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.kernels.jit import row_kernel
@@ -61,8 +62,8 @@ class ContactSet:
         return self.mu.size
 
     def without(self, index: int) -> "ContactSet":
-        """Return the set without the contact of that index."""
-        keep = np.arange(len(self)) != index
+        """Return the set without one contact, 0 <= index < n (raises FieldError: another index)."""
+        keep = np.arange(len(self)) != whole(index, "index", low=0, high=len(self) - 1)
         return ContactSet(self.position[keep], self.normal[keep], self.mu[keep])
 
 
@@ -81,12 +82,16 @@ def contact_set(
     Raises:
         StabilityError: the field and what is wrong with it.
     """
-    p = np.array(position, dtype=np.float64, order="C").reshape(-1, 3)  # kernels want arrays of one kind only
+    p = _triples(position, f"{field}.position")
     n = len(p)
     if n > limit:
         raise StabilityError("too_many", field, f"got {n} contacts, at most {limit} are allowed")
-    v = np.array(normal, dtype=np.float64, order="C").reshape(-1, 3)
-    m = np.array(np.broadcast_to(np.asarray(mu, dtype=np.float64), (n,)))
+    v = _triples(normal, f"{field}.normal")
+    try:
+        m = np.array(np.broadcast_to(np.asarray(mu, dtype=np.float64), (n,)))
+    except (TypeError, ValueError):
+        text = f"got {shown(mu)}, expected one number, or one for each of {n} contacts"
+        raise StabilityError("shape", f"{field}.mu", text) from None
     if v.shape != p.shape:
         raise StabilityError("shape", field, f"got {n} positions and {len(v)} normals, numbers must agree")
     wrong, i = _normalise(p, v, m)
@@ -95,6 +100,17 @@ def contact_set(
         got = (p, v, m)[("position", "normal", "mu").index(name)][i]
         raise StabilityError(code, f"{field}.{i}.{name}", f"got {got.tolist()}, {rule}")
     return ContactSet(p, v, m)
+
+
+def _triples(given: ArrayLike, field: str) -> Array:
+    """Return vectors (n, 3) as an array of the one kind that kernels take (raises StabilityError: another shape)."""
+    try:
+        found = np.array(given, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise StabilityError("shape", field, f"got {shown(given)}, expected numbers of shape (n, 3)") from None
+    if found.shape[1:] != (3,) and found.shape != (0,):
+        raise StabilityError("shape", field, f"got shape {found.shape}, expected (n, 3)")
+    return found.reshape(-1, 3)
 
 
 class ContactPoint(Protocol):

@@ -11,6 +11,7 @@ from surefoot.lab.runs.local import run_local
 from surefoot.logline import read_log_line
 from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.physics import disturb
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.supervisor.processes.compose import ComposeError
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
@@ -31,7 +32,8 @@ do = "stand"
 """
 
 
-def test_physics_that_diverged_end_the_run_and_fail_it() -> None:
+def test_physics_that_diverged_end_the_run_and_fail_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(disturb, "MOST_WEIGHTS", 1e12)  # else such a push is refused
     run = run_local(parse_scenario(MAD, Path("mad.toml")), 0)
     assert not run.verdict.ok
     assert any("diverged" in problem and "accelerations" in problem for problem in run.verdict.problems)

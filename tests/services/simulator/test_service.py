@@ -382,6 +382,7 @@ def test_paced_time_that_cannot_keep_its_factor_is_late_with_the_factor_achieved
         (topics.SIM_FAULT, sim.FaultRequest(kind="servo_dead", target="tail"), "target"),
         (topics.SIM_FAULT, sim.FaultRequest(kind="packet_loss", value=2.0), "value"),
         (topics.SIM_PUSH, sim.PushRequest(force=(1.0, 0.0, 0.0), duration=0.1, at_tick=0), "at_tick"),
+        (topics.SIM_PUSH, sim.PushRequest(force=(1e9, 0.0, 0.0), duration=0.1), "force"),
         (topics.SIM_PLACE, sim.PlaceRequest(forward=50.0), "forward"),
         (topics.SIM_PLACE, sim.PlaceRequest(turn=1.0, at_tick=0), "at_tick"),
         (topics.SIM_RESTORE, sim.RestoreRequest(name="never"), "name"),
