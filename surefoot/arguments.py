@@ -15,6 +15,9 @@ from surefoot.errors import FieldError
 from surefoot.errors import shown as shown
 from surefoot.nearest import did_you_mean
 
+WIDEST_ANGLE = 12.6
+"""Largest joint angle, rad; more is taken for degrees."""
+
 
 def array(
     value: Any, field: str, shape: Sequence[int | str], unit: str = "", *,

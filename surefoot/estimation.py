@@ -18,12 +18,11 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import choice, file_path, instance, number, shown, whole
+from surefoot.arguments import WIDEST_ANGLE, choice, file_path, instance, number, shown, whole
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
-from surefoot.robots import WIDEST_ANGLE
 from surefoot.services.estimator.feet.contact import contact_points
 from surefoot.services.estimator.feet.mount import bare_mount, foot_mount
 from surefoot.services.estimator.inputs.external import LARGEST, SHAPES, ExternalSample

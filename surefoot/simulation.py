@@ -9,13 +9,12 @@ from os import PathLike
 
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import array, choice, file_path, instance, number, whole
+from surefoot.arguments import WIDEST_ANGLE, array, choice, file_path, instance, number, whole
 from surefoot.errors import FieldError, SurefootError
 from surefoot.files import names
 from surefoot.lab.runs.local import LocalRun, run_local
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
-from surefoot.robots import WIDEST_ANGLE
 from surefoot.services.simulator.ground.terrain import KINDS, make_terrain
 from surefoot.services.simulator.physics.disturb import too_strong
 from surefoot.services.simulator.physics.faults import Fault

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..cli.completion import changes
+from ..cli.completion import beginning
 from ..cli.output import EXIT_CHECK, Json, near, notify, refuse_existing, use_json, write, write_json, write_table
 from ..cli.progress import Progress
 
@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 app = typer.Typer()
 Recording = Annotated[Path, typer.Argument(help="MCAP file of a run.")]
 Keep = Annotated[Path | None, typer.Option("--out", "-o", help="Keep the repetition as this MCAP file.")]
+
+
+def _changes(incomplete: str) -> list[str]:
+    """Return the quantities that a repetition of a run can change, each with its `=`, that begin with `incomplete`."""
+    from .repeat import FAULT, FOOT, PUSH, WORLD
+
+    return beginning((f"{name}=" for name in (*WORLD, PUSH, FAULT, FOOT)), incomplete)
 
 
 @app.command()
@@ -161,7 +168,9 @@ def whatif(
     change: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", help="friction=.6, mass=1.2, servo=.8, push=y:20 (N), foot=lf:+.02 (m).", autocompletion=changes
+            "--set",
+            help="friction=.6, mass=1.2, servo=.8, push=y:20 (N), foot=lf:+.02 (m).",
+            autocompletion=_changes,
         ),
     ] = None,
     out: Keep = None,

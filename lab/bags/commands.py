@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..cli.bag import app as bag
-from ..cli.completion import formats, robots
+from ..cli.completion import beginning, robots
 from ..cli.output import Json, notify, refuse_existing, use_json, write, write_answer, write_json, write_table
 from ..cli.progress import Progress
 
@@ -18,6 +18,13 @@ if TYPE_CHECKING:
 app = typer.Typer()
 OFF_SHARE = 0.6
 """Force below which a foot stands no more, share of that from which it stands, where only this is stated."""
+
+
+def _formats(incomplete: str) -> list[str]:
+    """Return the formats of an exported recording that begin with `incomplete`."""
+    from .exporting import FORMATS
+
+    return beginning(FORMATS, incomplete)
 
 
 @bag.command("import")
@@ -126,7 +133,7 @@ def _words(text: str | None) -> tuple[str, ...]:
 @bag.command("export")
 def export_recording(
     file: Annotated[Path, typer.Argument(help="Recording (MCAP).")],
-    to: Annotated[str, typer.Option(help="rosbag2, csv, parquet, tum or foxglove.", autocompletion=formats)],
+    to: Annotated[str, typer.Option(help="rosbag2, csv, parquet, tum or foxglove.", autocompletion=_formats)],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File or folder to write [the recording's name].")
     ] = None,

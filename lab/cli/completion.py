@@ -9,7 +9,8 @@ from contextlib import suppress
 import typer
 
 
-def _of(names: Iterable[str], incomplete: str) -> list[str]:
+def beginning(names: Iterable[str], incomplete: str) -> list[str]:
+    """Return the names that begin with `incomplete`, sorted."""
     return sorted(name for name in names if name.startswith(incomplete))
 
 
@@ -17,42 +18,42 @@ def scenarios(incomplete: str) -> list[str]:
     """Return the names of scenarios that begin with `incomplete`."""
     from surefoot.files import names
 
-    return _of(names("scenarios", ".toml"), incomplete)
+    return beginning(names("scenarios", ".toml"), incomplete)
 
 
 def systems(incomplete: str) -> list[str]:
     """Return the names of systems that begin with `incomplete`."""
     from surefoot.files import names
 
-    return _of(names("compose", ".yaml"), incomplete)
+    return beginning(names("compose", ".yaml"), incomplete)
 
 
 def robots(incomplete: str) -> list[str]:
     """Return the names of robots that begin with `incomplete`."""
     from surefoot.robot.reader import robot_names
 
-    return _of(robot_names(), incomplete)
+    return beginning(robot_names(), incomplete)
 
 
 def services(incomplete: str) -> list[str]:
     """Return the names of services that begin with `incomplete`."""
     from surefoot.lockstep.discover import service_names
 
-    return _of(service_names(), incomplete)
+    return beginning(service_names(), incomplete)
 
 
 def topics(incomplete: str) -> list[str]:
     """Return the keys of topics that begin with `incomplete`."""
     from surefoot.schemas.topics import TOPICS
 
-    return _of((row.key for row in TOPICS), incomplete)
+    return beginning((row.key for row in TOPICS), incomplete)
 
 
 def queries(incomplete: str) -> list[str]:
     """Return the keys of queries that begin with `incomplete`."""
     from surefoot.schemas.topics import QUERIES
 
-    return _of((row.key for row in QUERIES), incomplete)
+    return beginning((row.key for row in QUERIES), incomplete)
 
 
 def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -69,18 +70,4 @@ def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
     for each in [service] if service in known else known:
         with suppress(ImportError):  # its extra is not installed
             names.update(service_class(each).Config.model_fields)
-    return _of(names, incomplete)
-
-
-def formats(incomplete: str) -> list[str]:
-    """Return the formats of an exported recording that begin with `incomplete`."""
-    from ..bags.exporting import FORMATS
-
-    return _of(FORMATS, incomplete)
-
-
-def changes(incomplete: str) -> list[str]:
-    """Return the quantities that a repetition of a run can change, each with its `=`, that begin with `incomplete`."""
-    from ..again.repeat import FAULT, FOOT, PUSH, WORLD
-
-    return _of((f"{name}=" for name in (*WORLD, PUSH, FAULT, FOOT)), incomplete)
+    return beginning(names, incomplete)

@@ -23,10 +23,6 @@ of two the third message within 1 ms is dropped when that thread waits for a pro
 DROP_AFTER_US = 20_000
 """Time for which a message waits once for room on a link before it and those after it are dropped, until there is room
 again: longer than a busy machine holds up a thread that sends, shorter than a robot feels."""
-CLOSE_AFTER_US = 250_000
-"""Time for which a message that may not be dropped (a declaration, a query) waits for room before its link is closed.
-The router reads nothing of one process while it waits for another: with Zenoh's 5 s, four clients that were frozen
-while their queues were full silenced healthy processes until these were ended."""
 MOST_PENDING, ACCEPT_MS = 512, 5000
 """Connections that have not yet named themselves, and the time after which such a one is closed: a hundred silent ones
 for 10 s, which Zenoh allows, keep everybody else out."""
@@ -86,7 +82,6 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
         "transport/link/tx/queue/size/interactive_low": QUEUE_BATCHES,
         "transport/link/tx/queue/size/data": QUEUE_BATCHES,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": DROP_AFTER_US,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": CLOSE_AFTER_US,
         # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
         # is given back when that peer is gone: 20 MB in every survivor for each restart. Therefore off by default.
         "transport/shared_memory/enabled": shares_memory(),

@@ -8,7 +8,7 @@ Angles in rad, positions in m, frame base_link, joints and legs in the order of 
 
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import array, instance
+from surefoot.arguments import WIDEST_ANGLE, array, instance
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot import kinematics
@@ -18,8 +18,6 @@ from surefoot.robot.reader import robot_names as names
 
 __all__ = ["Robot", "RobotError", "com", "feet", "joints", "load", "names", "stance"]
 
-WIDEST_ANGLE = 12.6
-"""Largest joint angle, rad; more is taken for degrees."""
 FARTHEST = 10.0
 """Largest distance of a foot from the trunk, m; more is taken for millimetres."""
 

@@ -36,6 +36,6 @@ def test_a_word_is_completed(words: list[str], found: list[str]) -> None:
 
 
 def test_every_beginning_is_open() -> None:
-    for names in ("scenarios", "systems", "robots", "services", "topics", "queries", "formats", "changes"):
+    for names in ("scenarios", "systems", "robots", "services", "topics", "queries"):
         assert len(getattr(completion, names)("")) >= 3
         assert getattr(completion, names)("no such") == []
