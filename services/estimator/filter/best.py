@@ -79,7 +79,8 @@ def report(
 
         Covariance of (g, v) in IMU axes, (6, 6), and covariance of the pose in odom, (6, 6), m and rad.
 
-        Which feet slip, (L,) bool; rows velocity, heading velocity, turn, g in base_link and (roll, pitch, 0), (5, 3), SI.
+        Which feet slip, (L,) bool; rows velocity, heading velocity, turn, g in base_link and (roll, pitch, 0), (5, 3),
+        SI.
 
         Standing, settled, quiet, and the flags inputs_ok, filter_ok, sensors_ok.
     """

@@ -21,7 +21,7 @@ NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
 """Parts of a clock, (6,): newest stamp, ns; 1 if there is one; number of older stamps in a row; the last of them, ns;
 a stamp far ahead that nothing has confirmed yet, ns; 1 if there is one."""
 CLOCK = 6
-"""Numbers of a clock."""
+"""Length of the array that is the clock of a source."""
 
 
 def bounded(stamp_ns: int) -> int:
@@ -36,15 +36,18 @@ def _accept(clock: Stamps, stamp_ns: int) -> None:
 
 @kernel
 def check_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
-    """Check a stamp against those before it, and take it into the clock, in place.
+    """Check a stamp of a source against those before it, and take it into the clock of that source, in place.
 
     Args:
-        clock: of the source, (6,), zeros at first.
-        stamp_ns: the stamp.
-        now_ns: newest stamp of all sources.
+        clock: of the source, (6,), zeros at first: newest stamp, ns; 1 if there is one; number of older stamps in a
+            row;
+        the last of them, ns; a stamp far ahead that is not confirmed yet, ns; 1 if there is one. Changed.
+        stamp_ns: the stamp, ns.
+        now_ns: newest stamp of all sources, ns.
 
     Returns:
-        Code of `ok`; `late`: older than the window; `ahead`: further ahead than a gap, unconfirmed; `restart`: the
+        Code of `ok`; `late`: older than the window of 0.5 s; `ahead`: further ahead than 0.5 s, unconfirmed; `restart`:
+        the
         source's clock began anew.
     """
     if clock[KNOWN] == 0:
