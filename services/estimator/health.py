@@ -28,7 +28,12 @@ ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is reported
 
 
 class LegSensors(NamedTuple):
-    """Feet whose sensors are wrong, bit f for foot f; and the delay of the stamps of all feet, ns."""
+    """Feet whose sensors are wrong, bit f for foot f, and the delay of all stamps of the feet.
+
+    left_out: its sensors contradict what is known of the motion; switches: its switch contradicts its motion; jumping:
+    its encoders have jumped; still: they stand still; swapped: they are those of another foot; late_ns: ns, below 0 =
+    early.
+    """
 
     left_out: int  # it contradicts what is known of the motion: any of its sensors
     switches: int  # its switch contradicts its motion

@@ -12,10 +12,13 @@ from surefoot.kernels.jit import kernel
 
 
 class VelocityAndTilt(NamedTuple):
-    """Velocity and gravity direction by one estimator at one stamp, in several frames, with flags and reasons.
+    """Velocity and gravity direction by one estimator at one stamp, with biases, flags and reasons; L feet.
 
-    Heading axes: x ahead along the heading of base_link, z up. `inputs_ok`: inputs are accepted and new; `filter_ok`:
-    the estimate is consistent; `sensors_ok`: no sensor is at fault; `refused`: number of inputs refused so far.
+    velocity: of the base_link origin, base_link axes, m/s; velocity_imu: of the IMU, IMU axes, m/s; velocity_heading:
+    of the base_link origin in heading axes (z vertical), m/s; angular_velocity: base_link axes, bias removed, rad/s;
+    g_up: upward gravity, base_link axes, m/s^2; roll, pitch: rad; biases: IMU axes; covariance: of (g, v), IMU axes,
+    (6, 6); inputs_ok: inputs are accepted and new; filter_ok: the estimate is consistent; sensors_ok: no sensor is at
+    fault; sliding: probability that a foot slides, (L,), NaN = it does not stand; refused: inputs refused so far.
     """
 
     mode: str  # name in the table of estimators

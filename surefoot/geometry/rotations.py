@@ -121,7 +121,7 @@ def matrix_from_axis_angle(axis: Array, angle: float) -> Array:
 
 @kernel
 def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
-    """Write the matrix of a rotation by `angle` rad about a unit axis (3,) into `out` (3, 3), for loops over joints."""
+    """Write the matrix of a rotation by `angle` rad about a unit axis (3,) into `out` (3, 3)."""
     c, s = math.cos(angle), math.sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
     k = 1.0 - c

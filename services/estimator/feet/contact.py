@@ -27,7 +27,12 @@ sole by s sqrt(6) and move it by s times the leg's length, about."""
 
 
 class ContactPoints(NamedTuple):
-    """K points at which the L feet of a robot touch the ground, those of one foot side by side, in foot axes."""
+    """K points at which the L feet of a robot touch the ground, those of one foot side by side, in foot axes.
+
+    foot: index of the foot of each, (K,); place: from the foot's centre, (K, 3) m; radius of a round foot, (K,) m, 0 =
+    does not roll; switches: places of the S switches of each foot, (L, S, 3) m, S = 1: one for the whole foot; axes:
+    long axis, short axis and normal of each sole as columns, (L, 3, 3).
+    """
 
     foot: NDArray[np.int64]  # (K,) the foot of each
     place: Array  # (K, 3) m, from the foot's centre, foot axes
@@ -37,7 +42,11 @@ class ContactPoints(NamedTuple):
 
 
 class SeenPoints(NamedTuple):
-    """Places and contacts of the K contact points of L feet at one time, as seen from the IMU."""
+    """Places and contacts of the K contact points of L feet at one time, as seen from the IMU.
+
+    y: places, IMU axes, (K, 3) m; rot: rot_imu_from_foot of the foot of each, (K, 3, 3); contact: probability that each
+    touches the ground, (K,), NaN = unknown; closed: closed switches of each foot, (L,), bit s for switch s.
+    """
 
     y: Array  # (K, 3) m, IMU axes
     rot: Array  # (K, 3, 3) rot_imu_from_foot of each
@@ -46,7 +55,12 @@ class SeenPoints(NamedTuple):
 
 
 class BestGeometry(NamedTuple):
-    """Contact points on the feet of a robot, in foot axes, and the place of the IMU in base_link."""
+    """K contact points on the L feet of a robot, in foot axes, and the mounting of the IMU in base_link.
+
+    foot: index of the foot of each point, (K,); place: from the foot's centre, (K, 3) m; radius of a round foot, (K,)
+    m, 0 = does not roll; switches: places of the S switches of each foot, (L, S, 3) m; axes: long axis, short axis and
+    normal of each sole as columns, (L, 3, 3); imu_position: (3,) m.
+    """
 
     foot: NDArray[np.int64]  # (K,) foot of each contact point
     place: Array  # (K, 3) m, in the foot

@@ -14,7 +14,10 @@ from surefoot.robot.kinematics import forward
 
 
 class FootSample(NamedTuple):
-    """Places, rotations and contacts of all L feet at one time, seen from the IMU."""
+    """All L feet at one time, seen from the IMU.
+
+    position: foot centres, IMU axes, (L, 3) m; rot: rot_imu_from_foot, (L, 3, 3); contact: the foot touches, (L,).
+    """
 
     stamp_ns: int
     position: Array  # (L, 3) m
@@ -23,7 +26,11 @@ class FootSample(NamedTuple):
 
 
 class FootMount(NamedTuple):
-    """Parts of a robot description that locate the feet from the IMU."""
+    """Parts of a robot description that locate the L feet from the IMU.
+
+    model: joints and links, None if feet come as positions; rot_imu_from_base: (3, 3); imu_position: in base_link, (3,)
+    m; radius: of a round foot, (L,) m, 0 = a sole.
+    """
 
     model: KinematicModel | None  # None: feet come as positions, there are no joints
     rot_imu_from_base: Array  # (3, 3)
@@ -39,7 +46,7 @@ def foot_mount(robot: Robot) -> FootMount:
 
 
 def bare_mount(feet: int) -> FootMount:
-    """Return a mount for logs of foot positions: the IMU in base_link, feet that do not roll."""
+    """Return a mount for logs of the positions of `feet` feet: the IMU in base_link, feet that do not roll."""
     return FootMount(None, np.eye(3), np.zeros(3), np.zeros(feet))
 
 

@@ -271,7 +271,7 @@ def _predict(
 
 @kernel
 def _speed(x: Array, memory: Array) -> float:
-    """Return an upper bound of the speed that is published of a state, m/s, from `x` and `memory` of `BestState`."""
+    """Return an upper bound of the speed that is published, m/s, by x (21 + 3 K,) and memory (112,) of `BestState`."""
     v, lag = 0.0, 0.0
     for i in range(3):
         v += x[X.vel + i] ** 2

@@ -341,7 +341,7 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
 
 @kernel
 def _grow_old(state: BestState, dt: float) -> None:
-    """Add dt s to the time for which each contact point stands, in place."""
+    """Add dt s to the time for which each contact point stands, in `state` and its hypotheses, in place."""
     for k in range(state.points.shape[0]):
         state.points[k, P.stood] += dt
         for h in range(state.weight.size):

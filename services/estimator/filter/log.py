@@ -46,7 +46,13 @@ class LogInputs(NamedTuple):
 
 
 class LogRows(NamedTuple):
-    """Estimates of the `best` filter after each of n inertial samples of a log, one row each."""
+    """Estimates of the `best` filter after each of n inertial samples of a log, one row each.
+
+    vectors: (n, 8, 3) as in `RowLayout`; more: quaternion of base_link in odom and probability that each of L feet
+    slides, (n, 4 + L); covariance of (g, v), (n, 6, 6), and of the pose, (n, 6, 6); yaw: (n,) rad, not wrapped; flags:
+    (n, 5) in the order of `FLAGS`; refused: inputs refused so far, (n,); named: (n, 8) in the order of `NAMED`; joint:
+    covariance of g, v, gyro and accelerometer bias, (n, 12, 12), or (0, 12, 12) if not wanted.
+    """
 
     vectors: Array  # (n, 8, 3) see `summary.RowLayout`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot

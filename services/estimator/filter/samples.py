@@ -112,7 +112,7 @@ def make_room(column: np.ndarray, at: int, end: int) -> None:
 
 @kernel
 def keep_newest(column: np.ndarray, keep: int) -> None:
-    """Move the last `keep` rows of a full column (N, ...) to its beginning, in place."""
+    """Move the last `keep` rows of a full column (N, ...) to its first rows, in place, in their order."""
     first = column.shape[0] - keep
     for i in range(keep):
         column[i] = column[first + i]

@@ -64,7 +64,12 @@ UNIT_WORDS = (
 
 
 class CheckState(NamedTuple):
-    """All that the check of inputs remembers of L feet and K contact points, to find samples that are refused."""
+    """All that the check of inputs remembers of L feet and K contact points, to find samples that are refused.
+
+    clocks: of inertial unit and feet, (2, 6); counts: refusals and gaps by source and code, (2, results); marks:
+    counters and stamps, (15,); numbers: averages, (16,); feet: last positions, IMU axes, (L, 3) m; points: last contact
+    points from the IMU, IMU axes, m, and 1 for those that stood, (K, 4).
+    """
 
     clocks: Ints  # (2, 6) of IMU and kinematics, see `clock`
     counts: Ints  # (2, results) refusals and gaps
@@ -75,7 +80,11 @@ class CheckState(NamedTuple):
 
 
 class CheckLimits(NamedTuple):
-    """Limits from which an input is refused."""
+    """Limits from which an input is refused, or counted as a gap or fault.
+
+    max_gyro: rad/s; max_acc: m/s^2; gap_ns: step between inertial samples that is a gap, ns; period_ns: usual step, ns.
+    `frozen_rows`: number of equal inertial samples in a row that show a frozen sensor.
+    """
 
     max_gyro: float  # rad/s
     max_acc: float  # m/s^2
@@ -85,7 +94,13 @@ class CheckLimits(NamedTuple):
 
 
 class Faults(NamedTuple):
-    """Faults of the inputs at a moment."""
+    """Faults of the inputs at a moment.
+
+    refused: an input of the last 100 ms, or there was a gap; saturated: the inertial unit was at the end of its range
+    in the last 100 ms; weightless: the accelerometer has shown no weight for 0.3 s; imu_frozen: the inertial unit
+    repeats one sample; feet_repeat: the encoders have repeated themselves for a second, a fault only where the robot
+    moves.
+    """
 
     refused: bool  # an input of the last 100 ms, or there was a gap
     saturated: bool  # the inertial unit was at the end of its range in the last 100 ms
@@ -95,7 +110,7 @@ class Faults(NamedTuple):
 
 
 def new_check(feet: int, points: int) -> CheckState:
-    """Return the state of a check of inputs before the first sample, for so many feet and contact points."""
+    """Return the state of a check of inputs before the first sample, for `feet` feet and `points` contact points."""
     marks, numbers = np.zeros(SHOWN_LATE_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
     marks[LIGHT_NS] = FOR_EVER

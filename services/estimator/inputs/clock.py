@@ -25,12 +25,13 @@ CLOCK = 6
 
 
 def bounded(stamp_ns: int) -> int:
-    """Return a stamp, ns, clipped to what kernels can compute with; they refuse stamps that large."""
+    """Return a stamp, ns, clipped to less than 2^63 in size, which fits 64 bits; kernels refuse stamps that large."""
     return min(max(stamp_ns, -2 * LARGEST_NS + 1), 2 * LARGEST_NS - 1)
 
 
 @kernel
 def _accept(clock: Stamps, stamp_ns: int) -> None:
+    """Take a stamp, ns, as the newest of a clock (6,), in place, and forget older stamps and one far ahead."""
     clock[NEWEST], clock[KNOWN], clock[OLDER], clock[FAR_KNOWN] = stamp_ns, 1, 0, 0
 
 

@@ -32,8 +32,10 @@ LATE_NS = 100_000_000  # samples of the feet older than this are left out
 class PaperOutput(NamedTuple):
     """Output of one estimator of Wawrzynski et al. at the newest inertial sample, SI, IMU axes.
 
-    g is the specific force at rest, v the velocity of the IMU, `nis` the normalised innovation squared of the last
-    correction (None: it makes none) and `nis_mean` its smoothed value.
+    g: specific force at rest, points up, (3,) m/s^2; v: velocity of the IMU, (3,) m/s; covariance: of (g, v), (6, 6);
+    hidden: variance of an axis of g that the model leaves out, (m/s^2)^2; nis: normalised innovation squared of the
+    last correction, None if it makes none; nis_mean: its smoothed value; since_velocity_ns: since the legs gave a
+    velocity, ns.
     """
 
     g: Array  # (3,) m/s^2, IMU axes, points up
@@ -166,7 +168,7 @@ class PaperEstimators:
         self._history.put(self._stamp_ns, self._row)
 
     def on_feet(self, sample: FootSample) -> None:
-        """Correct each estimator of the paper by a sample of the feet, with contacts that are true or false."""
+        """Correct each estimator by a sample of the feet; one that is old or not newer than the last is left out."""
         if sample.stamp_ns <= self._feet_ns or sample.stamp_ns < self._stamp_ns - LATE_NS:
             return
         self.standstill.on_feet(sample.position)
@@ -194,7 +196,7 @@ class PaperEstimators:
                 self._velocity_ns = self._stamp_ns
 
     def _initialise(self) -> None:
-        """Start at the first standstill, equation (1), with biases and P0."""
+        """Start at the first standstill, equation (1) of Wawrzynski et al., with biases and the first covariance."""
         p, mean = self.params, self.standstill.mean
         feet, up = self._legs.last, None
         if feet is not None and self._stated:
@@ -211,6 +213,7 @@ class PaperEstimators:
         self.initialised = True
 
     def _g(self, one: VelocityEstimator) -> Array:
+        """Return g of an estimator, IMU axes, (3,) m/s^2; of the leading one if it has none of its own."""
         g = one.g
         return g if g is not None else self._leader.g  # type: ignore[return-value]
 

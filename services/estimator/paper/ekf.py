@@ -96,7 +96,7 @@ class PaperEkf:
         self.p = without_velocity(self.p, sd)
 
     def widen(self, sd_g: float, sd_v: float) -> None:
-        """Add these standard deviations, m/s^2 and m/s, to those of g and v: samples are missing."""
+        """Add the standard deviations sd_g, m/s^2, and sd_v, m/s, to those of g and v: samples are missing."""
         self.p = widened(self.p, sd_g, sd_v)
 
     @property

@@ -124,6 +124,7 @@ class _LegsOnly:
         self._take(legs.v_k, legs.feet_k)
 
     def _take(self, v: Array, feet: int) -> None:
+        """Take the velocity v (3,) m/s, IMU axes, by `feet` feet; 0 feet: none, the old one is held."""
         if feet > 0:
             self.v = v
             self._since = 0.0

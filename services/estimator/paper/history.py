@@ -62,7 +62,7 @@ class History:
         self._count += 1
 
     def at(self, stamp_ns: int) -> Array:
-        """Return the row (width,) at a stamp, ns, in the units of its owner, interpolated, at most the newest."""
+        """Return the row (width,) at a stamp, ns, interpolated; beyond them the oldest or newest."""
         return _at(self._stamps, self._values, self._count, stamp_ns)
 
     def clear(self) -> None:

@@ -273,7 +273,12 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
 
 @dataclass(frozen=True, eq=False)
 class LegVelocity:
-    """Mean velocity of the IMU between two samples by the stance feet, those in contact at both, IMU axes."""
+    """Mean velocity of the IMU between two samples by the stance feet, those in contact at both, IMU axes.
+
+    stamp_ns: end of the interval, ns; v_kg: by kinematics and gyro, (3,) m/s, of feet_kg feet, 0 = no measurement; v_k:
+    by kinematics only, (3,) m/s, of feet_k feet; stance: feet in contact at both samples, (L,); slipping: feet left
+    out, or uncertain (of one or two stance feet), (L,).
+    """
 
     stamp_ns: int  # end of the interval
     interval_s: float
