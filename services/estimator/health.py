@@ -77,8 +77,7 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
     Returns:
         inputs_ok: all inputs of the last 100 ms were accepted, without a gap, and the joints are not older than 0.2 s;
         filter_ok: the estimate is consistent and corrected by the feet; sensors_ok: no sensor is saturated, frozen,
-        absent
-        or contradicts the others, and the robot does not fall.
+        absent or contradicts the others, and the robot does not fall.
     """
     faults, legs = c.faults, c.legs
     legs_wrong = legs.left_out | legs.switches | legs.jumping | legs.still | legs.swapped | legs.late_ns

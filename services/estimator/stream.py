@@ -147,7 +147,7 @@ class Estimator:
             stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
             q: angles in the order of the robot's joints, (nj,) rad.
             contact: flag or probability of each foot, (L,), or at each of its S switches, (L, S); None or NaN: no
-            sensor, decided by the height of the feet.
+                sensor, decided by the height of the feet.
 
         Returns:
             The result: accepted, or the reason of a refusal; nothing raises.
@@ -165,7 +165,7 @@ class Estimator:
             position: foot centres from the IMU, (L, 3) m, IMU axes.
             rot: rot_imu_from_foot, (L, 3, 3).
             contact: flag or probability of each foot, (L,), or at each of its S switches, (L, S), those of a sole in
-            the order of its corners; None or NaN: no sensor, decided by the height of the feet.
+                the order of its corners; None or NaN: no sensor, decided by the height of the feet.
 
         Returns:
             The result: accepted, or the reason of a refusal; nothing raises.
@@ -190,7 +190,7 @@ class Estimator:
 
         Args:
             stamp_ns: time at which it holds, ns, not that of its arrival; one of the last half second is put where it
-            belongs.
+                belongs.
             sample: with its own covariances.
 
         Returns:
@@ -223,8 +223,7 @@ class Estimator:
         Args:
             log: all inertial rows, samples of the feet and of another source, SI, IMU axes.
             order: of arrival of those to be taken, (k,): the number of an inertial row; all inertial rows + the number
-                of a
-            sample of the feet; or all inertial rows and samples of the feet + that of another source.
+                of a sample of the feet; or all inertial rows and samples of the feet + that of another source.
             first: inertial row of the first estimate.
             n: number of estimates.
             joint: with the covariance of all but the pose.

@@ -106,8 +106,7 @@ def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> Co
         normals: upward unit normals of the soles, (L, 3), foot axes.
         lever: distance of the points from the centre of the foot, m.
         switches: places of the S switches of each foot, from its centre, foot axes, (L, S, 3) m; None: one for the
-            whole
-        foot.
+            whole foot.
     """
     places: list[Array] = []
     axes: list[Array] = []

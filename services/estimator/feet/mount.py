@@ -39,7 +39,7 @@ class FootMount(NamedTuple):
 
 
 def foot_mount(robot: Robot) -> FootMount:
-    """Return the mounting of the IMU and the shape of the feet; a foot of several spheres is a sole."""
+    """Return the mounting of the IMU and the shape of the feet of a robot; a foot of several spheres is a sole."""
     rot = np.ascontiguousarray(matrix_from_quat(robot.imu.quat_wxyz).T)
     radius = np.array([leg.foot.radius if len(leg.foot.points) == 1 else 0.0 for leg in robot.legs])
     return FootMount(robot.model, rot, np.ascontiguousarray(robot.imu.position, dtype=np.float64), radius)
@@ -97,8 +97,7 @@ def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Arr
     Returns:
         Positions (L, 3) m and rotations (L, 3, 3), zeros and unit matrices for unknown feet; probability of contact of
         each foot (L,), 0 for those, NaN = unknown; the switches that are closed, or unknown, (L,), bit s for switch s;
-        True
-        if a foot may stand.
+        True if a foot may stand.
     """
     position, rot, stands = position.copy(), rot.copy(), False
     contact, closed = np.full(switches.shape[0], np.nan), np.zeros(switches.shape[0], dtype=np.int64)

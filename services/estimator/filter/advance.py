@@ -114,7 +114,7 @@ def _cross_gap(state: BestState, d: float, before: Array, after_it: Array, limit
 
 @kernel
 def settled(state: BestState) -> bool:
-    """Return True if the estimate can be used: the filter started at rest, or in motion and is certain by now."""
+    """Return True if the estimate in `state` can be used: started at rest, or in motion and certain by now."""
     memory, cov = state.memory, state.cov
     if memory[M.phase] == WAITING or memory[M.phase] == STARTED or memory[M.phase] == CERTAIN:
         return bool(memory[M.phase] != WAITING)

@@ -187,7 +187,7 @@ class BestFilter:
         Args:
             stamp_ns: time at which the sample holds, ns.
             row: position (3,) m, heading rad, velocity (3,) m/s and their covariances, (26,) in the order of
-            `ExternalLayout`; NaN = not in this sample.
+                `ExternalLayout`; NaN = not in this sample.
         """
         self.outdate()
         self.frame()

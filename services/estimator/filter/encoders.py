@@ -108,7 +108,7 @@ def jumped(samples: SampleStore, row: int, f: int, point: int, leap: float) -> f
         f: index of the foot.
         point: index of one of its contact points.
         leap: distance by which the foot usually jumps as its switch changes, m. If that is far, only the step of the
-        jump is examined, and not those beside it.
+            jump is examined, and not those beside it.
     """
     stamps, feet, contact, off = samples.feet_stamps, samples.feet, samples.contact, 0.0
     if row < 3 or unknown(feet, row - 1, f) or unknown(feet, row - 2, f):

@@ -116,7 +116,7 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
         q: accelerometer, IMU axes, (3,) m/s^2.
         clipped: an axis was at the end of its range.
         restarted: code of its check, RESTART or STEPPED, if `restart` has been called since, else OK. Without it such a
-        sample is not inserted: `restart` would be compiled into this kernel with the whole filter.
+            sample is not inserted: `restart` would be compiled into this kernel with the whole filter.
     """
     parts = box.parts
     if clipped and not restarted:
@@ -228,7 +228,7 @@ def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int
         box: parts of the filter, whose arrays are changed.
         stamp_ns: time at which the sample holds, ns.
         row: position (3,) m, heading rad, velocity (3,) m/s and their covariances, (26,) in the order of
-        `ExternalLayout`; NaN = not in this sample.
+            `ExternalLayout`; NaN = not in this sample.
     """
     parts = box.parts
     now = parts.clock.stamps[NOW_NS]

@@ -246,6 +246,7 @@ POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M
 HEIGHTS = H.lasts + 1
 """Number of columns of `BestState.points` and `BestState.sensors`, and of numbers in the memory and of its heights."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""
+"""Phases of the start: none yet (0), in motion (1), at rest (2), in motion after the tilt proved wrong (3), in motion
+and certain (4)."""
 NO_FEET = LONG_AGO = -1.0
 """Times of events that have not happened, s."""

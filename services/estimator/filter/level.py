@@ -142,8 +142,7 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
 
     Returns:
         The foot stands on a level, as far as the others show it: it is no further off than the ground is uneven, and
-        the
-        ground has no slope.
+        the ground has no slope.
     """
     memory, foot, last = state.memory, geometry.foot, -1
     own, _ = _middle(likely, foot, f)

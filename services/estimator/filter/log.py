@@ -101,8 +101,7 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
 
     Args:
         order: inputs in their order of arrival, (k,): the number of an inertial row, n + that of a sample of the feet,
-            or
-        n + m + that of one of another source.
+            or n + m + that of one of another source.
         log: n inertial rows, m samples of the feet and those of another source, SI.
         rows: for the estimates; inertial row `first` + i goes to row i; changed.
         first: first inertial row that gets an estimate.

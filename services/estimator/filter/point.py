@@ -60,7 +60,7 @@ def retract(state: BestState, xi: Array) -> None:
     Args:
         state: of the filter, or one hypothesis; changed.
         xi: error, (15 + 3 K,) in the order of `ErrorLayout`: rotation rad, velocity m/s, gyro bias rad/s, accelerometer
-        bias m/s^2, position m, contact points m; errors of the frame of another source, m and rad, may follow.
+            bias m/s^2, position m, contact points m; errors of the frame of another source, m and rad, may follow.
     """
     x, points, back = state.x, state.points, np.empty(3)
     for i in range(3):
@@ -112,13 +112,11 @@ def observe(
         dt: time since the last sample, s.
         noise: noises and rates of the filter.
         hypotheses: the point may slide, and staying and sliding are mixed; False: the point stays, or its slide is in
-            the
-        covariance already.
+            the covariance already.
 
     Returns:
         Normalised innovation squared of a point that may slide, 3 degrees of freedom, and the logarithm of the
-        likelihood
-        of the sample up to a constant; an outlier has that of the largest accepted innovation.
+        likelihood of the sample up to a constant; an outlier has that of the largest accepted innovation.
     """
     x, cov, row = state.x, state.cov, E.points + 3 * k
     z, shift, point = turned(rotation(x), y), np.empty(3), state.memory[M.shown + 2] * noise.point

@@ -124,8 +124,7 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
         Vectors by rows, (8, 3), as in `RowLayout`.
 
         Quaternion w, x, y, z of base_link in odom (4,) and probability that each foot slides (L,), NaN for a foot that
-        does
-        not stand, as one array.
+        does not stand, as one array.
 
         Covariance of (g, v) in IMU axes, (6, 6), m/s^2 and m/s squared.
 

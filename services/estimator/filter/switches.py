@@ -21,8 +21,7 @@ def rewired(contact: Array, sensors: Array, foot: Feet) -> Array:
     Args:
         contact: probability of contact of each point, (K,); all points of a foot have the same.
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; `wired` is the foot whose
-            switch
-        the foot gets.
+            switch the foot gets.
         foot: index of the foot of each point, (K,).
 
     Returns:
@@ -54,8 +53,7 @@ def judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies
 
     Args:
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; mistrust in switches, and
-            which
-        two are swapped, are changed.
+            which two are swapped, are changed.
         size: logarithm of the motion, m/s, that each foot shows beside the inertial unit, (L,); NaN: not known.
         contact: probability that each foot touches the ground, (L,).
         dt: time since the last sample of the feet that was compared, s.
@@ -137,7 +135,7 @@ def judge_heights(own: Array, sensors: Array, over: float, contact: Array, dt: f
     Args:
         own: what is known of that height, (8,), mixed units, laid out as in `HeightLayout`; changed.
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; mistrust in switches, and a
-        swap of both, are changed.
+            swap of both, are changed.
         over: height of foot 0 over foot 1, m; NaN: not known.
         contact: probability that each foot touches the ground, (2,).
         dt: time since the last sample, s.

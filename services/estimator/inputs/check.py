@@ -173,7 +173,10 @@ def count_result(check: CheckState, source: int, code: int, stamp_ns: int) -> in
 
 @kernel
 def _order(check: CheckState, source: int, stamp_ns: int) -> int:
-    """Check the stamp, ns, of a sample of source 0 (inertial unit) or 1 (feet), in place; return the result's code."""
+    """Check the stamp, ns, of a sample against the clock of its source in `check`, in place; return the result's code.
+
+    `source`: 0 = inertial unit, 1 = feet. A clock that begins anew makes that of the other source unknown.
+    """
     if abs(stamp_ns) > LARGEST_NS:
         return count_result(check, source, AHEAD, stamp_ns)
     clocks, newest, known = check.clocks, stamp_ns, False
@@ -268,9 +271,10 @@ def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q
 
 @kernel
 def check_feet(check: CheckState, stamp_ns: int, feet: Array) -> int:
-    """Check foot positions `feet` (L, 3) m, IMU axes, in place; return the code of the `InputResult`.
+    """Check foot positions `feet` (L, 3) m, IMU axes, and take them into `check`, in place; return the result's code.
 
-    A foot that is not finite is counted; the sample is refused only if no number of it is finite.
+    A foot that is not finite is counted; the sample is refused only if no number of it is finite. The code is an index
+    in `RESULTS`, the tuple of all `InputResult`.
     """
     some, every, same = False, True, True
     for i in range(feet.shape[0]):
@@ -334,8 +338,8 @@ def _compare_turns(marks: Ints, numbers: Array, last: Array, y: Array, contact: 
     """Compare the turn by the gyro with that of contact points that stand, in place.
 
     Points that stand turn in IMU axes by -theta, theta the integral of the gyro since the last sample: with c the
-    points from their mean, p = -theta x c is predicted and s, the change of c, is seen. Faded sums of p.s, p.p, s.s are
-    kept.
+    points from their mean, p = -theta x c is predicted and s, the change of c, is seen. Faded sums of p.s, p.p and s.s
+    over the sum of c.c are kept, rad^2.
 
     Args:
         marks: counters of the check, (15,).

@@ -41,15 +41,13 @@ def check_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
 
     Args:
         clock: of the source, (6,), zeros at first: newest stamp, ns; 1 if there is one; number of older stamps in a
-            row;
-        the last of them, ns; a stamp far ahead that is not confirmed yet, ns; 1 if there is one. Changed.
+            row; the last of them, ns; a stamp far ahead that is not confirmed yet, ns; 1 if there is one. Changed.
         stamp_ns: the stamp, ns.
         now_ns: newest stamp of all sources, ns.
 
     Returns:
         Code of `ok`; `late`: older than the window of 0.5 s; `ahead`: further ahead than 0.5 s, unconfirmed; `restart`:
-        the
-        source's clock began anew.
+        the source's clock began anew.
     """
     if clock[KNOWN] == 0:
         _accept(clock, stamp_ns)

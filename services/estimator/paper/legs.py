@@ -233,8 +233,7 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
 
     Returns:
         velocity (3,) m/s, slipping (L,), number of feet in the mean; 0 with the median if no two feet agree, or with
-        zeros
-        if none is used.
+        zeros if none is used.
     """
     feet = v.shape[0]
     slipping = np.zeros(feet, dtype=np.bool_)
