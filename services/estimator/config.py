@@ -14,7 +14,7 @@ from .stream import BEST, Estimator
 
 
 class EstimatorConfig(ServiceConfig):
-    """Settings of the estimator service: estimator behind ``state/velocity``, gyro bias, start pose, start ground."""
+    """Settings of the estimator service: estimator behind `state/velocity`, gyro bias, pose and ground at the start."""
 
     live = ("mode",)
 

@@ -28,7 +28,12 @@ ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is reported
 
 
 class LegSensors(NamedTuple):
-    """Feet whose sensors are wrong, bit f for foot f."""
+    """Feet whose sensors are wrong, bit f for foot f, and the delay of all stamps of the feet.
+
+    left_out: its sensors contradict what is known of the motion; switches: its switch contradicts its motion; jumping:
+    its encoders have jumped; still: they stand still; swapped: they are those of another foot; late_ns: ns, below 0 =
+    early.
+    """
 
     left_out: int  # it contradicts what is known of the motion: any of its sensors
     switches: int  # its switch contradicts its motion
@@ -43,9 +48,11 @@ NO_LEGS = LegSensors(0, 0, 0, 0, 0, 0)
 
 
 class Condition(NamedTuple):
-    """Numbers from which flags and reasons follow; no texts, so that kernels make it as well.
+    """Numbers from which flags and reasons of an estimate follow; no texts, so that kernels make it as well.
 
-    Times since feet came, since one touched and since feet corrected the velocity are in s.
+    Times since feet came, since one touched and since feet corrected the velocity are in s; `nis` is the mean
+    normalised innovation squared, `excess` the factor of the inertial noise over the sensor's, `external_out` the
+    number of samples of another source in a row that were left out.
     """
 
     initialised: bool
@@ -68,9 +75,9 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
     """Return the flags of an estimate whose inputs are not silent.
 
     Returns:
-        inputs_ok: all inputs of the last 100 ms were accepted and the joints are new; filter_ok: the estimate is
-        consistent and corrected; sensors_ok: no sensor is saturated, frozen, absent or contradicts the others, and the
-        robot does not fall.
+        inputs_ok: all inputs of the last 100 ms were accepted, without a gap, and the joints are not older than 0.2 s;
+        filter_ok: the estimate is consistent and corrected by the feet; sensors_ok: no sensor is saturated, frozen,
+        absent or contradicts the others, and the robot does not fall.
     """
     faults, legs = c.faults, c.legs
     legs_wrong = legs.left_out | legs.switches | legs.jumping | legs.still | legs.swapped | legs.late_ns
@@ -89,7 +96,7 @@ flags_of = kernel(flags)
 
 @kernel
 def is_quiet(c: Condition) -> bool:
-    """Return whether the reasons are empty or `STANDING`, provided that no input is silent or of another unit."""
+    """Return True if there is nothing to report but standing, unless an input is silent or in another unit."""
     inputs_ok, filter_ok, sensors_ok = flags_of(c)
     return inputs_ok and filter_ok and sensors_ok and not c.slipping and c.excess < ROUGH_EXCESS and not c.external_out
 
@@ -100,9 +107,9 @@ def reasons(
     """Return the reasons of an estimate's flags in words, the gravest first; empty: the robot walks and all is well.
 
     Args:
-        c: numbers.
+        c: numbers from which the flags follow.
         silent: inputs that are silent, by name, and for how long, s.
-        unit: what is wrong with the unit of a sensor; empty: nothing.
+        unit: text about the wrong unit of a sensor; empty: none is wrong.
         last_bad: last refusal or gap, e.g. `imu_nonfinite`.
         slipping: which feet slide, (L,).
     """

@@ -18,7 +18,7 @@ PLANAR = np.ix_((0, 1, 2, 5), (0, 1, 2, 5))
 
 
 def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
-    """Return the message of one estimator's velocity and gravity."""
+    """Return the message `state/velocity` of one estimator: velocity, gravity, biases, covariance and flags."""
     return VelocityEstimate(
         mode=e.mode,  # pyright: ignore[reportArgumentType] - a name of the table of estimators
         velocity=_list(e.velocity),
@@ -49,7 +49,13 @@ def sample_of(m: ExternalMotion) -> ExternalSample:
 
 
 def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[FinishedStance] = ()) -> Odometry:
-    """Return the message of the dead-reckoned pose and the stances that have ended."""
+    """Return the message `state/odometry`: dead-reckoned pose of base_link in odom and stances that have ended.
+
+    Args:
+        pose: pose, velocity and covariance.
+        initialised: the pose can be used.
+        stances: stances (times in which a foot stood) that ended since the last message.
+    """
     return Odometry(
         position=_list(pose.position),
         quat_wxyz=_list(pose.quat_wxyz),

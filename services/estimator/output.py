@@ -12,7 +12,14 @@ from surefoot.kernels.jit import kernel
 
 
 class VelocityAndTilt(NamedTuple):
-    """Velocity and gravity direction by one estimator."""
+    """Velocity and gravity direction by one estimator at one stamp, with biases, flags and reasons; L feet.
+
+    velocity: of the base_link origin, base_link axes, m/s; velocity_imu: of the IMU, IMU axes, m/s; velocity_heading:
+    of the base_link origin in heading axes (z vertical), m/s; angular_velocity: base_link axes, bias removed, rad/s;
+    g_up: upward gravity, base_link axes, m/s^2; roll, pitch: rad; biases: IMU axes; covariance: of (g, v), IMU axes,
+    (6, 6); inputs_ok: inputs are accepted and new; filter_ok: the estimate is consistent; sensors_ok: no sensor is at
+    fault; sliding: probability that a foot slides, (L,), NaN = it does not stand; refused: inputs refused so far.
+    """
 
     mode: str  # name in the table of estimators
     stamp_ns: int
@@ -53,10 +60,10 @@ class OdometryPose(NamedTuple):
 
 @kernel
 def level(rot_base_from_imu: Array, g: Array) -> Array:
-    """Return rot_heading_from_base (3, 3) = Ry(pitch) Rx(roll).
+    """Return rot_heading_from_base (3, 3) = Ry(pitch) Rx(roll); heading axes are base_link's with z vertical.
 
     Args:
-        rot_base_from_imu: (3, 3).
+        rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
         g: specific force at rest, (3,) m/s^2, IMU axes, points up.
     """
     up = times_vector(rot_base_from_imu, g)
@@ -67,16 +74,18 @@ def level(rot_base_from_imu: Array, g: Array) -> Array:
 
 @kernel
 def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position: Array) -> Array:
-    """Return IMU quantities in other frames, as rows: velocity, heading velocity, turn, g_up, (roll, pitch, 0).
+    """Return IMU quantities in other frames, as five rows (5, 3).
 
-    The velocity of the base_link origin is rot (v) + w x (0 - imu_position).
+    Rows: velocity of the base_link origin, base_link axes, m/s; the same in heading axes; turn rate, base_link axes,
+    rad/s; g, base_link axes, m/s^2; (roll, pitch, 0), rad. The velocity of the origin is R v + w x (0 - imu_position),
+    with R v and w in base_link axes.
 
     Args:
-        g: (3,) m/s^2, IMU axes.
-        v: (3,) m/s, IMU axes.
-        w: (3,) rad/s, IMU axes, bias removed.
-        rot_base_from_imu: (3, 3).
-        imu_position: (3,) m in base_link.
+        g: specific force at rest, points up, (3,) m/s^2, IMU axes.
+        v: velocity of the IMU, (3,) m/s, IMU axes.
+        w: turn rate, (3,) rad/s, IMU axes, bias removed.
+        rot_base_from_imu: R, mounting of the IMU in base_link, (3, 3).
+        imu_position: place of the IMU in base_link, (3,) m.
     """
     out = np.zeros((5, 3))
     out[0], out[2] = times_vector(rot_base_from_imu, v), times_vector(rot_base_from_imu, w)
@@ -93,9 +102,12 @@ def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position
 
 @kernel
 def healthy(g: Array, v: Array, p: Array) -> bool:
-    """Return True for finite values, positive variances, a length of g near 9.81 and a speed of a legged robot.
+    """Return True for finite values, positive variances, a length of g within 1 m/s^2 of 9.81 and a speed below 9 m/s.
 
-    g, v: (3,) m/s^2 and m/s, IMU axes; p: their covariance, (6, 6) or larger.
+    Args:
+        g: specific force at rest, IMU axes, (3,) m/s^2.
+        v: velocity of the IMU, IMU axes, (3,) m/s.
+        p: covariance of (g, v), (6, 6) or larger.
     """
     length, speed = 0.0, 0.0
     for i in range(3):
@@ -113,16 +125,19 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
 def summary(
     g: Array, v: Array, p: Array, w: Array, gyro_bias: Array, rot_base_from_imu: Array, imu_position: Array
 ) -> tuple[Array, bool]:
-    """Return an estimate in the frames of users, the rows of `express`, and if its numbers are `healthy`.
+    """Return an estimate in the frames of users, five rows (5, 3), and True if its numbers are possible ones.
+
+    Rows: velocity of the base_link origin, base_link axes, m/s; in heading axes; turn rate, base_link axes, rad/s; g,
+    base_link axes, m/s^2; (roll, pitch, 0), rad.
 
     Args:
-        g: (3,) m/s^2, IMU axes, points up.
-        v: (3,) m/s, IMU axes.
-        p: covariance of both, (6, 6).
-        w: gyro, (3,) rad/s.
-        gyro_bias: taken off the gyro, (3,) rad/s.
-        rot_base_from_imu: (3, 3).
-        imu_position: (3,) m in base_link.
+        g: specific force at rest, points up, (3,) m/s^2, IMU axes.
+        v: velocity of the IMU, (3,) m/s, IMU axes.
+        p: covariance of (g, v), (6, 6).
+        w: gyro, (3,) rad/s, IMU axes.
+        gyro_bias: taken off the gyro, (3,) rad/s, IMU axes.
+        rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
+        imu_position: place of the IMU in base_link, (3,) m.
     """
     rate = np.empty(3)
     for i in range(3):

@@ -20,7 +20,7 @@ UNKNOWN_SPEED = 1.0
 UNKNOWN_TURN = 1.0
 """Standard deviation of the turn about the vertical of a robot that was knocked over unseen, rad."""
 UNKNOWN_WAY = 0.3
-"""Standard deviation of its way meanwhile on each axis, m."""
+"""Standard deviation of the way of a robot that was knocked over unseen, on each axis, m."""
 
 
 class StartPose(NamedTuple):
@@ -40,7 +40,7 @@ class StartPose(NamedTuple):
 class EstimatorParams:
     """Noises, limits and switches of the four estimators of Wawrzynski et al. and of `best`, SI.
 
-    Noises are standard deviations of one IMU sample, one each `imu_period_ns`.
+    Noises are standard deviations of one IMU sample, of which there is one each `imu_period_ns`.
     """
 
     # sensors
@@ -104,7 +104,7 @@ class EstimatorParams:
 
 
 def _reach(robot: Robot) -> float:
-    """Longest way from a hip to its foot centre in the neutral stance, m."""
+    """Return the longest way from a hip to its foot centre in the neutral stance, m."""
     feet = foot_positions(robot.model, robot.neutral)
     return max(math.dist(foot, leg.hip) for foot, leg in zip(feet, robot.legs, strict=True))
 
@@ -118,5 +118,11 @@ def paper_params(params: EstimatorParams) -> EstimatorParams:
 
 
 def _sample_noise(density: float, lsb: float, rate: float) -> float:
-    """Noise of the mean over one period: density sqrt(rate/2), and rounding lsb/sqrt(12)."""
+    """Return the deviation of a sensor's mean over one period: density sqrt(rate/2), and rounding lsb/sqrt(12).
+
+    Args:
+        density: noise density of the sensor, unit/sqrt(Hz).
+        lsb: step of its digits, unit.
+        rate: samples per s, Hz.
+    """
     return math.hypot(density * math.sqrt(rate / 2.0), lsb / math.sqrt(12.0))

@@ -16,14 +16,16 @@ WALK_SAMPLES = 24
 """Inertial samples after the start, 8 of the joints: every foot lifts and comes down."""
 
 LATER_NS, EARLIER_NS = 20_000_000_000, 10_000_000_000
-"""Stamps of the first samples, and of those by which the clock begins anew."""
+"""Stamps of the first samples, and of those of the joints by which their clock begins anew, ns."""
 
 
 def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> None:
     """Run an estimator through start, stance, steps, messages and new clocks, so that every kernel is loaded.
 
     Args:
-        modes: the estimates that the service publishes.
+        config: settings of the service.
+        robot: description of the robot.
+        modes: names of the estimates that the service publishes.
     """
     estimator = config.estimator(robot)
     period, up = estimator.params.imu_period_ns, np.array([0.0, 0.0, GRAVITY])
@@ -53,7 +55,7 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
 
 
 def rehearse_log(config: EstimatorConfig, robot: Robot) -> None:
-    """Run a log of one row: its kernel holds the whole filter, and `surefoot estimate` alone calls it."""
+    """Run a log of one row, to load its kernel: it holds the whole filter, and `surefoot estimate` alone calls it."""
     estimator, feet = config.estimator(robot), len(robot.legs)
     log = LogInputs(
         np.zeros(1, dtype=np.int64), np.zeros((1, 3)), np.array([[0.0, 0.0, GRAVITY]]), np.zeros(1, dtype=np.bool_),

@@ -97,7 +97,7 @@ class EstimatorService(Service[EstimatorConfig]):
             self._stances += self._slip.update(closed, *feet, faulty | e.wrong_legs)
 
     def _log(self, source: str, result: InputResult) -> None:
-        """Log the first refusal of its kind; the rest is in the counters."""
+        """Log the first refusal of its kind from a source; the rest is in the counters."""
         if not result.accepted and self.estimator.check.counts[f"{source}_{result}"] == 1:
             self.log("warning", f"{source} refused: {result}")
 

@@ -32,7 +32,7 @@ from .params import EstimatorParams, StartPose, paper_params
 
 BEST, PAPER = "best", "paper"
 NAMES = (BEST, *ESTIMATORS, PAPER)
-"""Every estimator: `best`, those of the paper improved, and `paper`, its filter to the letter."""
+"""Every estimator: `best`, the four of Wawrzynski et al. with improvements, and `paper`, their filter to the letter."""
 
 
 class NotRunning(FieldError, KeyError):
@@ -51,12 +51,12 @@ class Estimator:
         print(estimator.estimate().velocity, estimator.pose().position)
 
     Args:
-        mount: of the IMU and the feet.
+        mount: kinematic model, mounting of the IMU and radii of the feet.
         params: noises, limits and switches.
         start: pose at the start; None = at the origin.
         names: estimators to run.
-        points: contact points; None = one for each foot.
-        hypotheses: False: no point slides.
+        points: contact points on the feet; None = one for each foot.
+        hypotheses: contact points may slide.
     """
 
     def __init__(
@@ -132,12 +132,12 @@ class Estimator:
 
         Args:
             stamp_ns: its time, ns; one of the last half second is put where it belongs.
-            w: mean gyro, (3,) rad/s, IMU axes.
-            q: mean specific force, (3,) m/s^2, IMU axes; at rest it points up.
+            w: mean gyro since the last sample, (3,) rad/s, IMU axes.
+            q: mean specific force since the last sample, (3,) m/s^2, IMU axes; at rest it points up.
             clipped: an axis was at the end of its range.
 
         Returns:
-            The result; nothing raises.
+            The result: accepted, or the reason of a refusal; nothing raises.
         """
         w, q = _plain(w), _plain(q)
         if w.shape != (3,) or q.shape != (3,):
@@ -150,13 +150,16 @@ class Estimator:
         return result
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take joint angles.
+        """Take joint angles, from which the places of the feet follow.
 
         Args:
             stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
             q: angles in the order of the robot's joints, (nj,) rad.
             contact: flag or probability of each foot, (L,), or at each of its S switches, (L, S); None or NaN: no
                 sensor, decided by the height of the feet.
+
+        Returns:
+            The result: accepted, or the reason of a refusal; nothing raises.
         """
         model, q = self._mount.model, _plain(q)
         if model is None or q.shape != model.lower.shape:
@@ -168,10 +171,13 @@ class Estimator:
 
         Args:
             stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
-            position: (L, 3) m, IMU axes, from the IMU.
+            position: foot centres from the IMU, (L, 3) m, IMU axes.
             rot: rot_imu_from_foot, (L, 3, 3).
             contact: flag or probability of each foot, (L,), or at each of its S switches, (L, S), those of a sole in
                 the order of its corners; None or NaN: no sensor, decided by the height of the feet.
+
+        Returns:
+            The result: accepted, or the reason of a refusal; nothing raises.
         """
         feet, position, rot = self._feet, _plain(position), _plain(rot)
         known = np.full(feet, np.nan) if contact is None else _plain(contact)
@@ -189,7 +195,7 @@ class Estimator:
         return result
 
     def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
-        """Take a pose, heading or velocity from elsewhere, e.g. of a camera.
+        """Take a pose, heading or velocity of another source, e.g. a camera.
 
         Args:
             stamp_ns: time at which it holds, ns, not that of its arrival; one of the last half second is put where it
@@ -208,7 +214,7 @@ class Estimator:
 
     @property
     def externals(self) -> ExternalUse:
-        """Counts of the poses and velocities of other sources (`ExternalSample`), and the frame of the poses."""
+        """Counts of poses and velocities of other sources, used and left out; turn of their frame against odom."""
         return self._best.externals
 
     def _refuse_shape(self, source: str, stamp_ns: int) -> InputResult:
@@ -221,12 +227,12 @@ class Estimator:
                 group.restart_clock()
 
     def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int, joint: bool = False) -> LogRows:
-        """Run the `best` filter over inputs of a log; the same to the bit as calls of `imu` and `feet` one by one.
+        """Run the `best` filter over a log; equal to the bit to calls of `imu`, `feet` and `external` one by one.
 
         Args:
-            log: all inertial rows and samples of the feet, SI, IMU axes.
-            order: of arrival of those to be taken, (k,): the number of an inertial row, or all rows + that of a foot
-                sample.
+            log: all inertial rows, samples of the feet and of another source, SI, IMU axes.
+            order: of arrival of those to be taken, (k,): the number of an inertial row; all inertial rows + the number
+                of a sample of the feet; or all inertial rows and samples of the feet + that of another source.
             first: inertial row of the first estimate.
             n: number of estimates.
             joint: with the covariance of all but the pose.
@@ -265,7 +271,7 @@ class Estimator:
         return self.best.settled
 
     def estimate(self, name: str = BEST) -> VelocityAndTilt:
-        """Return the present estimate of one estimator.
+        """Return the present estimate of one estimator: velocity, tilt, biases, flags and reasons.
 
         Raises:
             NotRunning: no estimator of this name runs; it is a KeyError too.
@@ -307,7 +313,13 @@ class Estimator:
         )  # fmt: skip
 
     def _reasons(self, condition: Condition | None, slipping: Flags, standing: bool) -> tuple[str, ...]:
-        """Return the reasons of an estimate's flags; `condition` None: it is known to be quiet."""
+        """Return the reasons of an estimate's flags in words.
+
+        Args:
+            condition: numbers from which they follow; None: there is nothing to report but standing.
+            slipping: which feet slide, (L,).
+            standing: the robot is at rest.
+        """
         check, unit = self.check, self.check.unit
         if condition is None:
             if not (unit or self.silent):

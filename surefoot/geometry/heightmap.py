@@ -100,32 +100,33 @@ class HeightMap:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Corners x_min, y_min, x_max, y_max of the outermost cell CENTRES, m."""
+        """x_min, y_min, x_max, y_max of the outermost cell CENTRES, m, frame `map`."""
         ny, nx = self.shape
         x0, y0 = self.origin
         return (x0, y0, x0 + (nx - 1) * self.cell, y0 + (ny - 1) * self.cell)
 
     def index(self, x: float, y: float) -> tuple[int, int]:
-        """Return (row, col) of the cell that holds a point, m; it may lie outside the map (see `inside`)."""
+        """Return (row, col) of the cell that holds the point (x, y), m, frame `map`; it may lie outside the map."""
         return (self._nearest(y, self.origin[1]), self._nearest(x, self.origin[0]))
 
     def inside(self, row: int, col: int) -> bool:
-        """Return whether a cell belongs to the map."""
+        """Return True if the cell (row, col) belongs to the map."""
         return 0 <= row < self.z.shape[0] and 0 <= col < self.z.shape[1]
 
     def centre(self, row: int, col: int) -> tuple[float, float]:
-        """Return x, y of a cell's centre, m; the cell may lie outside the map."""
+        """Return x, y of the centre of cell (row, col), m, frame `map`; the cell may lie outside the map."""
         return (self.origin[0] + col * self.cell, self.origin[1] + row * self.cell)
 
     def xs(self) -> NDArray[np.float64]:
-        """Return x of the columns' centres, (nx,) m."""
+        """Return x of the columns' centres, (nx,) m, frame `map`."""
         return self.origin[0] + self.cell * np.arange(self.z.shape[1], dtype=np.float64)
 
     def ys(self) -> NDArray[np.float64]:
-        """Return y of the rows' centres, (ny,) m."""
+        """Return y of the rows' centres, (ny,) m, frame `map`."""
         return self.origin[1] + self.cell * np.arange(self.z.shape[0], dtype=np.float64)
 
     def _nearest(self, value: float, start: float) -> int:
+        """Return the index of the row or column nearest to a coordinate `value`, m; `start`: that of index 0, m."""
         return math.floor((value - start) / self.cell + 0.5)
 
     # --- heights ------------------------------------------------------------------------------------------------
@@ -133,11 +134,11 @@ class HeightMap:
     def height(
         self, x: ArrayLike, y: ArrayLike, method: Literal["bilinear", "nearest"] = "bilinear"
     ) -> NDArray[np.float64]:
-        """Return heights at points, m: NaN outside the map, or where a cell used for the point is unknown.
+        """Return heights of the ground at points, m; NaN outside the map, or where a cell used for one is unknown.
 
         Args:
             x: x of the points, any shape that broadcasts with y, m, frame `map`.
-            y: y of the points, m.
+            y: y of the points, m, frame `map`.
             method: "bilinear" between the four nearest centres, or the "nearest" cell's own height.
 
         Returns:
@@ -149,11 +150,18 @@ class HeightMap:
         return out
 
     def height_at(self, x: float, y: float) -> float:
-        """Return the bilinear height at one point, m; as `height`, but faster."""
+        """Return the bilinear height of the ground at a point, m; NaN outside the map, or where a cell is unknown.
+
+        `x`, `y`: the point, m, frame `map`.
+        """
         return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
 
     def patch(self, x: float, y: float, n: int) -> NDArray[np.float32]:
-        """Return a copy of the n x n cells about the cell that holds (x, y) m, n odd; NaN outside the map."""
+        """Return a copy of the n x n heights about the cell that holds (x, y) m, n odd, (n, n) m; NaN outside the map.
+
+        Raises:
+            HeightMapError: n is even or below 1.
+        """
         if n < 1 or n % 2 == 0:
             raise HeightMapError("n", f"a patch has an odd number of cells, got {n!r}")
         out = np.empty((n, n), dtype=np.float32)
@@ -164,8 +172,15 @@ class HeightMap:
     def dilated(self, radius: float) -> "HeightMap":
         """Return a map of the height at which the centre of a sphere (a foot) lies when the sphere rests on the ground.
 
-        c[i, j] = max over cells n within `radius` of z_n + sqrt(radius^2 - d_n^2). Subtract `radius` for the lowest
-        point of that sphere. Unknown neighbours are left out; a cell is NaN when it is itself unknown.
+        c[i, j] = max over cells n within `radius` of z_n + sqrt(radius^2 - d_n^2), z_n the height of cell n and d_n its
+        distance from cell (i, j). Subtract `radius` for the lowest point of that sphere. Unknown neighbours are left
+        out; a cell is NaN when it is itself unknown.
+
+        Args:
+            radius: of the sphere, m.
+
+        Raises:
+            HeightMapError: the radius is negative or not finite.
         """
         if not (math.isfinite(radius) and radius >= 0.0):
             raise HeightMapError("radius", f"must be finite and >= 0 m, got {radius!r}")
@@ -184,9 +199,10 @@ class HeightMap:
         return self.derived(out)
 
     def smooth_part(self, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
-        """Write the map filtered by the median of 3 x 3 known cells into a part of `out`, (ny, nx) m.
+        """Write the map filtered by the median of the known cells of 3 x 3 windows into a part of `out`, (ny, nx) m.
 
-        The part is rows row0 .. row1 - 1 and columns col0 .. col1 - 1.
+        The part is rows row0 .. row1 - 1 and columns col0 .. col1 - 1. An unknown cell with 6 known neighbours is
+        filled.
         """
         cells.median3(self.z, 6, (row0, row1, col0, col1), out)
 
@@ -199,6 +215,7 @@ class HeightMap:
 
     @property
     def _whole(self) -> cells.Part:
+        """All cells as a part: first row, end of the rows, first column, end of the columns."""
         return (0, self.z.shape[0], 0, self.z.shape[1])
 
     def derived(self, z: NDArray[np.float32]) -> "HeightMap":
@@ -210,7 +227,11 @@ class HeightMap:
         return made
 
     def with_z(self, z: NDArray[np.float32], version: int | None = None) -> "HeightMap":
-        """Return a map of the same grid with other heights z, (ny, nx) m; `version`: None keeps the present one."""
+        """Return a map of the same grid with other heights z, (ny, nx) m; `version`: None keeps the present one.
+
+        Raises:
+            HeightMapError: z has another shape.
+        """
         if z.shape != self.z.shape:
             raise HeightMapError("z", f"must keep the shape {self.z.shape}, got {z.shape}")
         return replace(self, z=z, version=self.version if version is None else version)
@@ -243,6 +264,10 @@ class HeightMap:
     def from_wire(cls, header: Mapping[str, Any], payload: bytes | bytearray | memoryview) -> Self:
         """Return the map made from a header and its payload of float32 heights, as `header` and `to_bytes` return them.
 
+        Args:
+            header: frame, rows, cols, cell (m), origin (x, y of the centre of cell [0, 0], m) and optionally version.
+            payload: heights, little-endian float32, m, row by row from y-min, NaN = unknown.
+
         Raises:
             HeightMapError: a header field is absent or wrong, or the payload has another length.
         """
@@ -265,10 +290,11 @@ class HeightMap:
 
     @classmethod
     def from_base64(cls, header: Mapping[str, Any], text: str) -> Self:
-        """Return the map made from a header and its float32 heights in base64.
+        """Return the map made from a header and its float32 heights, row by row from y-min, in base64.
 
         Raises:
-            HeightMapError: as of `from_wire`, or the text is no base64.
+            HeightMapError: a header field is absent or wrong, the heights have another length, or the text is no
+                base64.
         """
         try:
             payload = b64decode(text, validate=True)

@@ -59,9 +59,17 @@ def heights(
     z: Heights, cell: float, x0: float, y0: float, xs: NDArray[np.float64], ys: NDArray[np.float64], smooth: bool,
     out: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Write the height at every point (xs[k], ys[k]), (n,) m, into out[k], m; `smooth` interpolates between cells.
+    """Write the height of the ground at every point (xs[k], ys[k]) into out[k], m; NaN outside the map.
 
-    z: heights, (ny, nx) m; cell: edge of a cell, m; x0, y0: centre of cell [0, 0], m. NaN outside the map.
+    Args:
+        z: heights of the cells, (ny, nx) m, NaN = unknown.
+        cell: edge of a cell, m.
+        x0: x of the centre of cell [0, 0], m.
+        y0: y of the centre of cell [0, 0], m.
+        xs: x of the points, (n,) m.
+        ys: y of the points, (n,) m.
+        smooth: bilinear between the four nearest centres; False: the height of the nearest cell.
+        out: (n,), overwritten.
     """
     ny, nx = z.shape
     for k in range(xs.shape[0]):
@@ -77,7 +85,14 @@ def heights(
 
 @kernel
 def patch(z: Heights, row: int, col: int, out: Heights) -> None:
-    """Copy the window of z (ny, nx) m that starts at cell (row, col) into `out` (rows, cols), NaN outside the map."""
+    """Copy the window of a map that begins at cell (row, col) into `out`, NaN outside the map.
+
+    Args:
+        z: heights of the cells, (ny, nx) m.
+        row: first row of the window; it may lie outside the map.
+        col: first column of the window; it may lie outside the map.
+        out: the window, (rows, cols) m, overwritten.
+    """
     ny, nx = z.shape
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -92,7 +107,7 @@ def patch(z: Heights, row: int, col: int, out: Heights) -> None:
 def ball(radius: float, cell: float) -> Ball:
     """Return the cells within a sphere about a cell centre: row and column offsets, and the sphere's height there, m.
 
-    Each array is (k,); the height is that of the sphere's surface above its centre.
+    Each array is (k,); the height is that of the upper surface of the sphere over its centre.
 
     Args:
         radius: of the sphere, m.
@@ -108,7 +123,7 @@ def ball(radius: float, cell: float) -> Ball:
 
 @row_kernel
 def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
-    """Set target = max(target, source + lift) for rows of equal length; a NaN of the source is left out."""
+    """Set target = max(target, source + lift) for rows of heights, (n,) m, in place; a NaN of source is left out."""
     for j in range(target.shape[0]):
         value = source[j] + lift
         target[j] = value if value > target[j] else target[j]
@@ -118,10 +133,15 @@ def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
 def dilate(z: Heights, ball: Ball, part: Part, out: Heights) -> None:
     """Write the height of the centre of a sphere that rests on the ground, m, into `out` for the cells of a part.
 
-    It is out[i, j] = max over k of z[i + rows[k], j + cols[k]] + lift[k], with the arrays of `ball`.
+    It is out[i, j] = max over k of z[i + rows[k], j + cols[k]] + lift[k]. NaN neighbours are left out, and a cell that
+    is NaN stays NaN.
 
-    NaN neighbours are left out, and a cell that is NaN stays NaN. z, out: (ny, nx) m; `ball`: offsets rows, cols (k,)
-    and lift (k,) m; `part`: first row, end of the rows, first column, end of the columns.
+    Args:
+        z: heights of the ground, (ny, nx) m, NaN = unknown.
+        ball: cells within the sphere about a cell: offsets rows and cols, (k,), and the sphere's height lift there,
+            (k,) m.
+        part: first row, end of the rows, first column, end of the columns; the ends are left out.
+        out: (ny, nx) m; the part is overwritten.
     """
     row0, row1, col0, col1 = part
     rows, cols, lift = ball
@@ -144,7 +164,18 @@ def dilate(z: Heights, ball: Ball, part: Part, out: Heights) -> None:
 
 @row_kernel
 def _columns(up: Heights, mid: Heights, down: Heights, low: Heights, middle: Heights, high: Heights) -> None:
-    """Sort three rows cell by cell; a NaN or infinity makes the middle of its cell NaN."""
+    """Sort three rows of heights, (n,) m, cell by cell into `low`, `middle` and `high`, (n,) m.
+
+    A NaN or infinity in one of the rows makes the middle of its cell NaN; low and high have no meaning there.
+
+    Args:
+        up: first row.
+        mid: second row.
+        down: third row.
+        low: least of the three, overwritten.
+        middle: median of the three, overwritten.
+        high: largest of the three, overwritten.
+    """
     for j in range(mid.shape[0]):
         a, b, c = up[j], mid[j], down[j]
         small, large = min(a, b), max(a, b)
@@ -154,7 +185,16 @@ def _columns(up: Heights, mid: Heights, down: Heights, low: Heights, middle: Hei
 
 @row_kernel
 def _medians(low: Heights, middle: Heights, high: Heights, out: Heights) -> None:
-    """Write the median of nine cells: that of the largest low, the median middle and the smallest high of 3 columns."""
+    """Write the median of the nine cells of three sorted columns j, j + 1, j + 2 into out[j].
+
+    It is the median of the largest low, the median middle and the smallest high; NaN where a middle is NaN.
+
+    Args:
+        low: least of the three cells of each column, (n + 2,) m.
+        middle: median of them, (n + 2,) m, NaN where one is unknown.
+        high: largest of them, (n + 2,) m.
+        out: (n,) m, overwritten.
+    """
     for j in range(out.shape[0]):
         a = max(max(low[j], low[j + 1]), low[j + 2])
         c = min(min(high[j], high[j + 1]), high[j + 2])
@@ -166,11 +206,15 @@ def _medians(low: Heights, middle: Heights, high: Heights, out: Heights) -> None
 
 @row_kernel
 def median3(z: Heights, min_known: int, part: Part, out: Heights) -> None:
-    """Write the median of the known heights in each 3 x 3 window into `out` (ny, nx) m for the cells of a part.
+    """Write the median of the known heights in the 3 x 3 window about each cell of a part into `out`.
 
-    An unknown cell needs `min_known` known neighbours, otherwise it stays NaN. Complete windows are computed row by
-    row, with sorted columns shared by three windows, the others cell by cell. z: (ny, nx) m; `part`: first row, end of
-    the rows, first column, end of the columns.
+    Complete windows are computed row by row, with sorted columns shared by three windows, the others cell by cell.
+
+    Args:
+        z: heights of the ground, (ny, nx) m, NaN = unknown.
+        min_known: an unknown cell needs so many known neighbours, otherwise it stays NaN.
+        part: first row, end of the rows, first column, end of the columns; the ends are left out.
+        out: (ny, nx) m; the part is overwritten.
     """
     row0, row1, col0, col1 = part
     ny, nx = z.shape
@@ -199,7 +243,15 @@ def median3(z: Heights, min_known: int, part: Part, out: Heights) -> None:
 
 @row_kernel
 def _median_of(z: Heights, i: int, j: int, min_known: int, window: Heights) -> np.float32:
-    """Return the median of the known heights in the 3 x 3 window of one cell, by insertion into `window` (9,)."""
+    """Return the median of the known heights in the 3 x 3 window about cell (i, j), m; NaN where too few are known.
+
+    Args:
+        z: heights of the ground, (ny, nx) m, NaN = unknown.
+        i: row of the cell.
+        j: column of the cell.
+        min_known: if the cell is unknown, it needs so many known neighbours.
+        window: (9,), overwritten by the known heights in rising order.
+    """
     ny, nx = z.shape
     n = 0
     for r in range(max(0, i - 1), min(ny, i + 2)):

@@ -14,7 +14,7 @@ from surefoot.geometry.heightmap_files import check_size, load, load_png
 
 GEOTIFF = (".tif", ".tiff")
 SUFFIXES = (".npz", ".asc", ".png", *GEOTIFF)
-"""Suffixes of files of heights."""
+"""Suffixes of files of heights that can be read."""
 PIXEL_SCALE, TIE_POINT, GEO_KEYS, NO_DATA = 33550, 33922, 34735, 42113
 """Tags of GeoTIFF 1.1 (OGC 19-008), and that of GDAL for heights that are none."""
 MODEL_TYPE, RASTER_TYPE = 1024, 1025
@@ -48,7 +48,7 @@ def load_any(path: str | Path) -> HeightMap:
 
 
 class _Scale(NamedTuple):
-    """Scale of a PNG: edge of a pixel, heights of black and white, centre of the lower left pixel, all in m."""
+    """Scale of a PNG in m: edge of a pixel, heights of black and white, centre of the lower left pixel; version."""
 
     cell: float
     z_low: float
@@ -58,6 +58,11 @@ class _Scale(NamedTuple):
 
 
 def _scale(text: str, source: str) -> _Scale:
+    """Return the scale in the text of a `.json` file beside a PNG; `source`: name of that file, for errors.
+
+    Raises:
+        HeightMapError: an entry is absent or no finite number.
+    """
     try:
         entries: Any = json.loads(text)
         numbers = [float(entries[name]) for name in ("cell", "z_low", "z_high")]
@@ -103,7 +108,15 @@ _BROKEN_TIFF = (OSError, SyntaxError, ValueError, TypeError, LookupError, Overfl
 
 
 def _geometry(tags: dict[int, Any], name: str) -> tuple[float, tuple[float, float]]:
-    """Return the edge of a pixel and the centre of the upper left one, m."""
+    """Return the edge of a pixel and x, y of the centre of the upper left one, m, by the tags of a GeoTIFF.
+
+    Args:
+        tags: values of the tags of the file by their number.
+        name: of the file, for errors.
+
+    Raises:
+        HeightMapError: a tag is absent or wrong, or the unit is not m.
+    """
     if PIXEL_SCALE not in tags or TIE_POINT not in tags:
         raise HeightMapError("file", f"{name} has no ModelPixelScale and ModelTiepoint: it is no GeoTIFF, or is turned")
     entries = _numbers(tags[GEO_KEYS], "GeoKeyDirectory", 4) if GEO_KEYS in tags else []
@@ -122,7 +135,17 @@ def _geometry(tags: dict[int, Any], name: str) -> tuple[float, tuple[float, floa
 
 
 def _numbers(values: Any, field: str, least: int = 1, inf: bool = False) -> list[float]:
-    """Return the finite numbers of a tag; `nan` is one, and so are infinite ones if `inf`."""
+    """Return the numbers of a tag of a GeoTIFF; NaN is allowed, and infinite ones are if `inf`.
+
+    Args:
+        values: of the tag.
+        field: name of the tag, for errors.
+        least: least number of values.
+        inf: infinite values are allowed.
+
+    Raises:
+        HeightMapError: there are fewer numbers, or one is not allowed.
+    """
     try:
         found = [float(value) for value in values]
     except (TypeError, ValueError):

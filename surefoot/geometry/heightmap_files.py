@@ -88,10 +88,10 @@ def load(path: str | Path) -> HeightMap:
 
 
 def load_asc(path: str | Path, version: int = 0) -> HeightMap:
-    """Read an ESRI ASCII grid: a header of `key value` lines, then rows from NORTH to south.
+    """Read an ESRI ASCII grid: a header of `key value` lines, then rows of heights, m, from NORTH to south.
 
-    `xllcorner`/`yllcorner` name the corner of the lower left cell, `xllcenter`/`yllcenter` its centre;
-    `NODATA_value` (default -9999) becomes NaN.
+    `xllcorner`/`yllcorner` name the corner of the lower left cell, `xllcenter`/`yllcenter` its centre; `NODATA_value`
+    (default -9999) becomes NaN. `version`: the version the map gets.
 
     Raises:
         HeightMapError: a header key is absent or the number of heights is wrong.
@@ -165,6 +165,7 @@ def check_size(source: Path) -> None:
 
 
 def _check_sidecar(source: Path, sidecar: Path) -> None:
+    """Raise HeightMapError if the `.json` file `sidecar` is damaged, or its digest not that of the map `source`."""
     check_size(sidecar)
     try:
         entries: Any = json.loads(sidecar.read_text(encoding="utf-8"))
@@ -179,7 +180,13 @@ def _check_sidecar(source: Path, sidecar: Path) -> None:
 
 
 def _number(word: str, field: str) -> float:
-    """Return the number of a word; a number beyond the largest float is none, `nan` is one."""
+    """Return the number that a word of a file is; NaN is one, infinite ones are not.
+
+    `field`: part of the map, for errors.
+
+    Raises:
+        HeightMapError: it is none.
+    """
     try:
         value = float(word)
     except ValueError:

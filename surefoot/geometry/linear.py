@@ -26,9 +26,11 @@ def product(a: Array, b: Array) -> Array:
 
 
 def combined(columns: Array, amount: Array) -> Array:
-    """Return the linear combinations sum_q amount[i, q] columns[i, q], (n, d), in the product of the units.
+    """Return the linear combinations sum_q amount[i, q] columns[i, q, :], one row for each i, (n, d).
 
-    columns: (n, k, d); amount: (n, k).
+    Args:
+        columns: k vectors of d numbers for each i, (n, k, d), any unit.
+        amount: weight of each vector, (n, k).
     """
     return np.add.reduce(columns * amount[:, :, None], axis=1)
 
@@ -54,6 +56,7 @@ def angle_of(y: Array, x: Array) -> Array:
 
 
 def _each(function: Callable[[float], float], x: Array) -> Array:
+    """Return `function` of every element of x, of any shape, in its shape."""
     return np.array([function(value) for value in x.ravel().tolist()], dtype=np.float64).reshape(x.shape)
 
 

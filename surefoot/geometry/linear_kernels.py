@@ -71,9 +71,9 @@ def quadratic(z: Array, m: Array) -> float:
 
 @row_kernel
 def add_outer(p: Array, row: int, column: int, a: Array, b: Array) -> None:
-    """Add a b^T, of a (n,) and b (m,), to the block of the matrix p that begins at `row` and `column`, in place.
+    """Add a b^T, of a (n,) and b (m,), to the block of p whose first element is p[row, column], in place.
 
-    p: any shape that holds the block, in the product of the units of a and b.
+    `p`: matrix that holds the block, in the product of the units of a and b; changed.
     """
     for i in range(a.size):
         for j in range(b.size):
@@ -82,9 +82,9 @@ def add_outer(p: Array, row: int, column: int, a: Array, b: Array) -> None:
 
 @row_kernel
 def joseph(p: Array, gain: Array, h: Array, variance: float) -> Array:
-    """Return the covariance, (n, n), after a Kalman correction, in Joseph's form.
+    """Return the covariance, (n, n), after a Kalman correction, in Joseph's form, made symmetric.
 
-    It is (I - K H) P (I - K H)^T + variance K K^T, made symmetric.
+    It is (I - K H) P (I - K H)^T + variance K K^T.
 
     Args:
         p: covariance P before, (n, n), any units.
@@ -103,7 +103,7 @@ def joseph(p: Array, gain: Array, h: Array, variance: float) -> Array:
 
 @row_kernel
 def inverse3(m: Array) -> tuple[Array, float]:
-    """Return the inverse of m (3, 3) by the adjugate, in 1/unit of m, and its condition number (Frobenius).
+    """Return the inverse of m (3, 3) in 1/unit of m, and its condition number (product of Frobenius norms), no unit.
 
     A singular matrix gives zeros and inf.
     """

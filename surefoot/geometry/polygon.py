@@ -16,7 +16,7 @@ MISSED = math.nan
 
 @row_kernel
 def _turn(a: Array, b: Array, c: Array) -> float:
-    """Return twice the signed area of a triangle of points (2,), in their unit squared; positive where c lies left."""
+    """Return twice the signed area of a triangle of points (2,), unit squared; above 0: c lies left of a to b."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
@@ -74,7 +74,7 @@ def hull(points: Array) -> Array:
 
 @row_kernel
 def area(polygon: Array) -> float:
-    """Return the signed area of a polygon (n, 2), in its unit squared; positive counter-clockwise."""
+    """Return the signed area of a polygon, vertices (n, 2), in its unit squared; positive counter-clockwise."""
     total, n = 0.0, polygon.shape[0]
     for i in range(n):
         j = (i + 1) % n
@@ -86,7 +86,7 @@ def area(polygon: Array) -> float:
 
 @row_kernel
 def distance_to_segment(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the distance of the point (px, py) from the segment between (ax, ay) and (bx, by), in their unit."""
+    """Return the distance of (px, py) from the segment between (ax, ay) and (bx, by), all in one unit of length."""
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy
     t = 0.0
@@ -97,10 +97,10 @@ def distance_to_segment(px: float, py: float, ax: float, ay: float, bx: float, b
 
 @row_kernel
 def signed_distance(polygon: Array, x: float, y: float) -> float:
-    """Return the distance of (x, y) to the border of a polygon (n, 2), in their unit, positive inside.
+    """Return the distance of (x, y) to the border of a convex polygon, in their unit, positive inside.
 
     It is negative outside, and -inf for an empty polygon. A point or segment has no inside: the result is minus the
-    distance.
+    distance. `polygon`: vertices (n, 2), counter-clockwise.
     """
     n = polygon.shape[0]
     if n == 0:
@@ -120,9 +120,15 @@ def signed_distance(polygon: Array, x: float, y: float) -> float:
 
 @row_kernel
 def clip(polygon: Array, ax: float, ay: float, limit: float) -> Array:
-    """Return the part (m, 2) of a polygon (n, 2) of points p, any unit, with ax p_x + ay p_y <= limit.
+    """Return the part of a convex polygon where points p satisfy ax p_x + ay p_y <= limit, vertices (m, 2).
 
     Sutherland and Hodgman's algorithm.
+
+    Args:
+        polygon: vertices (n, 2), counter-clockwise, any unit.
+        ax: x of the normal of the border, towards what is cut off.
+        ay: y of the normal.
+        limit: value at the border, unit of p if (ax, ay) is a unit vector.
     """
     n = polygon.shape[0]
     out = np.empty((n + 1, 2))
@@ -144,7 +150,7 @@ def clip(polygon: Array, ax: float, ay: float, limit: float) -> Array:
 
 @row_kernel
 def half_planes(normals: Array, limits: Array, bound: float) -> Array:
-    """Return the polygon {p: a_k'p <= b_k for all k}, (e, 2), cut off at abs(x), abs(y) <= bound.
+    """Return the polygon of points p with a_k.p <= b_k for all k, vertices (e, 2), cut off at abs(x), abs(y) <= bound.
 
     Args:
         normals: directions a_k, (n, 2), unit.
@@ -161,10 +167,10 @@ def half_planes(normals: Array, limits: Array, bound: float) -> Array:
 
 @row_kernel
 def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float, float]:
-    """Return t_in and t_out at which the line (x, y) + t (ax, ay) enters and leaves a polygon (n, 2); NaN if it misses.
+    """Return t at which the line (x, y) + t (ax, ay) enters, and leaves, a convex polygon (n, 2); NaN: it misses.
 
     A segment or point is hit if the line passes it at no more than 1e-12 of its largest distance from (x, y). All
-    lengths have one unit, which is also that of t if (ax, ay) is a unit vector.
+    lengths have one unit; (ax, ay) is a unit vector, and t is in that unit.
     """
     n = polygon.shape[0]
     if n == 0:
@@ -192,9 +198,9 @@ def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float
 
 @row_kernel
 def gap(inner: Array, outer: Array) -> float:
-    """Return the largest distance, m, of a vertex of polygon `outer` from polygon `inner`; NaN if `outer` is empty.
+    """Return the largest distance, m, of a vertex of `outer` from polygon `inner`; NaN if `outer` is empty.
 
-    Both are (n, 2) m.
+    Both hold vertices (n, 2) m, counter-clockwise. It is 0 if all vertices of `outer` lie in `inner`.
     """
     far = 0.0 if outer.shape[0] > 0 else math.nan
     for i in range(outer.shape[0]):

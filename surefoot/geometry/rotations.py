@@ -27,7 +27,7 @@ def multiply(qa: Array, qb: Array) -> Array:
 
 @kernel
 def normalized(q: Array) -> Array:
-    """Return a quaternion w, x, y, z, (4,), scaled to length 1, with its sign chosen so that w >= 0."""
+    """Return a quaternion q = w, x, y, z, (4,), scaled to length 1, with its sign chosen so that w >= 0."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if q[0] < 0.0:
         n = -n
@@ -36,7 +36,7 @@ def normalized(q: Array) -> Array:
 
 @kernel
 def matrix_from_quat(q: Array) -> Array:
-    """Return the rotation matrix (3, 3) of a unit quaternion w, x, y, z, (4,)."""
+    """Return the rotation matrix (3, 3) of a unit quaternion q = w, x, y, z, (4,)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     m = np.empty((3, 3))
     m[0, 0] = 1.0 - 2.0 * (y * y + z * z)
@@ -53,7 +53,7 @@ def matrix_from_quat(q: Array) -> Array:
 
 @kernel
 def quat_from_matrix(m: Array) -> Array:
-    """Return the unit quaternion w, x, y, z, (4,), w >= 0, of a rotation matrix (3, 3), exact at any angle."""
+    """Return the unit quaternion w, x, y, z, (4,), w >= 0, of a rotation matrix m (3, 3), exact at any angle."""
     q = np.empty(4)
     t = m[0, 0] + m[1, 1] + m[2, 2]
     if t > m[0, 0] and t > m[1, 1] and t > m[2, 2]:
@@ -90,7 +90,7 @@ def quat_from_rotvec(v: Array) -> Array:
 
 @kernel
 def rotvec_from_quat(q: Array) -> Array:
-    """Return the rotation vector, (3,) rad, at most pi long, of a unit quaternion w, x, y, z, (4,): the logarithm."""
+    """Return the rotation vector, (3,) rad, at most pi long, of a unit quaternion q = w, x, y, z, (4,) (logarithm)."""
     sign = -1.0 if q[0] < 0.0 else 1.0
     n = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     k = 2.0 * sign
@@ -101,13 +101,13 @@ def rotvec_from_quat(q: Array) -> Array:
 
 @kernel
 def matrix_from_rotvec(v: Array) -> Array:
-    """Return the matrix (3, 3) of a rotation by |v| rad about v (3,): the exponential map."""
+    """Return the matrix (3, 3) of a rotation about v (3,) by |v| rad: the exponential map."""
     return matrix_from_quat(quat_from_rotvec(v))
 
 
 @kernel
 def rotvec_from_matrix(m: Array) -> Array:
-    """Return the rotation vector, (3,) rad, of a rotation matrix (3, 3): the logarithm."""
+    """Return the rotation vector (axis times angle), (3,) rad, of a rotation matrix m (3, 3): the logarithm."""
     return rotvec_from_quat(quat_from_matrix(m))
 
 
@@ -121,7 +121,7 @@ def matrix_from_axis_angle(axis: Array, angle: float) -> Array:
 
 @kernel
 def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
-    """Write the matrix of a rotation by `angle` rad about a unit axis (3,) into `out` (3, 3), for loops over joints."""
+    """Write the matrix of a rotation by `angle` rad about a unit axis (3,) into `out` (3, 3)."""
     c, s = math.cos(angle), math.sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
     k = 1.0 - c

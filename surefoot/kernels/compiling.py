@@ -22,23 +22,23 @@ class Compiling:
 
     @property
     def busy(self) -> bool:
-        """Return whether a kernel is being compiled now."""
+        """True while a kernel is being compiled."""
         return self._depth > 0
 
     @property
     def done_here(self) -> int:
-        """Return the number of compilations that ended on this thread."""
+        """Number of compilations that ended on the thread that asks."""
         return self._by_thread[get_ident()]
 
     def began(self, name: str) -> None:
-        """Record that the compilation of a kernel began; call the listeners unless it is part of another one."""
+        """Record that compilation of kernel `name` began; call the listeners unless it is part of another one."""
         self._depth += 1
         if self._depth == 1:
             for listener in tuple(self._listeners):
                 listener(name)
 
     def ended(self, name: str, counts: bool = True) -> None:
-        """Record that the compilation of a kernel ended; ``counts``: False for a step that is not to be counted."""
+        """Record that compilation of kernel `name` ended; `counts`: False for a step that is not to be counted."""
         self._depth -= 1
         self.done += counts
         self._by_thread[get_ident()] += counts

@@ -88,7 +88,7 @@ def kernel(function: F) -> F:
 
 
 def inner_kernel(function: F) -> F:
-    """Like `kernel`, but its code is copied (inlined) into its callers: for steps of a loop that take many arrays.
+    """Compile `function` with numba and copy (inline) its code into its callers: for steps of a loop with many arrays.
 
     An array argument is passed as seven numbers or more; a dozen of them cost as much as a short loop. The time of the
     compiler grows with the square of the caller's length, so this is for small functions with few callers.
@@ -97,12 +97,18 @@ def inner_kernel(function: F) -> F:
 
 
 def row_kernel(function: F) -> F:
-    """Like `kernel`, but x / 0 is inf or NaN as in numpy, without an exception, so that loops can be vectorised."""
+    """Compile `function` with numba so that x / 0 is inf or NaN as in numpy: its loops can become vector code.
+
+    Other kernels raise ZeroDivisionError instead. The machine code is kept on disk.
+    """
     return _compiled(function, error_model="numpy")
 
 
 def free_kernel(function: F) -> F:
-    """Like `row_kernel`, but runs without the global interpreter lock, so that other threads go on."""
+    """Compile `function` with numba so that it runs without the global interpreter lock, and other threads go on.
+
+    x / 0 is inf or NaN as in numpy, without an exception. The machine code is kept on disk.
+    """
     return _compiled(function, error_model="numpy", nogil=True)
 
 
@@ -112,7 +118,7 @@ def loaded() -> dict[str, int]:
 
 
 def kept_files() -> dict[str, str]:
-    """Return the cache index files of the kernels in `loaded`: the hash of the sources by path of the file."""
+    """Return the cache index files of kernels that Python has called: hash of their sources by path of the file."""
     found = dict[str, str]()
     for each in _KERNELS:
         for path in (Path(index._index_path) for index in each.cache_files() if each.signatures):
@@ -123,15 +129,16 @@ def kept_files() -> dict[str, str]:
 
 
 def set_aside() -> None:
-    """Empty the result of `loaded`; kernels stay in memory, and appear there again once they are called."""
+    """Forget which kernels Python has called; they stay in memory, and count again once they are called."""
     for each in _KERNELS:
         each.set_aside()
 
 
 def _compiled(function: F, **options: Any) -> F:
-    """Return the kernel, kept by `surefoot.kernels.kept` and as old as the oldest file that went into it.
+    """Return the kernel of a function, whose machine code on disk is valid while all files that went into it stay.
 
     Loops become vectors where divisions are as in numpy: elsewhere they are short, and vectors give the same bits.
+    `options`: target options of numba.
     """
     compiled: Any = Kernel(function, targetoptions=dict(options, nopython=True))
     compiled.vectors = options.get("error_model") == "numpy"

@@ -170,7 +170,7 @@ class _Entries:
 
 
 class Kernel(CPUDispatcher):
-    """A compiled function that Python calls; other kernels call its attribute `linked`."""
+    """A compiled function that Python calls; other kernels call `linked`, the form of it that is linked."""
 
     vectors = True
     """Loops of the kernel may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it."""
@@ -196,7 +196,7 @@ class Kernel(CPUDispatcher):
         self._reset_overloads()
 
     def compile(self, sig: Any) -> Any:
-        """Return the address to call for argument types: of code in memory, from the cache, or compiled now."""
+        """Return the address to call for argument types `sig`: of code in memory, from the cache, or compiled now."""
         kept = self._aside.get(sig) if isinstance(sig, tuple) else None
         if kept is None or sig in self.overloads:
             return super().compile(sig)
@@ -204,7 +204,7 @@ class Kernel(CPUDispatcher):
         return kept.entry_point
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return numba's template of a call from another kernel, with the types of constants as of variables."""
+        """Return numba's template of a call from another kernel, constants as variables; args, kws: types."""
         plain = {name: types.unliteral(value) for name, value in kws.items()}
         return self.linked.get_call_template(tuple(types.unliteral(value) for value in args), plain)
 

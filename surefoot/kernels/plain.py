@@ -23,6 +23,6 @@ class PlainKernel(CPUDispatcher):
         """Do nothing: the list of signatures in use is not cleared, so counts of kernels are upper bounds."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return numba's template of a call from another kernel, with the types of constants as of variables."""
+        """Return numba's template of a call from another kernel, constants as variables; args, kws: types."""
         plain = {name: types.unliteral(value) for name, value in kws.items()}
         return super().get_call_template(tuple(types.unliteral(value) for value in args), plain)

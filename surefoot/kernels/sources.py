@@ -29,7 +29,7 @@ def fingerprint(module: str) -> str:
 
 @cache
 def _source(module: str) -> tuple[str, tuple[str, ...]]:
-    """Hash of the text of a module that is being, or has been, imported, and the modules it names."""
+    """Return a hash of the text of a module that is being, or has been, imported, and names of its imports."""
     path = getattr(sys.modules.get(module), "__file__", None)
     if path is None or not path.endswith(".py"):
         return "", ()

@@ -22,12 +22,17 @@ MOST_SWITCHES = 48  # of a foot; with more they count as one
 NEAR = 0.01  # m over the lowest point: a foot without a sensor may stand there
 SURE = 0.98  # largest probability of a contact: a switch may lie
 LEVER = 1.0 / math.sqrt(6.0)
-"""Lever over the length of the leg: six joints of equal noise s turn the sole by s sqrt(6) and move it by s times the
-leg's length, about."""
+"""Distance of the points of a sole from its middle over the length of the leg: six joints of equal noise s turn the
+sole by s sqrt(6) and move it by s times the leg's length, about."""
 
 
 class ContactPoints(NamedTuple):
-    """K points at which the feet of a robot touch the ground, those of one foot side by side, in foot axes."""
+    """K points at which the L feet of a robot touch the ground, those of one foot side by side, in foot axes.
+
+    foot: index of the foot of each, (K,); place: from the foot's centre, (K, 3) m; radius of a round foot, (K,) m, 0 =
+    does not roll; switches: places of the S switches of each foot, (L, S, 3) m, S = 1: one for the whole foot; axes:
+    long axis, short axis and normal of each sole as columns, (L, 3, 3).
+    """
 
     foot: NDArray[np.int64]  # (K,) the foot of each
     place: Array  # (K, 3) m, from the foot's centre, foot axes
@@ -37,7 +42,11 @@ class ContactPoints(NamedTuple):
 
 
 class SeenPoints(NamedTuple):
-    """Places and contacts of the K contact points of the feet at one time, IMU axes."""
+    """Places and contacts of the K contact points of L feet at one time, as seen from the IMU.
+
+    y: places, IMU axes, (K, 3) m; rot: rot_imu_from_foot of the foot of each, (K, 3, 3); contact: probability that each
+    touches the ground, (K,), NaN = unknown; closed: closed switches of each foot, (L,), bit s for switch s.
+    """
 
     y: Array  # (K, 3) m, IMU axes
     rot: Array  # (K, 3, 3) rot_imu_from_foot of each
@@ -46,7 +55,12 @@ class SeenPoints(NamedTuple):
 
 
 class BestGeometry(NamedTuple):
-    """Contact points on the feet of a robot, in foot axes, and the place of the IMU in base_link."""
+    """K contact points on the L feet of a robot, in foot axes, and the mounting of the IMU in base_link.
+
+    foot: index of the foot of each point, (K,); place: from the foot's centre, (K, 3) m; radius of a round foot, (K,)
+    m, 0 = does not roll; switches: places of the S switches of each foot, (L, S, 3) m; axes: long axis, short axis and
+    normal of each sole as columns, (L, 3, 3); imu_position: (3,) m.
+    """
 
     foot: NDArray[np.int64]  # (K,) foot of each contact point
     place: Array  # (K, 3) m, in the foot
@@ -58,7 +72,7 @@ class BestGeometry(NamedTuple):
 
 
 def point_feet(radius: Array) -> ContactPoints:
-    """Return one point for each foot; radius (L,) m, 0 = a foot that does not roll."""
+    """Return one contact point at the centre of each foot; `radius`: of its sphere, (L,) m, 0 = does not roll."""
     count = len(radius)
     return ContactPoints(
         np.arange(count),
@@ -70,7 +84,10 @@ def point_feet(radius: Array) -> ContactPoints:
 
 
 def line_feet(ends: Array) -> ContactPoints:
-    """Return two points for each foot, from ends (L, 2, 3) m in foot axes: it may tip about the line between them."""
+    """Return two contact points for each foot that touches along a line, about which it may tip.
+
+    `ends`: ends of the line of each foot, from its centre, foot axes, (L, 2, 3) m.
+    """
     count = len(ends)
     long = ends[:, 1] - ends[:, 0]
     long = long / np.sqrt(np.sum(long * long, axis=1))[:, None]
@@ -83,12 +100,13 @@ def line_feet(ends: Array) -> ContactPoints:
 
 
 def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> ContactPoints:
-    """Return three points for each foot.
+    """Return three contact points for each foot that has a flat sole, on a circle about its centre.
 
     Args:
         normals: upward unit normals of the soles, (L, 3), foot axes.
         lever: distance of the points from the centre of the foot, m.
-        switches: their places, (L, S, 3) m from the centre of the foot; None: one for the whole foot.
+        switches: places of the S switches of each foot, from its centre, foot axes, (L, S, 3) m; None: one for the
+            whole foot.
     """
     places: list[Array] = []
     axes: list[Array] = []
@@ -114,7 +132,7 @@ def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> Co
 
 
 def contact_points(robot: Robot) -> ContactPoints:
-    """Return the points of a robot: soles where its feet have a sole (three spheres or more), else points."""
+    """Return the contact points of a robot: soles if all feet have one (three spheres or more), else one per foot."""
     if any(len(leg.foot.points) < 3 for leg in robot.legs):
         return point_feet(np.array([leg.foot.radius for leg in robot.legs]))
     normals = np.array([_normal(np.asarray(leg.foot.points)) for leg in robot.legs])
@@ -129,7 +147,7 @@ def contact_points(robot: Robot) -> ContactPoints:
 
 
 def _normal(points: Array) -> Array:
-    """Return the unit normal (3,) of the sole through points (k, 3), foot axes, towards +z (+x if it has no z)."""
+    """Return the unit normal (3,) of the sole through points (k, 3) m, foot axes, towards +z (+x if it has no z)."""
     normal = np.cross(points[1] - points[0], points[2] - points[0])
     normal = normal / math.sqrt(float(np.sum(normal * normal)))
     axis = 2 if abs(normal[2]) > 1e-6 else 0
@@ -148,9 +166,9 @@ def touch_rows(touch: Sequence[Sequence[bool]]) -> NDArray[np.bool_]:
 
 
 def at_switches(contact: Array, count: int) -> Array:
-    """Return probabilities of contact (..., L, n) at `count` switches of each foot, (..., L, count).
+    """Return probabilities of contact at `count` switches of each foot, (..., L, count), from those of n, (..., L, n).
 
-    With n = `count` they stay as they are, else each switch gets the largest value of its foot.
+    With n = `count` they stay as they are, else each switch gets the largest value of its foot; NaN = unknown.
     """
     if contact.shape[-1] == count:
         return np.ascontiguousarray(contact)
@@ -159,7 +177,12 @@ def at_switches(contact: Array, count: int) -> Array:
 
 @kernel
 def probabilities(foot: NDArray[np.int64], contact: Array) -> Array:
-    """Return the probability of contact of each point, (K,), from that of its foot, (L,); NaN (unknown) stays."""
+    """Return the probability of contact of each point, (K,), from that of its foot; 0.98 at most, NaN (unknown) stays.
+
+    Args:
+        foot: index of the foot of each point, (K,).
+        contact: probability of contact of each foot, (L,).
+    """
     out = np.empty(foot.size)
     for k in range(foot.size):
         known = contact[foot[k]]
@@ -172,13 +195,13 @@ def points_of(foot: NDArray[np.int64], place: Array, position: Array, rot: Array
     """Return the contact points seen from the IMU.
 
     Args:
-        foot: the foot of each point, (K,).
-        place: of each in its foot, (K, 3) m.
-        position: of the feet, (L, 3) m, IMU axes.
+        foot: index of the foot of each point, (K,).
+        place: of each from the centre of its foot, foot axes, (K, 3) m.
+        position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
 
     Returns:
-        Points (K, 3) m, IMU axes, and rot_imu_from_foot of each, (K, 3, 3).
+        Points (K, 3) m, IMU axes, and rot_imu_from_foot of the foot of each, (K, 3, 3).
     """
     count = foot.size
     y, turn = np.empty((count, 3)), np.empty((count, 3, 3))
@@ -194,6 +217,7 @@ def points_of(foot: NDArray[np.int64], place: Array, position: Array, rot: Array
 
 @kernel
 def _height(rot: Array, y: Array) -> float:
+    """Return the height, m, of a point y (3,) m over the IMU, y in IMU axes; rot: rot_odom_from_imu, (3, 3)."""
     return rot[2, 0] * y[0] + rot[2, 1] * y[1] + rot[2, 2] * y[2]
 
 
@@ -203,8 +227,8 @@ def by_height(rot: Array, y: Array, radius: Array, contact: Array) -> Array:
 
     Args:
         rot: rot_odom_from_imu, (3, 3).
-        y: contact points, (K, 3) m, IMU axes.
-        radius: of their spheres, (K,) m.
+        y: contact points from the IMU, IMU axes, (K, 3) m.
+        radius: radius of the foot sphere of each, (K,) m; 0 for soles.
         contact: probability by the sensor, (K,), NaN = none.
     """
     lowest = math.inf

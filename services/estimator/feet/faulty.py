@@ -1,9 +1,9 @@
 """Faults of the sensors of a leg that spoil the slip of its stances: encoders that stand still or jump, stuck switches.
 
-A stance ends while its foot rises, so each joint that lifts it has moved within the last tenths of a second, and each
-that carries the trunk on has moved in the stance: an encoder that has given one and the same number for longer stands
-still. A joint cannot move farther between two samples than its motor turns. A switch that stays closed while its foot
-rises is stuck.
+A stance is the time in which a foot stands. It ends while its foot rises, so each joint that lifts it has moved within
+the last tenths of a second, and each that carries the trunk on has moved in the stance: an encoder that has given one
+and the same number for longer stands still. A joint cannot move farther between two samples than its motor turns. A
+switch that stays closed while its foot rises is stuck.
 """
 
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ class LegFaults:
 
     Args:
         joints: indices of the joints of each leg.
-        count: number of all joints.
+        count: number nj of all joints.
     """
 
     joints: tuple[tuple[int, ...], ...]
@@ -49,7 +49,7 @@ class LegFaults:
         Args:
             q: joint angles, (nj,) rad.
             stamp_ns: time of the sample, ns.
-            closed: foot switches, (L,).
+            closed: foot switches, True = closed, (L,).
             risen: height of each foot over the begin of its stance, (L,) m; 0 in swing.
         """
         moved = np.zeros(self.count) if self._last is None else np.abs(q - self._last)

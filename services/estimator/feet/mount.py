@@ -14,7 +14,10 @@ from surefoot.robot.kinematics import forward
 
 
 class FootSample(NamedTuple):
-    """All feet at one time, IMU axes."""
+    """All L feet at one time, seen from the IMU.
+
+    position: foot centres, IMU axes, (L, 3) m; rot: rot_imu_from_foot, (L, 3, 3); contact: the foot touches, (L,).
+    """
 
     stamp_ns: int
     position: Array  # (L, 3) m
@@ -23,7 +26,11 @@ class FootSample(NamedTuple):
 
 
 class FootMount(NamedTuple):
-    """Parts of a robot description that locate the feet from the IMU."""
+    """Parts of a robot description that locate the L feet from the IMU.
+
+    model: joints and links, None if feet come as positions; rot_imu_from_base: (3, 3); imu_position: in base_link, (3,)
+    m; radius: of a round foot, (L,) m, 0 = a sole.
+    """
 
     model: KinematicModel | None  # None: feet come as positions, there are no joints
     rot_imu_from_base: Array  # (3, 3)
@@ -32,25 +39,38 @@ class FootMount(NamedTuple):
 
 
 def foot_mount(robot: Robot) -> FootMount:
-    """Return the mounting of the IMU and the shape of the feet; a foot of several spheres is a sole."""
+    """Return the mounting of the IMU and the shape of the feet of a robot; a foot of several spheres is a sole."""
     rot = np.ascontiguousarray(matrix_from_quat(robot.imu.quat_wxyz).T)
     radius = np.array([leg.foot.radius if len(leg.foot.points) == 1 else 0.0 for leg in robot.legs])
     return FootMount(robot.model, rot, np.ascontiguousarray(robot.imu.position, dtype=np.float64), radius)
 
 
 def bare_mount(feet: int) -> FootMount:
-    """Return a mount for logs of foot positions: the IMU in base_link, feet that do not roll."""
+    """Return a mount for logs of the positions of `feet` feet: the IMU in base_link, feet that do not roll."""
     return FootMount(None, np.eye(3), np.zeros(3), np.zeros(feet))
 
 
 def feet_in_imu(mount: FootMount, q: Array) -> tuple[Array, Array]:
-    """Return foot centres (L, 3) m, IMU axes, and rot_imu_from_foot (L, 3, 3) from joint angles q (nj,) rad."""
+    """Return foot centres (L, 3) m from the IMU, IMU axes, and rot_imu_from_foot (L, 3, 3), by the joint angles.
+
+    Args:
+        mount: kinematic model, and mounting of the IMU in base_link.
+        q: joint angles, (nj,) rad.
+    """
     assert mount.model is not None, "a bare mount has no joints"
     return _feet_in_imu(mount.model, mount.rot_imu_from_base, mount.imu_position, q)
 
 
 @kernel
 def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: Array, q: Array) -> tuple[Array, Array]:
+    """Return foot centres (L, 3) m from the IMU, IMU axes, and rot_imu_from_foot (L, 3, 3), by the joint angles.
+
+    Args:
+        model: kinematic model of the robot.
+        rot_imu_from_base: mounting of the IMU, (3, 3).
+        imu_position: place of the IMU in base_link, (3,) m.
+        q: joint angles, (nj,) rad.
+    """
     rot_base, pos_base = forward(model, q)
     feet = model.foot_link.size
     position, rot = np.empty((feet, 3)), np.empty((feet, 3, 3))
@@ -70,14 +90,14 @@ def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Arr
     """Return the feet with those that are not finite (a dead encoder) lifted off the ground.
 
     Args:
-        position: (L, 3) m, IMU axes.
+        position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
         switches: probability of contact at each switch, (L, S), NaN = unknown.
 
     Returns:
         Positions (L, 3) m and rotations (L, 3, 3), zeros and unit matrices for unknown feet; probability of contact of
-        each foot (L,), 0 for those, NaN = unknown; the switches that are closed (L,), bit s for switch s; True if a
-        foot may stand.
+        each foot (L,), 0 for those, NaN = unknown; the switches that are closed, or unknown, (L,), bit s for switch s;
+        True if a foot may stand.
     """
     position, rot, stands = position.copy(), rot.copy(), False
     contact, closed = np.full(switches.shape[0], np.nan), np.zeros(switches.shape[0], dtype=np.int64)
@@ -104,9 +124,11 @@ def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Arr
 
 @kernel
 def foot_turn(rot_0: Array, rot_1: Array) -> Array:
-    """Return the turn of a foot against the IMU between two samples, (3,) rad, IMU axes: log(rot_1 rot_0^T).
+    """Return the turn of a foot between two samples, (3,) rad, in the axes of a frame A: log(rot_1 rot_0^T).
 
-    rot_0, rot_1: rot_imu_from_foot at the earlier and the later sample, (3, 3).
+    Args:
+        rot_0: rot_A_from_foot at the earlier sample, (3, 3); A is odom or the IMU.
+        rot_1: rot_A_from_foot at the later sample, (3, 3).
     """
     relative = np.empty((3, 3))
     for i in range(3):

@@ -46,7 +46,7 @@ LEAST = 2
 
 @dataclass(frozen=True, slots=True)
 class FinishedStance:
-    """One finished stance of a foot: its leg, how far it slid, where it began, and how it was sampled."""
+    """One finished stance (time in which a foot stood): how far the foot slid, where it began, how it was sampled."""
 
     leg: int
     slip: float
@@ -62,12 +62,12 @@ class FinishedStance:
 
 
 def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float = 0.0) -> tuple[Array, Array]:
-    """Return foot centres (L, 3) m and rot_odom_from_foot (L, 3, 3).
+    """Return foot centres in odom, (L, 3) m, and rot_odom_from_foot (L, 3, 3).
 
     Args:
-        mount: of IMU and feet.
+        mount: kinematic model, and mounting of the IMU in base_link.
         q: joint angles, (nj,) rad.
-        pose: of base_link in odom.
+        pose: pose and velocity of base_link in odom.
         behind_s: age of the joints against the pose, s: the trunk is taken back by its velocity.
     """
     position, rot = feet_in_imu(mount, q)
@@ -82,7 +82,7 @@ def _turned(
     """Return feet, seen from the IMU, in `odom`: centres (L, 3) m and rotations (L, 3, 3).
 
     Args:
-        position: foot centres, IMU axes, (L, 3) m.
+        position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
         quat_wxyz: orientation of base_link in `odom`, (4,).
         rot_imu_from_base: mounting of the IMU, (3, 3).
@@ -98,7 +98,7 @@ def _turned(
 
 
 class FootWays(NamedTuple):
-    """Path of each of L feet over its present stance, updated from sample to sample."""
+    """Path of each of L feet over its present stance (time in which it stands), updated from sample to sample."""
 
     slip: Array
     """Slip of the present stance, (L,) m; 0 in swing."""
@@ -109,11 +109,11 @@ class FootWays(NamedTuple):
     last: Counts
     """Samples from the begin of the stance to the last contact, (L,)."""
     way: Array
-    """x of the stance so far, (L, 2) m."""
+    """Level way x of the foot by slip in the stance so far, axes of odom, (L, 2) m; rolling is taken off."""
     height: Array
     """Height of the foot at its last contact, (L,) m, `odom`."""
     farthest: Array
-    """Largest |x|, (L,) m."""
+    """Largest |x| of the stance so far, (L,) m."""
     begin: Array
     """Foot centre where the stance began, (L, 3) m, `odom`."""
     centre: Array
@@ -124,7 +124,7 @@ class FootWays(NamedTuple):
 
 @dataclass(eq=False)
 class StanceSlip:
-    """Measures how far each foot slides in its stances, from sample to sample.
+    """Measures how far each foot slides in its stances (times in which it stands), from sample to sample.
 
     Args:
         legs: number of feet L.
@@ -146,7 +146,7 @@ class StanceSlip:
         self.slip = self._feet.slip
 
     def risen(self, centre: Array) -> Array:
-        """Return the height of each foot over the begin of its stance, (L,) m; 0 in swing."""
+        """Return how high each foot is over the begin of its stance, (L,) m, 0 in swing; centre: in odom, (L, 3) m."""
         return np.where(self._feet.samples > 0, centre[:, 2] - self._feet.begin[:, 2], 0.0)
 
     def update(
@@ -155,7 +155,7 @@ class StanceSlip:
         """Take one sample of all feet; return the stances that have ended.
 
         Args:
-            contact: foot switches, (L,).
+            contact: foot switches, True = closed, (L,).
             centre: foot centres in `odom`, (L, 3) m; a row that is not finite leaves its foot as it was.
             rot_odom_from_foot: rotation of each foot's link, (L, 3, 3).
             faulty: legs whose stance is spoilt if it ends now, (L,); None = none.
@@ -174,9 +174,14 @@ class StanceSlip:
 
 @kernel
 def _followed(feet: FootWays, contact: Flags, centre: Array, rot: Array, radius: Array) -> Flags:
-    """Take one sample of all feet; return True for stances that have ended, (L,).
+    """Take one sample of all feet into `feet`, in place; return True for stances that have ended, (L,).
 
-    `contact` (L,): closed switches; centre (L, 3) m and rot (L, 3, 3) in odom; radius (L,) m.
+    Args:
+        feet: path of each foot over its stance; changed.
+        contact: foot switches, True = closed, (L,).
+        centre: foot centres in odom, (L, 3) m; a row that is not finite leaves its foot as it was.
+        rot: rot_odom_from_foot, (L, 3, 3).
+        radius: of the foot spheres, (L,) m; 0 = a sole.
     """
     ended = np.zeros(contact.size, dtype=np.bool_)
     for leg in range(contact.size):
@@ -203,12 +208,12 @@ def _step(feet: FootWays, leg: int, contact: bool, centre: Array, rot: Array, ra
     """Add the way of a foot since its last sample, in place; it counts once contact is found again or was not lost.
 
     Args:
-        feet: ways of all feet.
-        leg: number of the foot.
+        feet: path of each foot over its stance; changed.
+        leg: index of the foot.
         contact: its switch is closed.
         centre: its centre in `odom`, (3,) m.
         rot: rot_odom_from_foot, (3, 3).
-        radius: of its sphere, m.
+        radius: of its sphere, m; 0 = a sole.
     """
     phi = rotvec_from_matrix(times_transposed(rot, feet.rot[leg]))
     now, before = 1.0 if contact else OPEN_WEIGHT, 1.0 if feet.open[leg] == 0 else OPEN_WEIGHT

@@ -36,8 +36,15 @@ Stamps = NDArray[np.int64]
 def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
     """Correct with the height of the standing points over a ground that is level everywhere, in place.
 
-    p_z + r_z = ground + radius (K,) m for each, with a standard deviation of `sd` m per sample; errors by
-    lifting feet, edges and dust last for several samples, so `sd` is to be several times the error of one foot.
+    p_z + r_z = ground + radius for each, p the IMU in odom and r the point from the IMU, with a deviation of `sd` per
+    sample; errors by lifting feet, edges and dust last for several samples, so `sd` is several times the error of one
+    foot.
+
+    Args:
+        state: of the filter; changed.
+        ground: height of the ground in odom, m.
+        radius: radius of the foot sphere of each point, (K,) m; 0 for soles.
+        sd: standard deviation of the height of a point per sample, m.
     """
     cov, points = state.cov, state.points
     n = cov.shape[0]
@@ -65,7 +72,7 @@ def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) ->
 
 @kernel
 def forget(state: BestState, d: float) -> None:
-    """Forget velocity and feet after a gap of d s, in which the robot may have gone anywhere, in place."""
+    """Forget velocity, contact points and ground levels of `state` after a gap of d s, in place; widen the position."""
     cov = state.cov
     for k in range(state.points.shape[0]):
         lift(state, k)
@@ -78,10 +85,17 @@ def forget(state: BestState, d: float) -> None:
 
 @kernel
 def _cross_gap(state: BestState, d: float, before: Array, after_it: Array, limits: BestLimits) -> float:
-    """Widen the covariance over a gap of d s between inertial samples, in place; return the step to predict, s.
+    """Widen the covariance over a gap of inertial samples, in place; return the time left to predict, `d` or 0, s.
 
-    `before`, `after_it`: gyro at its ends, IMU axes, (3,) rad/s. A robot that turned there, as one that is knocked over
-    faster than its gyro can measure, may have turned on or not.
+    A robot that turned at the ends of the gap, as one that is knocked over faster than its gyro can measure, may have
+    turned on or not.
+
+    Args:
+        state: of the filter; changed if the gap is longer than usual.
+        d: length of the gap, s; steps up to `limits.gap_s` are no gap, beyond `limits.forget_s` velocity and feet go.
+        before: gyro at the begin of the gap, IMU axes, (3,) rad/s.
+        after_it: gyro at its end, IMU axes, (3,) rad/s.
+        limits: limits of the filter.
     """
     cov = state.cov
     if d <= limits.gap_s:
@@ -100,7 +114,7 @@ def _cross_gap(state: BestState, d: float, before: Array, after_it: Array, limit
 
 @kernel
 def settled(state: BestState) -> bool:
-    """Return True if the estimate can be used: the filter started at rest, or in motion and is certain by now."""
+    """Return True if the estimate in `state` can be used: started at rest, or in motion and certain by now."""
     memory, cov = state.memory, state.cov
     if memory[M.phase] == WAITING or memory[M.phase] == STARTED or memory[M.phase] == CERTAIN:
         return bool(memory[M.phase] != WAITING)
@@ -110,9 +124,9 @@ def settled(state: BestState) -> bool:
 
 @kernel
 def _lost_until(stamps: Stamps, at: int) -> int:
-    """Stamp up to which inertial samples before row `at` are lost; that of the row before if there are none.
+    """Return the stamp, ns, up to which inertial samples before row `at` are lost; that of the row before if none are.
 
-    The period is the shorter of the two steps before.
+    `stamps`: of the inertial samples, (n,) ns, rising. The period is the shorter of the two steps before.
     """
     if at < 3:
         return stamps[max(at - 1, 0)]
@@ -123,7 +137,10 @@ def _lost_until(stamps: Stamps, at: int) -> int:
 
 @kernel
 def _hidden(rows: Array, at: int) -> tuple[float, float]:
-    """Return variances, (rad/s)^2 and (m/s^2)^2, of what inertial samples lost before row `at` of (n, 6) may hide."""
+    """Return variances, (rad/s)^2 and (m/s^2)^2, of what inertial samples lost before row `at` may hide.
+
+    `rows`: gyro rad/s (3) and accelerometer m/s^2 (3) of each sample, IMU axes, (n, 6).
+    """
     turn, push = 0.0, 0.0
     for i in range(3):
         j = ROW_W + i
@@ -139,7 +156,12 @@ def _correct(
 ) -> float:
     """Correct one state with one sample of its points, in place; return the logarithm of its likelihood.
 
-    `hypotheses`, `slides`, `share`: see `take_points`.
+    Args:
+        state: of the filter, or one hypothesis of it, at the stamp of the sample; changed.
+        seen: places and contacts of the contact points.
+        hypotheses: each point may slide, and staying and sliding are mixed; False: `slides` names the feet that slide.
+        slides: bit f is set if foot f slides.
+        share: of the learned velocity of a slide by which it goes on, 0 to 1.
     """
     before, rot, limits = state.x[X.pos : X.pos + 3].copy(), rotation(state.x), setting.limits
     likely = take_points(state, seen, setting.geometry, setting.noise, hypotheses, slides, share)
@@ -155,8 +177,15 @@ def _correct(
 def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int64], geometry: BestGeometry) -> bool:
     """Return True if a sample of the feet has the errors of the last one: it comes soon after, with the same contacts.
 
-    Encoders, flexible legs and soles err alike for some 10 ms; to take every sample of a fast log would be to count
-    one error many times. y (K, 3) m, contact (K,) and closed (L,) as in `SeenPoints`.
+    Encoders, flexible legs and soles err alike for some 10 ms; to take every sample of a fast log would be to count one
+    error many times.
+
+    Args:
+        state: of the filter.
+        y: contact points from the IMU, IMU axes, (K, 3) m.
+        contact: probability that each touches the ground, (K,), NaN = unknown.
+        closed: closed switches of each foot, (L,), bit s for switch s.
+        geometry: contact points on the feet.
     """
     at = likeliest(state)
     memory, points = (state.memory, state.points) if at < 0 else (state.mode_memory[at], state.mode_points[at])
@@ -171,7 +200,7 @@ def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int6
 
 @kernel
 def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSetting) -> None:
-    """Correct with a row of the samples of the feet at the time of the state, in place."""
+    """Correct the state with row `row` of the samples of the feet, at the time of the state, in place."""
     geometry, noise = setting.geometry, setting.noise
     watch_sensors(state, samples, row, geometry.foot, settled(state))
     judge_noise(state, noise.stated_point)
@@ -216,6 +245,7 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
 def _predict_one(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
+    """Carry one state over `d` s by one inertial sample, in place; `hidden`: variances of samples lost in this step."""
     predict(state, w, q, d, noise, felt)
     keep_heading(state, d)
     for i in range(3):
@@ -227,9 +257,10 @@ def _predict_one(
 def _predict(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
-    """Carry the state, or each of its hypotheses, over d s, in place; see `predict` and `_hidden`.
+    """Carry the state, or each of its hypotheses, over `d` s by one inertial sample, in place.
 
-    w, q: means of gyro, rad/s, and accelerometer, m/s^2, over the step, IMU axes, (3,).
+    w, q: mean gyro, rad/s, and accelerometer, m/s^2, over the step, IMU axes, (3,); felt: variances that shocks add to
+    them; hidden: variances of what lost samples may hide, (rad/s)^2 and (m/s^2)^2, 0 where none is lost.
     """
     if likeliest(state) < 0:
         _predict_one(state, w, q, d, noise, felt, hidden)
@@ -240,7 +271,7 @@ def _predict(
 
 @kernel
 def _speed(x: Array, memory: Array) -> float:
-    """Return an upper bound of the speed that is published of a state, m/s, from `x` and `memory` of `BestState`."""
+    """Return an upper bound of the speed that is published, m/s, by x (21 + 3 K,) and memory (112,) of `BestState`."""
     v, lag = 0.0, 0.0
     for i in range(3):
         v += x[X.vel + i] ** 2
@@ -250,7 +281,10 @@ def _speed(x: Array, memory: Array) -> float:
 
 @inner_kernel
 def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
-    """Forget a velocity beyond `most` m/s, that no robot has, in place; `foot`: foot of each contact point, (K,)."""
+    """Forget velocity and hypotheses if the speed exceeds `most` m/s, that no robot has, in place.
+
+    `foot`: index of the foot of each contact point, (K,).
+    """
     fastest = _speed(state.x, state.memory) if likeliest(state) < 0 else 0.0
     for h in range(state.weight.size):
         if state.weight[h] > 0.0:
@@ -265,6 +299,12 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
     """Carry the state to inertial row `at`, and take the feet up to its stamp, in place.
 
     A sample of the feet is taken at its own stamp, between two parts of the inertial step in which it lies.
+
+    Args:
+        state: of the filter at row `at` - 1; changed.
+        samples: stored samples, filled rows only.
+        at: inertial row.
+        next_foot: first row of the feet that has not been taken.
 
     Returns:
         The first row of the feet that is left.
@@ -307,7 +347,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
 def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: int, setting: BestSetting) -> int:
     """Learn from a rest at inertial row `at`, or start there, in place; return the first row of the feet that is left.
 
-    The feet up to the row are left out as long as nothing has started.
+    As long as the filter has not started, the feet (rows from `next_foot` on) up to the row are left out.
     """
     memory, limits, feet_stamps = state.memory, setting.limits, samples.feet_stamps
     resting = rests(samples, at, limits)
@@ -342,9 +382,10 @@ def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSet
     """Advance the filter over the inertial rows from `begin` on and the other samples between them, in place.
 
     Args:
-        state: as after row `begin` - 1.
-        samples: filled rows only.
+        state: of the filter, as after row `begin` - 1; changed.
+        samples: stored samples by rising stamps, filled rows only.
         begin: first inertial row to take.
+        setting: geometry, noises and limits of the filter.
     """
     stamps, foot = samples.imu_stamps, setting.geometry.foot
     next_foot = after(samples.feet_stamps, stamps[begin - 1]) if begin > 0 else 0

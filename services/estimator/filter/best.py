@@ -26,7 +26,15 @@ from .summary import QUAT, R, condition, summary
 
 
 class BestOutput(NamedTuple):
-    """Estimate of the `best` filter at the newest inertial sample, with covariances; `settled`: it can be used."""
+    """Estimate of the `best` filter at the newest inertial sample, for L feet; `settled`: it can be used.
+
+    g: specific force at rest, IMU axes, m/s^2; v: velocity of the IMU, IMU axes, m/s; covariance: of (g, v), (6, 6);
+    position and quat_wxyz: base_link in odom, m; v_odom: of base_link, odom axes, m/s; pose_covariance: of x, y, z and
+    the rotation about them, odom axes, (6, 6); biases: IMU axes, rad/s and m/s^2; sliding: probability that a foot
+    slides, (L,), NaN = it does not stand; nis: normalised innovation squared, 3 degrees of freedom; excess: factor of
+    the inertial noise; expressed: velocities, turn rate, g and tilt in the frames of users, (5, 3); flags: inputs_ok,
+    filter_ok, sensors_ok; quiet: there is nothing to report but standing.
+    """
 
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes
@@ -50,7 +58,11 @@ class BestOutput(NamedTuple):
 
 
 class ExternalUse(NamedTuple):
-    """Counts of the poses and velocities of other sources, e.g. a camera, and the turn of their frame against odom."""
+    """Counts of the poses and velocities of other sources, e.g. a camera, and the turn of their frame against odom.
+
+    left_out: they contradicted the estimate; frames: times that the frame of their poses was found, 1 and one more for
+    each jump of it; yaw: rad, NaN = unknown.
+    """
 
     used: int
     left_out: int  # since they contradicted the estimate
@@ -64,11 +76,21 @@ def report(
 ) -> tuple[Array, Array, Array, Array, Flags, Array, bool, bool, bool, tuple[bool, bool, bool]]:
     """Bring the state up to the newest inertial sample, in place, and return the estimate there.
 
+    Args:
+        box: parts of the filter, whose arrays are changed.
+
     Returns:
-        Vectors by rows (8, 3): g, v, position, velocity in odom, biases, SI, in the order of `RowLayout`; quaternion
-        (w, x, y, z) of base_link in odom and probability that each foot slides, (4 + L,); covariance of (g, v), (6, 6);
-        covariance of the pose in odom, (6, 6), m and rad; which feet slip, (L,) bool; velocities, turn, g and (roll,
-        pitch) in the frames of users, (5, 3), SI; standing, settled, quiet, flags of `BestOutput`.
+        Vectors by rows (8, 3): g, v, position, velocity in odom, biases, heading and counts, fit, SI, as in
+        `RowLayout`.
+
+        Quaternion (w, x, y, z) of base_link in odom and probability that each of L feet slides, (4 + L,).
+
+        Covariance of (g, v) in IMU axes, (6, 6), and covariance of the pose in odom, (6, 6), m and rad.
+
+        Which feet slip, (L,) bool; rows velocity, heading velocity, turn, g in base_link and (roll, pitch, 0), (5, 3),
+        SI.
+
+        Standing, settled, quiet, and the flags inputs_ok, filter_ok, sensors_ok.
     """
     parts = box.parts
     bring_up(parts.replay, parts.state, parts.setting)
@@ -85,7 +107,10 @@ def report(
 
 @kernel
 def condition_now(box: KernelBox[FilterParts]) -> Condition:
-    """Return the numbers from which flags and reasons follow; the filter is at its newest sample already."""
+    """Return the numbers from which flags and reasons follow; the filter is at its newest sample already.
+
+    `box`: parts of the filter.
+    """
     parts = box.parts
     feet = parts.check.feet.shape[0]
     rows, more, covariance, _ = summary(parts.state, parts.setting.geometry, parts.clock.w, feet)
@@ -98,7 +123,10 @@ class BestFilter:
     It takes samples in any order within the last half second; the result is that of their order by stamps, to the bit.
 
     Args:
+        geometry: contact points on the feet, and mounting of the IMU.
+        noise: noises and rates of the filter.
         limits: of start and rest.
+        check: limits and counters of the inputs.
     """
 
     def __init__(self, geometry: BestGeometry, noise: BestNoise, limits: BestLimits, check: InputCheck) -> None:
@@ -122,9 +150,13 @@ class BestFilter:
         self._condition: Condition | None = None
 
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
-        """Take gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes, at their limits if `clipped`; return a code.
+        """Take an inertial sample; return the index of its result in `RESULTS`: taken, or the reason why not.
 
-        The code is the number of an `InputResult`: taken, or the reason why not.
+        Args:
+            stamp_ns: time of the sample, ns.
+            w: gyro, IMU axes, (3,) rad/s.
+            q: accelerometer, IMU axes, (3,) m/s^2.
+            clipped: an axis was at the end of its range.
         """
         self.outdate()
         code = take_imu(self._box, stamp_ns, w, q, clipped, OK)
@@ -134,13 +166,13 @@ class BestFilter:
         return code
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
-        """Take a sample of L feet and return the number of its `InputResult`.
+        """Take a sample of L feet; return the index of its result in `RESULTS`: taken, or the reason why not.
 
         Args:
             stamp_ns: time of the sample, ns.
-            position: feet, (L, 3) m, IMU axes.
+            position: foot centres from the IMU, IMU axes, (L, 3) m.
             rot: rot_imu_from_foot, (L, 3, 3).
-            contact: probability at each switch, (L, S), NaN = unknown.
+            contact: probability of contact at each of S switches of a foot, (L, S), NaN = unknown.
         """
         self.outdate()
         code = take_feet(self._box, stamp_ns, position, rot, contact, OK)
@@ -150,7 +182,7 @@ class BestFilter:
         return code
 
     def external(self, stamp_ns: int, row: Array) -> int:
-        """Take a sample of another source at `stamp_ns`, ns; return the code of its `InputResult`.
+        """Take a sample of another source, such as a camera; return the index of its result in `RESULTS`.
 
         Args:
             stamp_ns: time at which the sample holds, ns.
@@ -174,6 +206,7 @@ class BestFilter:
         self.__setstate__(parts._replace(state=state, replay=parts.replay._replace(snapshots=snapshots)))
 
     def _restart(self, stamp_ns: int) -> None:
+        """Bring the state up to date, then let it go on after stamps that began anew; `stamp_ns`: of the next, ns."""
         report(self._box)
         restart(self._box, stamp_ns)
 
@@ -183,15 +216,15 @@ class BestFilter:
         Args:
             log: n inertial rows, m samples of the feet and those of other sources.
             order: (k,): number of an inertial row, n + that of a sample of the feet, or n + m + that of another source.
-            rows: estimates, of which row `first` and later are written, one for each inertial row.
-            first: first inertial row that gets an estimate.
+            rows: estimates, one for each inertial row from `first` on; changed.
+            first: first inertial row that gets an estimate, written to row 0.
         """
         self.outdate()
         follow_log(order, log, rows, first, self._box)
 
     @property
     def output(self) -> BestOutput:
-        """The estimate at the newest inertial sample; late samples cost one replay of at most the window."""
+        """Estimate at the newest inertial sample; late samples cost one replay of at most the last half second."""
         if self._output is None:
             rows, more, covariance, pose, slipping, expressed, standing, settled, quiet, flags = report(self._box)
             g, v, position, v_odom, gyro_bias, acc_bias, (yaw, _, _), fit = rows

@@ -21,9 +21,11 @@ from .noise import FIXED
 
 @kernel
 def lift_delay(row: Array, share: float) -> None:
-    """Fade the sums that show the delay of a foot's stamps by the factor `share` (0 to 1) while it is off the ground.
+    """Fade the sums that show late stamps of a foot while it is off the ground, in place.
 
-    `row`: numbers of this foot, one row of `BestState.sensors`, (columns,), as in `SensorLayout`; changed in place.
+    Args:
+        row: numbers of the sensors of this foot, one row of `BestState.sensors`, (38,); changed.
+        share: factor of the sums, 0 to 1.
     """
     row[S.delay + L.stood] = 0.0
     for i in range(4):
@@ -34,15 +36,15 @@ def lift_delay(row: Array, share: float) -> None:
 def learn_delay(row: Array, trunk: Array, gained: Array, swung: Array, dt: float, share: float) -> None:
     """Learn the delay of the stamps from two successive samples of one standing foot, in place.
 
-    Samples count from the third in a row on.
+    Samples count from the third in a row on. All velocities are in odom axes.
 
     Args:
-        row: of the foot in `BestState.sensors`.
-        trunk: velocity of the trunk, u, (3,) m/s.
-        gained: its change between the samples by the inertial unit, (3,) m/s.
-        swung: R (w x y), (3,) m/s.
-        dt: time between them, s.
-        share: exp(-dt / `delay_s`).
+        row: numbers of the sensors of this foot, one row of `BestState.sensors`, (38,); changed.
+        trunk: velocity u of the trunk by the foot, from the change of its place, (3,) m/s.
+        gained: change of the trunk's velocity between the samples by the inertial unit, (3,) m/s.
+        swung: R (w x y), velocity of the foot y by the turn w of the trunk, R its attitude, (3,) m/s.
+        dt: time between the samples, s.
+        share: factor by which older sums fade in this step, 0 to 1.
     """
     own, fade = row[S.delay :], math.exp(-dt / FIXED.delay_forget_s)
     sums, own[L.stood] = own[L.sums : L.sums + 4], own[L.stood] + 1.0
@@ -70,7 +72,8 @@ def learn_delay(row: Array, trunk: Array, gained: Array, swung: Array, dt: float
 def delay_of(sensors: Array) -> float:
     """Return the time by which the stamps of all feet are late, s, 0 where it is not sure; below 0: they are early.
 
-    `sensors`: numbers of each foot, (L, columns), mixed units as in `SensorLayout`.
+    Args:
+        sensors: numbers of the sensors of each foot, (K, 38), mixed units, columns as in `SensorLayout`.
     """
     along = square = strange = stood = 0.0
     for f in range(sensors.shape[0]):
@@ -88,6 +91,7 @@ def delay_of(sensors: Array) -> float:
 def forget_delay(sensors: Array) -> None:
     """Forget what the feet have shown of late stamps, in place.
 
-    `sensors`: numbers of each foot, (..., L, columns), mixed units as in `SensorLayout`.
+    Args:
+        sensors: numbers of the sensors of each foot, (..., K, 38), columns as in `SensorLayout`; changed.
     """
     sensors[..., S.delay + L.sums : S.delay + L.sums + 4] = 0.0

@@ -24,7 +24,7 @@ from .state import turn_matrix
 
 @kernel
 def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
-    """Return the squared distance, m^2, of foot f in one row of feet (N, L, 3) from foot g in the row `before`."""
+    """Return the squared distance, m^2, of foot f in row `row` of feet (N, L, 3) m from foot g in row `before`."""
     square = 0.0
     for i in range(3):
         square += (feet[row, f, i] - feet[before, g, i]) ** 2
@@ -33,13 +33,16 @@ def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
 
 @kernel
 def unknown(feet: Array, row: int, f: int) -> bool:
-    """Return True if the position of foot f was not finite, which is stored as zeros in a row of feet (N, L, 3) m."""
+    """Return True if foot f in a row of feet (N, L, 3) m is all zeros, which stands for a position not finite."""
     return bool(feet[row, f, 0] == 0.0 and feet[row, f, 1] == 0.0 and feet[row, f, 2] == 0.0)
 
 
 @kernel
 def exchanged(feet: Array, row: int, f: int) -> int:
-    """Return the foot with which foot f changed places between rows `row` - 1 and `row` of feet (N, L, 3), or -1."""
+    """Return the foot with which foot f changed places between rows `row` - 1 and `row`, or -1 if it did not.
+
+    `feet`: positions, (N, L, 3) m, IMU axes.
+    """
     if row < 1 or unknown(feet, row, f) or unknown(feet, row - 1, f):
         return -1
     way = _apart(feet, row, f, row - 1, f)
@@ -56,17 +59,17 @@ def exchanged(feet: Array, row: int, f: int) -> int:
 
 @kernel
 def _bend(samples: SampleStore, row: int, f: int) -> float:
-    """Return how far the middle one of the three steps of a foot that stands is from the mean of the others, m.
+    """Return how far the middle one of the last three steps of a foot that stands is from the mean of the others, m.
 
     The motion of the trunk is taken off. Let D be the way of the IMU by its accelerations, as if from rest and without
     gravity, and C its turn, both since the first of four samples k at the times t_k. The places D_k + C_k y_k of a foot
-    that stands lie on a parabola of the time, by its velocity and gravity. Their third divided difference is zero, and
-    3 h^3 times it is the distance for three steps of length h.
+    that stands, y_k as seen from the IMU, lie on a parabola of the time, by its velocity and gravity. Their third
+    divided difference is zero, and 3 h^3 times it is the distance for three steps of length h.
 
     Args:
-        samples: filled rows.
+        samples: stored samples, filled rows only.
         row: of the feet, the last of the four.
-        f: the foot.
+        f: index of the foot.
     """
     stamps, now = samples.imu_stamps, samples.feet_stamps[row - 3]
     at, size = after(stamps, now), stamps.size
@@ -94,16 +97,16 @@ def _bend(samples: SampleStore, row: int, f: int) -> float:
 
 @kernel
 def jumped(samples: SampleStore, row: int, f: int, point: int, leap: float) -> float:
-    """Return by how far the encoders of foot f jumped between the last two rows before `row`, m; 0: they did not.
+    """Return by how far the encoders of foot f jumped between rows `row` - 2 and `row` - 1, m; 0: they did not.
 
     A jump is found only among samples at equal steps, and in slow samples only of feet that stand, for a foot that
     lands may be thrown. A value below 0: the switch changed in that step, as where a model of a leg lands its foot.
 
     Args:
-        samples: filled rows.
+        samples: stored samples, filled rows only.
         row: of the feet.
-        f: the foot.
-        point: one of its contact points.
+        f: index of the foot.
+        point: index of one of its contact points.
         leap: distance by which the foot usually jumps as its switch changes, m. If that is far, only the step of the
             jump is examined, and not those beside it.
     """
@@ -142,8 +145,8 @@ def learn_repeats(sensors: Array, samples: SampleStore, row: int, contact: Array
     """Learn for how long each foot has repeated one sample, and by how much the IMU has turned meanwhile, in place.
 
     Args:
-        sensors: numbers of each foot, see `SensorLayout`.
-        samples: filled rows.
+        sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; changed.
+        samples: stored samples, filled rows only.
         row: of the feet, 1 at least.
         contact: probability that each foot touches the ground, (L,).
         turn: rate of the IMU without its bias, rad/s.

@@ -28,18 +28,21 @@ from .samples import EX, ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, isolate, rotation
 
 POSITION, YAW, VELOCITY = range(3)
-"""Parts of a sample from elsewhere by number."""
+"""Parts of a sample of another source by number: position of the IMU, heading of base_link, velocity of the IMU."""
 
 
 @kernel
 def frame_of(state: BestState) -> int:
-    """Return the first row of the error of the frame of other sources: three rows of shift, m, and one of turn, rad."""
+    """Return the first row of the error of the frame of another source: three rows of shift, m, one of turn, rad."""
     return E.points + 3 * state.points.shape[0]
 
 
 @kernel
 def _heading(state: BestState, rot_base_from_imu: Array) -> tuple[float, Array]:
-    """Return the heading of base_link, rad, and its derivative by the rotation error, (3,)."""
+    """Return the heading of base_link in odom, rad, and its derivative by the rotation error of the state, (3,).
+
+    `rot_base_from_imu`: mounting of the IMU, (3, 3).
+    """
     ahead = times_transposed(rotation(state.x), rot_base_from_imu)[:, 0]
     level = ahead[0] ** 2 + ahead[1] ** 2
     by = np.array([-ahead[2] * ahead[0] / level, -ahead[2] * ahead[1] / level, 1.0])
@@ -56,12 +59,13 @@ def expected(
     derivative zero.
 
     Args:
-        part: `POSITION`, `YAW` or `VELOCITY`.
-        row: the sample, (26,) as `ExternalLayout`: m, rad, m/s and their squares.
-        w: gyro since the sample, (3,) rad/s, IMU axes.
-        q: accelerometer since the sample, (3,) m/s^2, IMU axes.
+        state: of the filter, whose error has n numbers, at the end of the inertial step.
+        part: what is compared: `POSITION` = 0, `YAW` = 1 or `VELOCITY` = 2.
+        row: the sample, (26,) as in `ExternalLayout`: m, rad, m/s and their squares.
+        w: gyro since the sample, IMU axes, (3,) rad/s.
+        q: accelerometer since the sample, IMU axes, (3,) m/s^2.
         age: time since the sample, s, less than an inertial period.
-        rot_base_from_imu: (3, 3).
+        rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
     """
     x, rot, n = state.x, rotation(state.x), state.cov.shape[0]
     z, by, noise, frame = np.zeros(3), np.zeros((3, n)), np.eye(3), frame_of(state)
@@ -108,7 +112,13 @@ def expected(
 
 @kernel
 def _spread(cov: Array, by: Array, noise: Array) -> tuple[Array, Array]:
-    """Return P H^T (n, 3), and H P H^T + noise (3, 3), of H = `by` (3, n)."""
+    """Return P H^T, (n, 3), and H P H^T + N, (3, 3), the covariance of an innovation.
+
+    Args:
+        cov: covariance P of the error of the state, (n, n).
+        by: derivative H of the innovation by the error, (3, n).
+        noise: covariance N of the sample, (3, 3).
+    """
     n = cov.shape[0]
     across, total = np.zeros((n, 3)), noise.copy()
     for j in range(n):
@@ -125,13 +135,13 @@ def _spread(cov: Array, by: Array, noise: Array) -> tuple[Array, Array]:
 
 @kernel
 def _correct(state: BestState, z: Array, by: Array, noise: Array) -> float:
-    """Correct with an innovation, in place; return the logarithm of its likelihood up to a constant.
+    """Correct one state with an innovation, in place; return the logarithm of its likelihood up to a constant.
 
     Args:
-        state: the state, whose error has n numbers.
-        z: innovation, estimate minus sample, (3,).
+        state: of the filter, or one hypothesis, whose error has n numbers; changed.
+        z: innovation, estimate minus sample, (3,), m, rad or m/s.
         by: its derivative by the error, (3, n).
-        noise: covariance of the sample, (3, 3).
+        noise: covariance of the sample, (3, 3), unit of z squared.
     """
     cov, n = state.cov, state.cov.shape[0]
     across, total = _spread(cov, by, noise)
@@ -157,9 +167,10 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
     """Make the frame of the source unknown, and lay it so that the sample fits, in place.
 
     Args:
-        row: the sample, (26,), see `samples.EX`.
-        rot_base_from_imu: mounting of the IMU, (3, 3).
-        placed: the sample has a position.
+        state: of the filter, or one hypothesis; shift and turn of the frame, and their covariance, are changed.
+        row: the sample, (26,) as in `ExternalLayout`.
+        rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
+        placed: the sample has a position; else only the turn of the frame is set.
     """
     frame, at, x = frame_of(state), X.points + 3 * state.points.shape[0], state.x
     isolate(state.cov, frame, 3, FIXED.frame_sd**2)
@@ -174,7 +185,14 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
 
 @kernel
 def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
-    """Return whether an innovation z is within what its covariance allows; arguments as of `_correct`."""
+    """Return True if an innovation is within what its covariance allows: its normalised square is below 16.
+
+    Args:
+        state: of the filter, or one hypothesis, whose error has n numbers.
+        z: innovation, estimate minus sample, (3,), m, rad or m/s.
+        by: its derivative by the error, (3, n).
+        noise: covariance of the sample, (3, 3), unit of z squared.
+    """
     total = _spread(state.cov, by, noise)[1]
     return bool(determinant(total) > 0.0 and quadratic(z, inverse3(total)[0]) < FIXED.outlier)
 
@@ -185,7 +203,14 @@ def _take_part(
 ) -> bool:
     """Correct the state, or each of its hypotheses, with a part of a sample, in place; return False if left out.
 
-    Arguments as of `expected`: gyro w in rad/s, accelerometer q in m/s^2, IMU axes, (3,); age in s.
+    Args:
+        state: of the filter; changed.
+        part: `POSITION` = 0, `YAW` = 1 or `VELOCITY` = 2.
+        row: the sample, (26,) as in `ExternalLayout`.
+        w: gyro since the sample, IMU axes, (3,) rad/s.
+        q: accelerometer since the sample, IMU axes, (3,) m/s^2.
+        age: time since the sample, s.
+        rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
     """
     best = likeliest(state)
     first = state if best < 0 else mode(state, best)
@@ -206,9 +231,15 @@ def _take_part(
 
 @kernel
 def _take_one(state: BestState, row: Array, w: Array, q: Array, age: float, rot_base_from_imu: Array) -> None:
-    """Correct with one sample, in place, and count what was left out.
+    """Correct with all parts of one sample of another source, in place, and count what was left out.
 
-    Arguments as of `expected`: gyro w in rad/s, accelerometer q in m/s^2, IMU axes, (3,); age in s.
+    Args:
+        state: of the filter; changed.
+        row: the sample, (26,) as in `ExternalLayout`; NaN: not in the sample.
+        w: gyro since the sample, IMU axes, (3,) rad/s.
+        q: accelerometer since the sample, IMU axes, (3,) m/s^2.
+        age: time since the sample, s.
+        rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
     """
     memory, placed, headed = state.memory, not math.isnan(row[EX.position]), not math.isnan(row[EX.yaw])
     if headed and (memory[M.framed] == 0.0 or memory[M.jumps] >= FIXED.most_jumps):
@@ -234,7 +265,14 @@ def _take_one(state: BestState, row: Array, w: Array, q: Array, age: float, rot_
 
 @kernel
 def take_external(state: BestState, samples: SampleStore, at: int, setting: BestSetting) -> None:
-    """Correct with the samples of other sources that lie between inertial rows `at` - 1 and `at`, in place."""
+    """Correct with the samples of another source between inertial rows `at` - 1 and `at`, in place.
+
+    Args:
+        state: of the filter at row `at`; changed.
+        samples: stored samples, filled rows only.
+        at: inertial row.
+        setting: geometry, noises and limits of the filter.
+    """
     stamps, now = samples.external_stamps, samples.imu_stamps[at]
     last = after(stamps, now)
     for e in range(after(stamps, samples.imu_stamps[max(at - 1, 0)]), last):

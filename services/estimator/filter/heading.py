@@ -26,15 +26,15 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
     """Learn the rate at which the distance between standing feet changes, in place; a turn of the robot leaves it.
 
     While the same points of two or more feet stand, their mean square distance m from their middle stays. A standing of
-    t s, `least_stood` or longer, shows
+    t s, `least_stood` or longer, that began with m_0, shows
 
         rate = log(m/m_0)/(2 t),   parting += min(t/T, 1) (rate^2 - parting),   T = `parting_s`
 
     Args:
-        state: the state; the rate is stored in its hypotheses as well.
-        y: the points, (K, 3) m, IMU axes.
+        state: of the filter; the mean square rate `parting` in its memory, and in that of its hypotheses, is changed.
+        y: contact points from the IMU, IMU axes, (K, 3) m.
         contact: probability that each stands, (K,); from one half on a point counts as standing.
-        foot: the foot of each.
+        foot: index of the foot of each point, (K,).
     """
     memory, stands, count, feet, last = state.memory, 0, 0, 0, -1
     middle, apart = np.zeros(3), 0.0
@@ -66,9 +66,12 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
 
 @kernel
 def gyro_share(memory: Array) -> float:
-    """Return the share of the gyro in the heading, 0 to 1, by `BestState.memory` (112,).
+    """Return the share of the gyro in the heading, 0 to 1; the rest comes from the feet.
 
-    It is rho^4/(rho^4 + rho_0^4), rho^2 = `parting`, mean square rate at which standing points part; 0 if it is small.
+    It is rho^4/(rho^4 + rho_0^4), rho^2 the mean square rate at which standing feet part, rho_0 = 0.02/s; 0 if small.
+
+    Args:
+        memory: `BestState.memory`, (112,), which holds rho^2.
     """
     share = memory[M.parting] ** 2 / (memory[M.parting] ** 2 + FIXED.parting**4)
     return float(share) if share >= FIXED.no_share else 0.0
@@ -78,7 +81,7 @@ def gyro_share(memory: Array) -> float:
 def trusted_share(state: BestState) -> float:
     """Return the share of the gyro in the heading, 0 to 1; 0 before the first rest if the gyro bias is not near 0.
 
-    Until the first rest the gyro bias is taken to be 0, unless its estimate is larger than `FIXED.own_unknown`.
+    Until the first rest the gyro bias is taken to be 0, unless its estimate in `state` is above `FIXED.own_unknown`.
     """
     memory, own, size_sq = state.memory, M.own_bias, 0.0
     if memory[own] == 0.0 and memory[own + 1] == 0.0 and memory[own + 2] == 0.0:
@@ -92,7 +95,8 @@ def keep_heading(state: BestState, d: float) -> None:
     """Turn the heading so that it follows the gyro with its bias at the last rest over a step of d s, in place.
 
     The angle is s u^T (b - b_0) d with the share s of the gyro, the vertical u, the present estimate b of the gyro bias
-    and the bias b_0 at the last rest. b itself stays: the velocity needs it, whether the gyro or the feet err.
+    and the bias b_0 at the last rest. b itself stays: the velocity needs it, whether the gyro or the feet err. The
+    variance of the heading in `state` grows as well.
     """
     x, share, angle = state.x, trusted_share(state), 0.0
     if share > 0.0:
@@ -108,8 +112,8 @@ def take_back(state: BestState, before: Array) -> None:
     """Undo a part of the turn of the heading by a sample of the feet, in place: the share of the gyro (0 to 1).
 
     Args:
-        state: the state after a sample of the feet.
-        before: rot_odom_from_imu before it, (3, 3).
+        state: of the filter after a sample of the feet; changed.
+        before: rot_odom_from_imu before the sample, (3, 3).
     """
     share = trusted_share(state)
     if share > 0.0:
@@ -119,7 +123,7 @@ def take_back(state: BestState, before: Array) -> None:
 
 @kernel
 def turn_heading(state: BestState, angle: float) -> None:
-    """Turn attitude, velocity and points about the vertical by `angle` rad, in place; the position stays."""
+    """Turn attitude, velocity and points of `state` about the vertical by `angle` rad, in place; the position stays."""
     x, c, s = state.x, math.cos(angle), math.sin(angle)
     for i in range(3):
         _turn(x, X.rot + i, X.rot + 3 + i, c, s)
@@ -131,5 +135,5 @@ def turn_heading(state: BestState, angle: float) -> None:
 
 @kernel
 def _turn(x: Array, i: int, j: int, c: float, s: float) -> None:
-    """Turn the vector of elements i and j of x by the angle of cosine c and sine s, in place."""
+    """Turn the pair x[i], x[j] of a state x (21 + 3 K,) by the angle of cosine c and sine s in its plane, in place."""
     x[i], x[j] = c * x[i] - s * x[j], s * x[i] + c * x[j]

@@ -35,19 +35,22 @@ OWN = (
     M.slide_square, *range(M.own_bias, M.parting + 1), M.framed, M.jumps, M.left_out, M.externals, M.externals_out,
     M.frames, *range(M.pose_extra, M.levels + LEVEL * LEVELS),
 )  # fmt: skip
-"""Numbers of the memory that belong to the state, not to its hypotheses."""
+"""Indices of `BestState.memory` whose numbers belong to the state, not to its hypotheses about sliding feet."""
 MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)
-"""Numbers of the memory whose mean over the hypotheses is taken; of the others that of the likeliest stays."""
+"""Indices of the memory whose mean over the hypotheses is taken; of other numbers that of the likeliest stays."""
 
 
 def modes_of(feet: int) -> int:
-    """Return the number of hypotheses about sliding feet, 2^feet; 0 above `FIXED.most_feet`: points are mixed alone."""
+    """Return the number of hypotheses about which feet slide: 2^feet for one or two feet, else 0.
+
+    With more feet each contact point is weighted by itself, staying against sliding.
+    """
     return 1 << feet if feet <= FIXED.most_feet else 0
 
 
 @kernel
 def mode(state: BestState, h: int) -> BestState:
-    """Return hypothesis h as a state without hypotheses of its own, which shares the arrays of `state`."""
+    """Return hypothesis h (bit f set: foot f slides) as a state without hypotheses that shares arrays with `state`."""
     return BestState(
         state.mode_x[h], state.mode_cov[h], state.mode_points[h], state.mode_turn[h], state.mode_memory[h],
         state.mode_x, state.mode_cov, state.mode_points, state.mode_turn, state.mode_memory, state.weight[:0],
@@ -57,7 +60,7 @@ def mode(state: BestState, h: int) -> BestState:
 
 @kernel
 def likeliest(state: BestState) -> int:
-    """Return the number of the hypothesis with the largest weight, -1 if there are no hypotheses."""
+    """Return the number of the hypothesis about sliding feet with the largest weight, -1 if there are none."""
     best = -1
     for h in range(state.weight.size):
         if state.weight[h] > 0.0 and (best < 0 or state.weight[h] > state.weight[best]):
@@ -67,7 +70,11 @@ def likeliest(state: BestState) -> int:
 
 @kernel
 def _distance(a: BestState, b: BestState, out: Array) -> None:
-    """Write the error of `a` if `b` were true, (15 + 3 K,): taken out of `a` it gives `b`."""
+    """Write the error of state `a` if `b` were true into `out`; taken out of `a` it gives `b`.
+
+    `out`: (15 + 3 K,) in the order of `ErrorLayout`, with four more numbers if the states hold the frame of another
+    source.
+    """
     rot = times_transposed(rotation(a.x), rotation(b.x))
     out[:] = 0.0
     out[E.rot : E.rot + 3] = rotvec_from_matrix(rot)
@@ -90,15 +97,21 @@ def _distance(a: BestState, b: BestState, out: Array) -> None:
 
 @kernel
 def _copy(source: BestState, target: BestState) -> None:
+    """Copy state, covariance, points, rotations of feet and memory of `source` into those of `target`, in place."""
     target.x[:], target.cov[:], target.points[:] = source.x, source.cov, source.points
     target.turn[:], target.memory[:] = source.turn, source.memory
 
 
 @kernel
 def mean_of(state: BestState, shares: Array, out: BestState) -> None:
-    """Write mean and covariance of the hypotheses, weighted by `shares` (H,), no unit, into the state `out`, in place.
+    """Write mean and covariance of the hypotheses into the state `out`, in place.
 
     Shares need not sum to 1. Flags of `out` are those of the hypothesis with the largest share.
+
+    Args:
+        state: of the filter, with its hypotheses.
+        shares: weight of each hypothesis, (H,), no unit.
+        out: state that is overwritten; it may be `state` itself.
     """
     best, most, total = int(np.argmax(shares)), np.max(shares), 0.0
     for h in range(shares.size):
@@ -137,7 +150,10 @@ def mean_of(state: BestState, shares: Array, out: BestState) -> None:
 
 @kernel
 def publish_mean(state: BestState, foot: Feet) -> None:
-    """Write the mean of the hypotheses, and the probability that each foot slides, into the state itself, in place."""
+    """Write the mean of the hypotheses, and the probability that each foot slides, into the state itself, in place.
+
+    `foot`: index of the foot of each contact point, (K,).
+    """
     if likeliest(state) < 0:
         return
     kept = state.memory.copy()
@@ -154,7 +170,7 @@ def publish_mean(state: BestState, foot: Feet) -> None:
 
 @kernel
 def collapse(state: BestState, foot: Feet) -> None:
-    """Replace the hypotheses about sliding feet by their mean, in place."""
+    """Replace the hypotheses about sliding feet by their mean, in place; `foot`: foot of each contact point, (K,)."""
     publish_mean(state, foot)
     state.weight[:] = 0.0
 
@@ -164,9 +180,10 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
     """Mix the hypotheses before a sample of the feet, in place: a foot may have begun or stopped sliding meanwhile.
 
     Args:
-        state: the state; without hypotheses it becomes the one in which nothing slides.
+        state: of the filter, changed; without hypotheses it becomes the one in which nothing slides.
         contact: probability that each point touches the ground, (K,).
-        foot: of each point.
+        foot: index of the foot of each point, (K,).
+        noise: noises and rates of the filter, with the probabilities that a slide begins, or goes on.
     """
     count, weight = state.weight.size, state.weight
     if likeliest(state) < 0:
@@ -217,9 +234,11 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
 
 @kernel
 def weigh(state: BestState, likely: Array) -> None:
-    """Multiply the weight of each hypothesis by its likelihood, in place, and scale all to sum 1.
+    """Multiply the weight of each hypothesis by its likelihood, in place, and scale all to sum 1; drop unlikely ones.
 
-    `likely`: logarithms of the likelihoods up to a common constant, (H,), no unit.
+    Args:
+        state: of the filter; weights (H,) are changed.
+        likely: logarithms of the likelihoods up to a common constant, (H,).
     """
     weight, most, total = state.weight, -math.inf, 0.0
     for h in range(weight.size):

@@ -38,22 +38,22 @@ from .samples import ROW_Q, ROW_W, after, insert_external, insert_feet, insert_i
 from .state import BestState
 
 NOW_NS, FEET_NS, CONTACT_NS = range(3)
-"""Parts of `Clock.stamps`."""
+"""Parts of `Clock.stamps`: newest inertial sample, sample of the feet, and sample in which a foot may have stood."""
 
 
 class Clock(NamedTuple):
-    """Newest samples of an estimator."""
+    """Stamps and values of the newest samples that a filter has taken."""
 
     stamps: Ints
-    """Stamps of the newest inertial sample, sample of the feet, and contact, (3,) ns."""
+    """Stamps of the newest inertial sample, sample of the feet, and sample in which a foot may have stood, (3,) ns."""
     w: Array
     """Newest gyro sample, IMU axes, (3,) rad/s."""
     yaw: Array
-    """Heading, not wrapped, (1,) rad."""
+    """Heading of base_link that is published, not wrapped, (1,) rad."""
 
 
 class FilterParts(NamedTuple):
-    """Parts of the `best` filter: clock, check of inputs, stored samples and states, state, settings."""
+    """Parts of the `best` filter: clock, check of inputs, stored samples and snapshots, state, settings."""
 
     clock: Clock
     check: CheckState
@@ -66,21 +66,28 @@ class FilterParts(NamedTuple):
 
 
 def new_clock() -> Clock:
-    """Return the state of the comparison of sensor stamps with wall time, before the first stamp."""
+    """Return the clock of a filter before its first sample: all zeros."""
     return Clock(np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(1))
 
 
 @kernel
 def boxed(parts: FilterParts) -> KernelBox[FilterParts]:
-    """Return a box for kernels that shares the arrays of a filter."""
+    """Return a box that passes the parts of a filter to kernels as one argument and shares their arrays."""
     return KernelBox(parts)
 
 
 @kernel
 def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
-    """Return `BACKWARD` for a sample that is old where none is missing, `DUPLICATE` at the stamp of another, else `OK`.
+    """Return the code of an inertial sample by its stamp among those of the stored ones.
 
-    The sample has gyro w, rad/s, and accelerometer q, m/s^2, IMU axes, (3,); one that was sent twice is no duplicate.
+    `OK`: it is new, once more, or fills a gap; `BACKWARD`: it is old where none is missing; `DUPLICATE`: another sample
+    has its stamp.
+
+    Args:
+        parts: of the filter.
+        stamp_ns: stamp of the sample, ns.
+        w: gyro, IMU axes, (3,) rad/s.
+        q: accelerometer, IMU axes, (3,) m/s^2.
     """
     samples, end = parts.replay.samples, parts.replay.marks[IMU_END]
     at = after(samples.imu_stamps[:end], stamp_ns)
@@ -100,11 +107,13 @@ def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
 def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, clipped: bool, restarted: int) -> int:
     """Check an inertial sample and insert it, in place; return the code of its result.
 
+    Codes are indices in `RESULTS`, the tuple of all `InputResult`: `OK`, or the reason of a refusal.
+
     Args:
-        box: of the filter.
+        box: parts of the filter, whose arrays are changed.
         stamp_ns: time of the sample, ns.
-        w: (3,) rad/s, IMU axes.
-        q: (3,) m/s^2, IMU axes.
+        w: gyro, IMU axes, (3,) rad/s.
+        q: accelerometer, IMU axes, (3,) m/s^2.
         clipped: an axis was at the end of its range.
         restarted: code of its check, RESTART or STEPPED, if `restart` has been called since, else OK. Without it such a
             sample is not inserted: `restart` would be compiled into this kernel with the whole filter.
@@ -131,7 +140,10 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
 
 @kernel
 def _shown_late(parts: FilterParts) -> int:
-    """Return the time by which the motion of the feet has shown their stamps late for long enough, ns; see `delay`."""
+    """Return the time by which the motion of the feet has shown their stamps late for long enough, ns; 0: it has not.
+
+    `parts`: of the filter; the stamp since which they are shown late is changed.
+    """
     marks, newest = parts.check.marks, parts.replay.samples.feet_stamps[parts.replay.marks[FEET_END] - 1]
     late = int(1e9 * delay_of(parts.state.sensors))
     if late == 0:
@@ -145,9 +157,10 @@ def _shown_late(parts: FilterParts) -> int:
 
 @kernel
 def _late(parts: FilterParts) -> int:
-    """Take the time by which the stamps of the feet are late off them, in place, and return it, ns.
+    """Take the time by which the stamps of the feet are late off them, in place, and return it, ns; 0: in time.
 
-    A step of the stamps shows it (see `stamps`), or the motion of the feet: then it has been there for a while.
+    A gap in which the feet did not move on shows it, or their motion beside the inertial unit: then it has been there
+    for a while, and all stored samples are moved. `parts`: of the filter; stamps and checks are changed.
     """
     replay, end = parts.replay, parts.replay.marks[FEET_END]
     row, late = late_by(replay.samples.feet_stamps[:end], replay.samples.feet[:end])
@@ -170,14 +183,16 @@ def _late(parts: FilterParts) -> int:
 def take_feet(
     box: KernelBox[FilterParts], stamp_ns: int, position: Array, rot: Array, contact: Array, restarted: int
 ) -> int:
-    """Check a sample of the feet and insert it, in place; return the code of its result.
+    """Check a sample of L feet and insert it, in place; return the code of its result.
+
+    Codes are indices in `RESULTS`, the tuple of all `InputResult`: `OK`, or the reason of a refusal.
 
     Args:
-        box: of the filter.
+        box: parts of the filter, whose arrays are changed.
         stamp_ns: time of the sample, ns.
-        position: (L, 3) m, IMU axes.
+        position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
-        contact: probability at each switch, (L, S), NaN = unknown.
+        contact: probability of contact at each of S switches of a foot, (L, S), NaN = unknown.
         restarted: code of its check, RESTART or STEPPED, if `restart` has been called since, else OK.
     """
     parts = box.parts
@@ -205,10 +220,12 @@ def take_feet(
 
 @kernel
 def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int:
-    """Insert a sample of another source, in place; return the code of its result.
+    """Insert a sample of another source, such as a camera, in place; return the code of its result.
+
+    Codes are indices in `RESULTS`, the tuple of all `InputResult`: `OK`, `LATE`, `AHEAD` or `DUPLICATE`.
 
     Args:
-        box: of the filter.
+        box: parts of the filter, whose arrays are changed.
         stamp_ns: time at which the sample holds, ns.
         row: position (3,) m, heading rad, velocity (3,) m/s and their covariances, (26,) in the order of
             `ExternalLayout`; NaN = not in this sample.
@@ -230,8 +247,12 @@ def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int
 def restart(box: KernelBox[FilterParts], stamp_ns: int) -> None:
     """Let a filter, its state at the newest sample, continue after the stamps began anew, in place.
 
-    After a step back of less than the window the estimate goes on: the newest sample is `MOST_BACK` periods older than
-    `stamp_ns`, ns, that of the sample that comes next. Else velocity, feet and all samples are forgotten.
+    After a step back of less than the window of late samples, 0.5 s, the estimate goes on: the newest sample is moved
+    to `MOST_BACK` = 3 periods before `stamp_ns`. Else velocity, feet and all samples are forgotten.
+
+    Args:
+        box: parts of the filter, whose arrays are changed.
+        stamp_ns: stamp of the sample that comes next, ns.
     """
     parts = box.parts
     marks, clocks, stamps = parts.check.marks, parts.check.clocks, parts.clock.stamps

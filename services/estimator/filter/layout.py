@@ -1,13 +1,13 @@
-"""Places of the numbers in the arrays of `BestState`, by name; K contact points."""
+"""Places of the numbers in the arrays of `BestState`, the state of the `best` filter, by name; K contact points."""
 
 from typing import NamedTuple
 
 
 class StateLayout(NamedTuple):
-    """First index of each part of the state x, (21 + 3 K,)."""
+    """First index of each part of the state vector `BestState.x`, (21 + 3 K,)."""
 
     rot: int = 0
-    """rot_odom_from_imu by rows, (9,)."""
+    """rot_odom_from_imu, the matrix (3, 3) by rows, (9,)."""
     vel: int = 9
     """Velocity of the IMU, odom axes, (3,) m/s."""
     gyro_bias: int = 12
@@ -17,12 +17,12 @@ class StateLayout(NamedTuple):
     pos: int = 18
     """Position of the IMU in odom, (3,) m."""
     points: int = 21
-    """Contact points from the IMU, odom axes, (3,) m each: point k begins at `points` + 3 k. Behind them, if there are
-    poses from elsewhere, shift (3,) m and turn, rad, of their frame, see `external`."""
+    """Places of the contact points from the IMU, odom axes, (3,) m each: point k begins at `points` + 3 k. If another
+    source gives poses, shift (3,) m and turn, rad, of the frame of these poses against odom follow."""
 
 
 class ErrorLayout(NamedTuple):
-    """First row of each part of the error and of its covariance, (15 + 3 K,)."""
+    """First row of each part of the error of the state and of its covariance, (15 + 3 K,)."""
 
     rot: int = 0
     """Rotation of the attitude's error, odom axes, (3,) rad; the third is the heading's."""
@@ -42,21 +42,21 @@ class PointLayout(NamedTuple):
     """Columns of the numbers of each contact point in `BestState.points`, (K, 11)."""
 
     down: int = 0
-    """1 while the point stands, else 0."""
+    """1 while the point stands on the ground, else 0."""
     slide: int = 1
-    """Weight of the sliding hypothesis in its last correction, 0 to 1."""
+    """Probability that the point slides, 0 to 1, as its last correction weighted it."""
     misfit: int = 2
-    """Samples in a row that did not fit."""
+    """Samples in a row that were outliers for this point."""
     seen: int = 3
     """Probability that the point slides, as reported."""
     new: int = 4
-    """1 until a second sample has confirmed its place."""
+    """1 until a second sample has confirmed where the point was put down."""
     along: int = 5
     """Velocity of its foot if that slides, odom axes, (2,) m/s."""
     stood: int = 7
     """Time since it was put down, s."""
     level: int = 8
-    """1 + number of the level that its foot stands on, 0 = not looked for yet."""
+    """1 + index of the known height of the ground on which its foot stands, 0 = not looked for yet."""
     closed: int = 9
     """Switches of its foot that were closed at the last sample, bit s for switch s."""
     mistrust: int = 10
@@ -64,16 +64,16 @@ class PointLayout(NamedTuple):
 
 
 class SensorLayout(NamedTuple):
-    """Columns of `BestState.sensors`, one row for each foot, see `monitor`."""
+    """Columns of `BestState.sensors`, one row for each foot: what the leg sensors have shown, and mistrust in them."""
 
     source: int = 0
-    """Foot whose encoders are those of this foot: its own, unless two are swapped."""
+    """Index of the foot in the samples whose encoders are those of this foot: its own, unless two are swapped."""
     trunk: int = 1
-    """Velocity of the trunk if this foot stands, odom axes, (3,) m/s."""
+    """Velocity of the trunk as this foot shows it if it stands, odom axes, (3,) m/s; NaN: not known."""
     strange: int = 4
-    """Change of that velocity beside the inertial unit, odom axes, (3,) m/s."""
+    """Change of that velocity beyond what the inertial unit shows, faded in time, odom axes, (3,) m/s."""
     against: int = 7
-    """Mean logarithm by which its motion contradicts its switch."""
+    """Mean logarithm by which the motion of the foot contradicts its switch; above 0: contradicts, below: agrees."""
     switch: int = 8
     """Mistrust in its switch, 0 to 1; it fades."""
     jump: int = 9
@@ -81,9 +81,9 @@ class SensorLayout(NamedTuple):
     still: int = 10
     """Mistrust in the foot's encoders since they stood still, 0 to 1; it fades."""
     held: int = 11
-    """Time for which its samples have repeated one, s."""
+    """Time for which its samples have repeated one sample to the bit, s."""
     repeated: int = 12
-    """Path of the IMU's turning meanwhile, rad."""
+    """Path of the IMU's turning while they repeated it, rad."""
     firm: int = 13
     """Compared samples in a row at which it stood."""
     same: int = 14
@@ -93,13 +93,16 @@ class SensorLayout(NamedTuple):
     compared: int = 16
     """`source` at the last sample whose motion was compared."""
     wired: int = 17
-    """Foot whose switches are those of this foot: its own, unless two are swapped."""
+    """Index of the foot in the samples whose switches are those of this foot: its own, unless two are swapped."""
     delay: int = 18
-    """Numbers that show whether its samples are late: `DelayLayout` from here on."""
+    """First of the numbers that show whether its samples have late stamps, laid out as in `DelayLayout`."""
 
 
 class DelayLayout(NamedTuple):
-    """Columns of a foot's row of `BestState.sensors` from `SensorLayout.delay` on; odom axes."""
+    """Columns of a foot's row of `BestState.sensors` from `SensorLayout.delay` on, for the search for late stamps.
+
+    R is rot_odom_from_imu, w the gyro, y the foot from the IMU; all vectors in odom axes.
+    """
 
     shown: int = 0
     """Velocity of the trunk by this foot at the middle of the last step, and what the inertial unit gained since,
@@ -108,11 +111,11 @@ class DelayLayout(NamedTuple):
     """Velocity R (w x y) of the trunk's turning at the foot then, less what the inertial unit gained since, (3,)
     m/s."""
     rate: int = 6
-    """Change of the velocity v + R (w x y) that the joints show, by the inertial unit, (3,) m/s^2."""
+    """Rate of change of the velocity v + R (w x y) that the joints show, with v by the inertial unit, (3,) m/s^2."""
     strange: int = 9
     """Velocity of the trunk by the foot beside that by the inertial unit, since it landed, (3,) m/s."""
     due: int = 12
-    """Change of `strange` that is due for each second by which stamps are early, (3,) m/s^2."""
+    """Change of `strange` that is due for each second by which stamps are early, faded alike, (3,) m/s^2."""
     sums: int = 15
     """Integrals of `strange` `due`, `due`^2, `strange`^2 and 1 over the time that the foot stood, faded, (4,)."""
     stood: int = 19
@@ -120,24 +123,24 @@ class DelayLayout(NamedTuple):
 
 
 class HeightLayout(NamedTuple):
-    """Numbers of `BestState.memory` from `MemoryLayout.heights` on, of robots with two feet; see `switches`."""
+    """Numbers of `BestState.memory` from `MemoryLayout.heights` on: height of one foot of a biped over the other."""
 
     over: int = 0
-    """Height of foot 0 over foot 1 while both stood, m."""
+    """Height of foot 0 over foot 1 that was learned while both stood, m."""
     known: int = 1
-    """1 while that is known, else 0."""
+    """1 while `over` is known, else 0."""
     other: int = 2
-    """Another height that they show since both came to stand, m."""
+    """Another height of foot 0 over foot 1 that the feet show since both came to stand, m."""
     steady: int = 3
-    """Time for which they have shown that, s."""
+    """Time for which they have shown `other`, s."""
     closed: int = 4
-    """Switches that were closed when one was closed last, bit f for foot f; -1: encoders were wrong then."""
+    """Switches that were closed when at least one was last, bit f for foot f; -1: encoders were wrong then."""
     opened: int = 5
     """Most that the foot whose switch is open has been above the other since it opened, m."""
     alike: int = 6
     """1 if the last sample contradicted the switches, else 0: one alone may be a jump."""
     lasts: int = 7
-    """Time for which they have, s."""
+    """Time for which samples have contradicted the switches, s."""
 
 
 class MemoryLayout(NamedTuple):
@@ -146,33 +149,34 @@ class MemoryLayout(NamedTuple):
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
     innovation: int = 1
-    """Last innovation that all points have in common, odom axes, (3,) m."""
+    """Last innovation that all points have in common (mean over them), odom axes, (3,) m."""
     last_gyro: int = 4
     """Last gyro sample, IMU axes, (3,) rad/s."""
     since: int = 7
-    """Time since the last sample of the feet, s; `NO_FEET` before the first."""
+    """Time since the last sample of the feet, s; -1 (`NO_FEET`) before the first."""
     nis: int = 8
-    """Normalised innovation squared of the points, mean over `surprise_s`, 3 degrees of freedom."""
+    """Normalised innovation squared of the points, mean over `FixedNumbers.surprise_s`, 3 degrees of freedom."""
     phase: int = 9
-    """Phase of the start: `WAITING`, `MOVING`, `STARTED` or `DOUBTED`."""
+    """Phase of the start: `WAITING` = 0, `MOVING` = 1, `STARTED` = 2, `DOUBTED` = 3 or `CERTAIN` = 4."""
     rest: int = 10
     """Inertial samples at rest in a row."""
     age: int = 11
     """Time since the start, s."""
     lag: int = 12
-    """Lag of the velocity, IMU axes, (3,) m/s; see `update.follow`."""
+    """Lag of the velocity, the correction that is added to it when it is published, IMU axes, (3,) m/s."""
     losses: int = 15
     """Number of times that the velocity was lost."""
     lost_for: int = 16
-    """Time since the velocity was lost, s; `LONG_AGO` when there is nothing to compare."""
+    """Time since the velocity was lost, s; -1 (`LONG_AGO`) when there is nothing to compare."""
     push: int = 17
-    """Change of the velocity by the inertial unit since then, or since `woke`, odom axes, (3,) m/s; see `start`."""
+    """Change of the velocity by the inertial unit alone since the velocity was lost, or since `woke`, odom axes, (3,)
+    m/s."""
     unfit: int = 20
     """Samples of the feet in a row of which no point fitted."""
     slide_product: int = 21
-    """Weighted sum of m.s, (m/s)^2; see `update.persistence`."""
+    """Fading sum of m.s, (m/s)^2: m the slide velocity that a sample shows, s the one that was learned before it."""
     slide_square: int = 22
-    """Weighted sum of s.s, (m/s)^2; see `update.persistence`."""
+    """Fading sum of s.s, (m/s)^2, s the slide velocity that was learned before each sample."""
     last_acc: int = 23
     """Last accelerometer sample, IMU axes, (3,) m/s^2."""
     own_bias: int = 26
@@ -184,7 +188,7 @@ class MemoryLayout(NamedTuple):
     apart: int = 31
     """Mean square distance of the points of `stood` from their middle at that time, m^2."""
     rate: int = 32
-    """Rate at which they have parted since, 1/s; see `parting.learn_parting`."""
+    """Rate at which the points of `stood` have parted (grown apart) since, 1/s."""
     parting: int = 33
     """Mean square of the rates at which standing points have parted, 1/s^2."""
     framed: int = 34
@@ -200,45 +204,49 @@ class MemoryLayout(NamedTuple):
     frames: int = 39
     """Frames of poses from elsewhere that were found."""
     pose_extra: int = 40
-    """Covariance of the pose beside that of the filter, (7,), see `pose`."""
+    """Covariance Q of the published pose beyond that of the filter: XX, XY, YY, XT, YT, TT, ZZ with T the heading,
+    (7,)."""
     uneven: int = 47
-    """Mean square distance in height of feet that stand on one level, m^2; see `level`."""
+    """Mean square distance in height of feet that stand on one level of the ground, m^2."""
     slope: int = 48
-    """Weighted sums x^2, x y, y^2, x z, y z over pairs of feet that stand on one level, (5,) m^2; see `level`."""
+    """Fading sums x^2, x y, y^2, x z, y z over pairs of feet on one level, (x, y, z) from one to the other, (5,)
+    m^2."""
     watched: int = 53
-    """Samples of the feet since the motion of the feet was compared with their switches."""
+    """Samples of the feet since the motion of the feet was last compared with their switches."""
     usual_gyro: int = 54
-    """Mean of the gyro over `usual_s`, IMU axes, (3,) rad/s."""
+    """Mean of the gyro over `FixedNumbers.usual_s`, IMU axes, (3,) rad/s."""
     ran: int = 57
-    """Difference of `push` from the velocity at `tilted_for`, odom axes, (3,) m/s; see `start.check_tilt`."""
+    """Difference of `push` from the velocity at `FixedNumbers.tilted_for` after the loss, odom axes, (3,) m/s."""
     woke: int = 60
-    """`age` when the last quiet sample of a rest was; `LONG_AGO` when there is nothing to compare any more."""
+    """`age` when the last quiet sample of a rest was, s; -1 (`LONG_AGO`) when there is nothing to compare any more."""
     shown: int = 61
-    """Factors of the stated noise of gyro and accelerometer by the rest of the start, see `start`, and of a contact
-    point by the feet that stand, see `monitor`, (3,)."""
+    """Factors of the stated noise of gyro and accelerometer by the rest of the start, and of a contact point by the
+    feet that stand, (3,)."""
     legs: int = 64
     """Integrals over the time that feet stand, faded, of the logarithm of the noise that they show, m, and of 1."""
     weight: int = 66
-    """Length of the accelerometer's samples, mean over `weight_s`, m/s^2."""
+    """Length of the accelerometer's samples, mean over `FixedNumbers.weight_s`, m/s^2."""
     aloft: int = 67
     """Time for which all switches have been open while the accelerometer shows the weight, s."""
     wrong: int = 68
     """Fit of a line through 0 to the level part d of `push` less the velocity that a standing foot shows, over the time
     t since `woke`: integrals of t d (2), t^2 and d^2, (4,)."""
     heights: int = 72
-    """Height of one of two feet over the other: `HeightLayout` from here on."""
+    """First of the numbers about the height of one of two feet over the other, laid out as in `HeightLayout`."""
     levels: int = 80
-    """Known levels, each with height, m, its variance, m^2, number of steps, `age` at the last."""
+    """Known levels of the ground, four numbers each: height, m, its variance, m^2, number of steps on it, `age` at the
+    last, s."""
 
 
 LEVEL, LEVELS = 4, 8
-"""Numbers of a level, and most levels that are remembered."""
+"""Number of values stored for a level of the ground, and largest number of levels that are remembered."""
 X, E, P, S, L = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout()
 H, M = HeightLayout(), MemoryLayout()
 POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.levels + LEVEL * LEVELS
 HEIGHTS = H.lasts + 1
-"""Number of columns of a point and of the sensors of a foot, and of numbers in the memory and of its heights."""
+"""Number of columns of `BestState.points` and `BestState.sensors`, and of numbers in the memory and of its heights."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""
+"""Phases of the start: none yet (0), in motion (1), at rest (2), in motion after the tilt proved wrong (3), in motion
+and certain (4)."""
 NO_FEET = LONG_AGO = -1.0
 """Times of events that have not happened, s."""

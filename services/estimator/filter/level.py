@@ -36,7 +36,10 @@ Feet = NDArray[np.int64]
 
 @kernel
 def _middle(state: BestState, foot: Feet, f: int) -> tuple[Array, int]:
-    """Return the middle of the standing points of foot f from the IMU, (3,) m, odom axes, and their number."""
+    """Return the mean place (3,) m of the standing points of foot f, from the IMU, odom axes, and their number.
+
+    `foot`: index of the foot of each contact point, (K,).
+    """
     middle, count = np.zeros(3), 0
     for k in range(foot.size):
         if foot[k] == f and state.points[k, P.down] > 0.0:
@@ -48,9 +51,13 @@ def _middle(state: BestState, foot: Feet, f: int) -> tuple[Array, int]:
 
 @kernel
 def _height(state: BestState, geometry: BestGeometry, f: int, by: Array) -> tuple[float, float]:
-    """Return the height of the ground under foot f in odom, m, and its variance; its covariances go to by (n,).
+    """Return the height in odom, m, of the ground under foot f, and its variance, m^2, 0 if the foot does not stand.
 
-    The variance of a foot that does not stand is 0.
+    Args:
+        state: of the filter.
+        geometry: contact points on the feet.
+        f: index of the foot.
+        by: (n,), overwritten by the covariances of that height with the errors of the state, order of `ErrorLayout`.
     """
     cov, foot = state.cov, geometry.foot
     r, count = _middle(state, foot, f)
@@ -67,8 +74,14 @@ def _height(state: BestState, geometry: BestGeometry, f: int, by: Array) -> tupl
 
 @kernel
 def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
-    """Return the covariance of a quantity with the height of foot f; `by` (n,): its covariances with the errors of the
-    state."""
+    """Return the covariance of some quantity with the height of the ground under foot f.
+
+    Args:
+        state: of the filter.
+        foot: index of the foot of each contact point, (K,).
+        f: index of the foot.
+        by: covariances of the quantity with the errors of the state, (n,), order of `ErrorLayout`.
+    """
     r, count = _middle(state, foot, f)
     out = by[E.pos + 2] + r[1] * by[E.rot] - r[0] * by[E.rot + 1]
     for k in range(foot.size):
@@ -79,12 +92,12 @@ def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
 
 @kernel
 def _landed(points: Array, foot: Feet, f: int) -> bool:
-    """Return True if foot f stands firmly, and its level has not been looked for.
+    """Return True if foot f has come down, stands firmly, and its level of the ground has not been looked for.
 
     Args:
-        points: of `BestState`, (K, 11).
-        foot: foot of each point, (K,).
-        f: the foot.
+        points: numbers of the contact points, (K, 11), columns as in `PointLayout`.
+        foot: index of the foot of each point, (K,).
+        f: index of the foot.
     """
     count = 0
     for k in range(foot.size):
@@ -97,7 +110,10 @@ def _landed(points: Array, foot: Feet, f: int) -> bool:
 
 @kernel
 def _slope(memory: Array) -> float:
-    """Return the slope of the ground by `BestState.memory`: of feet that stood at the same time, rad; 0 before them."""
+    """Return the slope of the ground, rad, by feet that stood at the same time; 0 before any did.
+
+    `memory`: `BestState.memory`, (112,), which holds the sums of a plane fit through pairs of feet.
+    """
     s, guess = M.slope, (FIXED.step_sd / FIXED.slope_sd) ** 2
     a, b, c = memory[s] + guess, memory[s + 1], memory[s + 2] + guess
     det = a * c - b * b
@@ -107,16 +123,26 @@ def _slope(memory: Array) -> float:
 
 @kernel
 def _step_noise(memory: Array) -> float:
-    """Return the variance of the height of a step on a level, m^2, by `BestState.memory`."""
+    """Return the variance, m^2, of the height at which one step lands on a level of the ground.
+
+    It is (n_0 + u^2)^2/n_0, n_0 the variance on flat ground and u^2 the unevenness in `BestState.memory` (112,).
+    """
     return float((FIXED.step_sd**2 + memory[M.uneven]) ** 2 / FIXED.step_sd**2)
 
 
 @kernel
 def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f: int) -> bool:
-    """Learn unevenness and slope of the ground from foot f and the others that stand on known levels, in place.
+    """Learn unevenness and slope of the ground from foot f and the other feet that stand on known levels, in place.
+
+    Args:
+        state: of the filter; its memory is changed.
+        likely: its likeliest hypothesis, or the state itself if there is none.
+        geometry: contact points on the feet.
+        f: index of the foot that has come down.
 
     Returns:
-        The foot stands on a level, as far as the others show it: no further off than the ground is uneven.
+        The foot stands on a level, as far as the others show it: it is no further off than the ground is uneven, and
+        the ground has no slope.
     """
     memory, foot, last = state.memory, geometry.foot, -1
     own, _ = _middle(likely, foot, f)
@@ -152,13 +178,19 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
 
 @kernel
 def _stand_on(state: BestState, geometry: BestGeometry, f: int, level: float, known: float, noise: float) -> None:
-    """Correct with foot f on a level at the height `level` m of variance `known`, see the head of this file, in place.
+    """Correct with foot f that stands on a known level of the ground, in place.
+
+    Its height z of variance P has drifted since by z - h, of variance D = P - s, up to the variance n of a step:
+
+        g = D/(D + n),   height -= g (z - h),   variance of the height: s + D n/(D + n)
 
     Args:
-        f: the foot.
-        level: height in odom, m.
-        known: its variance, m^2.
-        noise: variance of a step, m^2.
+        state: of the filter, or one hypothesis; changed.
+        geometry: contact points on the feet.
+        f: index of the foot.
+        level: height h of the level in odom, m.
+        known: its variance s, m^2.
+        noise: variance n of the height of a step, m^2.
     """
     cov = state.cov
     n = cov.shape[0]
@@ -179,7 +211,15 @@ def _stand_on(state: BestState, geometry: BestGeometry, f: int, level: float, kn
 
 @kernel
 def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, noise: float) -> None:
-    """Correct with two feet that stand on one level: they are equally high, which shows the tilt, in place."""
+    """Correct with two feet that stand on one level: they are equally high, which shows the tilt, in place.
+
+    Args:
+        state: of the filter, or one hypothesis; changed.
+        geometry: contact points on the feet.
+        f: index of one foot.
+        other: index of the other foot.
+        noise: variance of the difference of their heights, m^2.
+    """
     cov = state.cov
     n = cov.shape[0]
     by, by_other, xi = np.empty(n), np.empty(n), np.empty(n)
@@ -200,7 +240,7 @@ def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, no
 
 @kernel
 def _nearest(memory: Array, z: float) -> int:
-    """Return the number of the level in `BestState.memory` nearest to the height z m, -1 if there is none."""
+    """Return the index of the level in `BestState.memory` (112,) nearest to height z, m, in odom; -1: none known."""
     best = -1
     for j in range(LEVELS):
         at = M.levels + LEVEL * j
@@ -211,7 +251,10 @@ def _nearest(memory: Array, z: float) -> int:
 
 @kernel
 def _new_level(memory: Array, z: float, variance: float) -> int:
-    """Write a level at z m into `BestState.memory` in place of the one not stood on for longest; return its number."""
+    """Store a level of height z m and its variance, m^2, over the one not stood on for longest; return its index.
+
+    `memory`: `BestState.memory`, (112,); changed.
+    """
     oldest = 0
     for j in range(LEVELS):
         if memory[M.levels + LEVEL * j + 3] < memory[M.levels + LEVEL * oldest + 3]:
@@ -223,7 +266,15 @@ def _new_level(memory: Array, z: float, variance: float) -> int:
 
 @kernel
 def _even_out(state: BestState, likely: BestState, geometry: BestGeometry, f: int, level: float) -> None:
-    """Correct with foot f and each other foot that stands on its level, in place."""
+    """Correct with foot f and each other foot that stands on its level of the ground, in place.
+
+    Args:
+        state: of the filter; it, or each of its hypotheses, is changed.
+        likely: its likeliest hypothesis, or the state itself if there is none.
+        geometry: contact points on the feet.
+        f: index of the foot.
+        level: 1 + index of the level, as in `PointLayout.level`.
+    """
     last = -1
     noise = _step_noise(state.memory) * (FIXED.level_sd / FIXED.step_sd) ** 2  # the feet err alike at every step
     for k in range(geometry.foot.size):
@@ -242,8 +293,11 @@ def _even_out(state: BestState, likely: BestState, geometry: BestGeometry, f: in
 def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None:
     """Correct the height by a known level of the ground under each foot that has just come down, in place.
 
+    A level is a height on which feet have stood before; a foot on none of them makes a new one.
+
     Args:
-        state: the state after a sample of the feet, dt s after the last; its hypotheses hold the same levels.
+        state: of the filter after a sample of the feet; it, its hypotheses and the known levels are changed.
+        geometry: contact points on the feet.
         dt: time since the last sample of the feet, s.
     """
     memory, foot, at = state.memory, geometry.foot, likeliest(state)
@@ -286,7 +340,7 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
 
 @kernel
 def _grow_old(state: BestState, dt: float) -> None:
-    """Add dt s to the time for which each contact point stands, in place."""
+    """Add dt s to the time for which each contact point stands, in `state` and its hypotheses, in place."""
     for k in range(state.points.shape[0]):
         state.points[k, P.stood] += dt
         for h in range(state.weight.size):

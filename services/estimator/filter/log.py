@@ -28,7 +28,10 @@ NAMED = (*LegSensors._fields, "refused", "imu_frozen")
 
 
 class LogInputs(NamedTuple):
-    """Inputs of a log as arrays: n inertial rows and m samples of L feet."""
+    """Inputs of a log as arrays, all vectors in IMU axes: n inertial rows, m samples of L feet, e of another source.
+
+    w is the gyro, q the accelerometer; stamps are in ns; `clipped`: an axis was at the end of its range.
+    """
 
     stamp_ns: Ints  # (n,)
     w: Array  # (n, 3) rad/s
@@ -43,7 +46,13 @@ class LogInputs(NamedTuple):
 
 
 class LogRows(NamedTuple):
-    """Estimates after each of n inertial samples of a log, one row each."""
+    """Estimates of the `best` filter after each of n inertial samples of a log, one row each.
+
+    vectors: (n, 8, 3) as in `RowLayout`; more: quaternion of base_link in odom and probability that each of L feet
+    slides, (n, 4 + L); covariance of (g, v), (n, 6, 6), and of the pose, (n, 6, 6); yaw: (n,) rad, not wrapped; flags:
+    (n, 5) in the order of `FLAGS`; refused: inputs refused so far, (n,); named: (n, 8) in the order of `NAMED`; joint:
+    covariance of g, v, gyro and accelerometer bias, (n, 12, 12), or (0, 12, 12) if not wanted.
+    """
 
     vectors: Array  # (n, 8, 3) see `summary.RowLayout`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot
@@ -70,7 +79,7 @@ def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
 
 @inner_kernel
 def _note_row(rows: LogRows, at: int, parts: FilterParts) -> None:
-    """Write the estimate into a row."""
+    """Write the estimate of the filter `parts` into row `at` of `rows`, in place."""
     clock, flags = parts.clock, rows.flags
     vectors, more, covariance, pose = summary(parts.state, parts.setting.geometry, clock.w, parts.check.feet.shape[0])
     rows.vectors[at], rows.more[at], rows.covariance[at], rows.pose[at] = vectors, more, covariance, pose
@@ -88,15 +97,15 @@ def _note_row(rows: LogRows, at: int, parts: FilterParts) -> None:
 
 @kernel
 def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: KernelBox[FilterParts]) -> None:
-    """Take the inputs of a log, in place, and write the estimate after each inertial row and the feet that follow it.
+    """Take the inputs of a log and write the estimate after each inertial row and the feet that follow it, in place.
 
     Args:
-        order: of arrival, (k,): the number of an inertial row, n + that of a sample of the feet, or n + m + that of one
-            from elsewhere.
-        log: n inertial rows, m samples of the feet and those from elsewhere, SI.
-        rows: for the estimates, those of row `first` and later.
+        order: inputs in their order of arrival, (k,): the number of an inertial row, n + that of a sample of the feet,
+            or n + m + that of one of another source.
+        log: n inertial rows, m samples of the feet and those of another source, SI.
+        rows: for the estimates; inertial row `first` + i goes to row i; changed.
         first: first inertial row that gets an estimate.
-        box: of the filter.
+        box: parts of the filter, whose arrays are changed.
     """
     n, row, parts = log.stamp_ns.size, -1, box.parts
     feet_end = n + log.foot_ns.size

@@ -43,7 +43,14 @@ Feet = NDArray[np.int64]
 
 @kernel
 def _swung(rot: Array, turn: Array, y: Array, dt: float) -> Array:
-    """Return R (w x y), (3,) m/s, with the rate w = -turn / dt, for R (3, 3), turn (3,) rad and y (3,) m."""
+    """Return the velocity R (w x y), (3,) m/s, of a place y that turns at the rate w = -turn/dt.
+
+    Args:
+        rot: R, rot_odom_from_imu, (3, 3).
+        turn: rotation against that of the IMU over the step, IMU axes, (3,) rad.
+        y: place from the IMU, IMU axes, (3,) m.
+        dt: length of the step, s.
+    """
     out = np.empty(3)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -73,8 +80,8 @@ def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
     large and few, so that the logarithm is averaged: log |s| of a level s has the mean log sigma - 0.289.
 
     Args:
-        memory: of the state.
-        seen: change of the velocity by the foot beside that by the inertial unit, (3,) m/s.
+        memory: `BestState.memory`, (112,); the sums of the logarithm and of the time are changed.
+        seen: change of the trunk's velocity by the foot beyond that by the inertial unit, odom axes, (3,) m/s.
         dt: length of each step, s.
     """
     square = (seen[0] ** 2 + seen[1] ** 2) * dt * dt / 12.0 + FIXED.least_way**2
@@ -84,7 +91,12 @@ def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
 
 @kernel
 def judge_noise(state: BestState, stated: float) -> None:
-    """Lower the stated noise of a contact point, `stated` m, to the noise that the feet show, in place."""
+    """Lower the noise of a contact point to what standing feet show, in place.
+
+    Args:
+        state: of the filter; the factor of the noise in its memory, and in that of its hypotheses, is changed.
+        stated: noise of a contact point as stated, m.
+    """
     memory = state.memory
     if memory[M.legs + 1] < FIXED.least_legs_s:
         return
@@ -98,7 +110,8 @@ def judge_noise(state: BestState, stated: float) -> None:
 def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
     """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place.
 
-    `likely`: the likeliest hypothesis, or the state; `contact`: probability that each foot touches, (L,).
+    `state`: sensors and memory are changed; `likely`: its likeliest hypothesis, or itself; `samples`: filled rows;
+    `contact`: probability that each foot touches the ground, (L,).
     """
     x, sensors, stamps = likely.x, state.sensors, samples.imu_stamps
     first, end = after(stamps, samples.feet_stamps[before]), after(stamps, samples.feet_stamps[row] - 1) + 1
@@ -157,9 +170,16 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
 
 @kernel
 def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float) -> None:
-    """Learn for how long no contact point (K,) has touched the ground though the robot shows its weight, in place.
+    """Learn for how long no contact point has touched the ground though the robot shows its weight, in place.
 
     A robot that flies shows no weight. One that stands or is carried does. A switch that is known to hang explains it.
+
+    Args:
+        memory: `BestState.memory`, (112,); changed.
+        sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`.
+        contact: probability that each contact point touches the ground, (K,); NaN counts as touching.
+        foot: index of the foot of each point, (K,).
+        dt: time since the last sample of the feet, s.
     """
     force, stands = 0.0, False
     for i in range(3):
@@ -178,10 +198,10 @@ def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
     jumps half as far without it, has a wrong switch.
 
     Args:
-        own: numbers of the foot, see `SensorLayout`.
-        samples: filled rows.
+        own: numbers of the sensors of the foot, (38,), columns as in `SensorLayout`; changed.
+        samples: stored samples, filled rows only.
         row: of the feet.
-        point: one of the contact points of the foot whose switch is that of it.
+        point: a contact point whose switch, in the samples, is that of the foot.
     """
     way, leap = jumped(samples, row, int(own[S.source]), point, own[S.leap]), own[S.leap]
     if way < 0.0:
@@ -195,7 +215,14 @@ def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
 
 @kernel
 def _over(rot: Array, sensors: Array, feet: Array, row: int) -> float:
-    """Return the height of foot 0 over foot 1, m, in a row of feet (N, 2, 3), IMU axes; NaN: encoders are suspected."""
+    """Return the height of foot 0 over foot 1, m, in one sample; NaN: encoders of one are suspected, or unknown.
+
+    Args:
+        rot: rot_odom_from_imu, (3, 3).
+        sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`.
+        feet: positions of two feet, (N, 2, 3) m, IMU axes.
+        row: number of the sample.
+    """
     over = 0.0
     for f in range(2):
         source = int(sensors[f, S.source])
@@ -211,10 +238,10 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
     """Learn from a row of the feet which sensors of the legs are wrong, in place.
 
     Args:
-        state: at the time of the row.
-        samples: filled rows.
+        state: of the filter at the time of the row; numbers of its sensors and memory are changed.
+        samples: stored samples, filled rows only.
         row: of the feet.
-        foot: of each contact point, (K,).
+        foot: index of the foot of each contact point, (K,).
         settled: the attitude is known, so that switches can be checked.
     """
     sensors, count, memory = state.sensors, samples.feet.shape[1], state.memory
@@ -261,8 +288,14 @@ def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Ar
     """Return the probability of contact of each point (K,) in a row of the feet, as the checks of the sensors leave it.
 
     NaN (unknown): the switch of the foot is wrong, or all switches have been open for too long while the robot shows
-    its weight. 0 (left out): the encoders of the foot stand still, or its samples do not fit. A wrong switch explains
-    why samples do not fit. The mistrust in each point, from which this follows, is changed in place.
+    its weight. 0 (left out): the encoders of the foot stand still, its samples do not fit, or (of more than two feet)
+    they have jumped. A wrong switch explains why samples do not fit.
+
+    Args:
+        state: of the filter; the mistrust in each point, 0 to 1, from which this follows, is changed.
+        samples: stored samples.
+        row: of the feet.
+        foot: index of the foot of each point, (K,).
     """
     contact, at = rewired(samples.contact[row], state.sensors, foot), likeliest(state)
     points = state.points if at < 0 else state.mode_points[at]

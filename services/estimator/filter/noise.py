@@ -36,19 +36,19 @@ class BestNoise(NamedTuple):
     turn_jerk: float = 0.05
     """Share of the change about the vertical that is error: a trunk bends back, and the heading adds up over steps."""
     acc_jerk: float = 0.05
-    """Share of the change between two accelerometer samples that is error, times sqrt(e^2 - 1), e = excess."""
+    """Share of the change between two accelerometer samples that is error, times sqrt(excess^2 - 1)."""
     stay: float = 0.0002
-    """Walk of a point that stays, m/sqrt(s)."""
+    """Random walk of a contact point that stays, m/sqrt(s)."""
     slide: float = 0.15
-    """Speed of a point that slides, m/s."""
+    """Standard deviation of the speed of a point that slides, m/s."""
     carry: float = 0.25
-    """Share of the latest sample in the velocity of a sliding foot."""
+    """Share of the latest sample in the learned velocity of a sliding foot."""
     slip: float = 0.012
-    """Error of that velocity where hypotheses are carried through time, m/s."""
+    """Deviation of the learned velocity of a sliding foot where each hypothesis has a state of its own, m/s."""
     slip_begin: float = 0.003
-    """Probability per sample that a foot begins to slide, where hypotheses are carried through time."""
+    """Probability per sample that a foot begins to slide, where each hypothesis has a state of its own."""
     slip_landing: float = 0.05
-    """Probability that a foot slides when it comes down, where hypotheses are carried through time."""
+    """Probability that a foot slides when it comes down, where each hypothesis has a state of its own."""
     begin_slide: float = 0.6
     """Probability per sample that a point begins to slide: high, for a single point is corrected by both hypotheses."""
     go_on: float = 0.98
@@ -56,7 +56,7 @@ class BestNoise(NamedTuple):
     learn: float = 0.03
     """Rate at which the excess of the inertial noise follows the innovations, per sample of the feet."""
     rise: float = 1.5
-    """Weight of correlations above zero beside those below."""
+    """Weight of a positive correlation of successive innovations beside a negative one in the growth of the excess."""
     drop: float = 0.35
     """Correlation of successive innovations that is no sign of anything; below it the excess falls."""
     twist: float = 0.1
@@ -68,11 +68,11 @@ class BestNoise(NamedTuple):
     rock: float = 0.5
     """Turning of a sole that stands on an edge or a corner, rad/s."""
     creep: float = 0.008
-    """Motion of that edge or corner, m/s."""
+    """Motion of the edge or corner on which a sole rocks, m/s."""
     most_excess: float = 15.0
-    """Largest factor of the inertial noise."""
+    """Largest excess, the factor of the inertial noise over that of the sensor."""
     most_shaken: float = 0.1
-    """Largest noise of an accelerometer by that factor, m/s^2/sqrt(Hz), unless more is stated: no trunk hides more."""
+    """Largest noise of an accelerometer times excess, m/s^2/sqrt(Hz), unless more is stated: no trunk hides more."""
     lag_s: float = 5.0
     """Time over which corrections of the position are averaged, s."""
 
@@ -97,7 +97,7 @@ class BestLimits(NamedTuple):
     start: StartPose
     """Pose of base_link and height of the ground at the start."""
     start_sd: float
-    """Standard deviation of that pose, m and rad."""
+    """Standard deviation of the start pose, m and rad."""
     gap_s: float
     """Step between inertial samples from which uncertainty is added, s."""
     forget_s: float
@@ -159,11 +159,11 @@ class FixedNumbers(NamedTuple):
     forget_mistrust: float = 0.3
     """Rate at which the mistrust in a foot that is left out fades, 1/s."""
     most_misfits: int = 3
-    """Outliers in a row after which the point is somewhere else."""
+    """Outliers in a row after which a contact point is taken to be somewhere else."""
     surprise_s: float = 0.25
-    """Time over which normalised innovations squared are averaged, s."""
+    """Time over which normalised innovations squared of the points are averaged, s."""
     most_surprise: float = 100.0
-    """Largest of them that counts."""
+    """Largest normalised innovation squared of a point that counts in that average."""
     # corrections by all feet
     most_carried: float = 3.0
     """Excess of the inertial noise beyond which the velocity of a slide is hardly learned."""
@@ -172,11 +172,11 @@ class FixedNumbers(NamedTuple):
     longest_gap: float = 0.3
     """Time without a sample of the feet after which any of them may have stepped, s."""
     most_lag: float = 5.0
-    """Largest correction that counts as lag, noises of a point: a longer one is a mishap."""
+    """Largest correction of the position that counts as lag of the velocity, in noises of a point: more is a mishap."""
     slide_memory: float = 0.99
-    """Share per sample that stays of what is remembered about slides."""
+    """Share that stays per sample of the sums by which the persistence of slides is learned."""
     slide_trust: float = 1e-4
-    """Weight of the assumption that slides persist, (m/s)^2."""
+    """Weight of the prior assumption that slides persist, (m/s)^2."""
     least_persistence: float = 0.3
     """Correlation below which no slide is expected to go on."""
     most_growth: float = 0.1
@@ -189,7 +189,7 @@ class FixedNumbers(NamedTuple):
     stand_step: float = 0.04
     """Longest step between samples at which a standing foot follows a smooth way, s."""
     fly_step: float = 0.02
-    """Longest step between samples at which a foot in the air does, s: at 33 ms a fast one is 20 mm off."""
+    """Longest step of samples at which a foot in the air follows a smooth way, s: at 33 ms a fast one is 20 mm off."""
     crossed: float = 0.1
     """Share of their squared jumps by which two feet may miss each other's places if they are swapped."""
     turning: float = 0.1
@@ -199,7 +199,7 @@ class FixedNumbers(NamedTuple):
     most_repeated: float = 0.03
     """Turning of the IMU while only one foot on the ground repeats its sample, rad: frozen. Clean logs: 0.009."""
     longest_repeat: float = 0.1
-    """Longest step between two samples of the feet that counts in it, s."""
+    """Longest step between two samples of the feet that counts in `most_repeated`, s."""
     longest_held: float = 0.25
     """Time for which slow encoders may repeat all feet, s."""
     strange_s: float = 0.25
@@ -215,7 +215,7 @@ class FixedNumbers(NamedTuple):
     against_s: float = 0.2
     """Time over which switches and motion are compared, s; one that hangs has not changed for as long."""
     most_more: float = 0.8
-    """Largest logarithm that counts: two samples are no sign, a foot that lands may bounce."""
+    """Largest logarithm of one sample in the mean over `against_s`: two are no sign, a foot that lands may bounce."""
     most_against: float = 0.3
     """Mean logarithm of the ratio of motions from which a switch is wrong; twice that for one alone that changes."""
     most_right: float = 0.5
@@ -268,15 +268,15 @@ class FixedNumbers(NamedTuple):
     parting: float = 0.02
     """Rate at which standing feet part, 1/s, from which the gyro is believed about the heading more than they are."""
     parting_s: float = 1.5
-    """Time of standing over which that rate is averaged, s."""
+    """Time of standing over which the rate of parting is averaged, s."""
     least_stood: float = 0.1
-    """Shortest standing of the same feet that shows it, s."""
+    """Shortest standing of the same feet that shows the rate of parting, s."""
     own_sd: float = 0.002
     """Standard deviation of a gyro bias that only parting feet show, rad/s."""
     own_unknown: float = 0.015
     """Bias that no rest has shown from which on the gyro's own cannot be 0, as is assumed until then, rad/s."""
     firm: int = 3
-    """Switches that hold a sole."""
+    """Closed switches that hold a sole flat on the ground."""
     # levels of the ground
     settles: float = 0.06
     """Time after which a foot that has come down rests on the ground, s."""
@@ -293,7 +293,7 @@ class FixedNumbers(NamedTuple):
     learn_ground: float = 0.125
     """Share of one step in unevenness and slope."""
     level_gate: float = 4.0
-    """Largest normalised distance squared of a step from its level, 1 degree of freedom (95 %)."""
+    """Largest normalised distance squared of a step from its level of the ground, 1 degree of freedom (95 %)."""
     # hypotheses about sliding feet
     most_feet: int = 2
     """Most feet of a robot whose sets of sliding feet are hypotheses; of more feet the others show which slides."""
@@ -302,7 +302,7 @@ class FixedNumbers(NamedTuple):
     least_weight: float = 0.01
     """Probability after a sample below which a hypothesis is dropped."""
     no_share: float = 0.01
-    """Share of a mean below which a hypothesis is left out of it."""
+    """Share of a mean of hypotheses below which one of them is left out of it."""
     # gaps and losses, beside the constants of `params`
     lost_share: float = 0.2
     """Variance of the mean of lost inertial samples, share of the squared changes of the samples around them."""
@@ -334,9 +334,9 @@ class FixedNumbers(NamedTuple):
     woken_excess: float = 2.2
     """Excess of the inertial noise just after a rest from which the tilt of the rest is looked at. Clean logs: 2."""
     woken_s: float = 1.0
-    """Time after a rest within which it is."""
+    """Time after a rest within which the tilt of the rest is looked at, s."""
     woken_least_s: float = 0.2
-    """Time after a rest from which it is, s."""
+    """Time after a rest from which the tilt of the rest is looked at, s."""
     woken_speed: float = 0.15
     """Level velocity that the feet have taken out since a rest which shows a wrong tilt, m/s."""
     woken_straight: float = 0.9
@@ -344,7 +344,7 @@ class FixedNumbers(NamedTuple):
     suspected: float = 0.05
     """Mistrust in a sensor of a leg below which it is forgotten: 20 s after a fault."""
     tilted_for: float = 0.1
-    """Least time over which that mean is taken, s."""
+    """Least time over which the mean level acceleration of `tilted` is taken, s."""
     tilted_sd: float = 0.3
     """Standard deviation of a tilt by the mean accelerometer of a robot in motion, rad."""
     upright: float = 0.76
@@ -388,7 +388,7 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
 
 
 def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:
-    """Return the limits of start and rest of the filter; `stated`: pose and slope at the start are known."""
+    """Return limits of start and rest of the filter; `stated`: pose and slope at the start are known; else unknown."""
     return BestLimits(
         samples=params.standstill_samples, travel=params.standstill_travel, max_speed=params.max_speed,
         gyro_variance=params.standstill_gyro_sd**2, acc_variance=params.standstill_acc_sd**2,

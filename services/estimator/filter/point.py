@@ -27,7 +27,7 @@ from .state import BestState, isolate, rotation, set_rotation, turn_matrix
 
 @kernel
 def lift(state: BestState, k: int) -> None:
-    """Mark contact point k as off the ground and its place as unknown, in place."""
+    """Mark contact point k of `state` as off the ground and its place as unknown, in place; its mistrust stays."""
     isolate(state.cov, E.points + 3 * k, 3, FIXED.free)
     for column in range(P.closed):
         state.points[k, column] = 0.0
@@ -35,7 +35,14 @@ def lift(state: BestState, k: int) -> None:
 
 @kernel
 def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
-    """Put a point down at y (3,) m, IMU axes, in place: its error correlates with no other."""
+    """Put contact point k down where it is seen, in place; its error correlates with no other.
+
+    Args:
+        state: of the filter, or one hypothesis; changed.
+        k: index of the point.
+        y: place of the point from the IMU, IMU axes, (3,) m.
+        noise: noises and rates of the filter.
+    """
     lift(state, k)
     seen = turned(rotation(state.x), y)
     for i in range(3):
@@ -48,8 +55,12 @@ def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
 def retract(state: BestState, xi: Array) -> None:
     """Take the error xi out of the state, in place.
 
-    `xi`: (15 + 3 K,) in the order of `ErrorLayout`: rotation rad, velocity m/s, gyro bias rad/s, accelerometer bias
-    m/s^2, position m, contact points m; further errors of a frame of poses, m and rad, follow if the state has one.
+    Attitude, velocity and points are turned by exp(-[xi_R]), xi_R the first three numbers; all else is subtracted.
+
+    Args:
+        state: of the filter, or one hypothesis; changed.
+        xi: error, (15 + 3 K,) in the order of `ErrorLayout`: rotation rad, velocity m/s, gyro bias rad/s, accelerometer
+            bias m/s^2, position m, contact points m; errors of the frame of another source, m and rad, may follow.
     """
     x, points, back = state.x, state.points, np.empty(3)
     for i in range(3):
@@ -79,7 +90,7 @@ def retract(state: BestState, xi: Array) -> None:
 
 @kernel
 def determinant(m: Array) -> float:
-    """Return the determinant of m (3, 3), in the cube of its unit."""
+    """Return the determinant of a matrix m (3, 3), in the cube of the unit of its elements."""
     return float(
         m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
         - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
@@ -91,14 +102,17 @@ def determinant(m: Array) -> float:
 def observe(
     state: BestState, k: int, y: Array, contact: float, dt: float, noise: BestNoise, hypotheses: bool
 ) -> tuple[float, float]:
-    """Correct state and covariance by the contact point k that stands and is seen at y, in place.
+    """Correct state and covariance by contact point k, which stands and is seen at y, in place.
 
     Args:
-        k: the point.
-        y: its place, (3,) m, IMU axes.
+        state: of the filter, or one hypothesis; changed.
+        k: index of the point.
+        y: its place from the IMU by the encoders, IMU axes, (3,) m.
         contact: probability that it touches the ground.
         dt: time since the last sample, s.
-        hypotheses: False: the point stays, or its slide is in the covariance already.
+        noise: noises and rates of the filter.
+        hypotheses: the point may slide, and staying and sliding are mixed; False: the point stays, or its slide is in
+            the covariance already.
 
     Returns:
         Normalised innovation squared of a point that may slide, 3 degrees of freedom, and the logarithm of the
@@ -146,12 +160,13 @@ def observe(
 
 @kernel
 def _weigh_slide(point: Array, contact: float, ratio: float, noise: BestNoise) -> float:
-    """Return the probability that a point slides by one sample, and keep it with the reported one, in place.
+    """Return the probability that a point slides, by one sample; keep it with the reported probability, in place.
 
     Args:
-        point: row of `BestState.points`, (11,), see `PointLayout`.
+        point: numbers of the point, (11,), columns as in `PointLayout`; changed.
         contact: probability that it touches the ground.
         ratio: logarithm of the likelihood of sliding over that of staying.
+        noise: noises and rates of the filter.
     """
     before, seen = point[P.slide], point[P.seen]
     prior = before * noise.go_on + (1.0 - before) * noise.begin_slide
@@ -168,7 +183,14 @@ def _weigh_slide(point: Array, contact: float, ratio: float, noise: BestNoise) -
 
 @kernel
 def _stay(state: BestState, row: int, z: Array, inverse: Array) -> None:
-    """Correct with an innovation z (3,) m of the rows from `row` on and its inverse covariance (3, 3), in place."""
+    """Correct with the innovation of a point that stays, in place.
+
+    Args:
+        state: of the filter, or one hypothesis; changed.
+        row: first row of the point in the error.
+        z: innovation of its place, seen minus estimated, odom axes, (3,) m.
+        inverse: inverse covariance of z, (3, 3) 1/m^2.
+    """
     cov = state.cov
     n = cov.shape[0]
     seen, gain, xi, push = np.empty((3, n)), np.empty((n, 3)), np.empty(n), turned(inverse, z)
@@ -190,12 +212,14 @@ def _stay(state: BestState, row: int, z: Array, inverse: Array) -> None:
 
 @kernel
 def _mix(state: BestState, row: int, z: Array, inverse_0: Array, inverse_1: Array, shift: Array, weight: float) -> None:
-    """Apply the mean of the corrections of both hypotheses, the point stays (0) or slides (1), in place.
+    """Apply the mean of the corrections of two hypotheses, the point stays (0) or slides (1), in place.
 
     Args:
+        state: of the filter; changed.
         row: first row of the point in the error.
-        z: innovation of its place, odom axes, (3,) m.
-        inverse_0, inverse_1: inverse covariance of z by each hypothesis, (3, 3) 1/m^2.
+        z: innovation of its place, seen minus estimated, odom axes, (3,) m.
+        inverse_0: inverse covariance of z if the point stays, (3, 3) 1/m^2.
+        inverse_1: inverse covariance of z if it slides, (3, 3) 1/m^2.
         shift: variance that sliding adds to each axis, (3,) m^2.
         weight: probability of sliding.
     """

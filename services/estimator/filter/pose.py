@@ -21,12 +21,18 @@ from .noise import FIXED, BestNoise
 from .state import BestState
 
 XX, XY, YY, XT, YT, TT, ZZ = range(M.pose_extra, M.pose_extra + 7)
-"""Places of the numbers of Q in the memory; T: heading."""
+"""Places in the memory of the numbers of Q, covariance of the published pose beside the filter's; T: heading."""
 
 
 @kernel
 def grow_pose(state: BestState, d: float, noise: BestNoise) -> None:
-    """Let Q, the covariance that the published pose has beside the filter's, grow over a step of d s, in place."""
+    """Let Q, the covariance that the published pose has beside the filter's, grow over a step of d s, in place.
+
+    Args:
+        state: of the filter; Q in its memory is changed.
+        d: length of the step, s.
+        noise: noises and rates of the filter.
+    """
     best, m = likeliest(state), state.memory
     memory, x = (m, state.x) if best < 0 else (state.mode_memory[best], state.mode_x[best])
     a, b = -d * x[X.vel + 1], d * x[X.vel]
@@ -46,10 +52,12 @@ def grow_pose(state: BestState, d: float, noise: BestNoise) -> None:
 def pose_covariance(state: BestState, arm: Array) -> Array:
     """Return the covariance (6, 6) of x, y, z, m, and the rotation about x, y, z of odom, rad, of base_link.
 
-    The error of the place of base_link is that of the IMU, dp, and of its lever a: dp - xi_R x a.
+    The error of the place of base_link is that of the IMU, dp, and of its lever a: dp - xi_R x a, with xi_R the error
+    of the attitude.
 
     Args:
-        arm: IMU from base_link, odom axes, (3,) m.
+        state: of the filter.
+        arm: lever a, from base_link to the IMU, odom axes, (3,) m.
     """
     by, block, m = np.zeros((6, 6)), np.empty((6, 6)), state.memory
     for i in range(3):
@@ -76,4 +84,5 @@ def pose_covariance(state: BestState, arm: Array) -> Array:
 
 @kernel
 def _row(i: int) -> int:
+    """Return the row of the filter's error of pose component i: 0 to 2 position, 3 to 5 rotation, odom axes."""
     return E.pos + i if i < 3 else E.rot + i - 3

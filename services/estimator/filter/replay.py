@@ -20,19 +20,19 @@ SNAPSHOT_NS = 50_000_000
 SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
 """Snapshots that are kept: those of the window in which samples may be late."""
 NOTHING = 2**62
-"""Value of `DIRTY_NS` without late samples, ns."""
+"""Value of `Replay.marks[DIRTY_NS]` while no sample has come late, ns."""
 IMU_END, FEET_END, DONE_NS, DIRTY_NS, FIRST, COUNT, EXTERNAL_END = range(7)
 """Parts of `Replay.marks`: number of inertial samples and of samples of the feet; stamp of the last inertial sample in
-the state; oldest stamp of the samples that came after their time; first snapshot in the ring, and their number;
-number of samples from elsewhere."""
+the state; oldest stamp of the samples that came after their time; first snapshot in the ring, and their number; number
+of samples of another source."""
 
 
 class Replay(NamedTuple):
-    """Samples of the last seconds, and the last S states."""
+    """Samples of the last seconds, and S snapshots of the filter state, from which late samples are replayed."""
 
     samples: SampleStore
     marks: Stamps
-    """Counts and stamps, (7,), see `IMU_END` and the names beside it."""
+    """Counts and stamps, (7,), at the indices `IMU_END` and the names beside it."""
     snapshot_ns: Stamps
     """Stamp of the last inertial sample in each snapshot, (S,) ns."""
     snapshots: BestState
@@ -40,7 +40,14 @@ class Replay(NamedTuple):
 
 
 def new_replay(feet: int, points: int, modes: int = 0, frame: int = 0) -> Replay:
-    """Return an empty replay for states of so many points and hypotheses; `clear` makes its first snapshot."""
+    """Return an empty replay of samples and filter states; `clear` has to make its first snapshot.
+
+    Args:
+        feet: number of feet.
+        points: number of contact points.
+        modes: number of hypotheses about sliding feet.
+        frame: `FRAME` = 4 if states hold the frame of another source, else 0.
+    """
     return Replay(
         new_samples(feet, points), np.zeros(EXTERNAL_END + 1, dtype=np.int64), np.zeros(SNAPSHOTS, dtype=np.int64),
         BestState(*(np.stack([part] * SNAPSHOTS) for part in new_state(points, modes, frame))),
@@ -49,7 +56,7 @@ def new_replay(feet: int, points: int, modes: int = 0, frame: int = 0) -> Replay
 
 @kernel
 def _snap(replay: Replay, state: BestState) -> None:
-    """Keep the state as the newest snapshot; the oldest goes when the ring is full."""
+    """Keep `state` as the newest snapshot of `replay`, in place; the oldest goes when the ring is full."""
     marks, kept = replay.marks, replay.snapshots
     if marks[COUNT] == SNAPSHOTS:
         marks[FIRST] = (marks[FIRST] + 1) % SNAPSHOTS
@@ -66,7 +73,7 @@ def _snap(replay: Replay, state: BestState) -> None:
 
 @kernel
 def _go_back(replay: Replay, state: BestState) -> None:
-    """Take the state of the last snapshot before the oldest late sample, in place."""
+    """Set `state` to the last snapshot before the oldest late sample, in place; drop later snapshots of `replay`."""
     marks, kept = replay.marks, replay.snapshots
     last = (marks[FIRST] + marks[COUNT] - 1) % SNAPSHOTS
     while marks[COUNT] > 1 and replay.snapshot_ns[last] >= marks[DIRTY_NS]:
@@ -82,7 +89,7 @@ def _go_back(replay: Replay, state: BestState) -> None:
 
 @kernel
 def clear(replay: Replay, state: BestState) -> None:
-    """Forget all samples and snapshots, in place; the state becomes the first snapshot."""
+    """Forget all samples and snapshots of `replay`, in place; `state` becomes the first snapshot."""
     marks = replay.marks
     marks[IMU_END] = marks[FEET_END] = marks[EXTERNAL_END] = marks[FIRST] = marks[COUNT] = 0
     marks[DONE_NS], marks[DIRTY_NS] = -1, NOTHING
@@ -91,7 +98,14 @@ def clear(replay: Replay, state: BestState) -> None:
 
 @kernel
 def note_sample(replay: Replay, source: int, end: int, stamp_ns: int) -> None:
-    """Note that a sample of a source (`IMU_END` or `FEET_END`) was inserted, which has `end` samples then, in place."""
+    """Note in `replay` that a sample was inserted, in place; one before the state makes a replay due.
+
+    Args:
+        replay: of the filter; changed.
+        source: `IMU_END`, `FEET_END` or `EXTERNAL_END`.
+        end: number of samples of that source now.
+        stamp_ns: stamp of the sample, ns.
+    """
     marks = replay.marks
     marks[source] = end
     if stamp_ns <= marks[DONE_NS]:
@@ -100,7 +114,13 @@ def note_sample(replay: Replay, source: int, end: int, stamp_ns: int) -> None:
 
 @kernel
 def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
-    """Bring the state up to the newest inertial sample, in place; late samples cost one replay of the window."""
+    """Bring the state up to the newest inertial sample, in place; late samples cost one replay of the window.
+
+    Args:
+        replay: stored samples and snapshots; changed.
+        state: of the filter; changed.
+        setting: geometry, noises and limits of the filter.
+    """
     marks, samples = replay.marks, replay.samples
     if marks[DIRTY_NS] != NOTHING:
         _go_back(replay, state)
@@ -123,7 +143,7 @@ def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
 
 @kernel
 def restart_clock(replay: Replay, state: BestState) -> None:
-    """Forget all samples, velocity and feet because stamps begin anew, in place; the rest of the state stays."""
+    """Forget all samples, velocity and feet because stamps begin anew, in place; the rest of `state` stays."""
     state.weight[:] = 0.0
     forget(state, 1.0)
     clear(replay, state)
@@ -131,7 +151,10 @@ def restart_clock(replay: Replay, state: BestState) -> None:
 
 @kernel
 def step_clock(replay: Replay, state: BestState, stamp_ns: int) -> None:
-    """Move the newest inertial sample to `stamp_ns`, ns, because stamps step back, in place; forget the others."""
+    """Move the newest inertial sample to `stamp_ns`, ns, because stamps step back, and forget all others, in place.
+
+    `replay`: samples and snapshots, changed; `state`: of the filter, which becomes the only snapshot and stays.
+    """
     marks, samples = replay.marks, replay.samples
     row = samples.imu[marks[IMU_END] - 1].copy()
     clear(replay, state)

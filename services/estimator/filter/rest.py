@@ -20,8 +20,11 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
     smaller.
 
     Args:
-        w: mean of the samples, (3,) rad/s, IMU axes.
+        state: of the filter; changed.
+        w: mean of the gyro samples, IMU axes, (3,) rad/s.
         count: number of the samples.
+        noise: noises and rates of the filter.
+        limits: limits of a rest.
     """
     cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
     sample_sq = (state.memory[M.shown] * noise.sample_gyro) ** 2
@@ -49,12 +52,17 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
 
 @kernel
 def learn_end_of_rest(state: BestState, rows: Array, at: int, noise: BestNoise, limits: BestLimits) -> None:
-    """Learn the gyro bias from the last samples of a rest that ended before row `at`, in place.
+    """Learn the gyro bias from the last samples of a rest that ended before inertial row `at`, in place.
 
     In a rest each sample is used once it is as old as the window of a rest. When the rest ends, the samples of one
     window are still unused; those of its last fifth may belong to the first motion and are left out.
 
-    `rows`: gyro rad/s and accelerometer m/s^2, IMU axes, (n, 6).
+    Args:
+        state: of the filter; changed.
+        rows: gyro rad/s (3) and accelerometer m/s^2 (3) of each sample, IMU axes, (n, 6).
+        at: row after the rest.
+        noise: noises and rates of the filter.
+        limits: limits of a rest.
     """
     waiting = min(int(state.memory[M.rest]) - 1, limits.samples - 1)
     count = waiting - limits.samples // 5

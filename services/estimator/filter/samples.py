@@ -15,7 +15,7 @@ CAPACITY = 4096
 KEPT = CAPACITY // 2
 """Samples that stay when there is room for no more."""
 ROW_W, ROW_Q = 0, 3
-"""First columns of gyro and accelerometer in an inertial row."""
+"""First columns of gyro and accelerometer in an inertial row (6,)."""
 
 
 EXTERNAL_CAPACITY = 256
@@ -26,7 +26,7 @@ class ExternalLayout(NamedTuple):
     """First index of each part of a sample of another source, such as a camera, (26,); NaN: the part is missing."""
 
     position: int = 0
-    """IMU in the frame of the source, (3,) m."""
+    """Position of the IMU in the frame of the source, z up, (3,) m."""
     yaw: int = 3
     """Heading of base_link in that frame, rad."""
     velocity: int = 4
@@ -45,7 +45,10 @@ EXTERNAL_WIDTH = EX.velocity_covariance + 9
 
 
 class SampleStore(NamedTuple):
-    """Samples of the inertial unit, the feet and other sources by rising stamps, in the first rows of the arrays."""
+    """Samples of the inertial unit, the feet and other sources by rising stamps, in the first rows of the arrays.
+
+    N rows of inertial unit and feet, M of other sources, L feet, K contact points.
+    """
 
     imu_stamps: Stamps
     """Stamps of the inertial samples, (N,) ns."""
@@ -54,7 +57,7 @@ class SampleStore(NamedTuple):
     feet_stamps: Stamps
     """Stamps of the samples of the feet, (N,) ns."""
     feet: Array
-    """Positions of the feet, (N, L, 3) m, IMU axes."""
+    """Positions of the feet from the IMU, IMU axes, (N, L, 3) m; zeros where unknown."""
     foot_rots: Array
     """rot_imu_from_foot, (N, L, 3, 3)."""
     contact: Array
@@ -68,7 +71,7 @@ class SampleStore(NamedTuple):
 
 
 def new_samples(feet: int, points: int) -> SampleStore:
-    """Return an empty store for samples of so many feet and contact points."""
+    """Return an empty store for samples of `feet` feet and `points` contact points."""
     n = CAPACITY
     return SampleStore(
         np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros(n, dtype=np.int64), np.zeros((n, feet, 3)),
@@ -79,7 +82,7 @@ def new_samples(feet: int, points: int) -> SampleStore:
 
 @kernel
 def after(stamps: Stamps, stamp_ns: int) -> int:
-    """Return the index of the first of rising stamps (n,) that is later than a stamp."""
+    """Return the index of the first of rising stamps (n,), ns, that is later than `stamp_ns`; n if none is."""
     low, high = 0, stamps.size
     while low < high:
         middle = (low + high) // 2
@@ -92,7 +95,7 @@ def after(stamps: Stamps, stamp_ns: int) -> int:
 
 @kernel
 def place_of(stamps: Stamps, stamp_ns: int) -> int:
-    """Return the index at which a stamp belongs among rising stamps (n,); -1: it is one of them."""
+    """Return the index at which `stamp_ns` belongs among rising stamps (n,), ns; -1: it is one of them."""
     n = stamps.size
     if n == 0 or stamp_ns > stamps[n - 1]:
         return n
@@ -102,14 +105,14 @@ def place_of(stamps: Stamps, stamp_ns: int) -> int:
 
 @kernel
 def make_room(column: np.ndarray, at: int, end: int) -> None:
-    """Move the rows from `at` to before `end` of a column (N, ...) on by one, in place."""
+    """Move rows `at` to `end` - 1 of a column (N, ...) on by one, in place, so that row `at` is free."""
     for i in range(end, at, -1):
         column[i] = column[i - 1]
 
 
 @kernel
 def keep_newest(column: np.ndarray, keep: int) -> None:
-    """Move the last `keep` rows of a full column (N, ...) to its beginning, in place."""
+    """Move the last `keep` rows of a full column (N, ...) to its first rows, in place, in their order."""
     first = column.shape[0] - keep
     for i in range(keep):
         column[i] = column[first + i]
@@ -117,10 +120,17 @@ def keep_newest(column: np.ndarray, keep: int) -> None:
 
 @kernel
 def insert_imu(samples: SampleStore, end: int, stamp_ns: int, w: Array, q: Array) -> int:
-    """Insert an inertial sample, w (3,) rad/s and q (3,) m/s^2, among the first `end` rows, in place.
+    """Insert an inertial sample among the first `end` rows by its stamp, in place.
+
+    Args:
+        samples: store of samples; changed. When it is full, the newest half stays.
+        end: number of inertial rows in it.
+        stamp_ns: time of the sample, ns.
+        w: gyro, IMU axes, (3,) rad/s.
+        q: accelerometer, IMU axes, (3,) m/s^2.
 
     Returns:
-        The number of rows then; -1: there is a sample of this stamp.
+        The number of rows then; -1: there is a sample of this stamp, which stays.
     """
     stamps, rows = samples.imu_stamps, samples.imu
     at = place_of(stamps[:end], stamp_ns)
@@ -142,19 +152,19 @@ def insert_imu(samples: SampleStore, end: int, stamp_ns: int, w: Array, q: Array
 def insert_feet(
     samples: SampleStore, end: int, stamp_ns: int, position: Array, rot: Array, contact: Array, closed: Stamps
 ) -> int:
-    """Insert a sample of the feet among the first `end` rows, in place.
+    """Insert a sample of the feet among the first `end` rows by its stamp, in place.
 
     Args:
-        samples: all samples.
-        end: number of those of the feet.
+        samples: store of samples; changed. When it is full, the newest half stays.
+        end: number of rows of the feet in it.
         stamp_ns: time of the sample, ns.
-        position: (L, 3) m, IMU axes.
+        position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
-        contact: probability of contact of each point, (K,).
+        contact: probability of contact of each point, (K,), NaN = unknown.
         closed: closed switches of each foot, (L,), bit s for switch s.
 
     Returns:
-        The number of rows then; -1: there is a sample of this stamp.
+        The number of rows then; -1: there is a sample of this stamp, which stays.
     """
     stamps = samples.feet_stamps
     at = place_of(stamps[:end], stamp_ns)
@@ -180,9 +190,13 @@ def insert_feet(
 
 @kernel
 def insert_external(samples: SampleStore, end: int, stamp_ns: int, row: Array) -> int:
-    """Insert a pose or velocity of a camera or the like among the first `end` rows, by its stamp, in place.
+    """Insert a sample of another source, such as a camera, among the first `end` rows by its stamp, in place.
 
-    `row`: (26,) as in `ExternalLayout`.
+    Args:
+        samples: store of samples; changed. When it is full, the newest half stays.
+        end: number of rows of other sources in it.
+        stamp_ns: time at which the sample holds, ns.
+        row: position, heading, velocity and their covariances, (26,) as in `ExternalLayout`, NaN = absent.
 
     Returns:
         The number of rows after that; -1 if there is a row of this stamp already, which stays.

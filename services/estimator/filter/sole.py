@@ -23,6 +23,12 @@ def turn_soles(state: BestState, geometry: BestGeometry, noise: BestNoise, dt: f
 
     The weight holds a sole down: along its length by a long lever, across by a short one, against twisting by friction
     alone.
+
+    Args:
+        state: of the filter; its covariance is changed.
+        geometry: contact points and axes of the soles.
+        noise: rates at which a sole rolls, pitches and twists, rad/sqrt(s).
+        dt: time since the last sample of the feet, s.
     """
     x, cov, points, foot = state.x, state.cov, state.points, geometry.foot
     count = points.shape[0]
@@ -53,12 +59,14 @@ def turn_soles(state: BestState, geometry: BestGeometry, noise: BestNoise, dt: f
 
 @kernel
 def _turn_sole(state: BestState, geometry: BestGeometry, f: int, pivot: Array, axis: Array, variance: float) -> None:
-    """Add the turning of sole f, `variance` rad^2, to the covariance of its points, in place.
+    """Add the turning of one sole about an axis to the covariance of its points, in place.
 
     Args:
-        f: the foot.
-        pivot: a place on the axis, (3,) m, foot axes.
-        axis: the axis, (3,), odom axes.
+        state: of the filter; its covariance is changed.
+        geometry: contact points of the feet.
+        f: index of the foot.
+        pivot: a place on the axis, from the foot's centre, foot axes, (3,) m.
+        axis: unit vector of the axis, odom axes, (3,).
         variance: of the turn, rad^2.
     """
     cov, points, foot = state.cov, state.points, geometry.foot
@@ -78,7 +86,7 @@ def _turn_sole(state: BestState, geometry: BestGeometry, f: int, pivot: Array, a
 
 @kernel
 def rock_soles(state: BestState, closed: Feet, geometry: BestGeometry, variance: float) -> int:
-    """Let soles turn about the edge or the corner on which they stand, in place.
+    """Let soles turn about the edge or the corner on which they stand, in place; return the feet that rock.
 
     A foot that lands on its heel or on the outer edge comes down flat in the samples that follow: its middle sinks by
     millimetres, which would else lift the robot at each step. What stays is where switches were closed at the last
@@ -86,9 +94,9 @@ def rock_soles(state: BestState, closed: Feet, geometry: BestGeometry, variance:
     it tips any way, like one of which no switch stayed closed. Neither an edge nor a corner keeps it from twisting.
 
     Args:
-        state: the state; the switches are remembered in it.
+        state: of the filter; its covariance is changed, and the switches are remembered in it.
         closed: switches of each foot that are closed, (L,), bit s for switch s.
-        geometry: of the robot; feet with fewer than three switches are flat.
+        geometry: contact points and switches of the feet; feet with fewer than three switches are flat.
         variance: of the turn about each axis, rad^2.
 
     Returns:

@@ -23,7 +23,13 @@ BLOCK = 16
 
 @kernel
 def _level(up: Array, rot_base_from_imu: Array, yaw: float) -> Array:
-    """Return rot_odom_from_imu (3, 3) with this up (3,), IMU axes, and base_link's x (y if x is vertical) at `yaw`."""
+    """Return rot_odom_from_imu (3, 3) from the vertical and a heading.
+
+    Args:
+        up: upward unit vector, IMU axes, (3,).
+        rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
+        yaw: heading of base_link's x in odom, rad; if x is nearly vertical, y of base_link is 90 deg to the left of it.
+    """
     z = np.empty(3)
     for i in range(3):
         z[i] = 0.0
@@ -51,7 +57,10 @@ def _level(up: Array, rot_base_from_imu: Array, yaw: float) -> Array:
 
 @kernel
 def rests(samples: SampleStore, at: int, limits: BestLimits) -> bool:
-    """Return True if inertial samples and feet of the window that ends with inertial row `at` are those of a rest."""
+    """Return True if the last `limits.samples` inertial samples up to row `at`, and the feet meanwhile, show a rest.
+
+    At rest each axis of gyro and accelerometer has a small variance, and no foot moves further than `limits.travel`.
+    """
     n, rows, stamps, feet = limits.samples, samples.imu, samples.imu_stamps, samples.feet
     if at + 1 < n:
         return False
@@ -91,9 +100,11 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
     """Set attitude and position, everything else to zero, with the covariance of a stated pose, in place.
 
     Args:
+        state: of the filter; changed.
         rot: rot_odom_from_imu, (3, 3).
-        samples: all samples.
+        samples: stored samples.
         foot: the row of the feet that shows the height over the ground; -1: none.
+        setting: geometry, noises and limits of the filter; holds the start pose.
     """
     x, geometry, limits = state.x, setting.geometry, setting.limits
     for k in range(state.points.shape[0]):
@@ -125,7 +136,16 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
 
 @kernel
 def _plane(points: Array, used: Array, up: Array) -> tuple[Array, float]:
-    """Return the upward normal (3,) of the plane through used points (K, 3) and their spread in it, m (0: no plane)."""
+    """Return the upward unit normal (3,) of the plane through some points, and their smaller spread (rms) in it, m.
+
+    Args:
+        points: all points, (K, 3) m.
+        used: weight of each, (K,); points from one half on are taken.
+        up: upward unit vector in the axes of the points, (3,).
+
+    Returns:
+        The normal, and the spread; `up` and 0 if fewer than three points are used.
+    """
     centre, n = np.zeros(3), 0
     for k in range(used.size):
         if used[k] >= 0.5:
@@ -173,14 +193,15 @@ def _plane(points: Array, used: Array, up: Array) -> tuple[Array, float]:
 def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting) -> tuple[Array, float]:
     """Return up (3,), IMU axes, and its standard deviation, rad, by accelerometer and plane of the feet.
 
-    The accelerometer alone does not separate its bias b from a tilt: q = R^T G + b. A stated slope of the ground,
-    0 +- s rad, makes the plane of the contact points a second measurement of the vertical; both are weighted by their
-    variances, unless they contradict each other.
+    The accelerometer alone does not separate its bias b from a tilt: q = R^T G + b, with R the attitude and G gravity
+    upwards. A stated slope of the ground, 0 +- s rad, makes the plane of the contact points a second measurement of the
+    vertical; both are weighted by their variances, unless they contradict each other.
 
     Args:
-        q: mean accelerometer of the rest, (3,) m/s^2.
-        samples: all samples.
+        q: mean accelerometer of the rest, IMU axes, (3,) m/s^2.
+        samples: stored samples.
         foot: the last row of the feet; -1: none.
+        setting: geometry, noises and limits of the filter.
     """
     geometry, limits = setting.geometry, setting.limits
     size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
@@ -206,13 +227,14 @@ def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting)
 def shown_noise(rows: Array, mean: Array, stated: float) -> float:
     """Return the factor by which the stated noise of a sensor is multiplied, from the noise that a rest shows.
 
-    The noise is not more than `most_noise` times that of the axis which shows most of it, and not less than that of the
-    middle axis. Less than `least_noise` of it shows steps of the sensor, not its noise: the factor is 1.
+    The noise is not more than `most_noise` = 1.6 times that of the axis which shows most of it, and not less than that
+    of the middle axis if this is above 1.3 times the stated one. Less than `least_noise` = 3 % of it shows steps of the
+    sensor, not its noise: the factor is 1.
 
     Args:
         rows: samples of one sensor at rest, (n, 3), rad/s or m/s^2.
-        mean: their mean, (3,), same unit.
-        stated: standard deviation of one sample as stated, same unit.
+        mean: their mean, (3,), unit of `rows`.
+        stated: standard deviation of one sample as stated, unit of `rows`.
     """
     least, most, total = math.inf, 0.0, 0.0
     for i in range(3):
@@ -230,7 +252,14 @@ def shown_noise(rows: Array, mean: Array, stated: float) -> float:
 
 @kernel
 def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: BestSetting) -> None:
-    """Start with the means of the rest that ends at inertial row `at` (equation (1) of Wawrzynski et al.), in place."""
+    """Start with the means of the rest that ends at inertial row `at` (equation (1) of Wawrzynski et al.), in place.
+
+    Args:
+        state: of the filter; it becomes one at rest, with biases and tilt by the means.
+        samples: stored samples.
+        at: last inertial row of the rest.
+        setting: geometry, noises and limits of the filter.
+    """
     limits, noise = setting.limits, setting.noise
     n = limits.samples
     w, q = np.zeros(3), np.zeros(3)
@@ -274,9 +303,11 @@ def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, set
     """Start with one sample only: up by the accelerometer, 30 deg wrong, at an unknown speed, in place.
 
     Args:
-        samples: all samples.
+        state: of the filter; changed.
+        samples: stored samples.
         at: the inertial row.
         foot: the row of the feet.
+        setting: geometry, noises and limits of the filter.
     """
     limits, q = setting.limits, samples.imu[at, ROW_Q : ROW_Q + 3]
     size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)

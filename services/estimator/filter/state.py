@@ -32,7 +32,7 @@ from .noise import FIXED, BestNoise
 
 
 class Felt(NamedTuple):
-    """Variances that shocks and jerk add to the noise of the sensors in one inertial sample."""
+    """Variances that shocks and jerk of the trunk add to the noise of one inertial sample."""
 
     gyro: float
     """Variance of the gyro's sample about level axes, (rad/s)^2."""
@@ -43,18 +43,18 @@ class Felt(NamedTuple):
 
 
 class BestState(NamedTuple):
-    """All that the filter remembers; K contact points, H hypotheses about which feet slide."""
+    """All that the `best` filter remembers; K contact points of the feet, H hypotheses about which feet slide."""
 
     x: Array
-    """State, (21 + 3 K,), see `StateLayout`."""
+    """State vector, (21 + 3 K,), mixed units, laid out as in `StateLayout`."""
     cov: Array
-    """Covariance of the error, (15 + 3 K, 15 + 3 K), see `ErrorLayout`."""
+    """Covariance of the error of `x`, (15 + 3 K, 15 + 3 K), rows and columns as in `ErrorLayout`."""
     points: Array
-    """Contact points, (K, 11), see `PointLayout`."""
+    """Numbers of each contact point, (K, 11), columns as in `PointLayout`."""
     turn: Array
-    """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
+    """rot_odom_from_foot of the foot of each contact point at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (112,), see `MemoryLayout`."""
+    """Averages, counters and times beside the state, (112,), laid out as in `MemoryLayout`."""
     mode_x: Array
     """States of the hypotheses as in `x`, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -68,20 +68,21 @@ class BestState(NamedTuple):
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
     sensors: Array
-    """Numbers of the sensors of each foot, (K, 34), see `SensorLayout`; there are at most K feet."""
+    """Numbers of the leg sensors, one row for each foot, (K, 38), columns as in `SensorLayout`; there are at most K
+    feet."""
 
 
 FRAME = 4
-"""Numbers of the frame of poses from elsewhere: shift and turn."""
+"""Numbers that describe the frame of poses of another source (camera, GNSS) in the state: shift (3) and turn (1)."""
 
 
 def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
-    """Return an empty state, level, at rest, with wide covariance.
+    """Return an empty filter state: level, at rest, at the origin of odom, with wide covariance.
 
     Args:
-        points: number of contact points.
-        modes: number of hypotheses.
-        frame: `FRAME` for poses from elsewhere, or 0.
+        points: number K of contact points.
+        modes: number of hypotheses about which feet slide, each with arrays of its own; 0: none.
+        frame: `FRAME` = 4 if the state also holds the frame of poses of another source, such as a camera, else 0.
     """
     x, cov = np.zeros(X.points + 3 * points + frame), np.eye(E.points + 3 * points + frame) * FIXED.free
     x[X.rot] = x[X.rot + 4] = x[X.rot + 8] = 1.0
@@ -97,14 +98,19 @@ def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
 
 
 def fit_in(source: BestState, target: BestState) -> None:
-    """Copy every array of the state `source` into the first entries of the same array of a larger state, in place."""
+    """Copy each array of `source` into the first entries of the array of that name in the larger `target`, in place."""
     for a, b in zip(source, target, strict=True):
         b[tuple(slice(0, size) for size in a.shape)] = a
 
 
 @kernel
 def isolate(cov: Array, first: int, count: int, variance: float) -> None:
-    """Make `count` errors of cov (n, n) from row `first` on independent of all others, of this variance, in place."""
+    """Make `count` errors from index `first` on independent of all others, in place.
+
+    Args:
+        cov: covariance of the error, (n, n); rows and columns of these errors are changed.
+        variance: new variance of each of them, in their unit squared.
+    """
     for i in range(first, first + count):
         for j in range(cov.shape[0]):
             cov[i, j] = 0.0
@@ -114,7 +120,10 @@ def isolate(cov: Array, first: int, count: int, variance: float) -> None:
 
 @kernel
 def forget_velocity(state: BestState, sd: float) -> None:
-    """Make the velocity unknown: 0 +- sd m/s on each axis, in place."""
+    """Set the velocity in `state` to 0 with standard deviation `sd` m/s per axis and no correlations, in place.
+
+    The lag of the velocity (the correction that is published with it) is set to 0, too.
+    """
     isolate(state.cov, E.vel, 3, sd * sd)
     for i in range(3):
         state.x[X.vel + i] = state.memory[M.lag + i] = 0.0
@@ -122,7 +131,7 @@ def forget_velocity(state: BestState, sd: float) -> None:
 
 @kernel
 def forget_levels(memory: Array) -> None:
-    """Forget levels and unevenness of the ground, in place; `memory` (112,), mixed units as in `MemoryLayout`."""
+    """Forget heights on which feet stood, unevenness and slope of the ground in `BestState.memory` (112,), in place."""
     memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
     memory[M.uneven] = FIXED.step_sd**2
     memory[M.slope : M.slope + 5] = 0.0
@@ -130,7 +139,7 @@ def forget_levels(memory: Array) -> None:
 
 @kernel
 def turn_matrix(b: Array) -> Array:
-    """Return exp([b]), (3, 3): the active rotation about b (3,) by |b| rad (Rodrigues' formula)."""
+    """Return the matrix exp([b]), (3, 3), of the rotation about b (3,) rad by the angle |b| (Rodrigues' formula)."""
     square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
     if square > 1e-16:
         angle = math.sqrt(square)
@@ -148,7 +157,7 @@ def turn_matrix(b: Array) -> Array:
 
 @kernel
 def rotation(x: Array) -> Array:
-    """Return rot_odom_from_imu, (3, 3), of the numbers x (21 + 3 K,) of a state, laid out as in `StateLayout`."""
+    """Return rot_odom_from_imu, (3, 3), stored by rows in the first nine numbers of a state x (21 + 3 K,)."""
     m = np.empty((3, 3))
     for i in range(3):
         for k in range(3):
@@ -158,7 +167,7 @@ def rotation(x: Array) -> Array:
 
 @kernel
 def set_rotation(x: Array, rot: Array) -> None:
-    """Write rot_odom_from_imu (3, 3) into the numbers x (21 + 3 K,) of a state, as in `StateLayout`, in place."""
+    """Write rot_odom_from_imu `rot` (3, 3) by rows into the first nine numbers of a state x (21 + 3 K,), in place."""
     for i in range(3):
         for k in range(3):
             x[X.rot + 3 * i + k] = rot[i, k]
@@ -166,10 +175,24 @@ def set_rotation(x: Array, rot: Array) -> None:
 
 @kernel
 def _carry_rows(cov: Array, points: Array, d: float, v: Array, arms: Array, rot: Array) -> None:
-    """Replace the covariance (n, n) by F cov, in place, F that of a step of d s as in the head of this file.
+    """Replace the covariance P by F P, in place, with the transition F of the error over a step of d s.
 
-    `points` (K, 11) as in `BestState`; v (3,) m/s, arms (K, 3) m, rot (3, 3) in mid-step. Each loop writes one row and
-    takes its factors from variables: so it becomes a loop over vectors.
+    F maps the errors of attitude xi_R, velocity xi_v, contact points xi_r, position dp and biases db_w, db_q,
+
+        xi_R += -d R db_w
+        xi_v += -d [G] xi_R - d R db_q - d [v] R db_w
+        xi_r += -d xi_v + d^2/2 ([G] xi_R + R db_q) - d [r] R db_w
+        dp   +=  d xi_v - d^2/2 ([G] xi_R + R db_q) - d [v] xi_R
+
+    with gravity G = (0, 0, 9.81) m/s^2 and [a] the matrix of the cross product with a.
+
+    Args:
+        cov: P, (n, n), rows as in `ErrorLayout`; changed. Each loop writes one row, so that it becomes vector code.
+        points: numbers of the contact points, (K, 11); rows of those that do not stand stay.
+        d: length of the step, s.
+        v: velocity of the IMU in mid-step, odom axes, (3,) m/s.
+        arms: contact points r from the IMU in mid-step, odom axes, (K, 3) m.
+        rot: rot_odom_from_imu R in mid-step, (3, 3).
     """
     n = cov.shape[0]
     by_acc, by_gyro, moved = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
@@ -211,7 +234,7 @@ def _carry_rows(cov: Array, points: Array, d: float, v: Array, arms: Array, rot:
 
 @kernel
 def _cross_rows(cov: Array, row: int, x: float, y: float, z: float, by: Array) -> None:
-    """Subtract (x, y, z) x by, by (3, n), from rows `row` to `row` + 2 of cov (n, n), in place."""
+    """Subtract (x, y, z) x b, b each column of by (3, n), from rows `row` to `row` + 2 of cov (n, n), in place."""
     n = cov.shape[0]
     for j in range(n):
         cov[row, j] -= y * by[2, j] - z * by[1, j]
@@ -223,6 +246,7 @@ def _cross_rows(cov: Array, row: int, x: float, y: float, z: float, by: Array) -
 
 @kernel
 def _transpose(cov: Array) -> None:
+    """Transpose the square matrix `cov` (n, n) in place."""
     for i in range(cov.shape[0]):
         for j in range(i):
             cov[i, j], cov[j, i] = cov[j, i], cov[i, j]
@@ -232,21 +256,22 @@ def _transpose(cov: Array) -> None:
 def _inertial_noise(
     cov: Array, points: Array, d: float, v: Array, arms: Array, gyro_sq: float, turn_sq: float, acc_sq: float
 ) -> None:
-    """Add the noise of gyro and accelerometer over a step of d s, in place.
+    """Add the noise of gyro and accelerometer over a step of d s to the covariance, in place.
 
-    The columns by which they enter are R, [v] R, [r] R and I, -d/2 I, d/2 I; R drops out, for the noise has no axis of
-    the sensor. About the vertical the gyro is as good as its sensor: what the feet show of errors of the trunk's tilt
-    is no reason to take the heading from them.
+    Gyro noise enters the errors of attitude, velocity v and contact points r by R, [v] R and [r] R; the rotation R of
+    the IMU drops out, for the noise is the same about all axes. Accelerometer noise enters velocity, points and
+    position by I, -d/2 I and d/2 I. About the vertical the gyro is as good as its sensor: what the feet show of errors
+    of the trunk's tilt is no reason to take the heading from them.
 
     Args:
-        cov: the covariance.
-        points: the contact points.
-        d: the step, s.
-        v: velocity in the middle of the step, (3,) m/s.
-        arms: contact points then, (K, 3) m.
-        gyro_sq: variance of the gyro about level axes per s, (rad/s)^2/Hz.
-        turn_sq: likewise about the vertical.
-        acc_sq: variance of the accelerometer per s, (m/s^2)^2/Hz.
+        cov: covariance of the error, (n, n), rows as in `ErrorLayout`; changed.
+        points: numbers of the contact points, (K, 11), columns as in `PointLayout`.
+        d: length of the step, s.
+        v: velocity of the IMU in the middle of the step, odom axes, (3,) m/s.
+        arms: contact points from the IMU then, odom axes, (K, 3) m.
+        gyro_sq: noise density of the gyro about level axes squared, (rad/s)^2/Hz.
+        turn_sq: noise density of the gyro about the vertical squared, (rad/s)^2/Hz.
+        acc_sq: noise density of the accelerometer squared, (m/s^2)^2/Hz.
     """
     n = cov.shape[0]
     by = np.zeros((3, n))
@@ -279,7 +304,7 @@ def _inertial_noise(
 
 @kernel
 def _set_cross(by: Array, column: int, x: float, y: float, z: float) -> None:
-    """Write [a]^T of a = (x, y, z) into three columns of by (3, n)."""
+    """Write [a]^T, with a = (x, y, z) and [a] b = a x b, into columns `column` to `column` + 2 of by (3, n)."""
     by[1, column], by[2, column] = -z, y
     by[0, column + 1], by[2, column + 1] = z, -x
     by[0, column + 2], by[1, column + 2] = -y, x
@@ -290,11 +315,11 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     """Predict state and covariance over a step of d s by one inertial sample, in place.
 
     Args:
-        state: of the filter.
-        w: gyro, (3,) rad/s, IMU axes, mean over the step.
-        q: accelerometer, (3,) m/s^2, IMU axes, mean over the step.
-        d: the step, s.
-        noise: variances of the filter.
+        state: of the filter; changed: contact points that stand move against the IMU, times and averages run on.
+        w: mean gyro over the step, IMU axes, (3,) rad/s.
+        q: mean accelerometer over the step, IMU axes, (3,) m/s^2.
+        d: length of the step, s.
+        noise: noises and rates of the filter.
         felt: variances that shocks and jerk add to gyro and accelerometer in this step.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
@@ -353,9 +378,14 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
     """Return the variances that the change since the last inertial sample adds to its noise, and store the sample.
 
     A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
-    mean over its period; the sensors' own noise changes by 6 sigma^2 on average. A bend turns the IMU back again, so
-    errors of the heading cancel; those of the tilt act on the velocity at every moment. `memory` (112,): of
-    `BestState`, changed; w (3,) rad/s, q (3,) m/s^2: the sample, IMU axes.
+    mean over its period; the sensors' own noise changes by 6 sigma^2 on average (three axes, two samples). A bend turns
+    the IMU back again, so errors of the heading cancel; those of the tilt act on the velocity at every moment.
+
+    Args:
+        memory: `BestState.memory`, (112,); the last sample in it is replaced.
+        w: gyro of the sample, IMU axes, (3,) rad/s.
+        q: accelerometer of the sample, IMU axes, (3,) m/s^2.
+        noise: noises and rates of the filter.
     """
     turn, push = 0.0, 0.0
     for i in range(3):

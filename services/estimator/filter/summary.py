@@ -41,22 +41,23 @@ class RowLayout(NamedTuple):
     start: int = 6
     """Heading of base_link in odom, rad; 1 if the start has settled, else 0; inertial samples at rest in a row."""
     fit: int = 7
-    """Normalised innovation squared, 3 degrees of freedom; factor of the inertial noise; 0."""
+    """Normalised innovation squared, 3 degrees of freedom; factor of the inertial noise over the sensor's; 0."""
 
 
 R = RowLayout()
 YAW, SETTLED, RESTING = (R.start, 0), (R.start, 1), (R.start, 2)
 NIS, EXCESS = (R.fit, 0), (R.fit, 1)
-"""Single numbers of the vectors, by row and column."""
+"""Row and column of single numbers of the vectors (8, 3) of an estimate."""
 QUAT = 4
-"""Numbers of the quaternion, which come before the probabilities of sliding."""
+"""Numbers of the quaternion, which comes before the probabilities of sliding in one array (4 + L,)."""
 
 
 @kernel
 def _imu_errors(rot: Array, size: int) -> Array:
-    """Return the matrix (size, size) by which the first errors of the state are errors of (g, v) in IMU axes, and more.
+    """Return the matrix (size, size) that turns the first errors of the state into errors of (g, v) in IMU axes.
 
-    With R_hat = exp([xi_R]) R the error of g = R^T G is R^T [G] xi_R, that of v is R^T xi_v; what follows stays.
+    With R_hat = exp([xi_R]) R the error of g = R^T G is R^T [G] xi_R, that of v is R^T xi_v, G gravity upwards in odom,
+    xi_R and xi_v the errors of attitude and velocity; the errors that follow, those of the biases, stay.
 
     Args:
         rot: rot_odom_from_imu R, (3, 3).
@@ -74,9 +75,11 @@ def _imu_errors(rot: Array, size: int) -> Array:
 
 @kernel
 def joint_covariance(rot: Array, cov: Array) -> Array:
-    """Return the covariance (12, 12) of g, v, gyro and accelerometer bias in IMU axes.
+    """Return the covariance (12, 12) of g, v, gyro and accelerometer bias in IMU axes, SI.
 
-    rot: rot_odom_from_imu, (3, 3); cov: of the filter's error, (12, 12) or larger, order of `ErrorLayout`.
+    Args:
+        rot: rot_odom_from_imu, (3, 3).
+        cov: covariance of the filter's error, (12, 12) or larger, order of `ErrorLayout`.
     """
     out = congruence(_imu_errors(rot, 12), np.ascontiguousarray(cov[:12, :12]))
     for i in range(3):
@@ -87,7 +90,12 @@ def joint_covariance(rot: Array, cov: Array) -> Array:
 
 @kernel
 def _covariance(rot: Array, cov: Array) -> Array:
-    """Return the covariance of (g, v) in IMU axes, (6, 6), by rot_odom_from_imu (3, 3) and that of the error (n, n)."""
+    """Return the covariance (6, 6) of g, m/s^2, and v, m/s, in IMU axes.
+
+    Args:
+        rot: rot_odom_from_imu, (3, 3).
+        cov: covariance of the filter's error, (n, n), order of `ErrorLayout`.
+    """
     block = np.empty((6, 6))
     for i in range(6):
         for k in range(6):
@@ -104,15 +112,23 @@ def _covariance(rot: Array, cov: Array) -> Array:
 
 @kernel
 def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tuple[Array, Array, Array, Array]:
-    """Return vectors by rows (8, 3), see `RowLayout`; quaternion and probabilities of sliding; covariances.
-
-    The quaternion (4,) of base_link in odom and the probability that each foot slides (L,), NaN for a foot that does
-    not stand, are one array. Covariances are that of (g, v) in IMU axes, (6, 6), and that of the pose, (6, 6), see
-    `pose_covariance`.
+    """Return the estimate of a state as arrays: vectors, quaternion with probabilities of sliding, two covariances.
 
     Args:
-        w: gyro, (3,) rad/s.
-        feet: their number L.
+        state: of the filter.
+        geometry: contact points on the feet, and mounting of the IMU.
+        w: gyro, IMU axes, (3,) rad/s.
+        feet: number of feet L.
+
+    Returns:
+        Vectors by rows, (8, 3), as in `RowLayout`.
+
+        Quaternion w, x, y, z of base_link in odom (4,) and probability that each foot slides (L,), NaN for a foot that
+        does not stand, as one array.
+
+        Covariance of (g, v) in IMU axes, (6, 6), m/s^2 and m/s squared.
+
+        Covariance of the pose of base_link: x, y, z, m, and rotation about x, y, z of odom, rad, (6, 6).
     """
     x, points = state.x, state.points
     rot, rows, more = rotation(x), np.zeros((8, 3)), np.zeros(QUAT + feet)
@@ -152,7 +168,7 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
 
 @kernel
 def leg_sensors(parts: FilterParts) -> LegSensors:
-    """Return the feet whose sensors are wrong."""
+    """Return which sensors of the legs are wrong, bit f for foot f, and by how much the stamps of the feet are late."""
     foot, points, sensors = parts.setting.geometry.foot, parts.state.points, parts.state.sensors
     left_out = switches = jumping = still = swapped = 0
     for k in range(foot.size):
@@ -168,11 +184,11 @@ def leg_sensors(parts: FilterParts) -> LegSensors:
 
 @kernel
 def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array) -> Condition:
-    """Return the numbers from which flags and reasons of an estimate follow.
+    """Return the numbers from which the flags of an estimate, and the reasons for them in words, follow.
 
     Args:
-        parts: the filter, brought up to the newest inertial sample.
-        vectors: estimate by rows, (8, 3), SI, see `RowLayout`.
+        parts: of the filter, brought up to the newest inertial sample.
+        vectors: estimate by rows, (8, 3), SI, as in `RowLayout`.
         more: quaternion of base_link in odom (4,) and probability that each foot slides (L,), as one array (4 + L,).
         covariance: of (g, v) in IMU axes, (6, 6), m/s^2 and m/s squared.
     """

@@ -20,8 +20,8 @@ def rewired(contact: Array, sensors: Array, foot: Feet) -> Array:
 
     Args:
         contact: probability of contact of each point, (K,); all points of a foot have the same.
-        sensors: numbers of each foot, (L, columns), mixed units as in `SensorLayout`; `wired` is the foot whose switch
-            the foot gets.
+        sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; `wired` is the foot whose
+            switch the foot gets.
         foot: index of the foot of each point, (K,).
 
     Returns:
@@ -40,7 +40,8 @@ def rewired(contact: Array, sensors: Array, foot: Feet) -> Array:
 def swap_switches(sensors: Array) -> None:
     """Exchange the switches of the two feet of a biped, in place, and forget what contradicted them.
 
-    `sensors`: numbers of each foot, (L, columns), mixed units as in `SensorLayout`.
+    Args:
+        sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; changed.
     """
     sensors[0, S.wired], sensors[1, S.wired] = sensors[1, S.wired], sensors[0, S.wired]
     sensors[:2, S.against] = sensors[:2, S.switch] = sensors[:2, S.same] = 0.0
@@ -51,8 +52,9 @@ def judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies
     """Learn which switches contradict the motion of their feet beside that of the others, in place.
 
     Args:
-        sensors: numbers of each foot, see `SensorLayout`.
-        size: logarithm of what each foot shows beside the inertial unit, (L,); NaN: not known.
+        sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; mistrust in switches, and
+            which two are swapped, are changed.
+        size: logarithm of the motion, m/s, that each foot shows beside the inertial unit, (L,); NaN: not known.
         contact: probability that each foot touches the ground, (L,).
         dt: time since the last sample of the feet that was compared, s.
         flies: the robot shows no weight, so that no foot stands whose switch is open.
@@ -96,8 +98,8 @@ def _learn_height(own: Array, over: float, closed: int, dt: float) -> float:
     Another height counts once they have shown it for a while: one of them may be in the air, and its switch hang.
 
     Args:
-        own: numbers of this, see `HeightLayout`.
-        over: the height, m; NaN: not known.
+        own: what is known of that height, (8,), laid out as in `HeightLayout`; changed.
+        over: the height now, m; NaN: not known.
         closed: closed switches, bit f for foot f.
         dt: time since the last sample, s.
     """
@@ -126,13 +128,14 @@ def _learn_height(own: Array, over: float, closed: int, dt: float) -> float:
 def judge_heights(own: Array, sensors: Array, over: float, contact: Array, dt: float, shows: bool) -> None:
     """Learn which switches of two feet contradict the height of one over the other, in place.
 
-    While both stand, that height does not change, whatever the ground. A foot that rises over the other does not
-    stand: its switch hangs if both are closed, that of the other if both are open while the robot shows its weight. If
-    only the upper foot has its switch closed, and the other has not been above since it opened, they are swapped.
+    While both stand, that height does not change, whatever the ground. A foot that rises over the other does not stand:
+    its switch hangs if both are closed, that of the other if both are open while the robot shows its weight. If only
+    the upper foot has its switch closed, and the other has not been above since it opened, they are swapped.
 
     Args:
-        own: memory of this function, (HEIGHTS,), mixed units as in `HeightLayout`.
-        sensors: numbers of each foot, (2, columns), mixed units as in `SensorLayout`.
+        own: what is known of that height, (8,), mixed units, laid out as in `HeightLayout`; changed.
+        sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; mistrust in switches, and a
+            swap of both, are changed.
         over: height of foot 0 over foot 1, m; NaN: not known.
         contact: probability that each foot touches the ground, (2,).
         dt: time since the last sample, s.

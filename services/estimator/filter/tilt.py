@@ -26,9 +26,11 @@ def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, 
     how a robot turned that was knocked over unseen, and where it rolled to, is not known.
 
     Args:
+        state: of the filter; changed; its start counts as in motion after a wrong tilt.
+        setting: geometry, noises and limits of the filter.
         ahead: of the vector along x of odom.
-        side: along y.
-        up: along z.
+        side: along y of odom.
+        up: along z of odom.
         sd: standard deviation of the new tilt, rad.
     """
     memory, level = state.memory, math.sqrt(ahead * ahead + side * side)
@@ -53,15 +55,17 @@ def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, 
 
 @kernel
 def _turn_by_change(state: BestState, setting: BestSetting, ahead: float, side: float, up: float, time: float) -> bool:
-    """Turn the attitude so that a change of the velocity by the inertial unit alone points up, in place.
+    """Turn the attitude so that the mean specific force by the inertial unit alone points up, in place.
 
     False: nothing was turned. A robot that falls loses its velocity, too: its specific force is not that of one that
     stands, and its tilt by the gyro is right.
 
     Args:
-        ahead: along x of odom, m/s.
-        side: along y.
-        up: along z.
+        state: of the filter; changed.
+        setting: geometry, noises and limits of the filter.
+        ahead: change of the velocity by the inertial unit along x of odom, m/s.
+        side: along y of odom, m/s.
+        up: along z of odom, m/s, gravity taken off.
         time: in which it changed, s.
     """
     up += GRAVITY * time
@@ -78,11 +82,13 @@ def _turn_by_change(state: BestState, setting: BestSetting, ahead: float, side: 
 def check_rest(state: BestState, rows: Array, setting: BestSetting) -> None:
     """Correct a tilt that the accelerometer of a robot at rest contradicts, in place.
 
-    A robot that was knocked over faster than its gyro can measure lies still, and no foot shows its tilt. The
-    estimated bias of the accelerometer is not subtracted: it may contain the error of the tilt.
+    A robot that was knocked over faster than its gyro can measure lies still, and no foot shows its tilt. The estimated
+    bias of the accelerometer is not subtracted: it may contain the error of the tilt.
 
     Args:
-        rows: samples of the rest, gyro rad/s and accelerometer m/s^2, IMU axes, (n, 6).
+        state: of the filter; changed.
+        rows: samples of the rest, gyro rad/s (3) and accelerometer m/s^2 (3), IMU axes, (n, 6).
+        setting: geometry, noises and limits of the filter.
     """
     limits, mean = setting.limits, np.zeros(3)
     for r in range(rows.shape[0]):
@@ -112,8 +118,9 @@ def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
     up, up to what a walk accelerates.
 
     Args:
-        state: after a sample of the feet.
-        lost: the velocity is lost by this sample; else `lost_memory` has passed since the first loss.
+        state: of the filter after a sample of the feet; changed.
+        setting: geometry, noises and limits of the filter.
+        lost: the velocity is lost by this sample; else `lost_memory` = 1 s has passed since the first loss.
     """
     memory, time = state.memory, state.memory[M.lost_for]
     if time < 0.0:
@@ -142,13 +149,14 @@ def check_start(state: BestState, contact: Array, dt: float, setting: BestSettin
     above 3 within 0.3 s where it is 5 deg wrong. The velocity d that the inertial unit has gained in the time t since
     the rest, less that which the foot shows that agrees best, then grows as d = a t with a = 9.81 sin of the tilt,
     while feet that land, or are late, make it swing. By least squares, a = S(t d)/S(t^2), and a^2 S(t^2)/S(d^2) is the
-    share of it that grows so. Nothing is corrected while a sensor of a leg is suspected: a foot that swings behind a
-    switch that hangs looks like a wrong tilt.
+    share of it that grows so, S the sum over samples. Nothing is corrected while a sensor of a leg is suspected: a foot
+    that swings behind a switch that hangs looks like a wrong tilt.
 
     Args:
-        state: after a sample of the feet.
+        state: of the filter after a sample of the feet; changed.
         contact: probability that each contact point stands, (K,).
         dt: time since the last sample of the feet, s.
+        setting: geometry, noises and limits of the filter.
     """
     foot, at, memory = setting.geometry.foot, likeliest(state), state.memory
     likely = memory if at < 0 else state.mode_memory[at]

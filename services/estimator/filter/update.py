@@ -30,7 +30,12 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
 
         e = z_k^T S^-1 z_(k-1)/3,   log excess += learn (rise max(e, 0) + min(e, 0) - drop)
 
-    within 1 and `most_excess`. `y`: contact points as the feet are seen now, (K, 3) m, IMU axes.
+    within 1 and `most_excess`; k counts the samples, the other names are fields of `noise`.
+
+    Args:
+        state: of the filter; excess and last innovation in its memory are changed.
+        y: contact points as the feet are seen now, from the IMU, IMU axes, (K, 3) m.
+        noise: noises and rates of the filter.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     z, s, count, rot = np.zeros(3), np.zeros((3, 3)), 0, rotation(x)
@@ -62,12 +67,13 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
 
 @kernel
 def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: float, swing: float) -> None:
-    """Let points move that slide, or hardly touch the ground, in place.
+    """Widen the covariance of points that slide, or hardly touch the ground, in place.
 
     Args:
+        state: of the filter; its covariance is changed.
         contact: probability that each point touches the ground, (K,).
-        foot: the foot of each.
-        slides: bit f: foot f slides.
+        foot: index of the foot of each point, (K,).
+        slides: bit f is set if foot f slides.
         slip: variance of the way of a sliding foot along each level axis, m^2; its points go together.
         swing: variance of the way of a point in the air along each axis, m^2.
     """
@@ -93,8 +99,14 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
 
         lag' = -lag/T + R^T sum_k delta_k/T,   v_out = v + R lag
 
-    with the correction delta_k of the position by sample k, at most `most_lag` points' noises long, and T = `lag_s`.
-    The integral of v_out is the position. `before`: position before the sample, (3,) m.
+    with the correction delta_k of the position by sample k, at most `most_lag` points' noises long, T = `lag_s`, and R
+    the attitude. The integral of the published velocity v_out is the position. The decay -lag/T is applied in the
+    prediction.
+
+    Args:
+        state: of the filter after a sample of the feet; the lag in its memory is changed.
+        before: position of the IMU in odom before the sample, (3,) m.
+        noise: noises and rates of the filter.
     """
     rot, delta, length = rotation(state.x), np.empty(3), 0.0
     for i in range(3):
@@ -111,13 +123,16 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
 def persistence(memory: Array) -> float:
     """Return the share of the learned velocity s of a slide that is expected of the next sample, 0 to 1.
 
-    A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet, weighted by
-    `slide_memory` to the power of their age in samples, with m (2,) m/s the velocity that a sample showed and s that
-    learned before it,
+    A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet, weighted by `slide_memory`
+    to the power of their age in samples, with m (2,) m/s the velocity that a sample showed and s that learned before
+    it,
 
         rho = (sum m.s + p)/(sum s.s + p),   share = (rho - rho_0)/(1 - rho_0)
 
-    with p = `slide_trust` and rho_0 = `least_persistence`; `memory` is that of `BestState`.
+    with p = `slide_trust` and rho_0 = `least_persistence`, clipped to 0 and 1.
+
+    Args:
+        memory: `BestState.memory`, (112,), which holds both sums.
     """
     rho = (memory[M.slide_product] + FIXED.slide_trust) / (memory[M.slide_square] + FIXED.slide_trust)
     return float(min(max((rho - FIXED.least_persistence) / (1.0 - FIXED.least_persistence), 0.0), 1.0))
@@ -125,9 +140,10 @@ def persistence(memory: Array) -> float:
 
 @kernel
 def remember_slides(state: BestState) -> None:
-    """Add m.s and s.s of a sample, the means of all hypotheses by their weights, to the fading sums of them, in place.
+    """Add m.s and s.s of a sample of the feet to their fading sums in the memory of the state, in place.
 
-    m is the velocity of a slide that the sample shows, s the one that was learned before it, m/s.
+    m is the level velocity of a slide that the sample shows, s the one that was learned before it, m/s; both products
+    are means over the hypotheses about sliding feet by their probabilities.
     """
     for i in (M.slide_product, M.slide_square):
         state.memory[i] *= FIXED.slide_memory
@@ -138,7 +154,18 @@ def remember_slides(state: BestState) -> None:
 
 @kernel
 def _slide(state: BestState, foot: Feet, slides: int, dt: float, share: float) -> Array:
-    """Move the points of sliding feet on as they have slid, in place; return where they were, (K, 2) m, odom axes."""
+    """Move the standing points of sliding feet on as they have slid, in place; return where all points were before.
+
+    Args:
+        state: of the filter; level places of the points are changed.
+        foot: index of the foot of each point, (K,).
+        slides: bit f is set if foot f slides.
+        dt: time since the last sample of the feet, s.
+        share: of the learned velocity of a slide by which it goes on, 0 to 1.
+
+    Returns:
+        x and y of each point from the IMU, odom axes, (K, 2) m.
+    """
     before = np.empty((foot.size, 2))
     for k in range(foot.size):
         for i in range(2):
@@ -154,9 +181,17 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
 
         s += g (delta/dt - s),   g = gain/(1 + (excess/`most_carried`)^4)
 
-    The factor of `excess` reduces the gain where the inertial noise exceeds that of the sensor: its error looks like a
-    slide. While two or more feet stand and all of them slide, s is zero: that is an error of the inertial unit. The
-    products of delta/dt and s, and of s and s, are left in the memory for `remember_slides`.
+    with delta the mean way of its points. The factor of `excess` reduces the gain where the inertial noise exceeds that
+    of the sensor: its error looks like a slide. While two or more feet stand and all of them slide, s is zero: that is
+    an error of the inertial unit. Products of delta/dt and s, and of s and s, are added in the memory of the state.
+
+    Args:
+        state: of the filter, corrected by the sample; slide velocities and memory are changed.
+        foot: index of the foot of each point, (K,).
+        slides: bit f is set if foot f slides.
+        before: x and y of each point before the sample, odom axes, (K, 2) m.
+        dt: time since the last sample of the feet, s.
+        gain: share of the sample in s without excess, 0 to 1.
     """
     points, down, sliding, last = state.points, 0, 0, -1
     for k in range(foot.size):
@@ -185,9 +220,14 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
 
 @kernel
 def _roll(state: BestState, seen: SeenPoints, contact: Array, radius: Array, dt: float) -> None:
-    """Lift the points that may have stepped, and roll round feet on since the last sample `dt` s ago, in place.
+    """Lift points that may have stepped, and roll round feet on since the last sample of the feet, in place.
 
-    `contact` (K,): probability that each touches; `radius` (K,) m.
+    Args:
+        state: of the filter; points and stored rotations of the feet are changed.
+        seen: contact points at the sample.
+        contact: probability that each touches the ground, (K,); below one half a point is lifted.
+        radius: radius of the foot sphere of each point, (K,) m; 0: it does not roll.
+        dt: time since the last sample of the feet, s; all points are lifted if it is negative or too long.
     """
     here = rotation(state.x)
     for k in range(contact.size):
@@ -210,10 +250,12 @@ def _observe_points(
     The mean normalised innovation squared follows those of the points in `surprise_s`, each `most_surprise` at most.
 
     Args:
+        state: of the filter; changed.
         y: places of the points from the IMU, IMU axes, (K, 3) m.
-        contact: probability that each touches, (K,).
+        contact: probability that each touches the ground, (K,).
         dt: time since the last sample, s.
-        hypotheses: see `observe`.
+        noise: noises and rates of the filter.
+        hypotheses: a point may slide, and both corrections are mixed; False: slides are in the covariance already.
     """
     likely, standing, unfit, surprise = 0.0, 0, 0, 0.0
     for k in range(contact.size):
@@ -232,8 +274,15 @@ def _observe_points(
 def _put_down_points(state: BestState, y: Array, contact: Array, unfit: bool, noise: BestNoise) -> None:
     """Put points down that touch the ground anew or do not fit any more, in place.
 
-    Where no point fits (`unfit`) for several samples, not the feet are somewhere else, but the velocity is wrong. `y`:
-    places from the IMU, IMU axes, (K, 3) m; `contact`: probability that each point touches, (K,).
+    Where no point fits for several samples, not the feet are somewhere else, but the velocity is wrong and is
+    forgotten.
+
+    Args:
+        state: of the filter; changed.
+        y: places of the points from the IMU, IMU axes, (K, 3) m.
+        contact: probability that each touches the ground, (K,).
+        unfit: no standing point fitted this sample.
+        noise: noises and rates of the filter.
     """
     points, memory = state.points, state.memory
     memory[M.unfit] = memory[M.unfit] + 1.0 if unfit else 0.0
@@ -260,11 +309,13 @@ def take_points(
     """Take one sample of all contact points, in place: roll, twist, slide, correct, put down and lift.
 
     Args:
-        state: the state at the stamp of the sample.
-        seen: the points; one with a contact below one half is lifted, of an unknown contact `by_height` decides.
-        hypotheses: see `observe`.
-        slides: bit f: foot f slides, in a state that is one of several hypotheses.
-        share: of the learned velocity of a slide by which it goes on, see `persistence`.
+        state: of the filter at the stamp of the sample; changed.
+        seen: the points; one with a contact below one half is lifted, of an unknown contact (NaN) its height decides.
+        geometry: contact points on the feet, and mounting of the IMU.
+        noise: noises and rates of the filter.
+        hypotheses: each point may slide, and staying and sliding are mixed; False: `slides` names the feet that slide.
+        slides: bit f is set if foot f slides, in a state that is one of several hypotheses.
+        share: of the learned velocity of a slide by which it goes on, 0 to 1.
 
     Returns:
         Logarithm of the likelihood of the sample up to a constant.

@@ -21,9 +21,9 @@ from .clock import CLOCK, KNOWN, LARGEST_NS, NEWEST, check_clock
 from .results import AHEAD, GAP, NONFINITE, OK, RESTART, RESULTS, SATURATED, STEPPED, UNIT
 
 IMU, KINEMATICS = 0, 1
-"""Numbers of the sources of samples."""
+"""Numbers of the sources of samples: inertial unit, and joints or feet."""
 SOURCES = ("imu", "kinematics")
-"""Names of the sources."""
+"""Names of the sources of samples, by their number."""
 ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
 BAD_CODE, REFUSED, LIGHT_NS, BACK, LATE_FEET_NS, SHOWN_LATE_NS = range(9, 15)
 """Parts of `CheckState.marks`: samples in the mean of the accelerometer; samples of the feet with it on the wrong side;
@@ -64,7 +64,12 @@ UNIT_WORDS = (
 
 
 class CheckState(NamedTuple):
-    """All that the check of inputs remembers; L feet, K contact points."""
+    """All that the check of inputs remembers of L feet and K contact points, to find samples that are refused.
+
+    clocks: of inertial unit and feet, (2, 6); counts: refusals and gaps by source and code, (2, results); marks:
+    counters and stamps, (15,); numbers: averages, (16,); feet: last positions, IMU axes, (L, 3) m; points: last contact
+    points from the IMU, IMU axes, m, and 1 for those that stood, (K, 4).
+    """
 
     clocks: Ints  # (2, 6) of IMU and kinematics, see `clock`
     counts: Ints  # (2, results) refusals and gaps
@@ -75,7 +80,11 @@ class CheckState(NamedTuple):
 
 
 class CheckLimits(NamedTuple):
-    """Limits from which an input is refused."""
+    """Limits from which an input is refused, or counted as a gap or fault.
+
+    max_gyro: rad/s; max_acc: m/s^2; gap_ns: step between inertial samples that is a gap, ns; period_ns: usual step, ns.
+    `frozen_rows`: number of equal inertial samples in a row that show a frozen sensor.
+    """
 
     max_gyro: float  # rad/s
     max_acc: float  # m/s^2
@@ -85,7 +94,13 @@ class CheckLimits(NamedTuple):
 
 
 class Faults(NamedTuple):
-    """Faults of the inputs at a moment."""
+    """Faults of the inputs at a moment.
+
+    refused: an input of the last 100 ms, or there was a gap; saturated: the inertial unit was at the end of its range
+    in the last 100 ms; weightless: the accelerometer has shown no weight for 0.3 s; imu_frozen: the inertial unit
+    repeats one sample; feet_repeat: the encoders have repeated themselves for a second, a fault only where the robot
+    moves.
+    """
 
     refused: bool  # an input of the last 100 ms, or there was a gap
     saturated: bool  # the inertial unit was at the end of its range in the last 100 ms
@@ -95,7 +110,7 @@ class Faults(NamedTuple):
 
 
 def new_check(feet: int, points: int) -> CheckState:
-    """Return the state of a check of inputs before the first sample, for so many feet and contact points."""
+    """Return the state of a check of inputs before the first sample, for `feet` feet and `points` contact points."""
     marks, numbers = np.zeros(SHOWN_LATE_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
     marks[LIGHT_NS] = FOR_EVER
@@ -117,7 +132,14 @@ def peak(x: Array) -> float:
 
 @kernel
 def faults_at(check: CheckState, limits: CheckLimits, noisy: bool, now_ns: int) -> Faults:
-    """Return the faults at `now_ns`; `noisy`: equal inertial samples are a fault, not chance."""
+    """Return the faults of the inputs at `now_ns`, stamp of the newest inertial sample, ns.
+
+    Args:
+        check: what the check of inputs remembers.
+        limits: limits from which an input is refused.
+        noisy: equal inertial samples are a fault, not chance.
+        now_ns: the moment, ns.
+    """
     marks = check.marks
     return Faults(
         0 <= now_ns - marks[BAD_NS] < BAD_MEMORY_NS,
@@ -130,7 +152,14 @@ def faults_at(check: CheckState, limits: CheckLimits, noisy: bool, now_ns: int) 
 
 @kernel
 def count_result(check: CheckState, source: int, code: int, stamp_ns: int) -> int:
-    """Count the result of a sample of a source, in place, and return its code."""
+    """Count the result of a sample of a source, in place, and return its code.
+
+    Args:
+        check: what the check of inputs remembers; changed.
+        source: 0 = inertial unit, 1 = joints or feet.
+        code: index of the result in `RESULTS`, the tuple of all `InputResult`.
+        stamp_ns: of the sample, ns.
+    """
     marks = check.marks
     check.counts[source, code] += 1
     marks[BAD_SOURCE], marks[BAD_CODE] = source, code
@@ -144,7 +173,10 @@ def count_result(check: CheckState, source: int, code: int, stamp_ns: int) -> in
 
 @kernel
 def _order(check: CheckState, source: int, stamp_ns: int) -> int:
-    """Check the stamp of a sample, in place; return the code of the result."""
+    """Check the stamp, ns, of a sample against the clock of its source in `check`, in place; return the result's code.
+
+    `source`: 0 = inertial unit, 1 = feet. A clock that begins anew makes that of the other source unknown.
+    """
     if abs(stamp_ns) > LARGEST_NS:
         return count_result(check, source, AHEAD, stamp_ns)
     clocks, newest, known = check.clocks, stamp_ns, False
@@ -163,8 +195,8 @@ def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
     """Take a sample into the means, in place; return True if the unit or the sign of a sensor is wrong.
 
     Args:
-        check: the means, and what they have shown.
-        stamp_ns: stamp of the sample.
+        check: the means, and what they have shown; changed.
+        stamp_ns: stamp of the sample, ns.
         w: gyro, IMU axes, (3,) rad/s if its unit is right.
         q: accelerometer, IMU axes, (3,) m/s^2 if its unit is right.
     """
@@ -199,7 +231,17 @@ def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
 
 @kernel
 def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q: Array) -> int:
-    """Check an inertial sample, w (3,) rad/s and q (3,) m/s^2, in place; return the code of the result."""
+    """Check an inertial sample, and take it into the check, in place; return the code of the result.
+
+    The code is an index in `RESULTS`, the tuple of all `InputResult`.
+
+    Args:
+        check: what the check of inputs remembers; changed.
+        limits: limits from which an input is refused.
+        stamp_ns: of the sample, ns.
+        w: gyro, IMU axes, (3,) rad/s.
+        q: accelerometer, IMU axes, (3,) m/s^2.
+    """
     peak_w, peak_q, same = peak(w), peak(q), 1
     if peak_w == np.inf or peak_q == np.inf:
         return count_result(check, IMU, NONFINITE, stamp_ns)
@@ -229,9 +271,10 @@ def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q
 
 @kernel
 def check_feet(check: CheckState, stamp_ns: int, feet: Array) -> int:
-    """Check foot positions (L, 3) m, IMU axes, in place; return the code of the `InputResult`.
+    """Check foot positions `feet` (L, 3) m, IMU axes, and take them into `check`, in place; return the result's code.
 
-    A foot that is not finite is counted; the sample is refused only if no number of it is finite.
+    A foot that is not finite is counted; the sample is refused only if no number of it is finite. The code is an index
+    in `RESULTS`, the tuple of all `InputResult`.
     """
     some, every, same = False, True, True
     for i in range(feet.shape[0]):
@@ -256,16 +299,16 @@ def check_feet(check: CheckState, stamp_ns: int, feet: Array) -> int:
 def check_units(
     check: CheckState, stamp_ns: int, position: Array, rot: Array, contact: Array, foot: Ints, place: Array
 ) -> None:
-    """Compare the inertial unit with the feet, in place.
+    """Compare the inertial unit with the feet, in place, to find wrong units and signs.
 
     Args:
-        check: state of the check.
-        stamp_ns: of the feet; those that come late are not compared with the gyro, whose turn has gone on.
-        position: of the feet, (L, 3) m, IMU axes.
+        check: what the check of inputs remembers; changed.
+        stamp_ns: of the feet, ns; those that come late are not compared with the gyro, whose turn has gone on.
+        position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
-        contact: probability of contact, (L,); NaN = unknown, not compared.
-        foot: of each contact point, (K,).
-        place: of each in its foot, (K, 3) m.
+        contact: probability of contact of each foot, (L,); NaN = unknown, not compared.
+        foot: index of the foot of each contact point, (K,).
+        place: of each point from the centre of its foot, foot axes, (K, 3) m.
     """
     marks, numbers, last = check.marks, check.numbers, check.points
     along, away, force = 0.0, 0.0, 0.0
@@ -292,7 +335,20 @@ def check_units(
 
 @kernel
 def _compare_turns(marks: Ints, numbers: Array, last: Array, y: Array, contact: Array, foot: Ints) -> None:
-    """Compare the turn by the gyro with that of points y (K, 3) that stand, in place; see the head of this file."""
+    """Compare the turn by the gyro with that of contact points that stand, in place.
+
+    Points that stand turn in IMU axes by -theta, theta the integral of the gyro since the last sample: with c the
+    points from their mean, p = -theta x c is predicted and s, the change of c, is seen. Faded sums of p.s, p.p and s.s
+    over the sum of c.c are kept, rad^2.
+
+    Args:
+        marks: counters of the check, (15,).
+        numbers: averages of the check, (16,); the sums are changed.
+        last: contact points at the last sample, IMU axes, m, and 1 for those that stood, (K, 4).
+        y: contact points from the IMU now, IMU axes, (K, 3) m.
+        contact: probability of contact of each foot, (L,).
+        foot: index of the foot of each point, (K,).
+    """
     before, now, count = np.zeros(3), np.zeros(3), 0
     for k in range(foot.size):
         if last[k, 3] > 0.0 and contact[foot[k]] >= 0.5:

@@ -21,31 +21,33 @@ NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
 """Parts of a clock, (6,): newest stamp, ns; 1 if there is one; number of older stamps in a row; the last of them, ns;
 a stamp far ahead that nothing has confirmed yet, ns; 1 if there is one."""
 CLOCK = 6
-"""Numbers of a clock."""
+"""Length of the array that is the clock of a source."""
 
 
 def bounded(stamp_ns: int) -> int:
-    """Return a stamp, ns, clipped to what kernels can compute with; they refuse stamps that large."""
+    """Return a stamp, ns, clipped to less than 2^63 in size, which fits 64 bits; kernels refuse stamps that large."""
     return min(max(stamp_ns, -2 * LARGEST_NS + 1), 2 * LARGEST_NS - 1)
 
 
 @kernel
 def _accept(clock: Stamps, stamp_ns: int) -> None:
+    """Take a stamp, ns, as the newest of a clock (6,), in place, and forget older stamps and one far ahead."""
     clock[NEWEST], clock[KNOWN], clock[OLDER], clock[FAR_KNOWN] = stamp_ns, 1, 0, 0
 
 
 @kernel
 def check_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
-    """Check a stamp against those before it, and take it into the clock, in place.
+    """Check a stamp of a source against those before it, and take it into the clock of that source, in place.
 
     Args:
-        clock: of the source, (6,), zeros at first.
-        stamp_ns: the stamp.
-        now_ns: newest stamp of all sources.
+        clock: of the source, (6,), zeros at first: newest stamp, ns; 1 if there is one; number of older stamps in a
+            row; the last of them, ns; a stamp far ahead that is not confirmed yet, ns; 1 if there is one. Changed.
+        stamp_ns: the stamp, ns.
+        now_ns: newest stamp of all sources, ns.
 
     Returns:
-        Code of `ok`; `late`: older than the window; `ahead`: further ahead than a gap, unconfirmed; `restart`: the
-        source's clock began anew.
+        Code of `ok`; `late`: older than the window of 0.5 s; `ahead`: further ahead than 0.5 s, unconfirmed; `restart`:
+        the source's clock began anew.
     """
     if clock[KNOWN] == 0:
         _accept(clock, stamp_ns)

@@ -31,9 +31,9 @@ class InputCheck:
     """Limits and counters of the inputs of one estimator; kernels check and count.
 
     Args:
-        params: limits.
-        feet: their number L.
-        points: number of contact points K.
+        params: limits and noises of the sensors.
+        feet: number L of feet.
+        points: number K of contact points.
     """
 
     def __init__(self, params: EstimatorParams, feet: int, points: int) -> None:
@@ -54,7 +54,7 @@ class InputCheck:
         """Count the result of a sample and return it.
 
         Args:
-            source: of the sample, `imu` or `kinematics`.
+            source: of the sample, `imu` or `kinematics` (joints or feet).
             result: of its check.
             stamp_ns: of the sample, ns.
         """
@@ -63,7 +63,7 @@ class InputCheck:
 
     @property
     def counts(self) -> Counter[str]:
-        """Refusals and gaps by name, e.g. `imu_nonfinite`."""
+        """Number of refusals and gaps by name: source and result, e.g. `imu_nonfinite`."""
         counts = self.state.counts.tolist()
         return Counter({
             f"{SOURCES[i]}_{result}": counts[i][code] for i in (IMU, KINEMATICS) for code, result in enumerate(RESULTS)

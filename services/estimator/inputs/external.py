@@ -34,9 +34,10 @@ class ExternalSample:
     velocity_covariance: ArrayLike | None = None  # (3, 3) or (9,) (m/s)^2, IMU axes
 
     def row(self) -> tuple[Array, InputResult]:
-        """Return the numbers (26,) of `filter.samples.ExternalLayout`, and the result of their check.
+        """Return the numbers (26,) of the sample in the order of `ExternalLayout`, and the result of their check.
 
-        A position needs a heading, for nothing else shows how its frame is turned against odom.
+        The order is position, heading, velocity, and the covariance of each by rows; NaN = absent. A position needs a
+        heading, for nothing else shows how its frame is turned against odom.
         """
         numbers: list[Array] = []
         spreads: list[Array] = []
@@ -73,7 +74,7 @@ def _numbers(value: ArrayLike | None, size: int) -> Array:
 
 
 def _positive(m: Array) -> bool:
-    """Return whether a covariance (1, 1) or (3, 3) is symmetric with positive leading minors."""
+    """Return True if m (1, 1) is above 0, or m (3, 3) is symmetric with positive leading minors: a covariance."""
     if len(m) == 1:
         return bool(m[0, 0] > 0.0)
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()

@@ -4,7 +4,12 @@ from enum import StrEnum
 
 
 class InputResult(StrEnum):
-    """Result of an input; all but the first four are refusals."""
+    """Result of an input; the first four are taken, all others are refusals with their reason.
+
+    gap: taken after missing samples; restart: its clock began anew; stepped: its clock stepped back by less than the
+    window of late samples; backward: older than the newest where none is missing; late: older than that window; ahead:
+    a stamp far in the future; unit: in other units or with the other sign; frame: a position without a heading.
+    """
 
     OK = "ok"
     GAP = "gap"  # accepted after missing samples

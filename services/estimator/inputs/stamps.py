@@ -41,13 +41,21 @@ LEAST_LATE = 0.4
 
 @kernel
 def has_room(stamps: Stamps, at: int, period_ns: float) -> bool:
-    """Return whether a sample is missing before row `at` of rising stamps (n,), 0 < at <= n."""
+    """Return True if a sample is missing before row `at` of rising stamps (n,), ns, 0 < at <= n.
+
+    `period_ns`: usual step of the stamps, ns. There is always room after the last row, at = n.
+    """
     return at == stamps.size or stamps[at] - stamps[at - 1] > NO_ROOM * period_ns
 
 
 @kernel
 def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
-    """Return the row from which the stamps (n,) of feet (n, L, 3) m are late, and by how many ns; (0, 0) if none is."""
+    """Return the row from which the stamps of the feet are late, and by how many ns; (0, 0) if none is.
+
+    Args:
+        stamps: rising stamps, (n,) ns.
+        feet: positions of the feet at these stamps, (n, L, 3) m.
+    """
     for span_ns in SPANS_NS:
         row, late = _late_over(stamps, feet, span_ns)
         if late > 0:
@@ -57,9 +65,12 @@ def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
 
 @kernel
 def _late_over(stamps: Stamps, feet: Array, span_ns: int) -> tuple[int, int]:
-    """Return the results of `late_by` by the motion over `span_ns` before and after the last gap.
+    """Return row and delay, ns, of late stamps by the motion of the feet before and after the last gap; (0, 0): none.
 
-    `stamps` (n,) in ns, `feet` (n, L, 3) in m, as for `late_by`.
+    Args:
+        stamps: rising stamps, (n,) ns.
+        feet: positions of the feet at these stamps, (n, L, 3) m.
+        span_ns: time before and after the gap over which the motion is compared, ns.
     """
     last, row = stamps.size - 1, stamps.size - 1
     while row > 0 and stamps[last] - stamps[row] < span_ns and stamps[row] - stamps[row - 1] < span_ns // 2:

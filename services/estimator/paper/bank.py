@@ -30,7 +30,13 @@ LATE_NS = 100_000_000  # samples of the feet older than this are left out
 
 
 class PaperOutput(NamedTuple):
-    """Output of one estimator of Wawrzynski et al. at the newest inertial sample, SI, IMU axes."""
+    """Output of one estimator of Wawrzynski et al. at the newest inertial sample, SI, IMU axes.
+
+    g: specific force at rest, points up, (3,) m/s^2; v: velocity of the IMU, (3,) m/s; covariance: of (g, v), (6, 6);
+    hidden: variance of an axis of g that the model leaves out, (m/s^2)^2; nis: normalised innovation squared of the
+    last correction, None if it makes none; nis_mean: its smoothed value; since_velocity_ns: since the legs gave a
+    velocity, ns.
+    """
 
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes
@@ -57,7 +63,13 @@ def _note(row: Array, gyro: Array, d: float, g: Array) -> None:
 
 
 class PaperEstimators:
-    """Feeds the four estimators of Wawrzynski et al. with the same samples; owns their start and sensor biases."""
+    """Feeds the four estimators of Wawrzynski et al. with the same samples; owns their start and sensor biases.
+
+    Args:
+        mount: kinematic model, mounting of the IMU and radii of the feet.
+        params: noises, limits and switches.
+        names: estimators that run, keys of `ESTIMATORS`.
+    """
 
     def __init__(self, mount: FootMount, params: EstimatorParams, names: Iterable[str] = tuple(ESTIMATORS)) -> None:
         self.params = params
@@ -102,7 +114,13 @@ class PaperEstimators:
             one.widen(GRAVITY * GAP_TURN, 0.0)
 
     def on_imu(self, stamp_ns: int, w: Array, q: Array) -> None:
-        """Take an inertial sample: mean gyro w (3,) rad/s and specific force q (3,) m/s^2 up to `stamp_ns`."""
+        """Take an inertial sample; one that is not newer than the last is left out.
+
+        Args:
+            stamp_ns: end of the period of which w and q are means, ns.
+            w: mean gyro, IMU axes, (3,) rad/s.
+            q: mean specific force, IMU axes, (3,) m/s^2.
+        """
         p = self.params
         if stamp_ns <= self._stamp_ns:
             return
@@ -121,10 +139,19 @@ class PaperEstimators:
         self._advance(w, q - self.acc_bias, 1e-9 * step, step)
 
     def _refine_bias(self, settled: Array) -> None:
+        """Learn the gyro bias from `settled`, (6,): gyro rad/s and accelerometer m/s^2 of a sample at rest."""
         self.gyro_bias.refine(self.standstill.mean[:3], settled[:3], self.params.standstill_samples)
         self.bias = self.gyro_bias.value
 
     def _advance(self, gyro: Array, q: Array, d: float, step_ns: int) -> None:
+        """Carry all estimators over an inertial step, and append a row to the history.
+
+        Args:
+            gyro: mean gyro with its bias, IMU axes, (3,) rad/s.
+            q: specific force without bias, IMU axes, (3,) m/s^2.
+            d: length of the step, s.
+            step_ns: length of the step, ns; 0 at the first sample.
+        """
         p = self.params
         if self.initialised and step_ns > p.reset_gap_ns:
             d = 1e-9 * p.imu_period_ns  # what happened since then is unknown
@@ -141,7 +168,7 @@ class PaperEstimators:
         self._history.put(self._stamp_ns, self._row)
 
     def on_feet(self, sample: FootSample) -> None:
-        """Correct each estimator of the paper by a sample of the feet, with contacts that are true or false."""
+        """Correct each estimator by a sample of the feet; one that is old or not newer than the last is left out."""
         if sample.stamp_ns <= self._feet_ns or sample.stamp_ns < self._stamp_ns - LATE_NS:
             return
         self.standstill.on_feet(sample.position)
@@ -169,7 +196,7 @@ class PaperEstimators:
                 self._velocity_ns = self._stamp_ns
 
     def _initialise(self) -> None:
-        """Start at the first standstill, equation (1), with biases and P0."""
+        """Start at the first standstill, equation (1) of Wawrzynski et al., with biases and the first covariance."""
         p, mean = self.params, self.standstill.mean
         feet, up = self._legs.last, None
         if feet is not None and self._stated:
@@ -186,6 +213,7 @@ class PaperEstimators:
         self.initialised = True
 
     def _g(self, one: VelocityEstimator) -> Array:
+        """Return g of an estimator, IMU axes, (3,) m/s^2; of the leading one if it has none of its own."""
         g = one.g
         return g if g is not None else self._leader.g  # type: ignore[return-value]
 
@@ -193,7 +221,7 @@ class PaperEstimators:
         """Return the present estimate of one estimator by its name.
 
         One without a g of its own takes that of `ekf`, or of `imu` where `ekf` does not run. A bias of the
-        accelerometer looks like a tilt for ever: the variance that the covariance leaves out for it is `hidden`.
+        accelerometer looks like a tilt for ever: the variance of g that the covariance leaves out for it is `hidden`.
         """
         one, known = self.filters[name], self.initialised
         return PaperOutput(

@@ -31,9 +31,9 @@ def correct(x: Array, p: Array, measured: Array, sigma: float) -> tuple[Array, A
     With H = [0 I]: S = H P H' + sigma^2 I, K = P H' S^-1, x += K (v^KG - v), P = (I - K H) P (I - K H)' + sigma^2 K K'.
 
     Args:
-        x: g and v, (6,), m/s^2 and m/s, IMU axes.
-        p: covariance, (6, 6).
-        measured: v^KG, velocity by the legs and the gyro, (3,) m/s.
+        x: state (g, v), (6,), m/s^2 and m/s, IMU axes: specific force at rest and velocity of the IMU.
+        p: its covariance P, (6, 6).
+        measured: v^KG, velocity of the IMU by the legs and the gyro, IMU axes, (3,) m/s.
         sigma: its standard deviation per axis, m/s.
 
     Returns:
@@ -70,7 +70,7 @@ class PaperEkf:
         self.reset(np.array([0.0, 0.0, GRAVITY]), np.eye(6))
 
     def reset(self, g: Array, p: Array) -> None:
-        """Start at rest: specific force g (3,) m/s^2, v = 0, and the covariance p (6, 6) of both, IMU axes."""
+        """Start at rest: specific force g (3,) m/s^2, IMU axes, v = 0, and the covariance p (6, 6) of (g, v)."""
         self._x, self.p = np.concatenate([g, np.zeros(3)]), p.copy()
         self.nis = None
 
@@ -79,7 +79,10 @@ class PaperEkf:
         self._x, self.p = predict(self._x, self.p, w, q, d, self._noise, self._params.exact_transition, False)
 
     def correct(self, legs: LegVelocity) -> None:
-        """Correct with the velocity by legs and gyro if a foot stands; that of n feet deviates by sigma_v / sqrt(n)."""
+        """Correct with the velocity by legs and gyro if a foot stands; that of n feet deviates by sigma_v / sqrt(n).
+
+        `legs`: velocities of the IMU by the standing feet, IMU axes.
+        """
         if legs.feet_kg > 0:
             self.correct_with(legs.v_kg, self._params.sigma_v / math.sqrt(legs.feet_kg))
 
@@ -93,7 +96,7 @@ class PaperEkf:
         self.p = without_velocity(self.p, sd)
 
     def widen(self, sd_g: float, sd_v: float) -> None:
-        """Add these standard deviations, m/s^2 and m/s, to those of g and v: samples are missing."""
+        """Add the standard deviations sd_g, m/s^2, and sd_v, m/s, to those of g and v: samples are missing."""
         self.p = widened(self.p, sd_g, sd_v)
 
     @property

@@ -18,7 +18,10 @@ UNKNOWN_TILT = 0.5
 
 
 class VelocityEstimator(Protocol):
-    """Estimates g and v in IMU axes from inertial samples and velocities by the legs."""
+    """Estimates g and v in IMU axes from inertial samples and velocities by the legs.
+
+    g is the specific force at rest, m/s^2, points up; v the velocity of the IMU, m/s.
+    """
 
     name: str
     nis: float | None
@@ -28,7 +31,7 @@ class VelocityEstimator(Protocol):
         ...
 
     def predict(self, w: Array, q: Array, d: float) -> None:
-        """Carry the state over d s by an inertial sample, w (3,) rad/s and q (3,) m/s^2."""
+        """Carry the state by gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes, over d s."""
         ...
 
     def correct(self, legs: LegVelocity) -> None:
@@ -36,11 +39,11 @@ class VelocityEstimator(Protocol):
         ...
 
     def widen(self, sd_g: float, sd_v: float) -> None:
-        """Add these standard deviations, m/s^2 and m/s, to those of g and v: samples are missing."""
+        """Add the standard deviations sd_g, m/s^2, and sd_v, m/s, to those of g and v: samples are missing."""
         ...
 
     def forget_velocity(self, sd: float) -> None:
-        """Make the velocity unknown: 0 +- sd m/s."""
+        """Make the velocity unknown: 0 +- sd m/s on each axis."""
         ...
 
     @property
@@ -60,7 +63,7 @@ class VelocityEstimator(Protocol):
 
 
 class _InertialOnly:
-    """Estimate by the IMU alone, (1)-(4): it drifts and is useless after seconds, as its covariance shows."""
+    """Estimate of g and v by the IMU alone, (1)-(4) of Wawrzynski et al.: it drifts and is useless after seconds."""
 
     name = "imu"
 
@@ -98,7 +101,7 @@ class _InertialOnly:
 
 
 class _LegsOnly:
-    """Velocity by the legs as it comes, held between samples; g is not estimated."""
+    """Velocity by the leg kinematics as it comes, held between samples; g is not estimated."""
 
     name = "kinematics"
     g: Array | None = None
@@ -121,6 +124,7 @@ class _LegsOnly:
         self._take(legs.v_k, legs.feet_k)
 
     def _take(self, v: Array, feet: int) -> None:
+        """Take the velocity v (3,) m/s, IMU axes, by `feet` feet; 0 feet: none, the old one is held."""
         if feet > 0:
             self.v = v
             self._since = 0.0
@@ -142,7 +146,7 @@ class _LegsOnly:
 
 
 class _LegsGyro(_LegsOnly):
-    """Velocity by the legs and the gyro, (11)-(14)."""
+    """Velocity by the leg kinematics and the gyro, (11)-(14) of Wawrzynski et al., held between samples."""
 
     name = "kinematics_gyro"
 

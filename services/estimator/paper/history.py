@@ -15,7 +15,11 @@ ROWS = 128
 def _at(stamps: Stamps, values: Array, count: int, stamp_ns: int) -> Array:
     """Return the row (c,) at a stamp by linear interpolation, clamped to the oldest and the newest row.
 
-    `stamps` (n,) in ns and `values` (n, c) are rings, into which `count` rows were written so far.
+    Args:
+        stamps: ring of stamps, (n,) ns.
+        values: ring of rows of c numbers, (n, c).
+        count: rows that were written so far, also those written over.
+        stamp_ns: the stamp, ns.
     """
     rows = stamps.size
     stored = min(count, rows)
@@ -34,6 +38,10 @@ def _at(stamps: Stamps, values: Array, count: int, stamp_ns: int) -> Array:
 
 @kernel
 def _put(stamps: Stamps, values: Array, count: int, stamp_ns: int, row: Array) -> None:
+    """Write a row (c,) and its stamp, ns, over the oldest of the rings stamps (n,) and values (n, c), in place.
+
+    `count`: rows that were written before.
+    """
     at = count % stamps.size
     stamps[at] = stamp_ns
     for i in range(row.size):
@@ -41,7 +49,7 @@ def _put(stamps: Stamps, values: Array, count: int, stamp_ns: int, row: Array) -
 
 
 class History:
-    """Ring of the newest rows of numbers, each with a stamp in ns; `width`: numbers in a row."""
+    """Ring of the newest 128 rows of numbers, each with a stamp in ns; `width`: numbers in a row."""
 
     def __init__(self, width: int) -> None:
         self._stamps = np.zeros(ROWS, dtype=np.int64)
@@ -54,7 +62,7 @@ class History:
         self._count += 1
 
     def at(self, stamp_ns: int) -> Array:
-        """Return the row (width,) at a stamp, ns, in the units of its owner, interpolated, at most the newest."""
+        """Return the row (width,) at a stamp, ns, interpolated; beyond them the oldest or newest."""
         return _at(self._stamps, self._values, self._count, stamp_ns)
 
     def clear(self) -> None:

@@ -1,7 +1,7 @@
 """Inertial part of Wawrzynski et al.: integration (1)-(4) and the linear model (24)-(26) of its error.
 
-State: g (3,) = specific force at rest, points UP, and v (3,) = velocity of the IMU, both in the immobile frame that is
-parallel to the IMU at the moment. Inputs: w (3,) rad/s, q (3,) m/s^2 from the IMU, d = time step in s.
+State: g (3,) = specific force at rest, m/s^2, points UP, and v (3,) = velocity of the IMU, m/s, both in the immobile
+frame that is parallel to the IMU at the moment. Inputs: w (3,) rad/s, q (3,) m/s^2 from the IMU, d = time step in s.
 """
 
 import math
@@ -38,8 +38,14 @@ def rotate_by(b: Array, x: Array) -> Array:
 def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, Array]:
     """Integrate g and v over a step of d s: half a turn of g, a turn and a push of v, half a turn of g.
 
-    Equations (2)-(4), also (28)-(30), of Wawrzynski et al. All in IMU axes: g m/s^2 up, v m/s, gyro w rad/s,
-    accelerometer q m/s^2, (3,) each.
+    Equations (2)-(4), also (28)-(30), of Wawrzynski et al. All in IMU axes.
+
+    Args:
+        g: specific force at rest, points up, (3,) m/s^2.
+        v: velocity of the IMU, (3,) m/s.
+        w: gyro, (3,) rad/s.
+        q: accelerometer, (3,) m/s^2.
+        d: length of the step, s.
 
     Returns:
         g (3,) m/s^2, v (3,) m/s after the step.
@@ -70,8 +76,9 @@ def turn_jacobian(x: Array) -> Array:
 def transition(w: Array, d: float, exact: bool) -> Array:
     """Return the transition matrix F of (g, v) over a step of d s, (6, 6), with gyro w (3,) rad/s.
 
-    It is (24) of Wawrzynski et al., [I 0; -d I I], or with the rotation that it drops (`exact`): [E 0; -d E_h E],
-    E = exp(-[w] d), E_h = exp(-[w] d / 2).
+    g is the specific force at rest, m/s^2, v the velocity of the IMU, m/s, both in IMU axes. F is (24) of Wawrzynski et
+    al., [I 0; -d I I], or with the rotation that it drops (`exact`): [E 0; -d E_h E], E = exp(-[w] d), E_h = exp(-[w] d
+    / 2), [w] the matrix of the cross product.
     """
     f = np.zeros((6, 6))
     axis, by_half, by_whole = np.zeros(3), np.empty(3), np.empty(3)
@@ -94,7 +101,14 @@ def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) ->
     """Return C, (6, 6): effect on (g, v), m/s^2 and m/s, of unit noise of gyro and accelerometer in a step of d s.
 
     C = sigma_w d [J(g); J(v) - J(g) d / 2] for the gyro and -sigma_q d I on v for the accelerometer, (25) of Wawrzynski
-    et al. g, v: before the step, (3,); sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
+    et al., with J(x) = -[x], [x] the matrix of the cross product. All in IMU axes.
+
+    Args:
+        g: specific force at rest before the step, (3,) m/s^2.
+        v: velocity of the IMU before the step, (3,) m/s.
+        d: length of the step, s.
+        sigma_w: standard deviation of a gyro sample, rad/s.
+        sigma_q: standard deviation of an accelerometer sample, m/s^2.
     """
     c = np.zeros((6, 6))
     jg, jv = turn_jacobian(g), turn_jacobian(v)
@@ -108,9 +122,14 @@ def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) ->
 
 @kernel
 def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """Return the noise Q = C C^T of (g, v), (6, 6), over a step of d s, of the matrix C that `input_noise` returns.
+    """Return the noise Q = C C^T of (g, v), (6, 6), over a step of d s, C the effect of gyro and accelerometer noise.
 
-    g, v: before it, (3,) m/s^2 and m/s; sigma_w, sigma_q: deviations of a sample, rad/s and m/s^2.
+    Args:
+        g: specific force at rest before the step, IMU axes, (3,) m/s^2.
+        v: velocity of the IMU before the step, IMU axes, (3,) m/s.
+        d: length of the step, s.
+        sigma_w: standard deviation of a gyro sample, rad/s.
+        sigma_q: standard deviation of an accelerometer sample, m/s^2.
     """
     c = input_noise(g, v, d, sigma_w, sigma_q)
     return times_transposed(c, c)
@@ -118,7 +137,17 @@ def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) 
 
 @kernel
 def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
-    """Return F P F^T + C C^T of equation (31), (6, 6); `noise` = (sigma_w, sigma_q)."""
+    """Return the covariance (6, 6) of (g, v) after a step: F P F^T + C C^T, (31) of Wawrzynski et al.
+
+    Args:
+        p: covariance P before the step, (6, 6), m/s^2 and m/s squared.
+        g: specific force at rest, IMU axes, (3,) m/s^2.
+        v: velocity of the IMU, IMU axes, (3,) m/s.
+        w: gyro, (3,) rad/s.
+        d: length of the step, s.
+        noise: standard deviations of a gyro and an accelerometer sample, (2,) rad/s and m/s^2.
+        exact: with the exact transition F, else the first order of the paper.
+    """
     f = transition(w, d, exact)
     out, more = congruence(f, p), process_noise(g, v, d, noise[0], noise[1])
     for i in range(6):
@@ -131,17 +160,17 @@ def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, 
 def predict(
     x: Array, p: Array, w: Array, q: Array, d: float, noise: Array, exact: bool, symmetric: bool
 ) -> tuple[Array, Array]:
-    """Return state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample: P = F P F' + C C'.
+    """Return state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample: P = F P F^T + C C^T.
 
-    Equations (28)-(31) of Wawrzynski et al., F by `transition` and C by `input_noise`.
+    Equations (28)-(31) of Wawrzynski et al., F the transition of (g, v) and C the effect of the sensors' noise on it.
 
     Args:
         x: state before it, (6,); g m/s^2, v m/s, IMU axes.
-        p: its covariance, (6, 6).
-        w: gyro, (3,) rad/s.
-        q: accelerometer, (3,) m/s^2.
-        d: the step, s.
-        noise: deviations of a gyro and an accelerometer sample, (2,) rad/s and m/s^2.
+        p: its covariance P, (6, 6).
+        w: gyro, IMU axes, (3,) rad/s.
+        q: accelerometer, IMU axes, (3,) m/s^2.
+        d: length of the step, s.
+        noise: standard deviations of a gyro and an accelerometer sample, (2,) rad/s and m/s^2.
         exact: with the exact transition, else the first order of the paper.
         symmetric: rounding is taken out of P at once, else that is left to the correction.
     """

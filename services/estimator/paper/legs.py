@@ -41,15 +41,15 @@ def cross(a: Array, b: Array) -> Array:
 def foot_velocities(
     last: FootSample, now: FootSample, used: Flags, w: Array, up: Array, radius: Array
 ) -> tuple[Array, Array]:
-    """Return the velocity of the IMU by each foot.
+    """Return the velocity of the IMU by each foot between two samples, if that foot does not slide.
 
     Args:
         last: earlier sample of the feet.
         now: later sample of the feet.
         used: feet to compute, (L,); the others give 0.
-        w: mean gyro between the samples, (3,) rad/s.
+        w: mean gyro between the samples, IMU axes, (3,) rad/s.
         up: upward unit vector, IMU axes, (3,).
-        radius: radius of round feet, (L,) m.
+        radius: radius of round feet, which roll, (L,) m; 0 = a sole.
 
     Returns:
         v^KG (L, 3), with the turn by the gyro, and v^K (L, 3), by kinematics alone, m/s, IMU axes.
@@ -88,12 +88,13 @@ def foot_velocities(
 def rigid_fit(last: FootSample, now: FootSample, used: Flags) -> tuple[Array, Array, bool]:
     """Return the twist of the IMU from three or more point feet, no gyro: min sum |v + w x p_f + (p_1 - p_0)/d|^2.
 
-    The kinematics-only estimate of a robot whose feet are points: equation (10) of Wawrzynski et al. needs the
-    orientation of a foot, which a point does not have; three points that stay put have one.
+    The sum is over feet f, p_f the mean of p_0 and p_1. It is the kinematics-only estimate of a robot whose feet are
+    points: equation (10) of Wawrzynski et al. needs the orientation of a foot, which a point does not have; three
+    points that stay put have one.
 
     Args:
-        last: earlier sample of the feet, p_0.
-        now: later sample of the feet, p_1, d s after it.
+        last: earlier sample of the feet, at p_0.
+        now: later sample of the feet, at p_1, d s after it.
         used: feet to take, (L,) bool.
 
     Returns:
@@ -141,20 +142,22 @@ def rigid_fit(last: FootSample, now: FootSample, used: Flags) -> tuple[Array, Ar
 def leg_velocity(
     last: FootSample, now: FootSample, used: Flags, w: Array, up: Array, radius: Array, gate: float, v_now: Array
 ) -> tuple[Array, int, Array, int, Flags]:
-    """Return one velocity of the IMU from two samples of the feet; see `foot_velocities`, `combine`, `rigid_fit`.
+    """Return one velocity of the IMU from two samples of the feet, with the gyro (v^KG) and without it (v^K).
 
     Args:
         last: earlier sample of the feet.
         now: later sample of the feet.
         used: feet to take, (L,).
-        w: mean gyro between the samples, (3,) rad/s.
+        w: mean gyro between the samples, IMU axes, (3,) rad/s.
         up: upward unit vector, IMU axes, (3,).
-        radius: radius of round feet, (L,) m.
-        gate: largest distance of a foot's velocity from the median, m/s.
-        v_now: velocity by the filter, (3,) m/s; one or two feet further than `gate` from it count as slipping.
+        radius: radius of round feet, (L,) m; 0 = a sole.
+        gate: largest distance of a foot's velocity from the median of the feet, m/s.
+        v_now: velocity by the filter, IMU axes, (3,) m/s; one or two feet further than `gate` from it count as
+            slipping.
 
     Returns:
-        v^KG (3,), feet in it, v^K (3,), feet in it, slipping or uncertain feet (L,).
+        v^KG (3,) m/s, number of feet in it, v^K (3,) m/s, number of feet in it, IMU axes; slipping or uncertain feet
+        (L,).
     """
     v_kg, v_k = foot_velocities(last, now, used, w, up, radius)
     mean_kg, slipping, feet_kg = combine(v_kg, used, gate)
@@ -176,7 +179,10 @@ def leg_velocity(
 
 @kernel
 def _solve_3(a: Array, b: Array) -> tuple[Array, bool]:
-    """Return the solution (3,) of a symmetric system a x = b, (3, 3), by cofactors; False: it is near singular."""
+    """Return the solution (3,) of a x = b by cofactors, and False with zeros if a is near singular.
+
+    `a`: symmetric, (3, 3) m^2, sum over feet of |r|^2 I - r r^T; `b`: (3,) m^2/s.
+    """
     c = np.empty((3, 3))
     for i in range(3):
         i1, i2 = (i + 1) % 3, (i + 2) % 3
@@ -215,18 +221,19 @@ def median(values: Array) -> float:
 
 @kernel
 def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
-    """Return one velocity from several feet, and the feet that slip.
+    """Return one velocity from several feet, the feet that slip, and the number of feet in the mean.
 
     Median per axis, then the mean of the feet within `gate` of it: with three feet or more one sliding foot is left
     out, and the mean of the rest has the least encoder noise. Of two feet the mean is taken.
 
     Args:
-        v: velocity by each foot, (L, 3) m/s.
+        v: velocity by each foot, IMU axes, (L, 3) m/s.
         used: feet to take, (L,).
         gate: largest distance from the median, m/s.
 
     Returns:
-        velocity (3,), slipping (L,), number of feet in the mean (0: none, velocity 0).
+        velocity (3,) m/s, slipping (L,), number of feet in the mean; 0 with the median if no two feet agree, or with
+        zeros if none is used.
     """
     feet = v.shape[0]
     slipping = np.zeros(feet, dtype=np.bool_)
@@ -265,7 +272,12 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
 
 @dataclass(frozen=True, eq=False)
 class LegVelocity:
-    """Velocity of the IMU by the stance feet, mean over the interval, IMU axes."""
+    """Mean velocity of the IMU between two samples by the stance feet, those in contact at both, IMU axes.
+
+    stamp_ns: end of the interval, ns; v_kg: by kinematics and gyro, (3,) m/s, of feet_kg feet, 0 = no measurement; v_k:
+    by kinematics only, (3,) m/s, of feet_k feet; stance: feet in contact at both samples, (L,); slipping: feet left
+    out, or uncertain (of one or two stance feet), (L,).
+    """
 
     stamp_ns: int  # end of the interval
     interval_s: float
@@ -278,7 +290,13 @@ class LegVelocity:
 
 
 class LegTracker:
-    """Tracker that stores the last sample of the feet and computes the velocity from it and the next one."""
+    """Tracker that stores the last sample of the feet and computes the velocity from it and the next one.
+
+    Args:
+        feet: number L of feet.
+        radius: of the foot spheres, (L,) m; 0 = a sole.
+        params: switches of the method, and limits.
+    """
 
     def __init__(self, feet: int, radius: Array, params: EstimatorParams) -> None:
         self._params = params
@@ -292,15 +310,15 @@ class LegTracker:
         self._support = -1
 
     def step(self, sample: FootSample, w: Array, up: Array, v_now: Array) -> LegVelocity | None:
-        """Compare with the sample before; None for the first one and after a gap.
+        """Return the velocity of the IMU by the feet since the sample before; None for the first one and after a gap.
 
         A foot counts if it is in contact at BOTH samples.
 
         Args:
             sample: the feet now.
-            w: mean gyro since the last sample (or the latest one, as in the paper), (3,) rad/s, bias removed.
+            w: mean gyro since the last sample (or the latest one, as in the paper), IMU axes, (3,) rad/s, bias removed.
             up: upward unit vector, IMU axes, (3,).
-            v_now: velocity by the filter, (3,) m/s; of one or two feet it shows which slide.
+            v_now: velocity by the filter, IMU axes, (3,) m/s; of one or two feet it shows which slide.
         """
         last, self.last = self.last, sample
         if last is None or not 0 < sample.stamp_ns - last.stamp_ns <= self._longest:
@@ -315,7 +333,10 @@ class LegTracker:
         return LegVelocity(sample.stamp_ns, d, v_kg, feet_kg, v_k, feet_k, stance, slipping)
 
     def _one(self, stance: Flags) -> Flags:
-        """Keep the earlier foot until it lifts, then the first that stands: the paper's double support."""
+        """Return the one foot to use, (L,) bool: the earlier one until it lifts, then the first that stands.
+
+        `stance`: feet in contact at both samples, (L,).
+        """
         if self._support < 0 or not stance[self._support]:
             standing = np.flatnonzero(stance)
             self._support = int(standing[0]) if len(standing) else -1

@@ -25,10 +25,18 @@ MIN_SPREAD = 0.02  # m; feet closer to one line have no plane
 def _push(
     ring: Array, count: int, w: Array, q: Array, gyro_variance: float, acc_variance: float
 ) -> tuple[Array, Array, bool]:
-    """Write one IMU sample into the ring (n, 6).
+    """Write one IMU sample over the oldest row of a ring, in place.
+
+    Args:
+        ring: gyro rad/s (3) and accelerometer m/s^2 (3) of the last n samples, IMU axes, (n, 6); changed.
+        count: samples that were written before.
+        w: gyro, IMU axes, (3,) rad/s.
+        q: accelerometer, IMU axes, (3,) m/s^2.
+        gyro_variance: largest variance of a gyro axis at rest, (rad/s)^2.
+        acc_variance: largest variance of an accelerometer axis at rest, (m/s^2)^2.
 
     Returns:
-        the row it takes the place of (6,), the mean of the rows (6,), True if their variances are within the limits.
+        The row that was replaced (6,), the mean of the rows (6,), True if all variances are within the limits.
     """
     n, row = ring.shape[0], count % ring.shape[0]
     oldest = ring[row].copy()
@@ -51,7 +59,12 @@ def _push(
 
 @kernel
 def _travel(position: Array, since: Array) -> float:
-    """Return the largest change of a coordinate of feet (L, 3), m; those that are NaN do not count."""
+    """Return the largest change of a coordinate of feet from `since` to `position`, m; those that are NaN do not count.
+
+    Args:
+        position: feet now, (L, 3) m.
+        since: feet earlier, (L, 3) m.
+    """
     most = 0.0
     for i in range(position.shape[0]):
         for k in range(3):
@@ -66,13 +79,13 @@ class Standstill:
     """Distinguishes rest from motion by the variances of the last `length` IMU samples and by the travel of the feet.
 
     Attributes:
-        length: number of consecutive samples, 50 by the architecture.
-        gyro_sd: largest standard deviation of an axis at rest, rad/s.
+        length: number of consecutive samples, 50 in `EstimatorParams`.
+        gyro_sd: largest standard deviation of a gyro axis at rest, rad/s.
         acc_sd: largest standard deviation of an accelerometer axis at rest, m/s^2.
         travel: largest move of a foot in the IMU frame within `length` IMU samples at rest, m.
 
-    A slow turn of the trunk looks like rest at first. Biases are therefore learned from `settled` alone: the
-    sample that is `length` samples old, once the rest has lasted since `length` samples before that.
+    A slow turn of the trunk looks like rest at first. Biases are therefore learned from `settled` alone: the sample
+    that is `length` samples old, once the rest has lasted since `length` samples before that.
     """
 
     length: int
@@ -103,7 +116,7 @@ class Standstill:
         self.standing = False
 
     def on_imu(self, w: Array, q: Array) -> bool:
-        """Take gyro w (3,) rad/s and accelerometer q (3,) m/s^2; return True if the robot stands."""
+        """Take gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes; return True if the robot stands."""
         oldest, mean, quiet = _push(self._ring, self._count, w, q, self.gyro_sd**2, self.acc_sd**2)
         self._count += 1
         if self._count < self.length:
@@ -128,10 +141,19 @@ class Standstill:
 def _refined(
     value: Array, samples: int, mean: Array, w: Array, length: int, sigma: float, floor: float, most: int
 ) -> tuple[Array, int]:
-    """Return the bias (3,) and the number of its samples after one more at rest, w (3,) rad/s.
+    """Return the gyro bias (3,) rad/s and the number of its samples after one more at rest, w.
 
-    Not if the mean gyro of a window of `length` samples, (3,), is further than 4 sigma from the bias: the robot turns
-    slowly.
+    Nothing changes if the mean of a window is further than 4 sigma from the bias: the robot turns slowly.
+
+    Args:
+        value: bias so far, the mean of `samples` samples, IMU axes, (3,) rad/s.
+        samples: number of samples in it.
+        mean: mean gyro of the last `length` samples, (3,) rad/s.
+        w: gyro of the sample, (3,) rad/s.
+        length: samples of a window.
+        sigma: standard deviation of one sample, rad/s.
+        floor: smallest standard deviation of a bias, rad/s.
+        most: largest number of samples; from there on older ones are forgotten.
     """
     if samples > 0:
         sd = math.hypot(sigma * math.sqrt(1.0 / length + 1.0 / samples), floor)
@@ -146,11 +168,11 @@ def _refined(
 
 @dataclass
 class GyroBias:
-    """Bias of the gyro, its mean over all samples at rest: b <- b + (w - b)/n, variance sigma^2/n + walk.
+    """Bias of the gyro, its mean over all samples at rest: b <- b + (w - b)/n for the n-th sample w.
 
     Attributes:
-        sigma: noise of one sample, rad/s.
-        floor: smallest standard deviation that is claimed, rad/s (in-run drift).
+        sigma: standard deviation of one sample, rad/s.
+        floor: smallest standard deviation that a bias is given, rad/s (drift while the gyro runs).
         most: samples after which the mean forgets.
     """
 
@@ -172,7 +194,7 @@ class GyroBias:
         self._against = 0
 
     def start(self, mean: Array, samples: int) -> None:
-        """Take the mean gyro (3,) rad/s of a whole window of `samples`."""
+        """Take the mean gyro, IMU axes, (3,) rad/s, of a whole window of `samples` samples as the bias."""
         self.value = mean.copy()
         self.samples = samples
 
@@ -199,14 +221,14 @@ class GyroBias:
 def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:
     """Return g at rest: the mean accelerometer, or that blended with the normal of the ground under the feet.
 
-    The accelerometer alone does not separate its bias from a tilt. If the slope of the start place is stated as
-    0 +- s rad, the plane of the feet is a second measurement. With b the sd of the bias of an axis, s' = 9.81 s and
-    the weight k = b^2/(b^2 + s'^2):  g = (1 - k) mean q + k 9.81 up, variance of its direction k s'^2.
-    Measurements further apart than `DISAGREE` sigma contradict the statement: then the accelerometer alone counts.
+    The accelerometer alone does not separate its bias from a tilt. If the slope of the start place is stated as 0 +- s
+    rad, the plane of the feet is a second measurement. With b the sd of the bias of an axis, s' = 9.81 s and the weight
+    k = b^2/(b^2 + s'^2):  g = (1 - k) mean q + k 9.81 up, variance of its direction k s'^2. Measurements further apart
+    than `DISAGREE` = 4 sigma contradict the statement: then the accelerometer alone counts.
 
     Args:
-        mean_q: mean accelerometer, (3,) m/s^2.
-        up: upward normal of the plane of the feet, (3,), or None.
+        mean_q: mean accelerometer, IMU axes, (3,) m/s^2.
+        up: upward unit normal of the plane of the feet, IMU axes, (3,), or None.
         params: `acc_bias_sd` = b, `start_slope_sd` = s, infinite if unknown.
 
     Returns:
@@ -226,7 +248,7 @@ def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
     """Return the unit normal (3,) of the plane through the used points, on the side of g; None: they span no plane.
 
     Args:
-        points: (L, 3) m, IMU axes.
+        points: of the L feet, (L, 3) m, IMU axes.
         used: points to take, (L,) bool.
         g: specific force at rest, (3,) m/s^2, IMU axes.
     """
