@@ -7,6 +7,7 @@ import zenoh
 
 from surefoot.bus.asking import LIVE, TOKENS_S
 from surefoot.bus.endpoint import is_secure
+from surefoot.bus.mesh import tokens_of
 from surefoot.bus.options import ZenohOptions
 
 JOIN_MS = 1000
@@ -18,7 +19,7 @@ def others_running(session: zenoh.Session, options: ZenohOptions) -> str:
 
     The text is empty if services live there, or at a secure endpoint, where each namespace has certificates of its own.
     """
-    if any(token.ok is not None for token in session.liveliness().get(f"{LIVE}/*/*", timeout=TOKENS_S)):
+    if tokens_of(session, f"{LIVE}/*/*", TOKENS_S):
         return ""
     if is_secure(options.connect):
         return ""
@@ -33,8 +34,7 @@ def others_running(session: zenoh.Session, options: ZenohOptions) -> str:
         config.insert_json5(key, json.dumps(value))
     try:
         with zenoh.open(config) as whole:
-            tokens = whole.liveliness().get(f"**/{LIVE}/*/*", timeout=TOKENS_S)
-            found = {str(token.ok.key_expr).rsplit("/", 3)[0] for token in tokens if token.ok is not None}
+            found = {key.rsplit("/", 3)[0] for key in tokens_of(whole, f"**/{LIVE}/*/*", TOKENS_S)}
     except zenoh.ZError:
         return ""
     if not found:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import zenoh
+from zenoh.handlers import Callback
 
 from surefoot.bus.unread import LinkTrouble
 
@@ -97,5 +98,21 @@ def linked_to(session: zenoh.Session) -> set[str]:
 
 def visible_to(session: zenoh.Session, tokens: str, timeout_s: float) -> set[str]:
     """Return the last word, the process name, of each liveliness token that matches the key expression ``tokens``."""
-    found = session.liveliness().get(tokens, timeout=timeout_s)
-    return {str(token.ok.key_expr).rpartition("/")[2] for token in found if token.ok is not None}
+    return {key.rpartition("/")[2] for key in tokens_of(session, tokens, timeout_s)}
+
+
+def tokens_of(session: zenoh.Session, tokens: str, timeout_s: float) -> list[str]:
+    """Return the keys of the liveliness tokens that match the key expression ``tokens``, in ``timeout_s`` s at most.
+
+    A peer knows most tokens itself, and Zenoh passes these on within the call, in the calling thread. A channel of
+    limited size, as Zenoh's default of 256, would block the whole session for good if a stranger shows more tokens.
+    """
+    found, over = list[str](), threading.Event()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            found.append(str(reply.ok.key_expr))
+
+    session.liveliness().get(tokens, handler=Callback(on_reply, over.set, indirect=False), timeout=timeout_s)
+    over.wait(timeout_s + ROUTER_S)
+    return found[:]

@@ -39,9 +39,10 @@ class Network:
         """Keys of the queriers that are declared at present."""
 
     def liveliness(self) -> Any:
-        def get(key: str, timeout: float) -> list[Any]:
-            shown = self.tokens.get(key.removesuffix("/*"), ())
-            return [SimpleNamespace(ok=SimpleNamespace(key_expr=f"x/{process}")) for process in shown]
+        def get(key: str, handler: Any, timeout: float) -> None:
+            for process in self.tokens.get(key.removesuffix("/*"), ()):
+                handler.callback(SimpleNamespace(ok=SimpleNamespace(key_expr=f"x/{process}")))
+            handler.drop()
 
         return SimpleNamespace(get=get)
 

@@ -6,9 +6,10 @@ from contextlib import suppress
 import pytest
 import zenoh
 
-from surefoot.bus.mesh import LOOKS, Mesh, linked_to
+from surefoot.bus.asking import LIVE
+from surefoot.bus.mesh import LOOKS, Mesh, linked_to, visible_to
 from surefoot.bus.zenoh import ZenohBus
-from tests.surefoot.net import Net, wait_until
+from tests.surefoot.net import WAIT_S, Net, wait_until
 
 
 class Network:
@@ -157,3 +158,22 @@ def test_over_the_network_a_peer_that_ends_has_nobody_introduced(net: Net, monke
     wait_until(looked)
     assert asked[0] == left
     assert not introduced
+
+
+def test_a_peer_sees_more_tokens_than_a_channel_of_zenoh_holds(net: Net) -> None:
+    """A channel of 256 replies that nobody can empty meanwhile blocked the whole session for good."""
+    stranger, peer = net.open("client"), net.open("peer")
+    for number in range(300):
+        stranger.announce("estimator", f"{number}")
+    found: list[set[str]] = []
+
+    def look() -> bool:
+        thread = threading.Thread(
+            target=lambda: found.append(visible_to(peer.session, f"{LIVE}/*/*", 5.0)), daemon=True
+        )
+        thread.start()
+        thread.join(WAIT_S)
+        return len(found[-1]) == 300
+
+    wait_until(look)
+    assert found[-1] == {f"{number}" for number in range(300)}
