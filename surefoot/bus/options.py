@@ -4,7 +4,8 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from surefoot.bus.endpoint import DEFAULT_ENDPOINT, any_port, checked_namespace,
 from surefoot.errors import ConfigError
 
 DEFAULT_FLEET = "surefoot"
+RUNTIME = "ZENOH_RUNTIME"
 LEASE_MS = 1000
 """A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
 CONNECT_TIMEOUT_MS = 8000
@@ -26,6 +28,9 @@ again: longer than a busy machine holds up a thread that sends, shorter than a r
 MOST_PENDING, ACCEPT_MS = 512, 5000
 """Connections that have not yet named themselves, and the time after which such a one is closed: a hundred silent ones
 for 10 s, which Zenoh allows, keep everybody else out."""
+ROUTER_READERS = 32
+"""Threads with which the process of a router reads. Zenoh has two, and closing the link to a client that is frozen
+with a full queue takes one of them for seconds: three such clients silenced all services until these were ended."""
 SHARED_FROM = 512
 """Bytes of the smallest message that travels by shared memory, where that is on."""
 
@@ -53,6 +58,23 @@ class ZenohOptions:
     namespace: str = f"{DEFAULT_FLEET}/ragno"
     identity: str = ""
     """Whose certificate is shown at a secure endpoint, empty = that of tools."""
+
+
+@contextmanager
+def reading_threads(endpoint: ZenohOptions) -> Generator[None]:
+    """Give the first session of this process, if it is a router, enough threads to read; others keep Zenoh's number.
+
+    Zenoh takes the number from the environment, where one that the user has set is kept, and processes that are started
+    later do not find it.
+    """
+    if endpoint.mode != "router" or RUNTIME in os.environ:
+        yield
+        return
+    os.environ[RUNTIME] = f"(rx: (worker_threads: {ROUTER_READERS}))"
+    try:
+        yield
+    finally:
+        del os.environ[RUNTIME]
 
 
 def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:

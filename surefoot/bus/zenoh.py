@@ -21,7 +21,7 @@ from surefoot.bus.interface import Delivery, Incoming, Life, Raw
 from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, visible_to
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
-from surefoot.bus.options import why_not_open, zenoh_config
+from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
@@ -104,7 +104,8 @@ class ZenohBus:
     def __init__(self, endpoint: ZenohOptions) -> None:
         self.endpoint = endpoint
         try:
-            self.session = zenoh.open(zenoh_config(endpoint))
+            with reading_threads(endpoint):
+                self.session = zenoh.open(zenoh_config(endpoint))
         except zenoh.ZError as error:
             raise BusError("no_bus", why_not_open(endpoint, without_source(str(error)))) from None
         self._replies = Replies()

@@ -1,11 +1,12 @@
 """Where services and clients find the router, and certificates that are not there."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, settings_file, to_connect
-from surefoot.bus.options import ZenohOptions, zenoh_config
+from surefoot.bus.options import RUNTIME, ZenohOptions, reading_threads, zenoh_config
 from surefoot.errors import ConfigError
 from tests.surefoot.expect import expect_error
 
@@ -43,3 +44,17 @@ def test_a_word_for_shared_memory_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv("SUREFOOT_SHARED_MEMORY", "yes")
     with expect_error(ConfigError, "invalid", text="'yes', allowed: 1, 0"):
         zenoh_config(ZenohOptions())
+
+
+def test_the_process_of_a_router_reads_with_many_threads_and_those_it_starts_do_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found: list[str | None] = []
+    for mode, before in (("router", None), ("peer", None), ("router", "(rx: (worker_threads: 5))")):
+        monkeypatch.delenv(RUNTIME, raising=False)
+        if before is not None:
+            monkeypatch.setenv(RUNTIME, before)
+        with reading_threads(ZenohOptions(mode)):
+            found.append(os.environ.get(RUNTIME))
+        assert os.environ.get(RUNTIME) == before
+    assert found == ["(rx: (worker_threads: 32))", None, "(rx: (worker_threads: 5))"]
