@@ -27,15 +27,10 @@ class AsyncClient:
         return await asyncio.to_thread(self.client.call, query, timeout_s, **fields)
 
     def messages(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> AsyncIterator[M]:
-        """Return an iterator over the messages of a topic (row or key) as they come.
+        """Return an asynchronous iterator over the messages of a topic, given by its key or row.
 
-        Args:
-            topic: key, such as `state/velocity`, or its row of the table.
-            timeout_s: the iterator ends when no message comes for so long, s of wall time; None = never.
-
-        Raises:
-            SurefootError: no such topic, or a wait that is none.
-            BusError: the client is closed.
+        It ends when no message comes for `timeout_s` s of wall time (None = never). An unknown topic, a wait that is
+        none or a closed client raises SurefootError at once.
         """
         self.client.messages(topic, timeout_s)  # checks; nothing is subscribed before it is read
         return self._messages(topic, timeout_s)

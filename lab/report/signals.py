@@ -21,7 +21,7 @@ READ = (
     "navigator/feedback", "sim/truth", "sim/status",
 )  # fmt: skip
 
-NEEDED = {"hw/imu": ("gyro", "acc"), "hw/joints": ("position",), "hw/contacts": ("touch",)}
+NEEDED = {"hw/imu": {"gyro", "acc"}, "hw/joints": {"position"}, "hw/contacts": {"touch"}}
 """Fields without which a message is none; others may be missing, as in recordings of other versions."""
 CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
 """Keys with a message each control tick."""
@@ -97,7 +97,8 @@ def read_signals(path: Path, progress: Callable[[float], None] | None = None) ->
         try:
             row = json.loads(item.data, parse_constant=_refuse)
             now = int(row["epoch"])
-            _ = [row[name] for name in NEEDED.get(item.key, ())]
+            if not row.keys() >= NEEDED.get(item.key, frozenset()):
+                raise ValueError(item.key)
         except (ValueError, KeyError, TypeError, OverflowError):
             lost[item.key] += 1
             continue

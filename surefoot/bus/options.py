@@ -16,6 +16,7 @@ from surefoot.errors import ConfigError
 
 DEFAULT_FLEET = "surefoot"
 RUNTIME = "ZENOH_RUNTIME"
+"""Variable of the environment from which Zenoh takes the number of its threads at the first session of a process."""
 LEASE_MS = 1000
 """A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
 CONNECT_TIMEOUT_MS = 8000

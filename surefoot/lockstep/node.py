@@ -194,8 +194,6 @@ class Node:
         for code in self.links.join(join_request(self)):
             self.refused[f"join_{code}"] += 1
 
-    # -- what arrives ------------------------------------------------------------------------------------------
-
     def handle(self, item: Any) -> None:
         """Handle one item of the inbox: message, frame, query, reply of another thread, or change of liveliness."""
         if isinstance(item, Delivery):
@@ -218,7 +216,10 @@ class Node:
         try:
             deliveries = frame.deliveries(self._bound.get(frame.owner) == frame.instance)
         except Refusal as refusal:
-            self.refuse(refusal.code, refusal.message)
+            known = refusal.code != "unbound" or frame.owner in self._bound  # else it may be early, and is bound soon
+            self.refuse(refusal.code, refusal.message if known else "", frame.owner)
+            if refusal.code == "unbound":
+                self.bindings.note_early(frame.owner, frame.instance)
             return
         owner, by = frame.owner, frame.instance
         if deliveries and (self._bound.get(owner) == by or self._speaks(owner, by, deliveries[-1])):
@@ -319,8 +320,6 @@ class Node:
             self._answers.settle(incoming, lambda: self.service.handlers[key](request), request)
         if COMPILING.done_here != before:  # a kernel that no rehearsal needs: never silently
             self.log("warning", f"{key} had to compile {COMPILING.last}; `surefoot warm --all` does so ahead of time")
-
-    # -- ticks -------------------------------------------------------------------------------------------------
 
     def work(self) -> bool:
         """Do the next tick if its inputs are complete; return whether it was done."""

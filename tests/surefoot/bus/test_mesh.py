@@ -161,7 +161,7 @@ def test_over_the_network_a_peer_that_ends_has_nobody_introduced(net: Net, monke
 
 
 def test_a_peer_sees_more_tokens_than_a_channel_of_zenoh_holds(net: Net) -> None:
-    """A channel of 256 replies that nobody can empty meanwhile blocked the whole session for good."""
+    """Zenoh fills a channel of 256 replies within the call that requests them, before they can be read."""
     stranger, peer = net.open("client"), net.open("peer")
     for number in range(300):
         stranger.announce("estimator", f"{number}")

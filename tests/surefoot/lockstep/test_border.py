@@ -275,3 +275,17 @@ def test_of_many_processes_with_a_token_few_are_tried_at_a_time_the_newest_first
     assert {name for names in tried for name in names} == {"real", *(f"stranger {number}" for number in range(100))}
     assert bindings.bind("estimator", "real")
     assert bindings.candidates("estimator") == ("real",)
+
+
+def test_large_frames_before_a_process_is_bound_count_only_where_it_never_is() -> None:
+    bench = Bench()
+    for process in ("real", "stranger"):
+        index = f"{process};" + ";".join(["hw/imu,0,5,1,0,0"] * 2000)
+        bench.node.handle(Frame("driver", {HW_IMU.key: HW_IMU}, b"[]", index.encode()))
+    assert bench.node.refused == {"unbound": 2}
+    bench.prime_as("real")
+    assert bench.node.refused == {"unbound": 1}
+    assert not [message for message in bench.out if isinstance(message, LogRecord) and "refused" in message.text]
+    bench.node.handle(Frame("driver", {HW_IMU.key: HW_IMU}, b"[]", index.encode()))
+    (logged,) = [message for message in bench.out if isinstance(message, LogRecord) and "refused" in message.text]
+    assert "by 'stranger', to which the driver is not bound" in logged.text
