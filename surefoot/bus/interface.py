@@ -268,6 +268,13 @@ class Bus(Protocol):
         """Return a name for a process on this bus, which its answers and its liveliness token carry."""
         ...
 
+    def born_ms(self, service: str, instance: str) -> int:
+        """Return when a process got its name, ms since the machine was started; 0 = the name has no seal of the system.
+
+        Processes that the supervisor started seal their names with its secret (see `seals`).
+        """
+        ...
+
     def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
         """Make the process visible to ``watch``; call it after everything is declared.
 

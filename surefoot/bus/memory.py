@@ -172,6 +172,9 @@ class MemoryBus:
     def new_instance(self) -> str:
         return uuid.uuid4().hex[:12]
 
+    def born_ms(self, service: str, instance: str) -> int:
+        return 0
+
     def look_at_links(self) -> list[Any]:
         return []
 

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import zenoh
@@ -58,7 +58,9 @@ class ZenohOptions:
     listen: tuple[str, ...] = ()
     namespace: str = f"{DEFAULT_FLEET}/ragno"
     identity: str = ""
-    """Whose certificate is shown at a secure endpoint, empty = that of tools."""
+    """Service of the process, whose certificate is shown at a secure endpoint; empty = that of tools."""
+    secret: str = field(default="", repr=False)
+    """Secret with which processes of this system make and check their names (see `seals`); empty = none."""
 
 
 @contextmanager
@@ -78,8 +80,8 @@ def reading_threads(endpoint: ZenohOptions) -> Generator[None]:
         del os.environ[RUNTIME]
 
 
-def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
-    """Return the Zenoh settings of a session.
+def zenoh_config(endpoint: ZenohOptions, name: str = "") -> zenoh.Config:
+    """Return the Zenoh settings of a session called ``name`` (32 hexadecimal digits, empty = Zenoh draws them).
 
     They switch off multicast and the start-up delay, let peers gossip, and detect a lost link within a second.
     """
@@ -114,6 +116,8 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
         settings["scouting/gossip/autoconnect_strategy"] = {
             "peer": {"to_router": "always", "to_peer": "greater-zid"},
         }
+    if name:
+        settings["id"] = name
     config = zenoh.Config()
     if secure:
         config = zenoh.Config.from_file(str(settings_file(endpoint.namespace, endpoint.identity)))

@@ -25,6 +25,7 @@ from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
+from surefoot.bus.seals import born_ms, sealed_name
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Request, Wire
@@ -103,9 +104,10 @@ class ZenohBus:
 
     def __init__(self, endpoint: ZenohOptions) -> None:
         self.endpoint = endpoint
+        name = sealed_name(endpoint.secret, endpoint.identity) if endpoint.secret else ""
         try:
             with reading_threads(endpoint):
-                self.session = zenoh.open(zenoh_config(endpoint))
+                self.session = zenoh.open(zenoh_config(endpoint, name))
         except zenoh.ZError as error:
             raise BusError("no_bus", why_not_open(endpoint, without_source(str(error)))) from None
         self._replies = Replies()
@@ -250,6 +252,9 @@ class ZenohBus:
 
     def new_instance(self) -> str:
         return str(self.session.zid())
+
+    def born_ms(self, service: str, instance: str) -> int:
+        return born_ms(self.endpoint.secret, service, instance)
 
     def look_at_links(self) -> list[LinkTrouble]:
         lost = self._mesh.look() if self.endpoint.mode == "peer" else []

@@ -1,9 +1,12 @@
 """Binding of each service to one process, so that messages of any other process under its name are refused."""
 
 from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple
 
 from surefoot.bus.interface import Delivery, Life
 from surefoot.errors import Refusal
+from surefoot.lockstep.join import DRIVER
 from surefoot.schemas.topics import HW_TICK
 
 MOST_TRIED = 3
@@ -12,18 +15,34 @@ MOST_EARLY = 64
 """Processes whose early frames are counted apart; a flood under many names is not."""
 
 
+class _Seal(NamedTuple):
+    """Seal of a process's name: the service for which it was made, and when, ms since the machine was started."""
+
+    service: str = ""
+    born_ms: int = 0
+
+
 class Bindings:
     """Table of services and the one process that acts as each.
 
     A service is bound to the first process that has a liveliness token and also tests its links, such as by an empty
     message (prime), and stays bound while the token is there. A process whose token is lost for a while keeps its
-    binding unless another process takes its place.
+    binding unless another process takes its place. A process whose name is sealed (the supervisor of the system started
+    it) takes the place of any process without a seal and of any older one; from then on the service is bound to sealed
+    processes only, so that a token which a stranger shows before a restart, or copies from an older process, counts
+    for nothing.
+
+    Args:
+        born_ms: returns when a process of a service got its sealed name, 0 = its name is not sealed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, born_ms: Callable[[str, str], int] = lambda service, instance: 0) -> None:
+        self._born_ms = born_ms
         self._visible: dict[str, dict[str, None]] = {}
         self.bound: dict[str, str] = {}
         """Process of each service that has proved its links."""
+        self._seals: dict[str, _Seal] = {}
+        """Seal of the last sealed process that each service was bound to."""
         self._early: Counter[tuple[str, str]] = Counter()
         self._turn: Counter[str] = Counter()
         """Number of the first candidate of each service that is returned next."""
@@ -35,6 +54,8 @@ class Bindings:
             seen.pop(life.instance, None)
             return ""
         seen[life.instance] = None
+        if self.bound.get(DRIVER) == life.instance:  # the token of its service may follow that of the driver
+            self._note_seal(DRIVER, life.instance)
         bound = self.bound.get(life.service, "")
         return bound if bound in seen and bound != life.instance else ""
 
@@ -45,12 +66,21 @@ class Bindings:
     def candidates(self, service: str) -> tuple[str, ...]:
         """Return the processes that may answer as a service: the bound one, or those that may take its place.
 
-        Of many it returns `MOST_TRIED`, the newest first, and the next ones at the next call.
+        Of many it returns `MOST_TRIED`: the sealed ones that were started last, else the newest first and the next ones
+        at the next call.
         """
         seen, bound = self._visible.get(service, {}), self.bound.get(service)
-        if bound is not None and (bound in seen or not seen):
-            return (bound,)
-        newest = tuple(reversed(seen))
+        newest = tuple(one for one in reversed(seen) if one != bound and self._may_bind(service, one))
+        if bound is not None and (bound in seen or not newest):
+            newest = (*newest, bound)
+        if len(newest) <= 1:
+            return newest
+        sealed = sorted(
+            (one for one in newest if self._seal(service, one).born_ms),
+            key=lambda one: -self._seal(service, one).born_ms,
+        )
+        if sealed:
+            return (*sealed[: MOST_TRIED - 1], *(one for one in newest if one == bound))
         if len(newest) <= MOST_TRIED:
             return newest
         first = self._turn[service] % len(newest)
@@ -59,12 +89,35 @@ class Bindings:
 
     def bind(self, service: str, instance: str) -> bool:
         """Record that a process has tested its links; return whether the service is bound to this process now."""
-        bound = self.bound.get(service)
-        if bound != instance:
-            if not self.visible(service, instance) or (bound is not None and self.visible(service, bound)):
+        if self.bound.get(service) != instance:
+            if not self.visible(service, instance) or not self._may_bind(service, instance):
                 return False
             self.bound[service] = instance
+            self._note_seal(service, instance)
         return True
+
+    def _may_bind(self, service: str, instance: str) -> bool:
+        """Return whether a visible process may take the place of the one that a service is bound to, if any."""
+        bound, last = self.bound.get(service), self._seals.get(service)
+        free, seal = bound is None or not self.visible(service, bound), self._seal(service, instance)
+        if last is None or not seal.born_ms:
+            return last is None and (free or seal.born_ms > 0)
+        if seal.service != last.service:  # another service drives now
+            return free
+        return seal.born_ms > last.born_ms
+
+    def _seal(self, service: str, instance: str) -> _Seal:
+        """Return the seal of a visible process; the driver's name is sealed for the service that drives."""
+        names = (service,)
+        if service == DRIVER:
+            names = tuple(name for name, seen in self._visible.items() if name != DRIVER and instance in seen)
+        seals = (_Seal(name, self._born_ms(name, instance)) for name in names)
+        return next((seal for seal in seals if seal.born_ms), _Seal())
+
+    def _note_seal(self, service: str, instance: str) -> None:
+        seal = self._seal(service, instance)
+        if seal.born_ms:
+            self._seals[service] = seal
 
     def note_early(self, service: str, instance: str) -> None:
         """Count a frame of a process that the service is not bound to, or not yet."""

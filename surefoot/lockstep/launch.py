@@ -63,11 +63,17 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
 
 
 def _serve(service: Service[Any], options: argparse.Namespace) -> int:
+    from surefoot.bus.seals import VARIABLE
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.lockstep.local import node_of
 
     endpoint = ZenohOptions(
-        options.mode, tuple(options.connect), tuple(options.listen), options.namespace, identity=service.name
+        options.mode,
+        tuple(options.connect),
+        tuple(options.listen),
+        options.namespace,
+        identity=service.name,
+        secret=os.environ.get(VARIABLE, ""),
     )
     if options.mode != "router":
         os.environ.setdefault("ZENOH_RUNTIME", ZENOH_RUNTIME)  # read when the process opens its first session

@@ -50,7 +50,7 @@ class Node:
         self.instance = bus.new_instance()
         self.inbox = Inbox()
         self.join = Join(service.name, service.inputs, service.batched)
-        self.bindings = Bindings()
+        self.bindings = Bindings(bus.born_ms)
         self._bound = self.bindings.bound
         self.ages = Ages(() if service.raw else service.inputs)
         self.refused: Counter[str] = Counter()

@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from surefoot.bus.endpoint import to_listen
 from surefoot.bus.interface import Life, Publisher
+from surefoot.bus.seals import VARIABLE, new_secret
 from surefoot.bus.zenoh import DEFAULT_FLEET, ZenohBus
 from surefoot.bus.zenoh import ZenohOptions as BusEndpoint
 from surefoot.errors import BusError, CallError
@@ -66,8 +67,11 @@ class Session:
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
         self._notify = notify
+        self._secret = new_secret() if spawn else ""
+        """Secret by which the processes of this system know each other's names; those started elsewhere have none."""
         own = {
             "SUREFOOT_CONNECT": self.listen,
+            **({VARIABLE: self._secret} if spawn else {}),
             "SUREFOOT_NAMESPACE": self.namespace,
             "SUREFOOT_ROBOT": self.robot,
             **{f"SUREFOOT_{name.upper()}_MEMORY": str(path) for name, path in self.folder.memories.items()},
@@ -144,7 +148,7 @@ class Session:
 
     def _open_router(self) -> ZenohBus:
         try:
-            return ZenohBus(BusEndpoint("router", (), (self.listen,), self.namespace, SELF))
+            return ZenohBus(BusEndpoint("router", (), (self.listen,), self.namespace, SELF, self._secret))
         except BusError:
             refuse_taken(self.listen)
             raise

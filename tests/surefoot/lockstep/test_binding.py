@@ -1,0 +1,108 @@
+"""Which of several processes acts as a service: names that the supervisor's secret seals, newer ones, strangers."""
+
+from itertools import permutations
+
+import pytest
+
+from surefoot.bus.interface import Life
+from surefoot.lockstep.binding import MOST_TRIED, Bindings
+
+
+def born(service: str, instance: str) -> int:
+    """Return the number in a name ``<service>@<number>``, as if it were sealed at that time."""
+    name, _, number = instance.partition("@")
+    return int(number) if number and name == service else 0
+
+
+class Table(Bindings):
+    """Bindings of a system whose processes have sealed names."""
+
+    def __init__(self) -> None:
+        super().__init__(born)
+
+    def comes(self, service: str, instance: str) -> bool:
+        """A process shows its token and proves its links; return whether it is bound."""
+        self.on_life(Life(service, instance, True))
+        return self.bind(service, instance)
+
+    def goes(self, service: str, instance: str) -> None:
+        self.on_life(Life(service, instance, False))
+
+
+def test_a_token_shown_before_a_crash_wins_nothing_after_it() -> None:
+    table = Table()
+    assert table.comes("walker", "walker@5")
+    assert not table.comes("walker", "stranger")
+    table.goes("walker", "walker@5")
+    assert not table.bind("walker", "stranger")
+    assert not table.comes("walker", "quick stranger")
+    assert "stranger" not in table.candidates("walker")
+    assert table.comes("walker", "walker@9")
+    assert table.bound["walker"] == "walker@9"
+
+
+def test_a_sealed_process_displaces_a_stranger_that_was_first() -> None:
+    table = Table()
+    assert table.comes("walker", "stranger")
+    assert table.on_life(Life("walker", "walker@5", True)) == "stranger"
+    assert table.candidates("walker") == ("walker@5", "stranger")
+    assert table.bind("walker", "walker@5")
+    assert table.candidates("walker") == ("walker@5",)
+    assert not table.bind("walker", "stranger")
+
+
+def test_the_copied_token_of_an_older_process_holds_no_place() -> None:
+    table = Table()
+    assert table.comes("walker", "walker@5")
+    assert table.comes("walker", "walker@9")  # while a copy of the older one's token is still there
+    assert not table.bind("walker", "walker@5")
+    table.goes("walker", "walker@9")
+    assert not table.bind("walker", "walker@5")
+    assert table.comes("walker", "walker@9")  # its link came back
+
+
+def test_the_seal_of_another_service_counts_for_nothing() -> None:
+    table = Table()
+    assert table.comes("walker", "walker@5")
+    table.goes("walker", "walker@5")
+    assert not table.comes("walker", "estimator@9")
+
+
+@pytest.mark.parametrize("order", [*permutations((("driver", "sim@5"), ("sim", "sim@5")))])
+def test_a_driver_is_sealed_by_the_name_of_its_service(order: tuple[tuple[str, str], ...]) -> None:
+    table = Table()
+    for service, instance in order:
+        table.comes(service, instance)
+    for service, instance in order:
+        assert table.bind(service, instance)
+    table.comes("walker", "walker@7")
+    assert not table.comes("driver", "walker@7"), "the copied name of a newer process drives nothing"
+    for service, instance in order:
+        table.goes(service, instance)
+    assert not table.comes("driver", "stranger")
+    table.comes("sim", "sim@9")
+    assert table.comes("driver", "sim@9")
+    assert table.candidates("driver") == ("sim@9",)
+
+
+def test_sealed_processes_are_tried_before_hundreds_of_strangers() -> None:
+    table = Table()
+    for number in range(100):
+        table.on_life(Life("walker", f"stranger {number}", True))
+    table.on_life(Life("walker", "walker@5", True))
+    for number in range(100, 200):
+        table.on_life(Life("walker", f"stranger {number}", True))
+    for _ in range(5):
+        tried = table.candidates("walker")
+        assert tried[0] == "walker@5"
+        assert len(tried) <= MOST_TRIED
+
+
+def test_without_a_secret_the_first_stays_while_it_is_there() -> None:
+    table = Bindings()
+    for instance in ("first", "second"):
+        table.on_life(Life("walker", instance, True))
+    assert table.bind("walker", "first")
+    assert not table.bind("walker", "second")
+    table.on_life(Life("walker", "first", False))
+    assert table.bind("walker", "second")
