@@ -86,9 +86,9 @@ class ZenohPublisher(Generic[M]):
 class Framer:
     """Collector of the messages of one service, which publishes them in frames of one tick and of several ticks."""
 
-    def __init__(self, session: zenoh.Session, owner: str, instance: str) -> None:
+    def __init__(self, session: zenoh.Session, owner: str, instance: str, secret: str = "") -> None:
         self.corked = False
-        self._instance = instance
+        self._instance, self._secret = instance, secret
         self.frame: list[FramePart] = []
         self.batch: list[FramePart] = []
         self._frames = _declare(session, FRAME.format(owner), _JSON, *_FRAMES)
@@ -98,12 +98,12 @@ class Framer:
         """Publish the collected messages as one frame; ``batch``: also those of all ticks since the last batch."""
         self.corked = False
         if self.frame:
-            payload, index = pack(self.frame, self._instance)
+            payload, index = pack(self.frame, self._instance, self._secret)
             self._frames.put(payload, attachment=index)
             self.batch += self.frame
             self.frame = []
         if batch and self.batch:
-            payload, index = pack(self.batch, self._instance)
+            payload, index = pack(self.batch, self._instance, self._secret)
             self._batches.put(payload, attachment=index)
             self.batch = []
 

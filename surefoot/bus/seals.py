@@ -1,9 +1,10 @@
-"""Names of processes that only the processes of one system can make, by a secret that its supervisor gives them.
+"""Names of processes, and frames, that only the processes of one system can make, by a secret of its supervisor.
 
 The name of a process is that of its Zenoh session, 32 hexadecimal digits, and public: it stands in liveliness tokens,
 frames and answers. A sealed name is ``f``, 3 random digits, 12 digits of the time since the machine was started, in ms,
 and a keyed hash (BLAKE2b) of the service and these digits, cut to 16 digits. Whoever does not know the secret can copy
-such a name, but can make none that is newer; services take the newest.
+such a name, but can make none that is newer; services take the newest. What it cannot copy is the seal of a frame: a
+keyed hash of the frame.
 """
 
 import secrets
@@ -41,6 +42,16 @@ def born_ms(secret: str, service: str, name: str) -> int:
     if not secret or len(name) != DRAWN + BORN + SEAL or not secrets.compare_digest(seal, _hash(secret, service, head)):
         return 0
     return int(head[DRAWN:], 16)
+
+
+def seal_of(secret: str, name: bytes, index: bytes, payload: bytes) -> bytes:
+    """Return the seal of a frame, 16 hexadecimal digits: a keyed hash of the name of its process and what it contains.
+
+    A frame that is sent again has the seal of the first: it is the same.
+    """
+    made = blake2b(name + b";" + index, key=secret.encode()[:64], digest_size=SEAL // 2)
+    made.update(payload)
+    return made.hexdigest().encode()
 
 
 def _hash(secret: str, service: str, head: str) -> str:

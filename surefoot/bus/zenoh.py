@@ -130,7 +130,7 @@ class ZenohBus:
             return ZenohPublisher(self.session, topic, instance if framed else "")
         framer = self._framers.get(topic.owner)
         if framer is None:
-            framer = self._framers[topic.owner] = Framer(self.session, topic.owner, instance)
+            framer = self._framers[topic.owner] = Framer(self.session, topic.owner, instance, self.endpoint.secret)
         return FramedPublisher(self.session, framer, topic)
 
     def cork(self) -> None:
@@ -192,7 +192,7 @@ class ZenohBus:
                 handler = Callback(_delivery_sink(topic, sink), indirect=True)
                 self._keep.append(self.session.declare_subscriber(participants_key(topic, "*"), handler))
         for owner, wanted in owners.items():
-            handler = Callback(_frame_sink(owner, wanted, sink), indirect=False)
+            handler = Callback(_frame_sink(owner, wanted, sink, self.endpoint.secret), indirect=False)
             self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
 
     def serve(
@@ -313,12 +313,12 @@ def _delivery_sink(topic: Topic[Any], sink: Callable[[Any], Any]) -> Callable[[z
 
 
 def _frame_sink(
-    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any]
+    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any], secret: str
 ) -> Callable[[zenoh.Sample], None]:
     def on_sample(sample: zenoh.Sample) -> None:
         keep_thread_state()
         index = sample.attachment
-        sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
+        sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes(), secret))
 
     return on_sample
 

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple
 
+from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Life
 from surefoot.errors import Refusal
 from surefoot.lockstep.join import DRIVER
@@ -118,6 +119,11 @@ class Bindings:
         seal = self._seal(service, instance)
         if seal.born_ms:
             self._seals[service] = seal
+
+    def check_seal(self, frame: Frame) -> None:
+        """Raise a Refusal (forged) if a frame has the sealed name of a visible process, and not the seal of a frame."""
+        if self._seal(frame.owner, frame.instance).born_ms and not frame.sealed:
+            raise Refusal("forged", f"frame of the {frame.owner} in the name of {frame.instance!r}, without a seal")
 
     def note_early(self, service: str, instance: str) -> None:
         """Count a frame of a process that the service is not bound to, or not yet."""

@@ -215,6 +215,7 @@ class Node:
     def _on_frame(self, frame: Frame) -> None:
         try:
             deliveries = frame.deliveries(self._bound.get(frame.owner) == frame.instance)
+            self.bindings.check_seal(frame)
         except Refusal as refusal:
             known = refusal.code != "unbound" or frame.owner in self._bound  # else it may be early, and is bound soon
             self.refuse(refusal.code, refusal.message if known else "", frame.owner)

@@ -90,3 +90,30 @@ def test_an_index_counts_in_the_size_of_a_frame_and_has_a_limit() -> None:
     assert made.size == len(index) + 2
     with expect_error(Refusal, "too_large", text="index of "):
         made.deliveries()
+
+
+SECRET = "5ea1" * 8
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_sealed_frame_is_the_same_frame_with_a_seal(seed: int) -> None:
+    plain = Frame("walker", TAKEN, *pack(parts(seed, 5), "w"))
+    sealed = Frame("walker", TAKEN, *pack(parts(seed, 5), "w", SECRET), SECRET)
+    assert sealed.sealed
+    assert not plain.sealed
+    assert sealed.instance == plain.instance == "w"
+    assert sealed.deliveries() == plain.deliveries()
+
+
+def test_whatever_is_changed_in_a_sealed_frame_breaks_its_seal() -> None:
+    payload, index = pack(parts(0, 3), "w", SECRET)
+    whole = payload + index
+    for at in range(len(whole)):
+        changed = whole[:at] + bytes([whole[at] ^ (1 + at % 255)]) + whole[at + 1 :]
+        assert not Frame("walker", TAKEN, changed[: len(payload)], changed[len(payload) :], SECRET).sealed
+
+
+@pytest.mark.parametrize("secret", ["", "0" * 32])
+def test_without_the_secret_no_seal_is_made(secret: str) -> None:
+    assert not Frame("walker", TAKEN, *pack(parts(0, 3), "w", secret), SECRET).sealed
+    assert not Frame("walker", TAKEN, *pack(parts(0, 3), "w", secret)).sealed

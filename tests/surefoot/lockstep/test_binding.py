@@ -4,8 +4,12 @@ from itertools import permutations
 
 import pytest
 
-from surefoot.bus.interface import Life
+from surefoot.bus.frame import Frame, FramePart, pack
+from surefoot.bus.interface import Life, Stamp
+from surefoot.errors import Refusal
 from surefoot.lockstep.binding import MOST_TRIED, Bindings
+from surefoot.schemas.topics import CMD_JOINTS
+from tests.surefoot.expect import expect_error
 
 
 def born(service: str, instance: str) -> int:
@@ -106,3 +110,18 @@ def test_without_a_secret_the_first_stays_while_it_is_there() -> None:
     assert not table.bind("walker", "second")
     table.on_life(Life("walker", "first", False))
     assert table.bind("walker", "second")
+
+
+def frame(instance: str, secret: str) -> Frame:
+    part = FramePart(CMD_JOINTS.key, b"{}", Stamp(5, 1, 0, 0))
+    return Frame("walker", {CMD_JOINTS.key: CMD_JOINTS}, *pack([part], instance, secret), "s")
+
+
+def test_a_frame_in_the_sealed_name_of_another_is_forged() -> None:
+    table = Table()
+    table.comes("walker", "walker@5")
+    table.check_seal(frame("walker@5", "s"))
+    table.check_seal(frame("stranger", ""))  # refused as that of a process that is not bound
+    for secret in ("", "another"):
+        with expect_error(Refusal, "forged", text="in the name of 'walker@5'"):
+            table.check_seal(frame("walker@5", secret))
