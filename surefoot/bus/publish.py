@@ -8,6 +8,7 @@ import zenoh
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.frame import FramePart, pack
 from surefoot.bus.interface import Stamp
+from surefoot.bus.seals import with_seal
 from surefoot.schemas.rows import M
 from surefoot.schemas.topics import Kind, Query, Topic
 
@@ -60,14 +61,14 @@ class ZenohPublisher(Generic[M]):
 
     watched = True
 
-    def __init__(self, session: zenoh.Session, topic: Topic[M], instance: str = "") -> None:
+    def __init__(self, session: zenoh.Session, topic: Topic[M], instance: str = "", secret: str = "") -> None:
         self.topic = topic
         encoding = encoding_of(topic.model)
         self._publisher = _declare(session, topic.key, encoding, *_QOS[topic.kind])
-        self._all = [self._publisher]
+        self._participants: zenoh.Publisher | None = None
+        self._secret, self._key = secret, participants_key(topic, instance)
         if apart(topic) and (instance or topic.kind is not Kind.LATCHED):
-            key = participants_key(topic, instance)
-            self._all.append(_declare(session, key, encoding, *_TO_PARTICIPANTS[topic.kind]))
+            self._participants = _declare(session, self._key, encoding, *_TO_PARTICIPANTS[topic.kind])
 
     def put(self, message: M) -> tuple[bytes, bytes | None]:
         token = encode(message)
@@ -75,12 +76,15 @@ class ZenohPublisher(Generic[M]):
         return token
 
     def resend(self, token: tuple[bytes, bytes | None]) -> None:
-        for publisher in self._all:
-            publisher.put(token[0], attachment=token[1])
+        payload, attachment = token
+        self._publisher.put(payload, attachment=attachment)
+        if self._participants is not None:
+            if self._secret:
+                attachment = with_seal(self._secret, self._key, payload, attachment)
+            self._participants.put(payload, attachment=attachment)
 
     def prime(self) -> None:
-        for publisher in self._all:
-            publisher.put(b"")
+        self.resend((b"", None))
 
 
 class Framer:

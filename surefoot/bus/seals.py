@@ -12,6 +12,7 @@ import time
 from functools import lru_cache
 from hashlib import blake2b
 
+DRIVER = "driver"
 VARIABLE = "SUREFOOT_SECRET"
 """Variable of the environment by which the supervisor passes the secret on to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
@@ -45,13 +46,71 @@ def born_ms(secret: str, service: str, name: str) -> int:
 
 
 def seal_of(secret: str, name: bytes, index: bytes, payload: bytes) -> bytes:
-    """Return the seal of a frame, 16 hexadecimal digits: a keyed hash of the name of its process and what it contains.
+    """Return the seal of a message, 16 hexadecimal digits: a keyed hash of its sender or key and what it contains.
 
-    A frame that is sent again has the seal of the first: it is the same.
+    Args:
+        secret: secret of the system.
+        name: name of the process of a frame, or key of another message.
+        index: index of a frame, or attachment of another message.
+        payload: content. A message that is sent again has the seal of the first.
     """
     made = blake2b(name + b";" + index, key=secret.encode()[:64], digest_size=SEAL // 2)
     made.update(payload)
     return made.hexdigest().encode()
+
+
+def with_seal(secret: str, key: str, payload: bytes, attachment: bytes | None) -> bytes:
+    """Return the attachment of a message to participants, which a line break and the seal of the message follow."""
+    return (attachment or b"") + b"\n" + seal_of(secret, key.encode(), attachment or b"", payload)
+
+
+def without_seal(attachment: bytes | None) -> tuple[bytes | None, bytes]:
+    """Return attachment and seal of a message to participants; the seal is empty if the message has none."""
+    if attachment is None or attachment[-SEAL - 1 : -SEAL] != b"\n":
+        return attachment, b""
+    return attachment[: -SEAL - 1] or None, attachment[-SEAL:]
+
+
+class Guard:
+    """Check of the seals of messages to participants that do not travel in frames, such as maps and reports of ticks.
+
+    The messages of a service must be sealed once a process with a sealed name has shown its token.
+
+    Args:
+        secret: secret of the system; empty = every message passes.
+    """
+
+    def __init__(self, secret: str) -> None:
+        self._secret = secret
+        self._names, self._services = set[str](), set[str]()
+        self._drivers: dict[str, None] = {}
+        self._forged: dict[str, int] = {}
+
+    def on_token(self, service: str, instance: str) -> None:
+        """Record that a process has shown the token of a service; the driver has a sealed name as another service."""
+        if born_ms(self._secret, service, instance):
+            self._names.add(instance)
+            self._services.add(service)
+        elif service == DRIVER:
+            self._drivers[instance] = None
+            if len(self._drivers) > MOST_KNOWN:
+                del self._drivers[next(iter(self._drivers))]
+        if not self._names.isdisjoint(self._drivers):
+            self._services.add(DRIVER)
+
+    def passes(self, owner: str, key: str, payload: bytes, attachment: bytes | None, seal: bytes) -> bool:
+        """Return whether a message of a service may be read; one without its seal is counted."""
+        if owner not in self._services:
+            return True
+        right = secrets.compare_digest(seal, seal_of(self._secret, key.encode(), attachment or b"", payload))
+        if not right and (key in self._forged or len(self._forged) < MOST_KNOWN):
+            self._forged[key] = self._forged.get(key, 0) + 1
+        return right
+
+    def forged(self) -> list[tuple[str, int]]:
+        """Return key and number of the messages without a seal since the last call."""
+        found, self._forged = list(self._forged.items()), {}
+        return found
 
 
 def _hash(secret: str, service: str, head: str) -> str:

@@ -42,9 +42,10 @@ class LinkTrouble(NamedTuple):
     """Something wrong with the link to a peer.
 
     Attributes:
-        reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process.
+        reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process, `forged`
+            messages in the name of a process lack its seal.
         text: message for the log.
-        peer: name of its session.
+        peer: name of its session; of forged messages their key.
     """
 
     reason: str

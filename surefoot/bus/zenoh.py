@@ -25,7 +25,7 @@ from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
-from surefoot.bus.seals import born_ms, sealed_name
+from surefoot.bus.seals import Guard, born_ms, sealed_name, without_seal
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Request, Wire
@@ -115,6 +115,7 @@ class ZenohBus:
         self._pours: list[threading.Thread] = []
         self._asking = Asking(self.session, endpoint.namespace)
         self._unread = Unread(self.session)
+        self._guard = Guard(endpoint.secret)
         visible = partial(self._visible, self.session)
         self._mesh = Mesh(partial(linked_to, self.session), visible, self._alive, self._introduce)
         self._framers: dict[str, Framer] = {}
@@ -127,7 +128,7 @@ class ZenohBus:
         ``framed`` = False: its messages reach observers only, as when a recording is played.
         """
         if not (framed and topic.framed):
-            return ZenohPublisher(self.session, topic, instance if framed else "")
+            return ZenohPublisher(self.session, topic, instance if framed else "", self.endpoint.secret)
         framer = self._framers.get(topic.owner)
         if framer is None:
             framer = self._framers[topic.owner] = Framer(self.session, topic.owner, instance, self.endpoint.secret)
@@ -154,7 +155,8 @@ class ZenohBus:
         keep, most_hz = (BOUNDED_KEEP, MOST_HZ) if bounded else (KEEP, 0.0)
         key = participants_key(topic, "*") if bounded and apart(topic) else topic.key
         subscriber = self.session.declare_subscriber(key, RingChannel(keep))
-        thread = pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz)
+        make = partial(_guarded, self._guard, topic) if bounded and apart(topic) else partial(_delivery, topic)
+        thread = pour(subscriber.handler, make, _unless_none(sink), most_hz=most_hz)
         self._keep.append(subscriber)
         self._pours.append(thread)
 
@@ -189,7 +191,7 @@ class ZenohBus:
             if topic.framed:
                 owners.setdefault(topic.owner, {})[topic.key] = topic
             else:
-                handler = Callback(_delivery_sink(topic, sink), indirect=True)
+                handler = Callback(_delivery_sink(self._guard, topic, sink), indirect=True)
                 self._keep.append(self.session.declare_subscriber(participants_key(topic, "*"), handler))
         for owner, wanted in owners.items():
             handler = Callback(_frame_sink(owner, wanted, sink, self.endpoint.secret), indirect=False)
@@ -258,7 +260,8 @@ class ZenohBus:
 
     def look_at_links(self) -> list[LinkTrouble]:
         lost = self._mesh.look() if self.endpoint.mode == "peer" else []
-        return [*self._unread.look(), *lost]
+        forged = [LinkTrouble("forged", f"{n}x {key} without a seal", key) for key, n in self._guard.forged()]
+        return [*self._unread.look(), *lost, *forged]
 
     def _visible(self, session: zenoh.Session) -> set[str]:
         return visible_to(session, f"{LIVE}/*/*", TOKENS_S)
@@ -280,6 +283,7 @@ class ZenohBus:
     def watch(self, sink: Callable[[Life], Any]) -> None:
         def on_life(sample: zenoh.Sample) -> None:
             _, service, instance = str(sample.key_expr).rsplit("/", 2)
+            self._guard.on_token(service, instance)
             sink(Life(service, instance, sample.kind == zenoh.SampleKind.PUT))
 
         self._keep.append(self.session.liveliness().declare_subscriber(f"{LIVE}/*/*", on_life, history=True))
@@ -295,19 +299,35 @@ class ZenohBus:
 
 
 def _delivery(topic: Topic[Any], sample: zenoh.Sample) -> Delivery:
-    attachment, encoding = sample.attachment, sample.encoding
-    raw = Raw(
-        sample.payload.to_bytes(),
-        None if attachment is None else attachment.to_bytes(),
-        "" if encoding == encoding_of(topic.model) else str(encoding),
-    )
-    sender = str(sample.key_expr).rpartition("/")[2] if topic.kind is Kind.LATCHED else ""  # of the participants' key
-    return Delivery(topic, None, raw, None, sender)
+    attachment = sample.attachment
+    return Delivery(topic, None, _raw(topic, sample, None if attachment is None else attachment.to_bytes()))
 
 
-def _delivery_sink(topic: Topic[Any], sink: Callable[[Any], Any]) -> Callable[[zenoh.Sample], None]:
+def _raw(topic: Topic[Any], sample: zenoh.Sample, attachment: bytes | None) -> Raw:
+    encoding = sample.encoding
+    named = "" if encoding == encoding_of(topic.model) else str(encoding)
+    return Raw(sample.payload.to_bytes(), attachment, named)
+
+
+def _guarded(guard: Guard, topic: Topic[Any], sample: zenoh.Sample) -> Delivery | None:
+    """Return a message to participants, None if it lacks the seal that those of its service have."""
+    sealed, key = sample.attachment, str(sample.key_expr)
+    attachment, seal = without_seal(None if sealed is None else sealed.to_bytes())
+    raw, last = _raw(topic, sample, attachment), key.rpartition("/")[2]
+    if not guard.passes(last if topic.owner == "*" else topic.owner, key, raw.payload, attachment, seal):
+        return None
+    return Delivery(topic, None, raw, None, last if topic.kind is Kind.LATCHED else "")
+
+
+def _unless_none(sink: Callable[[Delivery], Any]) -> Callable[[Delivery | None], Any]:
+    return lambda delivery: None if delivery is None else sink(delivery)
+
+
+def _delivery_sink(guard: Guard, topic: Topic[Any], sink: Callable[[Any], Any]) -> Callable[[zenoh.Sample], None]:
     def on_sample(sample: zenoh.Sample) -> None:
-        sink(_delivery(topic, sample))
+        delivery = _guarded(guard, topic, sample)
+        if delivery is not None:
+            sink(delivery)
 
     return on_sample
 

@@ -28,9 +28,9 @@ class Net:
         self.buses: list[ZenohBus] = []
         self.router = self.open("router", identity="supervisor")
 
-    def open(self, mode: str = "peer", namespace: str | None = None, identity: str = "") -> ZenohBus:
+    def open(self, mode: str = "peer", namespace: str | None = None, identity: str = "", secret: str = "") -> ZenohBus:
         listen = (self.address,) if mode == "router" else ()
-        bus = ZenohBus(ZenohOptions(mode, (self.address,), listen, namespace or self.namespace, identity))
+        bus = ZenohBus(ZenohOptions(mode, (self.address,), listen, namespace or self.namespace, identity, secret))
         self.buses.append(bus)
         return bus
 

@@ -383,7 +383,7 @@ def test_a_service_observes_heartbeats_of_services_only(net: Net) -> None:
         for _ in range(2 * BOUNDED_KEEP):
             stranger.put(f"{net.namespace}/health/walker", b"{")
         assert observer.get().raw().payload == b"{"
-        wait_until(lambda: publisher._all[1].matching_status.matching)
+        wait_until(lambda: publisher._participants.matching_status.matching)
         publisher.put(Health(service="estimator", instance="1", state="running", pid=1))
     assert inbox.get().message().service == "estimator"
     assert inbox.queue.empty()
