@@ -7,6 +7,7 @@ every client may do is left out: requests that change the run, and the emergency
 """
 
 import json
+import os
 import sys
 import time
 from collections import Counter
@@ -21,12 +22,15 @@ from surefoot.bus.codec import decode, json_schema
 from surefoot.bus.frame import FramePart, pack
 from surefoot.bus.interface import Stamp
 from surefoot.bus.publish import BATCH, FRAME, apart, participants_key
+from surefoot.bus.seals import VARIABLE, with_seal
 from surefoot.errors import SurefootError
 from surefoot.schemas.base import Bulk, BulkRequest, Wire
 from surefoot.schemas.topics import CMD_ESTOP, QUERIES, TOPICS, Query, Topic
 
 STRANGER = "00ff00ff00ff00ff"
 ODD_HEADER = (0, 1, -1, 2**63, 10**30)
+SECRET = os.environ.get(VARIABLE, "")
+"""Secret of the system, where it has one: then most inputs are sealed, so that they get past the seals."""
 WAIT_S = 0.002
 """Longest wait for the answer to a query, s; what comes later is not looked at."""
 BLOCK = 50
@@ -111,7 +115,8 @@ class Fuzzer:
         topic = self.random.choice([topic for topic in TOPICS if apart(topic)])
         owner = self.processes.get(topic.owner, STRANGER)
         key = participants_key(topic, owner).replace("*", self.random.choice([*self.processes, "x"]))
-        self._put(key, *self._refused(topic.model))
+        payload, attachment = self._refused(topic.model)
+        self._put(key, payload, with_seal(SECRET, key, payload, attachment) if SECRET else attachment)
 
     def _frame(self) -> None:
         self._framed_by(FRAME)
@@ -129,7 +134,10 @@ class Fuzzer:
         stamp = Stamp(tick if tick >= 0 or not own else 0, epoch, stamp_ns, seq)
         parts = [FramePart(topic.key, self._refused(topic.model)[0], stamp)
                  for topic in random.choices(known, k=random.randint(1, 4))]  # fmt: skip
-        payload, index = pack(parts, self.processes[owner] if own else random.choice((STRANGER, "", "x" * 5000)))
+        secret = SECRET if random.random() < 0.9 else ""
+        payload, index = pack(
+            parts, self.processes[owner] if own else random.choice((STRANGER, "", "x" * 5000)), secret
+        )
         if not own and random.random() < 0.5:
             payload, index = random.choice(((spoil(payload, random), index), (payload, spoil(index, random))))
         elif own and random.random() < 0.5:

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from surefoot.bus.interface import Life
+from surefoot.bus.seals import VARIABLE
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.files import find
 from surefoot.lab.report.judge import RunVerdict, judge
@@ -54,7 +55,7 @@ no_fall = true
 
 def environment(folder: Path, **more: str) -> dict[str, str]:
     """That of a child: nothing of the caller's settings, its own state folder."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith("SUREFOOT_")}
+    kept = {key: value for key, value in os.environ.items() if key == VARIABLE or not key.startswith("SUREFOOT_")}
     return {**kept, "XDG_STATE_HOME": str(folder / "state"), "PYTHONPATH": str(ROOT), "NO_COLOR": "1", **more}
 
 

@@ -67,11 +67,11 @@ class Session:
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
         self._notify = notify
-        self._secret = new_secret() if spawn else ""
-        """Secret by which the processes of this system know each other's names; those started elsewhere have none."""
+        self._secret = os.environ.get(VARIABLE) or (new_secret() if spawn else "")
+        """Secret by which the processes of this system know each other; those started elsewhere need it given."""
         own = {
             "SUREFOOT_CONNECT": self.listen,
-            **({VARIABLE: self._secret} if spawn else {}),
+            VARIABLE: self._secret,
             "SUREFOOT_NAMESPACE": self.namespace,
             "SUREFOOT_ROBOT": self.robot,
             **{f"SUREFOOT_{name.upper()}_MEMORY": str(path) for name, path in self.folder.memories.items()},
