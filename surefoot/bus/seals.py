@@ -2,21 +2,24 @@
 
 The name of a process is that of its Zenoh session, 32 hexadecimal digits, and public: it stands in liveliness tokens,
 frames and answers. A sealed name is ``f``, 3 random digits, 12 digits of the time since the machine was started, in ms,
-and a keyed hash (BLAKE2b) of the service and these digits, cut to 16 digits. Whoever does not know the secret can copy
-such a name, but can make none that is newer; services take the newest. What it cannot copy is the seal of a frame: a
-keyed hash of the frame.
+and a keyed hash (SHA-256, with the secret before and behind) of the service and these digits, cut to 16 digits. Whoever
+does not know the secret can copy such a name, but can make none that is newer; services take the newest. What it cannot
+copy is the seal of a frame: a keyed hash of the frame.
 """
 
+import hashlib
 import secrets
 import time
 from functools import lru_cache
-from hashlib import blake2b
+from typing import Any
 
 DRIVER = "driver"
 VARIABLE = "SUREFOOT_SECRET"
 """Variable of the environment by which the supervisor passes the secret on to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
-"""Digits of the three parts of a name: drawn by lot, time, hash."""
+"""Digits of the three parts of a name: `DRAWN` at random, `BORN` of the time, `SEAL` of the hash."""
+BLOCK = 64
+"""Length of a block of SHA-256, bytes."""
 MOST_KNOWN = 1024
 """Names whose check is remembered: strangers may show any number."""
 
@@ -54,9 +57,18 @@ def seal_of(secret: str, name: bytes, index: bytes, payload: bytes) -> bytes:
         index: index of a frame, or attachment of another message.
         payload: content. A message that is sent again has the seal of the first.
     """
-    made = blake2b(name + b";" + index, key=secret.encode()[:64], digest_size=SEAL // 2)
+    key = secret.encode()
+    made = _begun(key).copy()
+    made.update(name + b";" + index)
     made.update(payload)
-    return made.hexdigest().encode()
+    made.update(key)
+    return made.hexdigest()[:SEAL].encode()
+
+
+@lru_cache(4)
+def _begun(key: bytes) -> Any:
+    """Return the hash of a key that fills its first block; what is sealed and the key again follow in a copy of it."""
+    return hashlib.sha256(key.ljust(BLOCK, b"\0"))
 
 
 def with_seal(secret: str, key: str, payload: bytes, attachment: bytes | None) -> bytes:
@@ -114,4 +126,4 @@ class Guard:
 
 
 def _hash(secret: str, service: str, head: str) -> str:
-    return blake2b(f"{service}/{head}".encode(), key=secret.encode()[:64], digest_size=SEAL // 2).hexdigest()
+    return seal_of(secret, service.encode(), head.encode(), b"").decode()

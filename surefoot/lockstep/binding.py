@@ -44,6 +44,8 @@ class Bindings:
         """Process of each service that has proved its links."""
         self._seals: dict[str, _Seal] = {}
         """Seal of the last sealed process that each service was bound to."""
+        self._sealed = set[tuple[str, str]]()
+        """Services and processes whose frames must have a seal; only the processes of the system get into it."""
         self._early: Counter[tuple[str, str]] = Counter()
         self._turn: Counter[str] = Counter()
         """Number of the first candidate of each service that is returned next."""
@@ -122,7 +124,12 @@ class Bindings:
 
     def check_seal(self, frame: Frame) -> None:
         """Raise a Refusal (forged) if a frame has the sealed name of a visible process, and not the seal of a frame."""
-        if self._seal(frame.owner, frame.instance).born_ms and not frame.sealed:
+        place = frame.owner, frame.instance
+        if place not in self._sealed:
+            if not self._seal(*place).born_ms:
+                return
+            self._sealed.add(place)
+        if not frame.sealed:
             raise Refusal("forged", f"frame of the {frame.owner} in the name of {frame.instance!r}, without a seal")
 
     def note_early(self, service: str, instance: str) -> None:
