@@ -104,6 +104,11 @@ def test_the_readme_states_what_the_page_of_figures_states() -> None:
         assert missing(text, sections[anchor]) == (), text
 
 
+def test_a_clean_checkout_compares_the_short_figures() -> None:
+    assert "make figures" in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert "-m benchmarks report --check" in (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
 ENDS_WHAT_IT_STARTED = """
 import pathlib, signal, sys
 try:
