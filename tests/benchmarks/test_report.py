@@ -50,7 +50,9 @@ def test_rows_belong_to_their_command_or_the_one_above(tmp_path: Path) -> None:
 
 
 def test_a_command_may_be_written_in_full(tmp_path: Path) -> None:
-    page = PAGE.replace("`studies flat", "`python -m benchmarks studies flat").replace("`a word`", "`python -m tests.a`")
+    page = PAGE.replace("`studies flat", "`python -m benchmarks studies flat").replace(
+        "`a word`", "`python -m tests.a`"
+    )
     (tmp_path / "page.md").write_text(page)
     found = [row.command for row in figures(("page.md",), tmp_path)]
     assert found[0] == "studies flat 0:10"
