@@ -147,7 +147,10 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: contact_set(FEET, np.ones((3, 3)), [0.5, 0.5]), "shape", "contacts.mu", "each of 3 contacts"),
     (lambda: stands().without(7), "range", "index", "got 7, allowed is 0 to 2"),
     (lambda: stands().without(-1), "range", "index", "got -1, allowed is 0 to 2"),
-    (lambda: surefoot.terrain.save(surefoot.terrain.generate("flat"), "/dev/null/x"), "unwritable", "path", "/dev/null/x"),
+    (
+        lambda: surefoot.terrain.save(surefoot.terrain.generate("flat"), "/dev/null/x"),
+        "unwritable", "path", "/dev/null/x",
+    ),
     (lambda: refusing().estimate("nope"), "unknown_name", "name", "got 'nope', running are best"),
     (lambda: refusing().imu(0, (0, 0, 9), (0, 0, 9.8)), "saturated", "imu", "w[2] = 9, allowed are w within +-5.236"),
     (lambda: refusing().imu(0, (0, 0, 0), (0, 0, 99)), "saturated", "imu", "q[2] = 99, allowed are w within"),
