@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/bytecode
 endif
 
-.PHONY: help demo setup style lint check test test-all test-processors bench warm wheel site sbom lock clean
+.PHONY: help demo setup style lint check test test-all test-processors bench figures warm wheel site sbom lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -48,6 +48,9 @@ test-processors: warm ## numeric tests under other processor settings (3 min eac
 
 bench: warm ## the long studies and side-by-side timings
 	$(BIN)/python -m benchmarks all
+
+figures: warm ## figures of the pages beside what the short commands print (20 s)
+	$(BIN)/python -m benchmarks report --check
 
 wheel: warm ## the wheel with its compiled kernels in dist/ (x86-64 with AVX2)
 	$(BIN)/python scripts/build_wheel.py dist

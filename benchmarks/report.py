@@ -76,7 +76,7 @@ def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]
         for line in (root / page).read_text(encoding="utf-8").splitlines():
             if not line.startswith("|"):
                 header, above = [], ""
-                if found := [each for each in re.findall(r"`([^`]+)`", line) if _is_command(each)]:
+                if found := _commands(line):
                     given = found[-1]
                 elif line.startswith("#"):
                     given = ""
@@ -86,15 +86,22 @@ def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]
                 header = cells
             elif not set(line) <= set("|-: "):
                 row = dict(zip(header, cells, strict=False))
-                found = [each for each in re.findall(r"`([^`]+)`", row.get("command", "")) if _is_command(each)]
+                found = _commands(row.get("command", ""))
                 above = found[0] if found else above
                 shown = [cell for name, cell in list(row.items())[1:] if name not in BESIDE and cell]
                 if (above or given) and shown:
                     yield Figure(page, cells[0], " | ".join(shown), above or given)
 
 
+def _commands(text: str) -> list[str]:
+    """Return the commands in a line of a page, without `python -m benchmarks`."""
+    found = [each.removeprefix("python -m benchmarks ") for each in re.findall(r"`([^`]+)`", text)]
+    return [each for each in found if _is_command(each)]
+
+
 def _is_command(text: str) -> bool:
-    return bool(re.match(r"(make|surefoot|SUREFOOT_\w+=\S*) |[a-z_]+( |$)", text)) and _argv(text) is not None
+    form = r"(make|surefoot|SUREFOOT_\w+=\S*) |python -m tests\.|[a-z_]+( |$)"
+    return bool(re.match(form, text)) and _argv(text) is not None
 
 
 def _argv(command: str) -> list[str] | None:
@@ -106,6 +113,8 @@ def _argv(command: str) -> list[str] | None:
         return [sys.executable, "-m", "surefoot.lab.cli.main", *words[1:]]
     if words[0] == "make" or words[0].startswith("SUREFOOT_"):
         return ["env", *words]
+    if words[:2] == ["python", "-m"] and words[2].startswith("tests."):
+        return [sys.executable, *words[1:]]
     return [sys.executable, "-m", "benchmarks", *words] if words[0] in NAMES else None
 
 

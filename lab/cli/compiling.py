@@ -2,19 +2,73 @@
 
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 
 from surefoot.kernels.compiling import COMPILING
 
-FIRST_S, EACH_S = 0.5, 10.0
-"""Wall time of compiling before the first line, and between further lines."""
+from .progress import EACH_S, FIRST_S, LEAST_SHARE, SECOND_S
+
+COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
+    "estimate": (
+        {
+            "matrix_from_quat": 0.5, "_feet_in_imu": 2.7, "integrate": 1.7, "_ahead": 1.0, "_rolling": 2.0,
+            "_misfit": 2.7, "foot_positions": 0.6, "clear": 2.7, "boxed": 1.6, "follow_log": 102.5,
+        },
+        {"integrate": 1.9, "_ahead": 1.0, "_rolling": 0.6, "_misfit": 2.2, "follow_log": 27.5},
+    ),
+}  # fmt: skip
+"""Kernels that a command compiles, in their order, with the processor time of each on a slow core, s: where none are
+kept, and where those of the services are."""
+PACED_S = 4.0
+"""Usual processor time of finished kernels from which their real one shows how fast this machine is, s."""
+MOST = 0.95
+"""Largest share of a kernel that is stated as done before it is."""
+
+
+class CompiledShare:
+    """Share of the compilations of a command that is done, by the usual processor time of each kernel.
+
+    Args:
+        chains: kernels in the order in which they are compiled, with their usual processor time, s; the chain that
+            begins with the first kernel that is compiled holds, else the last.
+        clock: returns the processor time of this process, s.
+    """
+
+    def __init__(self, chains: Sequence[Mapping[str, float]], clock: Callable[[], float] = time.process_time) -> None:
+        self._chains, self._clock = chains, clock
+        self._left: dict[str, float] = {}  # of the chain, from the first kernel that is compiled on
+        self._name, self._began, self._since = "", 0.0, 0.0
+
+    def began(self, name: str) -> None:
+        """Record that the compilation of a kernel begins; those before it in the chain are done, or were kept."""
+        self._name, self._since = name, self._clock()
+        if not self._left and self._chains:
+            chain = next((each for each in self._chains if next(iter(each)) == name), self._chains[-1])
+            names = list(chain)
+            self._left = {each: chain[each] for each in names[names.index(name) :]} if name in chain else {}
+            self._began = self._since
+
+    def now(self) -> float:
+        """Return the share, 0 to 1; 0 where it is not known, as of kernels without a cost."""
+        if self._name not in self._left:
+            return 0.0
+        names, cost = list(self._left), self._left[self._name]
+        before = sum(self._left[each] for each in names[: names.index(self._name)])
+        pace = (self._since - self._began) / before if before >= PACED_S else 1.0  # of this machine, over the usual
+        here = min((self._clock() - self._since) / max(pace, 0.1), MOST * cost)
+        return (before + here) / sum(self._left.values())
 
 
 @contextmanager
-def compilation_reported(notify: Callable[[str], None]) -> Generator[None]:
-    """Report the compilation of kernels through `notify` in this context, from `FIRST_S` s of compiling on."""
+def compilation_reported(notify: Callable[[str], None], chains: Sequence[Mapping[str, float]] = ()) -> Generator[None]:
+    """Report the compilation of kernels through `notify` in this context, from `FIRST_S` s of compiling on.
+
+    `chains`: kernels that will be compiled, as in `COSTS`: with them lines have the share that is done and the time
+    left, else the number of kernels.
+    """
     began, over = threading.Event(), threading.Event()
+    share = CompiledShare(chains)
 
     def watch() -> None:
         began.wait()
@@ -22,15 +76,26 @@ def compilation_reported(notify: Callable[[str], None]) -> Generator[None]:
         text = "surefoot: compiling numeric kernels, half a minute or more, only this once (surefoot warm)"
         while not over.wait(wait):
             if COMPILING.busy:
-                notify(text or f"  {COMPILING.done} kernels after {time.monotonic() - start:.0f} s")
-                text, wait = "", EACH_S
+                spent = time.monotonic() - start
+                notify(text or _line(share.now(), spent))
+                text, wait = "", min(EACH_S, max(SECOND_S, spent))
+
+    def note(name: str) -> None:
+        share.began(name)
+        began.set()
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
-    with COMPILING.reporting(lambda name: began.set()):
+    with COMPILING.reporting(note):
         try:
             yield
         finally:
             over.set()
             began.set()
             watcher.join()
+
+
+def _line(share: float, spent: float) -> str:
+    if share < LEAST_SHARE:
+        return f"  {COMPILING.done} kernels after {spent:.0f} s"
+    return f"  compiling: {100.0 * share:.0f} %, about {spent * (1.0 / share - 1.0):.0f} s left"

@@ -29,7 +29,7 @@ from . import (
     view,
     warm,
 )
-from .compiling import compilation_reported
+from .compiling import COSTS, compilation_reported
 from .needed import needed
 from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, notify, state
 from .rooms import room_commands
@@ -97,7 +97,7 @@ def main(arguments: list[str] | None = None) -> None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        with compilation_reported(notify):
+        with compilation_reported(notify, COSTS.get(next(iter(words), ""), ())):
             code = needed(app, words)(args=words, prog_name="surefoot", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:

@@ -12,10 +12,8 @@ from surefoot.bus.emergency import Stopper
 from .running import RunningSystem
 
 REASON, TIMEOUT_S = "surefoot stop", 3.0
-RELEASE = (
-    "commands are refused until a new run begins: in simulation by `surefoot sim reset`; else the robot's own driver "
-    "says how"
-)
+SIMULATOR = "simulator"
+"""Service whose runs `surefoot sim reset` begins anew; drivers of real robots have no such query."""
 
 
 class Stopped(NamedTuple):
@@ -112,6 +110,7 @@ def report(found: Sequence[Stopped], *, json: bool) -> int:
             sys.stdout.write(f"{text} ({one.stopped})\n")
         else:
             sys.stderr.write(f"surefoot: {one.system}: {one.detail}\n")
-    if not json and any(one.driver for one in found):
-        sys.stdout.write(f"{RELEASE}\n")
+    for driver in () if json else dict.fromkeys(one.driver for one in found if one.driver):
+        by = "`surefoot sim reset`" if driver == SIMULATOR else f"the robot's own driver, {driver}"
+        sys.stdout.write(f"commands are refused until a new run begins, by {by}\n")
     return 0 if all(one.driver for one in found) else 1

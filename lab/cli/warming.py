@@ -9,7 +9,6 @@ import json
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -20,19 +19,26 @@ from pathlib import Path
 from queue import Empty, Queue
 from subprocess import PIPE
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, NamedTuple
 
 from surefoot.errors import SurefootError
 from surefoot.files import PACKAGE, find, names
 from surefoot.kernels.processor import processor
 from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
 from surefoot.services.supervisor.processes.ports import refuse_taken
+from surefoot.services.supervisor.processes.process import busy_s
+
+from .progress import Progress
 
 DEFAULT_SYSTEM = "ragno"
 BROUGHT = PACKAGE / "kernels" / "brought.txt"
 """Names of the jobs whose kernels came with a compiled wheel."""
 ORDER = ("estimator", "stability", "walker", "footholds", "simulator")
 """The longest first. What stability and the walker have in common is compiled once: one process takes both."""
+
+COSTS_S = {"estimator": 36.0, "stability": 61.0, "walker": 17.0, "footholds": 15.0, "simulator": 6.0, "navigator": 37.0}
+OTHER_S = 10.0
+"""Usual processor time of the compilation of a service's kernels on a slow core, and that of other services, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,24 +184,27 @@ def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: Non
     A service rehearses: it calls each of its kernels once. A process takes one service after the other, so that what
     numba compiles for itself is compiled once per process. Jobs of one service with several robots run one by one.
     """
-    progress = _WarmProgress(len(jobs), notify)
+    progress = _WarmProgress(jobs, notify)
     found: list[Warmed] = []
 
-    def work(ask: Callable[[Job], Warmed], todo: Queue[Job]) -> None:
+    def work(worker: _Worker, todo: Queue[Job]) -> None:
         with suppress(Empty):
             while True:
-                found.append(ask(todo.get_nowait()))
-                progress.another()
+                job = todo.get_nowait()
+                progress.begins(worker.pid, job)
+                found.append(worker.ask(job))
+                progress.another(worker.pid, job)
 
     width = min(os.cpu_count() or 1, len({job.service for job in jobs}))
     with ExitStack() as stack:
+        stack.enter_context(progress)
         workers = [stack.enter_context(_worker()) for _ in range(width)]
         pool = stack.enter_context(ThreadPoolExecutor(max_workers=max(1, width)))
         for turn in _turns(jobs):
             todo: Queue[Job] = Queue()
             for job in turn:
                 todo.put(job)
-            list(pool.map(lambda ask, todo=todo: work(ask, todo), workers))
+            list(pool.map(lambda worker, todo=todo: work(worker, todo), workers))
     files = {(each.service, each.robot): each.files for each in found}
     _mark({job: ["|".join(each) for each in files[job.service, job.robot].items()] for job in jobs}, notify)
     place = {(job.service, job.robot): i for i, job in enumerate(jobs)}
@@ -224,23 +233,51 @@ def _turns(jobs: Iterable[Job]) -> list[list[Job]]:
     return turns
 
 
-class _WarmProgress:
-    """Reports each service that is done; called from several threads."""
+class _WarmProgress(Progress):
+    """Reports share and time left by the processor time of the workers, and each service that is done."""
 
-    def __init__(self, total: int, notify: Callable[[str], None]) -> None:
-        self._total, self._done, self._notify, self._began = total, 0, notify, time.monotonic()
-        self._lock = threading.Lock()
-        notify(f"compiling numeric kernels: {total} services, takes half a minute or more, only this once")
+    def __init__(self, jobs: Iterable[Job], notify: Callable[[str], None]) -> None:
+        super().__init__("compiling numeric kernels", "kernels that are done are kept", notify)
+        self._jobs, self._done = tuple(jobs), list[Job]()
+        self._running = dict[int, tuple[Job, float]]()
+        count = len(self._jobs)
+        notify(f"compiling numeric kernels: {count} services, takes half a minute or more, only this once")
 
-    def another(self) -> None:
+    def begins(self, pid: int, job: Job) -> None:
+        """Record the job that a worker takes."""
+        self._running[pid] = job, busy_s([pid])
+
+    def another(self, pid: int, job: Job) -> None:
         """Count one more service whose kernels are compiled."""
         with self._lock:
-            self._done += 1
-            self._notify(f"  {self._done} of {self._total} after {time.monotonic() - self._began:.0f} s")
+            del self._running[pid]
+            self._done.append(job)
+            spent = self._clock() - self._began
+            self._report(f"  {len(self._done)} of {len(self._jobs)} after {spent:.0f} s")
+
+    def _write_due(self) -> None:
+        with self._lock:
+            done = sum(map(_cost_s, self._done))
+            for pid, (job, before) in tuple(self._running.items()):
+                done += min(busy_s([pid]) - before, 0.95 * _cost_s(job))
+            self._share = max(0.0, done / sum(map(_cost_s, self._jobs)))
+            self._step = f"{len(self._done)} of {len(self._jobs)} services"
+        super()._write_due()
+
+
+def _cost_s(job: Job) -> float:
+    return COSTS_S.get(job.service, OTHER_S)
+
+
+class _Worker(NamedTuple):
+    """Process that compiles."""
+
+    pid: int
+    ask: Callable[[Job], Warmed]
 
 
 @contextmanager
-def _worker() -> Iterator[Callable[[Job], Warmed]]:
+def _worker() -> Iterator[_Worker]:
     """Compile in a process of its own: compilers are neither thread-safe nor small."""
     command = [sys.executable, "-m", "surefoot.lab.cli.warming"]
     with (
@@ -266,7 +303,7 @@ def _worker() -> Iterator[Callable[[Job], Warmed]]:
             return Warmed(**json.loads(answer))
 
         try:
-            yield ask
+            yield _Worker(process.pid, ask)
         finally:
             put.close()
 

@@ -49,6 +49,24 @@ def test_rows_belong_to_their_command_or_the_one_above(tmp_path: Path) -> None:
     ]
 
 
+def test_a_command_may_be_written_in_full(tmp_path: Path) -> None:
+    page = PAGE.replace("`studies flat", "`python -m benchmarks studies flat").replace(
+        "`a word`", "`python -m tests.a`"
+    )
+    (tmp_path / "page.md").write_text(page)
+    found = [row.command for row in figures(("page.md",), tmp_path)]
+    assert found[0] == "studies flat 0:10"
+    assert found[-1] == "python -m tests.a"
+
+
+def test_tables_under_a_command_of_the_pages_have_it() -> None:
+    found = {(row.page, row.command) for row in figures()}
+    assert {
+        ("docs/measured.md", "own_map"), ("docs/measured.md", "python -m tests.mutants"),
+        ("docs/estimator.md", "foreign"), ("docs/bipeds.md", "biped nao --seeds 0:100"),
+    } <= found  # fmt: skip
+
+
 def test_numbers_carry_their_last_digit_and_unit() -> None:
     found = numbers("0.32 % (1.4e-3), 10 000 runs, 62 mm, 5c7c9f3, 40:46")
     assert [(each.value, each.half, each.scale) for each in found[:4]] == [
@@ -102,6 +120,11 @@ def test_the_readme_states_what_the_page_of_figures_states() -> None:
     assert len(rows) >= 4
     for text, anchor in rows:
         assert missing(text, sections[anchor]) == (), text
+
+
+def test_a_clean_checkout_compares_the_short_figures() -> None:
+    assert "make figures" in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert "-m benchmarks report --check" in (ROOT / "Makefile").read_text(encoding="utf-8")
 
 
 ENDS_WHAT_IT_STARTED = """

@@ -1,17 +1,20 @@
 """A command reports that it compiles as soon as that takes long, and nothing where it does not."""
 
+import re
 import threading
+from importlib import import_module
 
 import pytest
 
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lab.cli import compiling
-from surefoot.lab.cli.compiling import compilation_reported
+from surefoot.lab.cli.compiling import COSTS, CompiledShare, compilation_reported
 
 
 @pytest.fixture
 def lines(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    monkeypatch.setattr(compiling, "EACH_S", 1e-3)
+    for name in ("SECOND_S", "EACH_S"):
+        monkeypatch.setattr(compiling, name, 1e-3)
     return []
 
 
@@ -46,3 +49,52 @@ def test_short_ones_and_none_are_not_reported(lines, monkeypatch):
     with pytest.raises(KeyboardInterrupt), compilation_reported(lines.append):
         raise KeyboardInterrupt
     assert lines == []
+
+
+def test_the_share_is_that_of_the_kernels_processor_time_from_the_first_that_is_compiled():
+    now = 0.0
+    share = CompiledShare([{"z": 9.0, "c": 1.0}, {"a": 4.0, "b": 4.0, "c": 16.0}], lambda: now)
+    share.began("helper")
+    assert share.now() == 0.0
+    share.began("b")  # a was kept
+    now = 1.0
+    assert share.now() == pytest.approx(0.05)
+    now = 8.0  # a machine that takes twice as long
+    share.began("c")
+    assert share.now() == pytest.approx(0.2)
+    now = 24.0
+    assert share.now() == pytest.approx(0.6)
+    now = 1000.0
+    assert share.now() == pytest.approx((4.0 + 0.95 * 16.0) / 20.0)
+
+
+def test_the_chain_that_begins_with_the_first_kernel_holds():
+    share = CompiledShare([{"a": 9.0, "c": 1.0}, {"b": 4.0, "c": 16.0}], lambda: 0.0)
+    share.began("a")
+    share.began("c")
+    assert share.now() == pytest.approx(0.9)
+
+
+def test_a_command_whose_kernels_are_known_states_share_and_time_left(lines, monkeypatch):
+    monkeypatch.setattr(compiling, "FIRST_S", 1e-3)
+    stated = threading.Event()
+
+    def note(line: str) -> None:
+        lines.append(line)
+        if "left" in line:
+            stated.set()
+
+    with compilation_reported(note, [{"f": 1e-3}]):
+        COMPILING.began("f")
+        assert stated.wait(60.0)
+        COMPILING.ended("f")
+    assert re.fullmatch(r"  compiling: \d+ %, about \d+ s left", lines[-1])
+
+
+def test_kernels_with_a_cost_are_kernels_of_the_estimator():
+    from surefoot.kernels import jit
+
+    for module in ("services.estimator.filter.log", "lab.estimation.calibrate", "lab.estimation.stances"):
+        import_module(f"surefoot.{module}")
+    known = {each.__qualname__ for each in jit._KERNELS}
+    assert [name for chain in COSTS["estimate"] for name in chain if name not in known] == []

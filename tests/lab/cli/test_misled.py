@@ -14,6 +14,7 @@ from surefoot.client import make_request, query_named, topic_named
 from surefoot.errors import ConfigError
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli.connect import endpoint
+from surefoot.lab.cli.stopping import Stopped, report
 from surefoot.schemas.system import ServiceStatus
 from surefoot.schemas.topics import STATE_VELOCITY
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
@@ -101,6 +102,13 @@ def test_stop_without_a_name_means_every_system_and_reports_each(complaint, in_p
     assert {found["system"] for found in json.loads(in_process("stop", "nao", "--json")[1])["systems"]} == {"nao"}
     err = complaint("stop", "nosuch")
     assert "running: nao, ragno" in err
+
+
+@pytest.mark.parametrize(("driver", "resets"), [("simulator", True), ("my-robot", False)])
+def test_a_stop_names_the_reset_only_where_the_driver_has_one(capsys, driver, resets):
+    assert report([Stopped("ragno", driver, "surefoot stop", 7, 3.0)], json=False) == 0
+    assert ("`surefoot sim reset`" in (out := capsys.readouterr().out)) == resets
+    assert driver in out
 
 
 def test_an_unconfirmed_stop_names_the_driver_that_is_being_restarted(in_process, no_endpoint):

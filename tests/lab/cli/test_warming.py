@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import socket
 from contextlib import nullcontext
 from pathlib import Path
@@ -40,20 +41,37 @@ def test_says_first_that_it_takes_long_and_then_how_far_it_is(monkeypatch):
     assert warming.is_cold(jobs)
     warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
     assert told[0] == "compiling numeric kernels: 2 services, takes half a minute or more, only this once"
-    assert [line.split(" after ")[0] for line in told[1:]] == [f"  {n} of 2" for n in (1, 2)]
+    assert [line.split(" after ")[0] for line in told if " after " in line] == [f"  {n} of 2" for n in (1, 2)]
     assert not warming.is_cold(jobs)
     assert warming.is_cold((Job("simulator", "nao"),))
     assert warming.is_cold((Job("simulator", "ragno", rare=True),))
     monkeypatch.setattr(warming, "jobs_of", lambda systems: pytest.fail("imports the services of a warm system"))
+    count = len(told)
     warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
-    assert len(told) == 3
+    assert len(told) == count
+
+
+def test_share_and_time_left_follow_the_processor_time_of_the_workers(monkeypatch):
+    monkeypatch.setattr(warming, "busy_s", lambda pids: busy)
+    for name in ("FIRST_S", "SECOND_S", "EACH_S"):
+        monkeypatch.setattr(f"surefoot.lab.cli.progress.{name}", 0.0)
+    told, busy = [], 1.0
+    jobs = (Job("walker", "ragno"), Job("walker", "nao"))
+    progress = warming._WarmProgress(jobs, told.append)
+    progress.begins(7, jobs[0])
+    busy += 0.5 * warming.COSTS_S["walker"]
+    progress._write_due()
+    assert re.fullmatch(r"compiling numeric kernels: 25 %, about \d+ s left \(0 of 2 services\)", told[-1])
+    progress.another(7, jobs[0])
+    progress._write_due()
+    assert "50 %" in told[-1]
 
 
 def test_a_stamp_holds_only_while_its_kernels_are_there(tmp_path, monkeypatch):
     job, (first, second) = Job("footholds", "ragno"), (tmp_path / "first.nbi", tmp_path / "second.nbi")
     files = {str(first): "a" * 64, str(second): "b" * 64}
     warmed = warming.Warmed("footholds", "ragno", 2, 2, 1.0, files)
-    monkeypatch.setattr(warming, "_worker", lambda: nullcontext(lambda job: warmed))
+    monkeypatch.setattr(warming, "_worker", lambda: nullcontext(warming._Worker(0, lambda job: warmed)))
     for path, fingerprint in files.items():
         Path(path).write_bytes(b"index " + fingerprint.encode())
     warming.warm((job,))
