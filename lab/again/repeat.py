@@ -34,6 +34,8 @@ LARGEST_SHIFT = 0.2
 """Largest displacement of a foothold, m."""
 PUSH_S = 0.2
 """Duration of a push that `whatif` applies, s."""
+FORMS = "friction=.6, mass=1.2, servo=.8, push=y:20 (N), fault=imu_drop:2 (s), foot=lf:+.02 (m)"
+"""One example of each form of a change."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +252,11 @@ def _joined(key: str) -> bool:
     return topic is not None and topic.kind not in (Kind.LATCHED, Kind.STATUS)
 
 
+def _not_allowed(why: str) -> SurefootError:
+    """Return the refusal of a change, which lists the forms that are allowed."""
+    return SurefootError("invalid", f"{why}; allowed are {FORMS}", "set")
+
+
 @dataclass(frozen=True)
 class Change:
     """Change that a repetition makes to a run, as `friction=.6` or `foot=lf:+.02`.
@@ -268,7 +275,6 @@ class Change:
     def of(cls, text: str) -> "Change":
         """Parse the text of a change (raises SurefootError, which names what is allowed)."""
         name, sign, rest = text.partition("=")
-        allowed = "friction=.6, mass=1.2, servo=.8, push=y:20, fault=imu_drop:2 (s), foot=lf:+.02"
         target, colon, number = rest.rpartition(":")
         known = (name in WORLD and not colon) or (name in (FOOT, PUSH, FAULT) and bool(target))
         try:
@@ -276,16 +282,16 @@ class Change:
         except ValueError:
             known, value = False, 0.0
         if not sign or not known or value != value or abs(value) > 1e6:
-            raise SurefootError("invalid", f"--set {text!r}: allowed are {allowed}", "set")
+            raise _not_allowed(f"--set {text!r}")
         if name == PUSH and target not in ("x", "y"):
-            raise SurefootError("invalid", f"--set {text!r}: the axis is x or y", "set")
+            raise _not_allowed(f"--set {text!r}: the axis is x or y")
         if name == FOOT and abs(value) > LARGEST_SHIFT:
-            raise SurefootError("invalid", f"--set {text!r}: allowed is {-LARGEST_SHIFT} to {LARGEST_SHIFT} m", "set")
+            raise _not_allowed(f"--set {text!r}: the shift is {-LARGEST_SHIFT} to {LARGEST_SHIFT} m")
         change = cls(name, value, target)
         try:
             change.step(0)
         except ValidationError as error:
-            raise refusal_of(error, f"--set {text!r}") from None
+            raise _not_allowed(refusal_of(error, f"--set {text!r}").message) from None
         return change
 
     def step(self, tick: int) -> Step | None:
@@ -335,7 +341,7 @@ def _shift(system: LocalSystem, feet: dict[str, float], tick: int) -> None:
         raise SurefootError("invalid", "--set foot: this system has no service `footholds`", "set")
     for leg in feet:
         if leg not in service.robot.leg_names:
-            raise SurefootError("invalid", f"--set foot={leg}: legs are {', '.join(service.robot.leg_names)}", "set")
+            raise _not_allowed(f"--set foot={leg}: legs are {', '.join(service.robot.leg_names)}")
 
     def select(request: Any) -> SelectReply:
         reply = service.select(request)

@@ -8,7 +8,7 @@ from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording, open_readable
 from surefoot.record.robots import robot_of
 from surefoot.robot.description import RobotError
-from surefoot.services.supervisor.scenarios.recorded import SCENARIO, recorded_scenario
+from surefoot.services.supervisor.scenarios.recorded import SCENARIO, VERSIONS, recorded_scenario
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 
 from ..scene.film import Film, film_of_recording
@@ -57,7 +57,7 @@ def report_recording(
         scenario=file.stem if scenario is None else scenario.name,
         description=str(file) if scenario is None else scenario.description,
         seed=_seed(run),
-        facts={"Recording": str(file), **{name.capitalize(): value for name, value in run.items()}},
+        facts={"Recording": str(file), **_recorded_facts(recording, scenario)},
         limits=limits,
     )
     about, film = filmed(recording, about)
@@ -93,6 +93,19 @@ def explained(file: Path, *, whole: bool = False) -> tuple[tuple[str, ...], bool
     partly = bool(found.jumps or found.damage)
     bad = found.outcome is not None or bool(found.jumps) or (whole and bool(found.damage))
     return ((found.sentence,) if bad else ()), partly
+
+
+def _recorded_facts(recording: ReadableRecording, scenario: Scenario | None) -> dict[str, str]:
+    """Return the facts of a run that its recording states: its names, the versions and the configuration set for it."""
+    run, versions = recording.metadata.get("run", {}), recording.metadata.get(VERSIONS, {})
+    config = {} if scenario is None else scenario.config
+    variables = [f"{service}.{name} = {value}" for service, fields in config.items() for name, value in fields.items()]
+    facts = {
+        **{name.replace("_", " ").capitalize(): value for name, value in run.items()},
+        "Versions": ", ".join(f"{name} {value}" for name, value in versions.items()),
+        "Configuration": ", ".join(variables),
+    }
+    return {name: value for name, value in facts.items() if value}
 
 
 def _seed(run: dict[str, str]) -> int:

@@ -22,6 +22,8 @@ BEFORE_S = 4.0
 """Time before the end at which a cause may have ended and still be one, s."""
 TOGETHER_S = 0.25
 """Longest time between the begin of a cause and that of its effect, s."""
+SEVERAL = 3
+"""Number of joints that a push, but no fault of a servo, takes off their commands together."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +80,21 @@ def explain(path: Path, progress: Callable[[float], None] | None = None) -> Expl
 
 def _first(seen: list[Clue]) -> Clue | None:
     """Return the earliest root; of those that begin with it the one that `ROOTS` names first causes the others."""
-    roots = [e for e in seen if e.code in ROOTS]
+    pulled = _pulled(seen)
+    roots = [e for e in seen if e.code in ROOTS and e not in pulled]
     if not roots:
         return seen[0] if seen else None
     together = [e for e in roots if e.begin <= roots[0].begin + TOGETHER_S]
     return min(together, key=lambda e: ROOTS.index(e.code))
+
+
+def _pulled(seen: list[Clue]) -> list[Clue]:
+    """Return the joints that a push took off their commands: several within `TOGETHER_S` of its begin, none before."""
+    pushed = next((e.begin for e in seen if e.code == "push"), None)
+    if pushed is None:
+        return []
+    off = [e for e in seen if e.code == "servo" and pushed <= e.begin <= pushed + TOGETHER_S]
+    return off if len(off) >= SEVERAL else []
 
 
 def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:

@@ -22,6 +22,7 @@ from benchmarks.report import (
     obstacle,
     output_of,
 )
+from tests.processes import run_process
 
 PAGE = """# Page
 Ten walks. `studies flat 0:10`
@@ -122,9 +123,11 @@ def test_the_readme_states_what_the_page_of_figures_states() -> None:
         assert missing(text, sections[anchor]) == (), text
 
 
-def test_a_clean_checkout_compares_the_short_figures() -> None:
-    assert "make figures" in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    assert "-m benchmarks report --check" in (ROOT / "Makefile").read_text(encoding="utf-8")
+def test_the_figures_of_short_commands_are_those_of_the_pages() -> None:
+    command = [sys.executable, "-m", "benchmarks", "report", "--check"]
+    done = run_process(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2 of 2 rows" in done.stdout
 
 
 ENDS_WHAT_IT_STARTED = """

@@ -12,7 +12,7 @@ import pytest
 from surefoot.errors import SurefootError
 from surefoot.lab.again.bisect import first_difference
 from surefoot.lab.again.commands import _ending
-from surefoot.lab.again.repeat import Change, RecordedRun, Verification, changed, kept, verify
+from surefoot.lab.again.repeat import FORMS, Change, RecordedRun, Verification, changed, kept, verify
 from surefoot.lab.cli.main import main
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import ReadableRecording, RecordingWriter, read_recording, recording_info, topic_of
@@ -118,11 +118,14 @@ def test_without_a_change_whatif_gives_the_recorded_hash_and_with_one_only_what_
         ),
         ("foot=lf:1", "0.2 m"),
         ("push=z:3", "x or y"),
+        ("fault=nope:2", "imu_drop"),
+        ("friction=-1", "greater than 0"),
     ],
 )
 def test_wrong_changes_name_what_is_allowed(text: str, part: str) -> None:
-    with expect_error(SurefootError, "invalid", field="set", text=part):
-        Change.of(text)
+    for each in (part, FORMS):
+        with expect_error(SurefootError, "invalid", field="set", text=each):
+            Change.of(text)
 
 
 def test_recordings_that_cannot_be_repeated_are_refused_in_a_sentence(

@@ -59,6 +59,13 @@ def test_a_report_has_a_film_of_the_whole_walk(whole, recorded):
     assert len(text) < 5_000_000
 
 
+def test_a_report_names_the_versions_of_the_run(whole, recorded):
+    text, _ = whole
+    versions = open_readable(recorded).metadata["versions"]
+    assert {"python", "numpy", "mujoco"} <= versions.keys()
+    assert all(f"{name} {value}" in text for name, value in versions.items())
+
+
 def test_a_recording_that_was_cut_off_is_shown_up_to_the_cut(recorded, tmp_path):
     data = recorded.read_bytes()
     cut = tmp_path / "cut.mcap"

@@ -158,6 +158,28 @@ def test_one_fault_before_a_fall_is_its_cause(code: str, edit: Edit, monkeypatch
     assert all(found.cause.begin <= each.begin <= 0.01 * (AT + 100) for each in found.chain)
 
 
+def test_a_push_that_takes_several_joints_off_their_commands_is_the_cause_and_a_dead_servo_before_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def off(rows: Any, joints: tuple[int, ...], at: int) -> None:
+        for joint in joints:
+            after(rows, "hw/joints", lambda row, n, j=joint: row["position"].__setitem__(j, -1.0 + 1e-4 * (n % 7)), at)
+
+    def extreme(rows: Any) -> None:
+        pushed(rows)
+        off(rows, (1, 4, 7), AT + 1)
+        falls(rows)
+
+    def dead_before(rows: Any) -> None:
+        pushed(rows)
+        off(rows, (4,), AT - 15)
+        off(rows, (1, 7, 10), AT + 1)
+        falls(rows)
+
+    causes = [explained(edited(edit), monkeypatch).cause for edit in (extreme, dead_before)]
+    assert [cause and cause.code for cause in causes] == ["push", "servo"]
+
+
 def test_nothing_is_blamed_in_a_walk_without_an_accident(monkeypatch: pytest.MonkeyPatch) -> None:
     assert gather(edited(lambda rows: None)) == []
     assert explained(edited(lambda rows: None), monkeypatch) == Explanation(None, None, ())
