@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,31 +23,33 @@ class Metric:
         title: what it is, for people.
         unit: printed behind the value.
         digits: decimals that are printed.
+        lasting: True if a miss of its limit lasts, whatever the rest of the run brings, as that of an extreme does.
     """
 
     title: str
     unit: str = ""
     digits: int = 3
+    lasting: bool = False
 
 
 METRICS: Mapping[str, Metric] = {
-    "fell": Metric("fell (tilt over 45 deg or trunk contact)"),
-    "touches": Metric("obstacles touched", "", 0),
+    "fell": Metric("fell (tilt over 45 deg or trunk contact)", lasting=True),
+    "touches": Metric("obstacles touched", "", 0, lasting=True),
     "distance_m": Metric("distance walked along the first heading", "m"),
-    "max_tilt_deg": Metric("largest tilt", "deg", 1),
+    "max_tilt_deg": Metric("largest tilt", "deg", 1, lasting=True),
     "mean_slip_mm": Metric("contact sliding per stance, mean", "mm", 2),
-    "max_slip_mm": Metric("contact sliding per stance, worst", "mm", 2),
-    "max_twist_deg": Metric("turn of a sole in its stance, worst", "deg", 2),
+    "max_slip_mm": Metric("contact sliding per stance, worst", "mm", 2, lasting=True),
+    "max_twist_deg": Metric("turn of a sole in its stance, worst", "deg", 2, lasting=True),
     "velocity_rmse_mps": Metric("velocity error against truth, RMS", "m/s", 4),
     "odometry_error_m": Metric("odometry error at the end, horizontal", "m"),
     "odometry_error_percent": Metric("odometry error per way walked", "%", 1),
     "heading_error_deg": Metric("heading error of the odometry at the end", "deg", 2),
-    "min_margin_m": Metric("smallest static margin, planned CoM", "m", 4),
-    "min_margin_measured_m": Metric("smallest static margin, measured CoM", "m", 4),
+    "min_margin_m": Metric("smallest static margin, planned CoM", "m", 4, lasting=True),
+    "min_margin_measured_m": Metric("smallest static margin, measured CoM", "m", 4, lasting=True),
     "goals_missed": Metric("goals that were not reached", "", 0),
-    "goal_error_m": Metric("true distance from the goal when it was reached, worst", "m"),
-    "goal_time_s": Metric("time from goal to goal reached, all goals", "s", 1),
-    "recoveries": Metric("recoveries of the navigator", "", 0),
+    "goal_error_m": Metric("true distance from the goal when it was reached, worst", "m", lasting=True),
+    "goal_time_s": Metric("time from goal to goal reached, all goals", "s", 1, lasting=True),
+    "recoveries": Metric("recoveries of the navigator", "", 0, lasting=True),
     "pose_error_m": Metric("error of the pose in the map, horizontal, RMS", "m"),
     "pose_nees": Metric("NEES of the pose per degree of freedom, mean", "", 2),
     "duration_s": Metric("simulated time", "s", 2),
@@ -131,6 +133,17 @@ class RunVerdict:
             return "PASS"
         limited = [row.ok for row in self.rows if row.limits]
         return "LIMITS MET" if limited and all(limited) and not self.partly else "NO VERDICT"
+
+    def of_a_part(self) -> "RunVerdict":
+        """Return the verdict on a recording of which only a part can be read.
+
+        A limit is missed only where the part that is lost cannot change that: the largest tilt, say, but not the
+        distance walked.
+        """
+        rows = tuple(row if METRICS[row.name].lasting else replace(row, ok=None) for row in self.rows)
+        titles = [METRICS[row.name].title for row in rows if row.limits and row.value is not None and row.ok is None]
+        note = f"only a part of the run can be read, which leaves open: {', '.join(titles)}"
+        return replace(self, rows=rows, partly=True, notes=(*self.notes, note) if titles else self.notes)
 
     def value(self, name: str) -> float | None:
         """Return the value of a metric of `METRICS`, in its unit; None: the run has no data on it."""

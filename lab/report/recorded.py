@@ -52,7 +52,7 @@ def report_recording(
     limits = {} if scenario is None else scenario.limits
     hashed = summary.get("run_hash", "")
     verdict = judge(traces, limits, message_hash=hashed, notes=notes, watched=False)
-    verdict = replace(verdict, partly=partly or bool(recording.damage))
+    verdict = verdict.of_a_part() if partly or recording.damage else verdict
     about = About(
         scenario=file.stem if scenario is None else scenario.name,
         description=str(file) if scenario is None else scenario.description,

@@ -75,6 +75,11 @@ def test_a_recording_that_was_cut_off_is_shown_up_to_the_cut(recorded, tmp_path)
     assert "only a part of the recording can be read" in verdict.notes[0]
     frames = content(text)["film"]["frames"]
     assert 1.0 < frames[-1]["t"] < 4.0
+    for limits, word in (({"min_distance_m": 100.0}, "NO VERDICT"), ({"min_margin_m": 9.0}, "FAIL")):
+        scenario = replace(load_scenario(find_scenario("rough-terrain")), limits=limits)
+        _, verdict = report_recording(cut, scenario, tmp_path / "cut.html")
+        assert verdict.word == word
+        assert ("which leaves open: distance walked" in verdict.notes[-1]) == (word == "NO VERDICT")
 
 
 def test_without_truth_the_robot_is_where_it_is_estimated(recorded, tmp_path):
