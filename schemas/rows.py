@@ -19,6 +19,8 @@ TICK_S = TICK_NS / 1e9
 """Length of a control tick, s."""
 TICK_HZ = 1e9 / TICK_NS
 """Rate of control ticks, Hz."""
+MOST_TICKS = 10**9
+"""Number of control ticks that no run reaches: 115 days."""
 
 
 class ModelPlace(NamedTuple):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, cast
 from surefoot.bus.interface import Incoming
 from surefoot.errors import Refusal, SurefootError
 from surefoot.schemas.base import Request, TickRequest
+from surefoot.schemas.rows import MOST_TICKS
 
 NOT_READY_S = 2.0
 """A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
@@ -72,12 +73,14 @@ class Answers:
             incoming.fail(Refusal("not_ready", f"{name} has not seen tick {request.tick} of epoch {request.epoch}"))
 
     def request(self, incoming: Incoming) -> Request | None:
-        """Return the request of a query; None for a test of the link or an unreadable payload, answered here."""
+        """Return the request of a query; None for a test of the link or a request that is refused, answered here."""
         if incoming.probe:
             incoming.accept_probe()
             return None
         try:
-            return incoming.request()
+            request = incoming.request()
+            _check_ticks(request)
+            return request
         except Refusal as refusal:
             self._refuse(refusal.code, f"{incoming.query.key}: {refusal.message}")
             incoming.fail(refusal)
@@ -112,6 +115,14 @@ class Answers:
         """Send the reply of a query whose future is done."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)
+
+
+def _check_ticks(request: Request) -> None:
+    """Refuse a request that names a tick which no run reaches, before it waits for that tick for ever."""
+    for name in ("at_tick", "ticks", "max_ticks"):
+        value = getattr(request, name, None)
+        if isinstance(value, int) and value > MOST_TICKS:
+            raise Refusal("range", f"{name}: got {value}, allowed are up to {MOST_TICKS} ticks", name)
 
 
 def _tick_of(request: Request | None) -> int | None:

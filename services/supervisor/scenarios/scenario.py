@@ -23,7 +23,7 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import CancelRequest, GotoRequest, SetPoseRequest, WaypointsRequest
-from surefoot.schemas.rows import Req
+from surefoot.schemas.rows import MOST_TICKS, Req
 from surefoot.schemas.sim import FaultRequest, PlaceRequest, PushRequest, SetRequest, World
 from surefoot.schemas.topics import Query
 from surefoot.tables import FileModel, Number, Positive, Text, Whole, known_keys, refused, shown, unknown_key, validated
@@ -83,7 +83,7 @@ class Step:
 
     do: Literal[(*COMMANDS, "kill")]  # pyright: ignore[reportInvalidTypeForm] - a key of COMMANDS, or kill
     """Action of the step: a command, or `kill` of a service."""
-    at_tick: Annotated[Whole, Field(ge=0, le=10**9)] | None = None
+    at_tick: Annotated[Whole, Field(ge=0, le=MOST_TICKS)] | None = None
     """Control tick it takes effect in; null when it waits for a moment."""
     when: Moment | None = None
     """Moment it waits for; null when it has a tick."""

@@ -63,6 +63,28 @@ def test_bad_request_gets_a_typed_error(
     assert isinstance(again.answer, RegionReply)
 
 
+@pytest.mark.parametrize(
+    ("query", "payload", "field"),
+    [
+        (topics.CMD_WALK, b'{"action": "stand", "at_tick": 100000000000000000000}', "at_tick"),
+        (topics.SIM_STEP, b'{"ticks": 1000000001}', "ticks"),
+        (topics.SIM_PAUSE, b'{"at_tick": 1000000001}', "at_tick"),
+    ],
+    ids=["walk", "step", "pause"],
+)
+def test_a_tick_that_no_run_reaches_is_refused(query: Query[Any, Any], payload: bytes, field: str) -> None:
+    refused: list[str] = []
+    gate = Answers(lambda late: None, lambda code, text: refused.append(code))
+    asked = Asked(query, payload)
+    assert gate.request(asked) is None
+    assert asked.error is not None
+    assert (asked.error.reply().code, asked.error.reply().field, refused) == ("range", field, ["range"])
+    allowed = Asked(
+        query, payload.replace(b"100000000000000000000", b"1000000000").replace(b"1000000001", b"1000000000")
+    )
+    assert gate.request(allowed) is not None
+
+
 def test_a_handler_that_fails_answers_internal_and_the_node_lives(bench: Bench) -> None:
     def broken(request: RegionRequest) -> RegionReply:
         raise ZeroDivisionError("no feet")
