@@ -256,7 +256,7 @@ class Node:
             raw = self.service.raw and key != _TICK
             message: Any = delivery.header() if raw and topic.kind is not Kind.LATCHED else delivery.message()
         except Refusal as refusal:
-            self.refuse(refusal.code, f"{key}: {refusal.message}")
+            self.refuse(refusal.code, f"{key}{delivery.sender and f' by {delivery.sender!r}'}: {refusal.message}")
             return
         if key == _TICK and message.tick < 0:
             self._on_prime(message)
