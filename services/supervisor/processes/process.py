@@ -78,7 +78,7 @@ class Child:
             return
 
     def last_words(self, lines: int = 3) -> str:
-        """Return the last `lines` lines of the log, for an error message."""
+        """Return the last `lines` lines of the process's log, for an error message."""
         return "\n".join(tail(self.log, lines)).rstrip()
 
 
@@ -118,7 +118,7 @@ def busy_s(pids: Iterable[int]) -> float:
 
 @contextmanager
 def _held_back(command: Sequence[str]) -> Iterator[None]:
-    """Start a service with SIGTERM held back: it lets it through as soon as it can end with exit code 0."""
+    """Block SIGTERM while a service is started; it unblocks the signal as soon as it can end with exit code 0."""
     numbers = ENDS if SERVICE_MODULE in command else ()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
