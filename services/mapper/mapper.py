@@ -81,7 +81,7 @@ class MapParams:
     start_deviation: float = 0.01
     """Standard deviation of unseen ground about the plane under the feet, with which the map starts, m."""
     start_margin: float = 0.08
-    """Distance by which that plane of the start extends beyond the feet, m."""
+    """Distance by which the plane under the feet extends beyond them at the start, m."""
 
 
 class MapPose(NamedTuple):

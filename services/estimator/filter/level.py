@@ -36,7 +36,7 @@ Feet = NDArray[np.int64]
 
 @kernel
 def _middle(state: BestState, foot: Feet, f: int) -> tuple[Array, int]:
-    """Return the mean place (3,) m of the standing points of foot f, from the IMU, odom axes, and their number.
+    """Return the mean position (3,) m of the standing points of foot f, from the IMU, odom axes, and their number.
 
     `foot`: index of the foot of each contact point, (K,).
     """
@@ -92,13 +92,7 @@ def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
 
 @kernel
 def _landed(points: Array, foot: Feet, f: int) -> bool:
-    """Return True if foot f has come down, stands firmly, and its level of the ground has not been looked for.
-
-    Args:
-        points: numbers of the contact points, (K, 11), columns as in `PointLayout`.
-        foot: index of the foot of each point, (K,).
-        f: index of the foot.
-    """
+    """Return True if foot f has come down, stands firmly, and its level of the ground has not been looked for."""
     count = 0
     for k in range(foot.size):
         if foot[k] == f and points[k, P.down] > 0.0:

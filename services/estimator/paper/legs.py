@@ -22,9 +22,9 @@ from ..feet.mount import FootSample, foot_turn
 from ..params import EstimatorParams
 
 MAX_INTERVAL = 3.5
-"""Longest time between samples of the feet that are compared, kinematic periods."""
+"""Longest time between two samples of the feet for a velocity, in periods of the joints' samples; after more: none."""
 MIN_SPREAD = 1e-4
-"""Least spread of three feet that show a rotation, m^2: 1 cm beside one line."""
+"""Least spread of three feet that show a rotation, m^2: 1 cm beside one line; with less no rotation is computed."""
 
 
 @kernel
@@ -316,7 +316,8 @@ class LegTracker:
 
         Args:
             sample: the feet now.
-            w: mean gyro since the last sample (or the latest one, as in the paper), IMU axes, (3,) rad/s, bias removed.
+            w: mean gyro since the last sample (or the latest sample, as by Wawrzynski et al.), IMU axes, (3,) rad/s,
+                bias removed.
             up: upward unit vector, IMU axes, (3,).
             v_now: velocity by the filter, IMU axes, (3,) m/s; of one or two feet it shows which slide.
         """
@@ -333,7 +334,7 @@ class LegTracker:
         return LegVelocity(sample.stamp_ns, d, v_kg, feet_kg, v_k, feet_k, stance, slipping)
 
     def _one(self, stance: Flags) -> Flags:
-        """Return the one foot to use, (L,) bool: the earlier one until it lifts, then the first that stands.
+        """Return the one foot to use, (L,) bool: the previous foot until it lifts, then the first that stands.
 
         `stance`: feet in contact at both samples, (L,).
         """
