@@ -1,4 +1,4 @@
-"""Parameters of the estimators of Wawrzynski et al. and of `best`; the paper's value is noted where it differs."""
+"""Parameters of the estimators of Wawrzynski et al. and of `best`; where their own values differ, these are noted."""
 
 import math
 from dataclasses import dataclass, replace
@@ -27,9 +27,9 @@ class StartPose(NamedTuple):
     """Pose of base_link in map when the robot starts: odom begins there, so that odom and map agree."""
 
     x: float = 0.0
-    """x of base_link when the robot starts, m, frame map."""
+    """Coordinate x of base_link when the robot starts, m, frame map."""
     y: float = 0.0
-    """y of base_link when the robot starts, m, frame map."""
+    """Coordinate y of base_link when the robot starts, m, frame map."""
     yaw: float = 0.0
     """Heading of base_link when the robot starts, rad, frame map."""
     ground: float = 0.0

@@ -38,11 +38,11 @@ class OdometryDrift(NamedTuple):
     """Growth of the variances of the odometry's pose since the odometry began."""
 
     z: float = 0.0
-    """Growth of the variance of z, m^2."""
+    """Growth of the variance of the odometry's z since the odometry began, m^2."""
     xy: float = 0.0
-    """Growth of the variance of x and of that of y, m^2."""
+    """Growth of the variance of the odometry's x, and of its y, since the odometry began, m^2."""
     yaw: float = 0.0
-    """Growth of the variance of yaw, rad^2."""
+    """Growth of the variance of the odometry's yaw since the odometry began, rad^2."""
 
 
 class Elevation(NamedTuple):
@@ -51,20 +51,20 @@ class Elevation(NamedTuple):
     height: Array
     """Place of the cells of a square elevation map in the frame of the map, that of the odometry at the start."""
     variance: Array
-    """Variance of each height by independent errors, m^2."""
+    """Variance of each height by errors that are independent between its measurements, m^2."""
     drift_z: Array
-    """Growth of the odometry's variance of z, since its beginning, when the cell was seen last, m^2."""
+    """Growth of the odometry's variance of z, since its beginning, when each cell was seen last, m^2."""
     drift_xy: Array
-    """Growth of the odometry's variance of x and of that of y when the cell was seen last, m^2."""
+    """Growth of the odometry's variances of x and y, since its beginning, when each cell was seen last, m^2."""
     drift_yaw: Array
-    """Growth of the odometry's variance of yaw when the cell was seen last, rad^2."""
+    """Growth of the odometry's variance of yaw, since its beginning, when each cell was seen last, rad^2."""
 
 
 class Grid(NamedTuple):
     """Place of the cells of an elevation map in its frame, that of the odometry until the odometry begins anew."""
 
     cell: float
-    """Edge of a cell, m."""
+    """Edge length of a square cell, m."""
     row: int
     """Index of the first row, counted from the frame's origin: its cell centres lie at y = row * cell."""
     col: int

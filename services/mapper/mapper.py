@@ -71,7 +71,7 @@ class MapParams:
     """Settings of the map: its size, and limits of the depths and images that it uses."""
 
     cell: float = 0.005
-    """Edge of a cell of the elevation map, m."""
+    """Edge length of a square cell of the elevation map, m."""
     cells: int = 201
     """Number of cells along an edge of the square map."""
     farthest: float = 1.2

@@ -50,7 +50,7 @@ class FinishedStance:
 
     leg: int
     slip: float
-    """Largest distance of the foot from where the stance began, m."""
+    """Slip: largest horizontal displacement of the foot in the stance by sliding, less noise, m."""
     begin: tuple[float, float, float]
     """Foot centre at the begin of the stance, odom, m."""
     samples: int
@@ -101,7 +101,7 @@ class FootWays(NamedTuple):
     """Path of each of L feet over its present stance (time in which it stands), updated with each sample."""
 
     slip: Array
-    """Slip of the present stance, (L,) m; 0 in swing."""
+    """Slip of each foot in its present stance, (L,) m; 0 in swing."""
     samples: Counts
     """Number of samples since the stance of each foot began, (L,); 0 in swing."""
     open: Counts

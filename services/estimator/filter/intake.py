@@ -49,7 +49,7 @@ class Clock(NamedTuple):
     w: Array
     """Newest gyro sample, IMU axes, (3,) rad/s."""
     yaw: Array
-    """Heading of base_link that is published, not wrapped, (1,) rad."""
+    """Published heading of base_link in odom, not wrapped to one turn, (1,) rad."""
 
 
 class FilterParts(NamedTuple):

@@ -50,13 +50,13 @@ class BestNoise(NamedTuple):
     slip_landing: float = 0.05
     """Probability that a foot slides when it comes down, where each hypothesis has a state of its own."""
     begin_slide: float = 0.6
-    """Probability per sample that a point begins to slide: high, for a single point is corrected by both hypotheses."""
+    """Probability per sample that a point begins to slide, where each point is mixed alone at each sample."""
     go_on: float = 0.98
     """Probability per sample that a sliding point continues to slide."""
     learn: float = 0.03
     """Rate at which the log of the excess of the inertial noise follows the innovations, per sample of the feet."""
     rise: float = 1.5
-    """Weight of a positive correlation of successive innovations beside a negative one in the growth of the excess."""
+    """Factor on a positive correlation of successive innovations (1 on a negative one) in the growth of the excess."""
     drop: float = 0.35
     """Correlation of successive innovations (times `rise` if positive) above which the excess grows, else it falls."""
     twist: float = 0.1
@@ -83,9 +83,9 @@ class BestLimits(NamedTuple):
     samples: int
     """Number of inertial samples that make a rest."""
     gyro_variance: float
-    """Largest variance of a gyro axis at rest, (rad/s)^2."""
+    """Largest variance of a gyro axis over a rest, (rad/s)^2; with more the robot moves."""
     acc_variance: float
-    """Largest variance of an accelerometer axis at rest, (m/s^2)^2."""
+    """Largest variance of an accelerometer axis over a rest, (m/s^2)^2; with more the robot moves."""
     travel: float
     """Largest distance of a foot's position from its mean within a rest, m, along each axis."""
     gyro_bias_sd: float
@@ -145,9 +145,9 @@ class FixedNumbers(NamedTuple):
     vertical_slide: float = 0.25
     """Ratio of the vertical to a horizontal variance of sliding."""
     reported_begin: float = 0.01
-    """Probability per sample that a foot begins to slide, for the reported probability."""
+    """Probability per sample that a foot begins to slide, in the model of the published probability of sliding."""
     reported_on: float = 0.9
-    """Probability per sample that a sliding foot goes on, for the reported probability."""
+    """Probability per sample that a sliding foot continues, in the model of the published probability of sliding."""
     slides: float = 0.5
     """Probability of sliding above which a foot is reported to slide."""
     outlier: float = 16.0
@@ -161,7 +161,7 @@ class FixedNumbers(NamedTuple):
     most_misfits: int = 3
     """Number of outliers in a row after which a contact point is taken to be somewhere else."""
     surprise_s: float = 0.25
-    """Time over which normalised innovations squared of the points are averaged, s."""
+    """Time constant, s, of the mean of the points' normalised innovations squared."""
     most_surprise: float = 100.0
     """Limit at which the normalised innovation squared of a point is clipped in the mean over `surprise_s`."""
     # corrections by all feet
@@ -176,11 +176,11 @@ class FixedNumbers(NamedTuple):
     slide_memory: float = 0.99
     """Factor per sample by which the sums decay from which the persistence of slides is learned."""
     slide_trust: float = 1e-4
-    """Weight of the prior assumption that slides persist, (m/s)^2."""
+    """Weight of the prior assumption that slides persist, (m/s)^2, added to both sums of slide velocities."""
     least_persistence: float = 0.3
     """Correlation of slide velocities up to which no slide is expected to continue."""
     most_growth: float = 0.1
-    """Largest change of the logarithm of the excess by one pair of innovations."""
+    """Limit of the change of the log of the excess by one pair of successive innovations, before `rise` and `drop`."""
     # sensors of the legs
     forget_fault: float = 0.15
     """Rate at which the mistrust in a sensor decays, 1/s: from 1 to `most_mistrust` in 3.4 s, longer than two steps."""
@@ -283,7 +283,7 @@ class FixedNumbers(NamedTuple):
     same_level: float = 0.03
     """Height difference, m, up to which a foot may stand on a known level of the ground."""
     step_sd: float = 0.003
-    """Standard deviation of the height of one step on a level, m."""
+    """Standard deviation of the height at which one step lands on a level of flat ground, m."""
     least_uneven: float = 0.001
     """Least unevenness (rms height difference) of a level ground, m."""
     most_slope: float = 0.02
@@ -318,13 +318,13 @@ class FixedNumbers(NamedTuple):
     fresh_age: float = 2.0
     """Time after a start in motion within which a rest replaces it as a better start, s."""
     moving_tilt: float = 0.52
-    """Standard deviation of the first tilt of a robot in motion, rad: 30 deg."""
+    """Standard deviation of the tilt with which a robot in motion starts, rad: 30 deg."""
     contradiction: float = 4.0
-    """Standard deviations by which the accelerometer at rest may differ from the stated slope, or from the tilt."""
+    """Standard deviations above which the accelerometer at rest contradicts the stated slope, or the estimated tilt."""
     plane_point: float = 5e-4
     """Standard deviation of a foot of an assembled robot from its position in the model, m."""
     tilted: float = 0.7
-    """Mean level acceleration, m/s^2, that shows a wrong tilt of 4 deg at rest or where the velocity is lost."""
+    """Mean level acceleration, m/s^2, from which on it shows a wrong tilt (4 deg), at rest or after a lost velocity."""
     most_noise: float = 1.6
     """Factor over a rest's noisiest axis to which a sensor's stated noise is lowered. Clean logs: 1.56."""
     more_noise: float = 1.3

@@ -16,7 +16,7 @@ from .state import BestState, new_state
 Stamps = NDArray[np.int64]
 
 SNAPSHOT_NS = 50_000_000
-"""Inertial time between two snapshots, ns."""
+"""Time between two snapshots of the filter state, by stamps of inertial samples, ns."""
 SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
 """Number of snapshots that are kept: those of the window in which samples may be late, and three more."""
 NOTHING = 2**62

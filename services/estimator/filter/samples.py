@@ -15,7 +15,7 @@ CAPACITY = 4096
 KEPT = CAPACITY // 2
 """Number of newest samples of the inertial unit or the feet that stay when `CAPACITY` is reached."""
 ROW_W, ROW_Q = 0, 3
-"""First columns of gyro and accelerometer in an inertial row (6,)."""
+"""`ROW_W`, `ROW_Q`: first columns of gyro (3) rad/s and accelerometer (3) m/s^2 in an inertial row (6,)."""
 
 
 EXTERNAL_CAPACITY = 256
@@ -26,17 +26,17 @@ class ExternalLayout(NamedTuple):
     """First index of each part of a sample of another source, such as a camera, (26,); NaN: the part is missing."""
 
     position: int = 0
-    """Position of the IMU in the frame of the source, z up, (3,) m."""
+    """Index: position of the IMU in the frame of the source, z up, (3,) m."""
     yaw: int = 3
-    """Heading of base_link in the frame of the source, rad."""
+    """Index: heading of base_link in the frame of the source, rad."""
     velocity: int = 4
-    """Velocity of the IMU, IMU axes, (3,) m/s."""
+    """Index: velocity of the IMU, IMU axes, (3,) m/s."""
     position_covariance: int = 7
-    """Covariance of the position by rows, frame of the source, (9,) m^2."""
+    """Index: covariance of the position by rows, frame of the source, (9,) m^2."""
     yaw_variance: int = 16
-    """Variance of the heading, rad^2."""
+    """Index: variance of the heading, rad^2."""
     velocity_covariance: int = 17
-    """Covariance of the velocity by rows, IMU axes, (9,) (m/s)^2."""
+    """Index: covariance of the velocity by rows, IMU axes, (9,) (m/s)^2."""
 
 
 EX = ExternalLayout()
@@ -51,11 +51,11 @@ class SampleStore(NamedTuple):
     """
 
     imu_stamps: Stamps
-    """Stamps of the inertial samples, (N,) ns."""
+    """Stamps of the inertial samples, rising, (N,) ns."""
     imu: Array
     """Gyro rad/s and accelerometer m/s^2, IMU axes, means up to their stamps, (N, 6)."""
     feet_stamps: Stamps
-    """Stamps of the samples of the feet, (N,) ns."""
+    """Stamps of the samples of the feet, rising, (N,) ns."""
     feet: Array
     """Positions of the feet from the IMU, IMU axes, (N, L, 3) m; zeros where unknown."""
     foot_rots: Array
@@ -65,7 +65,7 @@ class SampleStore(NamedTuple):
     closed: Stamps
     """Closed switches of each foot, (N, L), bit s for switch s."""
     external_stamps: Stamps = np.zeros(0, dtype=np.int64)
-    """Stamps of the samples of other sources, (M,) ns."""
+    """Stamps of the samples of other sources, rising, (M,) ns."""
     external: Array = np.zeros((0, EXTERNAL_WIDTH))
     """Samples of other sources (camera, GNSS), (M, 26), columns as in `ExternalLayout`."""
 

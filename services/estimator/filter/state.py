@@ -35,11 +35,11 @@ class Felt(NamedTuple):
     """Variances that shocks and jerk of the trunk add to the noise of one inertial sample."""
 
     gyro: float
-    """Variance of the gyro's sample about level axes, (rad/s)^2."""
+    """Variance added to a gyro sample about level axes, (rad/s)^2."""
     turn: float
-    """Variance of the gyro's sample about the vertical, (rad/s)^2."""
+    """Variance added to a gyro sample about the vertical, (rad/s)^2."""
     acc: float
-    """Variance of the accelerometer's sample, (m/s^2)^2."""
+    """Variance added to an accelerometer sample, (m/s^2)^2."""
 
 
 class BestState(NamedTuple):
@@ -56,9 +56,9 @@ class BestState(NamedTuple):
     memory: Array
     """Averages, counters and times beside the state, (112,), laid out as in `MemoryLayout`."""
     mode_x: Array
-    """States of the hypotheses as in `x`, (H, 21 + 3 K)."""
+    """State vectors of the hypotheses about sliding feet, laid out as `x`, (H, 21 + 3 K)."""
     mode_cov: Array
-    """Covariances of the hypotheses as in `cov`, (H, 15 + 3 K, 15 + 3 K)."""
+    """Covariances of the hypotheses about sliding feet, laid out as `cov`, (H, 15 + 3 K, 15 + 3 K)."""
     mode_points: Array
     """Values of the contact points of the hypotheses as in `points`, (H, K, 11)."""
     mode_turn: Array
@@ -66,10 +66,9 @@ class BestState(NamedTuple):
     mode_memory: Array
     """Values beside the state of each hypothesis as in `memory`, (H, 112)."""
     weight: Array
-    """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
+    """Probabilities of the hypotheses about sliding feet, (H,); all 0 while the state itself is the only one."""
     sensors: Array
-    """Numbers of the leg sensors, one row for each foot, (K, 38), columns as in `SensorLayout`; there are at most K
-    feet."""
+    """Values about the leg sensors, one row for each foot (at most K), (K, 38), columns as in `SensorLayout`."""
 
 
 FRAME = 4

@@ -21,7 +21,7 @@ NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
 """Indices in a clock, (6,): newest stamp, ns; 1 if it is known, else 0; number of older stamps in a row; the last of
 these, ns; an unconfirmed stamp far ahead, ns; 1 if there is one, else 0."""
 CLOCK = 6
-"""Length of the array that is the clock of a source."""
+"""Length of the array that holds the clock of a source, with parts from `NEWEST` to `FAR_KNOWN`."""
 
 
 def bounded(stamp_ns: int) -> int:

@@ -18,10 +18,7 @@ UNKNOWN_TILT = 0.5
 
 
 class VelocityEstimator(Protocol):
-    """Estimates g and v in IMU axes from inertial samples and velocities by the legs.
-
-    g is the specific force at rest, m/s^2, points up; v the velocity of the IMU, m/s.
-    """
+    """Interface of an estimator of g and v in IMU axes from inertial samples and velocities by the legs."""
 
     name: str
     nis: float | None

@@ -46,7 +46,7 @@ def foot_velocities(
     Args:
         last: earlier sample of the feet.
         now: later sample of the feet.
-        used: feet to compute, (L,); the others give 0.
+        used: True for feet to compute, (L,); all other feet give 0.
         w: mean gyro between the samples, IMU axes, (3,) rad/s.
         up: upward unit vector, IMU axes, (3,).
         radius: radius of round feet, which roll, (L,) m; 0 = a sole.

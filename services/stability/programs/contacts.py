@@ -52,7 +52,7 @@ class ContactSet:
     """Points of contact in a gravity-aligned frame (z up), checked, with unit normals and friction coefficients."""
 
     position: Array
-    """Points of contact, (n, 3) m."""
+    """Points of contact, frame of the request (z up), (n, 3) m."""
     normal: Array
     """Unit normals of the contacts, from the ground towards the robot, (n, 3)."""
     mu: Array

@@ -25,7 +25,7 @@ class Outline(NamedTuple):
     fan: Fan
     """Answers of all directions of the fan, in the scaled frame of `Reduced`."""
     answers: int
-    """Number of answers in the fan."""
+    """Number of directions of the fan that have answers."""
     gap: float
     """Largest distance of outer from inner polygon, m, or an upper bound on that distance."""
     inner: Array
@@ -35,7 +35,7 @@ class Outline(NamedTuple):
     direction: Array
     """Unit directions that were solved for, (k, 2); sorted by angle with the goal ENCLOSE."""
     point: Array
-    """Points of the region that lie farthest in each direction, (k, 2) m."""
+    """Positions x, y of the CoM in the region that lie farthest in each direction, (k, 2) m."""
     twist: Array
     """Certificate of each direction, (k, 4): virtual twist (v, w_z), v in m about the origin, w_z without unit."""
     force: Array

@@ -53,9 +53,9 @@ class _Cones(NamedTuple):
     h: Array
     """Position x, y of the CoM per unit of each cone coordinate, (n, 3, 2), scaled frame."""
     origin: Array
-    """Origin of the scaled frame, (3,) m."""
+    """Origin of the scaled frame, the centroid of the contacts, frame of the contacts, (3,) m."""
     length: float
-    """Unit of length of the scaled frame, m."""
+    """Unit of length of the scaled frame, m: largest distance of a contact from the centroid."""
     rows: Any
     """Matrix of the constraints of clarabel, sparse (rows, unknowns)."""
     right: Array

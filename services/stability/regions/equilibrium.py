@@ -40,8 +40,7 @@ class LeastFriction:
     share: float
     """Smallest factor on every friction coefficient with which the CoM is held, 0 to 1; unlimited friction stays."""
     force: Array
-    """Contact forces in units of the weight that need least friction, (n, 3): |f_t,i| <= share mu_i n'f_i; of many
-    such, one."""
+    """Contact forces with |f_t,i| <= share mu_i n'f_i, in units of the weight, (n, 3); not unique."""
 
 
 def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:

@@ -106,9 +106,9 @@ class Pool(NamedTuple):
     position: Array
     """Points of contact of the pool, (n, 3) m."""
     normal: Array
-    """Unit normals of the contacts, (n, 3)."""
+    """Unit normals of the contacts of the pool, from the ground towards the robot, (n, 3)."""
     mu: Array
-    """Coefficients of static friction, (n,)."""
+    """Coefficients of static friction of the contacts of the pool, (n,)."""
     member: Ints
     """Indices in the pool of the contacts of all sets, one set after the other, (k,)."""
     begin: Ints

@@ -27,7 +27,7 @@ class Margin:
     value: float | None
     """Signed distance of the point to the edge, m, positive inside; None: there is no region, or no edge."""
     direction: Array | None = None
-    """Unit direction in which the edge of the region is nearest, (2,); None = the direction is not known."""
+    """Unit direction from the point in which the edge of the region is nearest, (2,); None = it is not known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,9 +24,9 @@ class Support:
     direction: Array
     """Unit directions a of the support values, (k, 2)."""
     value: Array
-    """Support values h(a), (k,) m; NaN unless status is ok."""
+    """Support values h(a), the largest a'p of points p of the region, (k,) m; NaN unless `status` is ok."""
     point: Array
-    """Points of the region that reach the support values, (k, 2) m."""
+    """Points p of the region with the largest a'p of each direction a, (k, 2) m."""
     status: tuple[SupportStatus, ...]
     """Status of each of the k directions: `ok` = its value is known."""
     gap: Array
@@ -38,7 +38,7 @@ class Support:
     """Contact forces at `point` in units of the weight, (k, n, 3); unbounded: forces that shift the CoM and hold
     nothing."""
     torque: Array | None = None
-    """Torques of the joints of each contact's leg, (k, n, 3) Nm, with torque limits only."""
+    """Joint torques of each contact's leg at `point`, (k, n, 3) Nm; None without torque limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Solved:
     """Cone programs of a region that has an area or no bound, and their solutions in a fan of directions."""
 
     reduced: Reduced
-    """Programs of the contacts, scaled frame."""
+    """Cone programs of the contacts, scaled frame."""
     fan: Fan
     """Answers of all directions, in the scaled frame of `reduced`."""
     count: int
@@ -109,7 +109,7 @@ class Region:
     exact: bool
     """True if no refinement is possible (exact region, torque limits, several gravities); False: `solved` refines."""
     calls: int
-    """Number of directions that were solved for."""
+    """Number of directions in which the region was solved for."""
     sinking: Array | None = None
     """Twist about the origin of the frame that proves infeasibility, (4,) (v m, w_z) with v_z < 0, or (6,) (v m, Om)
     with an acceleration."""

@@ -70,7 +70,7 @@ class Refinement(NamedTuple):
     """Directions in which a region is solved for, and tolerance and limit of their refinement."""
 
     directions: Array | None = None
-    """Directions to solve for, (k, 2), unit length; None = chosen adaptively."""
+    """Unit directions to solve for, (k, 2), frame world; None = chosen by refinement."""
     adaptive: bool | None = None
     """True: refine until outer is within `tolerance` of inner; False: no; None: refine if no directions are given."""
     tolerance: float = 1e-4

@@ -22,18 +22,18 @@ class Check:
     """Result of the check of a movement against a region: margins, and distances to the edge."""
 
     com_after: Array
-    """Centre of mass after the movement, com + movement + shift, (2,) m."""
+    """Centre of mass after the movement, com + movement + shift, x and y, (2,) m."""
     margin_now: Margin
-    """Static margin of the centre of mass before the movement."""
+    """Static margin, signed distance to the edge, of the centre of mass before the movement, m."""
     margin: Margin
-    """Static margin of the centre of mass after the movement."""
+    """Static margin, signed distance to the edge, of the centre of mass after the movement, m."""
     extent: Extent | None
     """Distance from the CoM before the movement, along the movement, to the edge; None without horizontal movement."""
     gsm: Extent | None
     """Geometric stability margin: signed distance from `com_after` along the movement to the edge; None if no
     movement."""
     stable: bool
-    """True if the support region has an area and the centre of mass after the movement lies in it."""
+    """True if the region has an area and the centre of mass after the movement lies in it, else False."""
 
 
 def worst(checks: Sequence[Check]) -> Check:

@@ -21,7 +21,7 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """Uncertainty of the inputs of a margin: standard deviations, multiplied by `kappa`, and bounds, taken fully."""
+    """Uncertainty of the inputs of a margin: covariances, whose standard deviations count `kappa` times, and bounds."""
 
     com: Array
     """Covariance of the position x, y of the CoM, (2, 2) m^2."""

@@ -39,7 +39,7 @@ class MeasuredCom:
     com: Array
     """Coordinates x and y of the CoM, (2,) m, frame of the forces."""
     covariance: Array
-    """Covariance of the CoM, (2, 2) m^2."""
+    """Covariance of the x and y of the CoM, (2, 2) m^2."""
     weight: float
     """Sum of the measured vertical forces, N."""
     misfit: float
@@ -69,7 +69,7 @@ class LegInverses(NamedTuple):
     """Maps from joint torques to foot forces in one posture."""
 
     inverse: Array
-    """J^-T of each leg, base_link, (L, 3, 3); zero where the force is not observed."""
+    """Maps J^-T (J Jacobian of the foot) of each leg, base_link, (L, 3, 3) 1/m; zero where no force is observed."""
     own: Array
     """Torques G(q) with which the servos hold the weight of the legs themselves, (nj,) Nm."""
     observed: Flags

@@ -131,15 +131,15 @@ class Footing(NamedTuple):
     position: Array
     """Points where the feet touch the ground, (n, 3) m, frame level."""
     normal: Array
-    """Vertical normals, (n, 3): a foot does not know the ground's slope."""
+    """Contact normals, (n, 3): all vertical, as a foot does not measure the slope of the ground."""
     mu: Array
-    """Coefficients of static friction, (n,)."""
+    """Coefficients of static friction of the feet that stand, (n,)."""
     force: Array
     """Force of the ground on each foot, base_link, (n, 3) N."""
     covariance: Array
     """Covariance of each force, base_link, (n, 3, 3) N^2."""
     observed: bool
-    """True if the joint torques determine the force on every contact."""
+    """True if the joint torques determine the force on every contact, False if not on each."""
     com: Array
     """Centre of mass by kinematics, (3,) m, frame level."""
     rot: Array

@@ -104,7 +104,7 @@ class ComposeModel(FileModel):
 
 
 class HealthCheck(FileModel):
-    """Table `healthcheck` of a service: times by which it counts as unhealthy; health itself comes over the bus."""
+    """Table `healthcheck` of a service: times after which it counts as unhealthy, by its heartbeats on the bus."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
@@ -148,7 +148,7 @@ class ServiceTable(ComposeModel):
     """Services that must have started, or be healthy, before this one starts."""
     healthcheck: HealthCheck = WATCHED
     restart: Annotated[str, BeforeValidator(_restart, json_schema_input_type=str | Literal[False])] = "no"
-    """Reaction to an end of the process: no, always, on-failure, on-failure:<n>, unless-stopped."""
+    """Reaction to an end of the process: no, always, on-failure, on-failure:<n> (n restarts), unless-stopped."""
     stop_grace_s: Seconds = Field(default=2.0, validation_alias="stop_grace_period")
     """Wall time between SIGTERM and SIGKILL, s."""
     image: ContainerOnly = None

@@ -83,7 +83,7 @@ class Child:
 
 
 def resolve_command(command: Sequence[str]) -> list[str]:
-    """Return the command with this project's programs and `python` run by the present interpreter, not by PATH."""
+    """Return the command, this project's programs and `python` replaced by those of the present interpreter."""
     program, *arguments = command
     if program == "surefoot-service":
         return [sys.executable, "-m", SERVICE_MODULE, *arguments]

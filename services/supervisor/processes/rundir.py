@@ -21,7 +21,7 @@ ROW = {"service", "state", "pid", "restarts", "detail"}
 MEMORIES = {"walker": "walker.json", "navigator": "navigator.json"}
 """Services that keep a memory over their restarts, each with the name of its file in the run folder."""
 FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
-"""Names of the files that describe a running system; they are removed when the system ends."""
+"""Names of the files in a run folder that describe a running system; they are removed when it ends."""
 
 
 class RunFolderError(Exception):

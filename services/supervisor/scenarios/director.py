@@ -24,7 +24,7 @@ HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
 TRIES = 6
 """Number of attempts to send an order that comes too late or reaches no service, each with twice the lead time."""
 RESTING = ("standing", "refused")
-"""States of the walker in which a walking command has ended."""
+"""States of the walker in which a walking command has ended: done (`standing`) or given up (`refused`)."""
 
 
 @dataclass(frozen=True)

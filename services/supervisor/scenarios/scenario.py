@@ -168,7 +168,7 @@ class Scenario:
     seed: Annotated[Whole, Field(ge=0, lt=2**31)] = 0
     """Seed of all random numbers of the run, unless the caller gives another."""
     world: WireWorld = field(default_factory=World)
-    """Terrain, map profile, friction and sensor profile of the simulator."""
+    """World that the simulator builds: terrain, map profile, friction and sensor profile."""
     actuation_delay_ticks: Annotated[Whole, Field(ge=0, le=5)] = 1
     """Number of control ticks between a command and its effect in the simulator; 0 = strict lockstep."""
     policy: Policy = "hold"
@@ -180,13 +180,13 @@ class Scenario:
     config: Mapping[str, dict[str, Setting]] = field(default_factory=dict[str, dict[str, Any]])
     """Configuration of services: values of fields, by service and field."""
     steps: Annotated[tuple[Step, ...], Field(alias="step", min_length=1)] = ()
-    """Steps in the order of the file."""
+    """Steps of the run in the order of the file."""
     limits: Limits = field(default_factory=dict[str, float])
     """Acceptance limits of the run by name, in the unit that the name ends with; 0.0 for a limit that is a flag."""
 
     @model_validator(mode="after")
     def _no_step_twice(self) -> Self:
-        """Refuse a command that comes twice for one tick: the second would be taken for one whose answer was lost."""
+        """Refuse a command that comes twice for one tick: the second would count as the first sent again."""
         for number, step in enumerate(self.steps):
             if step.at_tick is not None and step in self.steps[:number]:
                 raise refused(
