@@ -89,7 +89,7 @@ class MapPose(NamedTuple):
 
     stamp_ns: int
     position: Array
-    """Position of base_link, (3,) m."""
+    """Position of base_link, (3,) m, frame of the pose: of the odometry or, by `Mapper.placed`, of the map."""
     rot: Array
     """Rotation matrix from axes of base_link to axes of the pose's frame, (3, 3)."""
     covariance: Array

@@ -87,7 +87,7 @@ class WholeRun:
         self.path = str(path)
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
-        """Append a message to the recording."""
+        """Append a message to the open file of the run, if there is one (raises OSError)."""
         try:
             if self._writer is not None:
                 self._writer.write(topic, header, raw)
@@ -96,7 +96,7 @@ class WholeRun:
             raise
 
     def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
-        """Write summary and index of the recording and close its file."""
+        """Write summary and index of the recording and close its file (raises OSError)."""
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close(summary, hashes)

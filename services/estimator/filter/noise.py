@@ -195,7 +195,7 @@ class FixedNumbers(NamedTuple):
     turning: float = 0.1
     """Rate of the IMU, rad/s, above which it certainly turns, so that frozen encoders show."""
     usual_s: float = 1.0
-    """Time over which the gyro's mean is taken, s; deviations from it are turning, whatever the bias."""
+    """Time constant of the gyro's mean, s; deviations of the gyro from it are turning, whatever the bias."""
     most_repeated: float = 0.03
     """Turn of the IMU, rad, while a foot on the ground repeats its sample, above which it is frozen. Clean: 0.009."""
     longest_repeat: float = 0.1

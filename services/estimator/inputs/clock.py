@@ -31,13 +31,13 @@ def bounded(stamp_ns: int) -> int:
 
 @kernel
 def _accept(clock: Stamps, stamp_ns: int) -> None:
-    """Take a stamp, ns, as the newest of a clock (6,), in place, and forget older stamps and one far ahead."""
+    """Store a stamp, ns, as the newest of a clock (6,), in place; forget older stamps and one far ahead."""
     clock[NEWEST], clock[KNOWN], clock[OLDER], clock[FAR_KNOWN] = stamp_ns, 1, 0, 0
 
 
 @kernel
 def check_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
-    """Check a stamp of a source against those before it, and take it into the clock of that source, in place.
+    """Check a stamp of a source against those before it, and update the source's clock by it, in place.
 
     Args:
         clock: of the source, (6,), zeros at first: newest stamp, ns; 1 if there is one; number of older stamps in a

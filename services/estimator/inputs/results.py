@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class InputResult(StrEnum):
-    """Result of an input; the first four are taken, all others are refusals with their reason.
+    """Result of an input; the first four are accepted, all others are refusals, named by their reason.
 
     gap: accepted after missing samples; restart: the clock of the source began anew; stepped: its clock stepped back by
     less than the window of late samples; backward: older than the newest where none is missing; late: older than that

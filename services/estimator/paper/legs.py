@@ -290,7 +290,7 @@ class LegVelocity:
 
 
 class LegTracker:
-    """Tracker that stores the last sample of the feet and computes the velocity from it and the next one.
+    """Tracker that stores the last sample of the feet and computes the velocity of the IMU from it and the next one.
 
     Args:
         feet: number L of feet.

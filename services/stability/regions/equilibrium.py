@@ -35,7 +35,7 @@ class Equilibrium:
 
 @dataclass(frozen=True, slots=True)
 class LeastFriction:
-    """The distribution of forces that is farthest from slipping."""
+    """Distribution of contact forces that is farthest from slipping: it needs the smallest share of the friction."""
 
     share: float
     """Smallest factor on every friction coefficient with which the CoM is held, 0 to 1; unlimited friction stays."""

@@ -116,7 +116,7 @@ class Director:
         return orders
 
     def answered(self, order: TimedOrder, reply: Any) -> None:
-        """Record the reply of a service to an order."""
+        """Record the reply of a service to an order of the scenario that was sent to it."""
         if not reply.accepted:
             self.problems.append(f"{order.text} was refused: {reply.reason}")
             self._waiting.clear()
