@@ -23,7 +23,7 @@ LEG_WORDS = (
     "left out: foot {}, whose encoders stand still",
     "encoders of foot {} are swapped, and taken the other way round",
 )
-"""Reason of each part of `LegSensors` that names feet."""
+"""Texts of the parts of `LegSensors` that name feet, in their order; `{}` stands for the feet."""
 ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is reported
 
 
@@ -31,8 +31,8 @@ class LegSensors(NamedTuple):
     """Feet whose sensors are wrong, bit f for foot f, and the delay of all stamps of the feet.
 
     left_out: its sensors contradict what is known of the motion; switches: its switch contradicts its motion; jumping:
-    its encoders have jumped; still: they stand still; swapped: they are those of another foot; late_ns: ns, below 0 =
-    early.
+    its encoders have jumped; still: they stand still; swapped: they are those of another foot; late_ns: delay of the
+    stamps, ns, below 0 = early.
     """
 
     left_out: int  # it contradicts what is known of the motion: any of its sensors
@@ -44,11 +44,11 @@ class LegSensors(NamedTuple):
 
 
 NO_LEGS = LegSensors(0, 0, 0, 0, 0, 0)
-"""All sensors of the legs are right."""
+"""Value of `LegSensors` while no sensor of a leg is wrong and no stamp is late."""
 
 
 class Condition(NamedTuple):
-    """Numbers from which flags and reasons of an estimate follow; no texts, so that kernels make it as well.
+    """Numbers from which flags and reasons of an estimate follow; no texts, so that kernels can compute them.
 
     Times since feet came, since one touched and since feet corrected the velocity are in s; `nis` is the mean
     normalised innovation squared, `excess` the factor of the inertial noise over the sensor's, `external_out` the
@@ -91,7 +91,7 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
 
 
 flags_of = kernel(flags)
-"""`flags` compiled, for kernels. Python calls `flags`: to hand a condition over takes longer than to evaluate it."""
+"""Compiled `flags`, for kernels; Python calls `flags`, because passing a condition takes longer than evaluating it."""
 
 
 @kernel

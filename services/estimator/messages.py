@@ -14,7 +14,7 @@ from .inputs.external import ExternalSample
 from .output import OdometryPose, VelocityAndTilt
 
 PLANAR = np.ix_((0, 1, 2, 5), (0, 1, 2, 5))
-"""Rows and columns of x, y, z and heading in the covariance of a pose."""
+"""Index of the rows and columns of x, y, z and heading in the covariance (6, 6) of a pose."""
 
 
 def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
@@ -53,7 +53,7 @@ def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[Fi
 
     Args:
         pose: pose, velocity and covariance.
-        initialised: the pose can be used.
+        initialised: True if the pose can be used.
         stances: stances (times in which a foot stood) that ended since the last message.
     """
     return Odometry(

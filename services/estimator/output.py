@@ -17,8 +17,8 @@ class VelocityAndTilt(NamedTuple):
     velocity: of the base_link origin, base_link axes, m/s; velocity_imu: of the IMU, IMU axes, m/s; velocity_heading:
     of the base_link origin in heading axes (z vertical), m/s; angular_velocity: base_link axes, bias removed, rad/s;
     g_up: upward gravity, base_link axes, m/s^2; roll, pitch: rad; biases: IMU axes; covariance: of (g, v), IMU axes,
-    (6, 6); inputs_ok: inputs are accepted and new; filter_ok: the estimate is consistent; sensors_ok: no sensor is at
-    fault; sliding: probability that a foot slides, (L,), NaN = it does not stand; refused: inputs refused so far.
+    (6, 6); inputs_ok: inputs are accepted and new; filter_ok: the estimate is consistent; sensors_ok: no sensor is
+    faulty; sliding: probability that a foot slides, (L,), NaN = it does not stand; refused: inputs refused so far.
     """
 
     mode: str  # name in the table of estimators
@@ -76,7 +76,8 @@ def level(rot_base_from_imu: Array, g: Array) -> Array:
 def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position: Array) -> Array:
     """Return IMU quantities in other frames, as five rows (5, 3).
 
-    Rows: velocity of the base_link origin, base_link axes, m/s; the same in heading axes; turn rate, base_link axes,
+    Rows: velocity of the base_link origin, base_link axes, m/s; that velocity in heading axes, m/s; turn rate,
+        base_link axes,
     rad/s; g, base_link axes, m/s^2; (roll, pitch, 0), rad. The velocity of the origin is R v + w x (0 - imu_position),
     with R v and w in base_link axes.
 
@@ -125,9 +126,10 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
 def summary(
     g: Array, v: Array, p: Array, w: Array, gyro_bias: Array, rot_base_from_imu: Array, imu_position: Array
 ) -> tuple[Array, bool]:
-    """Return an estimate in the frames of users, five rows (5, 3), and True if its numbers are possible ones.
+    """Return an estimate in the frames of users, five rows (5, 3), and True if its numbers are possible.
 
-    Rows: velocity of the base_link origin, base_link axes, m/s; in heading axes; turn rate, base_link axes, rad/s; g,
+    Rows: velocity of the base_link origin, base_link axes, m/s; that velocity in heading axes, m/s; turn rate,
+        base_link axes, rad/s; g,
     base_link axes, m/s^2; (roll, pitch, 0), rad.
 
     Args:
@@ -135,7 +137,7 @@ def summary(
         v: velocity of the IMU, (3,) m/s, IMU axes.
         p: covariance of (g, v), (6, 6).
         w: gyro, (3,) rad/s, IMU axes.
-        gyro_bias: taken off the gyro, (3,) rad/s, IMU axes.
+        gyro_bias: subtracted from the gyro, (3,) rad/s, IMU axes.
         rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
         imu_position: place of the IMU in base_link, (3,) m.
     """

@@ -1,4 +1,4 @@
-"""Parameters of the estimators of Wawrzynski et al. and of `best`; the paper's value is noted where it differs."""
+"""Parameters of the estimators of Wawrzynski et al. and of `best`; where their own values differ, these are noted."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,30 +10,30 @@ from surefoot.robot.kinematics import foot_positions
 from surefoot.schemas.topics import HW_IMU, HW_JOINTS
 
 STANDSTILL_FACTOR = 2.5
-"""Standard deviation at rest, noises of the sensor, below which a robot stands still."""
+"""Ratio of a sensor's standard deviation to its own noise below which the robot stands still."""
 GAP_TURN = 0.1
-"""Unseen turning in a gap of inertial samples, rad/s; in a gap longer than `reset_gap_ns`, rad."""
+"""Standard deviation of unseen turning in a gap of inertial samples, rad/s; in one longer than `reset_gap_ns`, rad."""
 GAP_PUSH = 1.0
-"""Unseen acceleration in a gap of inertial samples, m/s^2."""
+"""Standard deviation of unseen acceleration in a gap of inertial samples, m/s^2."""
 UNKNOWN_SPEED = 1.0
-"""Standard deviation of an unknown velocity, m/s."""
+"""Standard deviation of an unknown velocity, m/s per axis."""
 UNKNOWN_TURN = 1.0
 """Standard deviation of the turn about the vertical of a robot that was knocked over unseen, rad."""
 UNKNOWN_WAY = 0.3
-"""Standard deviation of the way of a robot that was knocked over unseen, on each axis, m."""
+"""Standard deviation of the displacement of a robot that was knocked over unseen, m on each axis."""
 
 
 class StartPose(NamedTuple):
     """Pose of base_link in map when the robot starts: odom begins there, so that odom and map agree."""
 
     x: float = 0.0
-    """x of base_link when the robot starts, m, frame map."""
+    """Coordinate x of base_link when the robot starts, m, frame map."""
     y: float = 0.0
-    """y of base_link when the robot starts, m, frame map."""
+    """Coordinate y of base_link when the robot starts, m, frame map."""
     yaw: float = 0.0
     """Heading of base_link when the robot starts, rad, frame map."""
     ground: float = 0.0
-    """Mean height of the ground under the feet, m."""
+    """Mean height of the ground under the feet when the robot starts, m, frame map."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,13 @@ class EstimatorParams:
 
 
 def _reach(robot: Robot) -> float:
-    """Return the longest way from a hip to its foot centre in the neutral stance, m."""
+    """Return the longest distance from a hip to its foot centre in the neutral stance, m."""
     feet = foot_positions(robot.model, robot.neutral)
     return max(math.dist(foot, leg.hip) for foot, leg in zip(feet, robot.legs, strict=True))
 
 
 def paper_params(params: EstimatorParams) -> EstimatorParams:
-    """Return the parameters with all switches as in the paper of Wawrzynski et al.
+    """Return the parameters with all switches set as by Wawrzynski et al.
 
     That is one foot at a time, its ankle fixed, the latest gyro sample instead of a mean, and no bias removed.
     """
@@ -118,11 +118,11 @@ def paper_params(params: EstimatorParams) -> EstimatorParams:
 
 
 def _sample_noise(density: float, lsb: float, rate: float) -> float:
-    """Return the deviation of a sensor's mean over one period: density sqrt(rate/2), and rounding lsb/sqrt(12).
+    """Return the standard deviation of a mean over one period: density sqrt(rate/2), and rounding lsb/sqrt(12).
 
     Args:
         density: noise density of the sensor, unit/sqrt(Hz).
-        lsb: step of its digits, unit.
-        rate: samples per s, Hz.
+        lsb: resolution of the sensor, unit.
+        rate: sampling rate, Hz.
     """
     return math.hypot(density * math.sqrt(rate / 2.0), lsb / math.sqrt(12.0))

@@ -13,10 +13,10 @@ from .inputs.clock import RESYNC_AFTER
 from .messages import odometry_message, velocity_message
 
 WALK_SAMPLES = 24
-"""Inertial samples after the start, 8 of the joints: every foot lifts and comes down."""
+"""Number of inertial samples after the start, 8 of them with joints: every foot lifts and comes down."""
 
 LATER_NS, EARLIER_NS = 20_000_000_000, 10_000_000_000
-"""Stamps of the first samples, and of those of the joints by which their clock begins anew, ns."""
+"""`LATER_NS`: stamp of the first samples, ns; `EARLIER_NS`: stamp of joints by which their clock begins anew, ns."""
 
 
 def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> None:

@@ -18,9 +18,9 @@ from .messages import odometry_message, sample_of, velocity_message
 from .rehearsal import rehearse, rehearse_log
 
 LATE_JOINTS_S = 0.03
-"""Age of joints up to which slip is measured, s: the pose at the time of older ones is not kept."""
+"""Largest age of joint angles with which slip is measured, s: poses at the time of older ones are not stored."""
 LATE_TICK = 100
-"""Tick after which a service that joins an epoch no longer relies on the stated start pose."""
+"""Number of the tick above which a service that joins an epoch does not rely on the stated start pose."""
 
 VARIANTS = {
     "imu": topics.STATE_VELOCITY_IMU,
@@ -97,7 +97,7 @@ class EstimatorService(Service[EstimatorConfig]):
             self._stances += self._slip.update(closed, *feet, faulty | e.wrong_legs)
 
     def _log(self, source: str, result: InputResult) -> None:
-        """Log the first refusal of its kind from a source; the rest is in the counters."""
+        """Log the first refusal of each kind from a source; further ones are only counted."""
         if not result.accepted and self.estimator.check.counts[f"{source}_{result}"] == 1:
             self.log("warning", f"{source} refused: {result}")
 

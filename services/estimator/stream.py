@@ -32,11 +32,11 @@ from .params import EstimatorParams, StartPose, paper_params
 
 BEST, PAPER = "best", "paper"
 NAMES = (BEST, *ESTIMATORS, PAPER)
-"""Every estimator: `best`, the four of Wawrzynski et al. with improvements, and `paper`, their filter to the letter."""
+"""Names of all estimators: `best`, the four of Wawrzynski et al. with improvements, and `paper`, their own filter."""
 
 
 class NotRunning(FieldError, KeyError):
-    """Refusal of the name of an estimator that does not run."""
+    """Error for the name of an estimator that does not run."""
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}"  # of a KeyError it would be quoted
@@ -56,7 +56,7 @@ class Estimator:
         start: pose at the start; None = at the origin.
         names: estimators to run.
         points: contact points on the feet; None = one for each foot.
-        hypotheses: contact points may slide.
+        hypotheses: True: contact points may slide; False: they never do.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Estimator:
         self._rot_base_from_imu = np.ascontiguousarray(mount.rot_imu_from_base.T)
         chosen = tuple(names)
         self.switches = self._points.switches.shape[1]
-        """Number S of switches of a foot whose places are known; 1: one for the whole foot."""
+        """Number S of switches of a foot whose positions are known; 1: one switch for the whole foot."""
         self._geometry = BestGeometry(*self._points, self._rot_base_from_imu, mount.imu_position)
         self._groups: list[tuple[tuple[str, ...], PaperEstimators]] = []
         ours = tuple(name for name in chosen if name in ESTIMATORS)
@@ -112,8 +112,8 @@ class Estimator:
         """Drop all state and counters, and begin again as before the first sample.
 
         Args:
-            stated: start pose and level ground still hold. False after a restart in the middle of a walk, which begins
-                again at the same numbers with the covariance of an unknown pose.
+            stated: True if start pose and level ground still hold; False after a restart in the middle of a walk, which
+                begins again at the start pose with the covariance of an unknown pose.
         """
         params, hypotheses = self.params, self._hypotheses
         self.check = InputCheck(params, self._feet, len(self._points.foot))
@@ -123,18 +123,18 @@ class Estimator:
         for _, group in self._groups:
             group.reset(stated)
         self.silent: dict[str, float] = {}
-        """Time for which inputs are silent, s, by name, as set by the caller: flags and reasons name them."""
+        """Time for which inputs are silent, s, by name, set by the caller: flags and reasons depend on it."""
 
     # inputs
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
-        """Take an inertial sample.
+        """Take an inertial sample; return its result.
 
         Args:
             stamp_ns: its time, ns; one of the last half second is put where it belongs.
             w: mean gyro since the last sample, (3,) rad/s, IMU axes.
             q: mean specific force since the last sample, (3,) m/s^2, IMU axes; at rest it points up.
-            clipped: an axis was at the end of its range.
+            clipped: True if an axis was at the end of its range.
 
         Returns:
             The result: accepted, or the reason of a refusal; nothing raises.
@@ -150,7 +150,7 @@ class Estimator:
         return result
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take joint angles, from which the places of the feet follow.
+        """Take joint angles, from which the positions of the feet follow; return their result.
 
         Args:
             stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
@@ -167,7 +167,7 @@ class Estimator:
         return self.feet(stamp_ns, *feet_in_imu(self._mount, q), contact)
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take the feet themselves, as logs have them.
+        """Take positions and rotations of the feet, as logs have them; return their result.
 
         Args:
             stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
@@ -195,7 +195,7 @@ class Estimator:
         return result
 
     def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
-        """Take a pose, heading or velocity of another source, e.g. a camera.
+        """Take a pose, heading or velocity of another source, e.g. a camera; return its result.
 
         Args:
             stamp_ns: time at which it holds, ns, not that of its arrival; one of the last half second is put where it
@@ -235,7 +235,7 @@ class Estimator:
                 of a sample of the feet; or all inertial rows and samples of the feet + that of another source.
             first: inertial row of the first estimate.
             n: number of estimates.
-            joint: with the covariance of all but the pose.
+            joint: True includes the covariance of g, v and biases.
 
         Returns:
             The estimate after each inertial row and the feet that follow it; rows that did not arrive are zero.

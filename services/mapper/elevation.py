@@ -6,17 +6,17 @@ The grid lies in the frame of the odometry and moves on with the robot by whole 
     v    variance of the independent errors of its measurements, m^2
     D    drift of the odometry when the cell was seen last: growth of the variance of z, of x and y, and of yaw.
 
-An image gives a cell the mean m of its points with the variance r. The drift since adds to the prior,
+An image gives a cell the mean m of its points with the variance r. The growth of the drift since adds to the prior,
 
     p = v + (D_z' - D_z) + s^2 (D_xy' - D_xy),   k = p / (p + r),   h += k (m - h),   v = (1 - k) p,
 
-where s is the usual slope. A mean further than `GATE` deviations from the height begins the cell anew: the ground has
-moved, or the cell lies on an edge. What is published is the variance relative to the robot now,
+where s is the usual slope (`SLOPE`). A mean further than `GATE` standard deviations from the height begins the cell
+anew: the ground has moved, or the cell lies on an edge. Published is the variance relative to the robot now,
 
     v + t d^2 + (D_z' - D_z) + g^2 ((D_xy' - D_xy) + d^2 (D_yaw' - D_yaw)),
 
 with the slope g of the map in the cell, the distance d of the cell from the robot, and the variance t of the tilt. A
-tilt that is wrong by a constant turns map and way of the robot alike, so neither how far away a cell was when it was
+tilt that is wrong by a constant turns map and path of the robot alike, so neither how far away a cell was when it was
 seen nor the height that the odometry loses by that tilt counts (`MapPose.free`).
 """
 
@@ -29,57 +29,57 @@ from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
 SLOPE = 0.4
-"""Usual slope of ground that is walked on, rise per way: turns errors along the ground into errors of height."""
+"""Assumed slope of the ground (tangent): turns a horizontal error, m, into an error of height, m."""
 GATE = 3.0
-"""Deviations between a cell and a new mean above which the cell begins anew."""
+"""Difference between a cell's height and a new mean, in standard deviations, above which the cell begins anew."""
 
 
 class OdometryDrift(NamedTuple):
-    """Growth of the odometry's variances since its beginning."""
+    """Growth of the variances of the odometry's pose since the odometry began."""
 
     z: float = 0.0
-    """Growth of the variance of z, m^2."""
+    """Growth of the variance of the odometry's z since the odometry began, m^2."""
     xy: float = 0.0
-    """Growth of the variance of x and of that of y, m^2."""
+    """Growth of the variance of the odometry's x, and of its y, since the odometry began, m^2."""
     yaw: float = 0.0
-    """Growth of the variance of yaw, rad^2."""
+    """Growth of the variance of the odometry's yaw since the odometry began, rad^2."""
 
 
 class Elevation(NamedTuple):
     """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen."""
 
     height: Array
-    """Height of each cell, frame of the map, m; NaN = not seen."""
+    """Place of the cells of a square elevation map in the frame of the map, that of the odometry at the start."""
     variance: Array
-    """Variance of each height by independent errors, m^2."""
+    """Variance of each height by errors that are independent between its measurements, m^2."""
     drift_z: Array
-    """Growth of the odometry's variance of z, since its beginning, when the cell was seen last, m^2."""
+    """Growth of the odometry's variance of z, since its beginning, when each cell was seen last, m^2."""
     drift_xy: Array
-    """Growth of the odometry's variance of x and of that of y when the cell was seen last, m^2."""
+    """Growth of the odometry's variances of x and y, since its beginning, when each cell was seen last, m^2."""
     drift_yaw: Array
-    """Growth of the odometry's variance of yaw when the cell was seen last, rad^2."""
+    """Growth of the odometry's variance of yaw, since its beginning, when each cell was seen last, rad^2."""
 
 
 class Grid(NamedTuple):
     """Place of the cells of an elevation map in its frame, that of the odometry until the odometry begins anew."""
 
     cell: float
-    """Edge of a cell, m."""
+    """Edge length of a square cell, m."""
     row: int
-    """Number of the first row: its centres lie at y = row * cell."""
+    """Index of the first row, counted from the frame's origin: its cell centres lie at y = row * cell."""
     col: int
-    """Number of the first column: its centres lie at x = col * cell."""
+    """Index of the first column, counted from the frame's origin: its cell centres lie at x = col * cell."""
 
 
 class GroundPoints(NamedTuple):
     """Measured points of the ground in one image, frame of the map."""
 
     place: Array
-    """Places of the points, (n, 3) m."""
+    """Positions of the points, (n, 3) m, frame of the map."""
     variance: Array
-    """Variances of their heights, independent between points, (n,) m^2."""
+    """Variances of the heights of the points by errors that are independent between points, (n,) m^2."""
     common: Array
-    """Deviation of the error of each height by the tilt, which all points of the image share, (n,) m."""
+    """Standard deviation of each height by the error of tilt that all points of the image share, (n,) m."""
 
 
 class GroundMeans(NamedTuple):
@@ -88,9 +88,9 @@ class GroundMeans(NamedTuple):
     height: Array
     """Mean height of the points in each cell, m."""
     variance: Array
-    """Variance of that mean, m^2: of the points, and how far they lie apart."""
+    """Variance of each mean height, m^2: of the noise of its points and of how far they lie apart."""
     common: Array
-    """Deviation of the error that all points of the image share, m."""
+    """Standard deviation of each mean height by the error of tilt that all points of the image share, m."""
 
 
 def empty(n: int) -> Elevation:
@@ -101,7 +101,7 @@ def empty(n: int) -> Elevation:
 def around(grid: Grid, n: int, x: float, y: float) -> Grid:
     """Return the grid of n x n cells whose middle is the cell of the point x, y, m, frame of the map.
 
-    `grid`: states the edge of a cell.
+    `grid`: gives the edge of a cell, m.
     """
     return Grid(grid.cell, math.floor(y / grid.cell + 0.5) - n // 2, math.floor(x / grid.cell + 0.5) - n // 2)
 
@@ -131,9 +131,9 @@ def lay(
     Args:
         layers: of the map, (n, n) each.
         grid: place of the cells.
-        plane: height over (0, 0), m, and slope along x and y, rise per way.
+        plane: height over (0, 0), m, and its slopes along x and y, no unit.
         half: half edges of the rectangle along x and y that is set, (2,) m.
-        variance: of its heights, m^2.
+        variance: of the heights of the plane, m^2.
         drift: of the odometry now: growth of its variances since its beginning.
     """
     n, c = layers.height.shape[0], grid.cell
@@ -188,10 +188,7 @@ def _prior(layers: Elevation, i: int, j: int, drift: OdometryDrift) -> float:
 
 @kernel
 def _agrees(layers: Elevation, i: int, j: int, found: GroundMeans, drift: OdometryDrift) -> bool:
-    """Return True if an image's mean in cell [i, j] lies within 3 deviations of the map's height; False for NaN.
-
-    `layers`: of the map; `found`: means of the image; `drift`: growth of the odometry's variances since its beginning.
-    """
+    """Return True if an image's mean in cell [i, j] lies within 3 deviations of the map's height; False for NaN."""
     off, shared = found.height[i, j] - layers.height[i, j], found.common[i, j]
     within = _prior(layers, i, j, drift) + found.variance[i, j] + 2.0 * shared * shared  # of tilts that differ
     return off * off <= GATE * GATE * within
@@ -199,13 +196,7 @@ def _agrees(layers: Elevation, i: int, j: int, found: GroundMeans, drift: Odomet
 
 @kernel
 def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tuple[int, int]:
-    """Return how many cells both map and image show, and in how many of them the heights agree within their errors.
-
-    Args:
-        layers: the map, (n, n) each.
-        found: means of the points of the image in each of these cells.
-        drift: growth of the odometry's variances; what it grew by since a cell was seen counts as an error of the cell.
-    """
+    """Return the number of cells that map and image both show, and of those whose heights agree."""
     both, alike = 0, 0
     for i in range(layers.height.shape[0]):
         for j in range(layers.height.shape[1]):
@@ -219,7 +210,7 @@ def compared(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> tup
 def fuse(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> int:
     """Fuse the means of one image into the map: `layers` are changed; return how many cells the image shows.
 
-    A cell that the mean contradicts by more than 3 deviations begins anew.
+    A cell that the mean contradicts by more than 3 standard deviations begins anew.
 
     Args:
         layers: the map, (n, n) each.

@@ -1,6 +1,6 @@
 """Pose of the trunk by its standing feet alone, which do not move, while the state estimator restarts.
 
-With the places a_i of the feet in base_link before and b_i after, and their means A and B, the trunk has turned by
+With the positions a_i of the feet in base_link before and b_i after, and their means A and B, the trunk has turned by
 
     psi = atan2(sum (b_i - B) x (a_i - A), sum (b_i - B) . (a_i - A))   and moved by   A - Rz(psi) B
 
@@ -17,7 +17,7 @@ from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_rpy
 
 LEAST_FEET = 2
-"""Least number of feet that stand both before and after a tick; with fewer the trunk is taken to rest."""
+"""Least number of feet that stand both before and after a tick; with fewer the trunk is assumed not to have moved."""
 
 
 class TrunkOverFeet:
@@ -25,7 +25,7 @@ class TrunkOverFeet:
 
     Attributes:
         position: of base_link, (3,) m, frame of the last odometry.
-        yaw: rad, in that frame.
+        yaw: heading of base_link in the frame of the last odometry, rad.
     """
 
     def __init__(self, position: Array, yaw: float) -> None:
@@ -45,10 +45,7 @@ class TrunkOverFeet:
 
 
 def trunk_moved(before: Array, after: Array) -> tuple[Array, float]:
-    """Return movement, (3,) m, axes of base_link before it, and turn, rad, of a trunk over standing feet.
-
-    before, after: places of these feet in base_link, (n, 3) m.
-    """
+    """Return displacement, (3,) m, axes of base_link before it, and turn, rad, of a trunk over standing feet."""
     a, b = before.mean(axis=0), after.mean(axis=0)
     p, q = before - a, after - b
     turn = math.atan2(

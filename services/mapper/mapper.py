@@ -1,4 +1,4 @@
-"""The map of one robot: odometry and depth images in, heights with variances out; bad images are counted."""
+"""The map of one robot: odometry and depth images in, heights with variances out; refused images are counted."""
 
 import math
 from collections import Counter, deque
@@ -33,38 +33,37 @@ from .legs import TrunkOverFeet
 from .turned import CameraError, scale_onto, turn_onto
 
 NOWHERE = np.empty((0, 3))
-"""Array of no points, (0, 3)."""
+"""Array of no points, (0, 3), the default where a function takes points under feet."""
 LEAST_FEET = 3
-"""Points under standing feet that a plane, or a comparison with the map, needs."""
+"""Least number of points under standing feet for fitting a plane to them or comparing them with the map."""
 FOOT = 0.003
-"""Deviation of the ground in a cell from the point under a foot that stands in it, m."""
+"""Standard deviation of the ground's height in a cell about the point under a foot that stands in the cell, m."""
 KEPT = 50
-"""Poses that are kept, one each 10 ms: an image may be older."""
+"""Number of newest poses that are kept, one each 10 ms, so that an older image finds the pose of its time."""
 NEAR_NS = 20_000_000
-"""Largest time between an image and the pose it is read with, ns."""
+"""Largest time between an image and the pose it is used with, ns; an image without so near a pose is refused."""
 JUMP = 0.1
-"""Way between two poses, m, beyond which the odometry has begun anew."""
+"""Change of a coordinate between two poses in a row, m, above which the odometry counts as begun anew."""
 LAID = OdometryDrift(0.003, 0.003, 0.01)
-"""Deviation of the place at which an odometry that has begun anew is laid by the legs: z, x and y (m), yaw (rad)."""
+"""Standard deviations of a pose given to a restarted odometry by the standing feet: z, x and y (m), yaw (rad)."""
 MOST_BAD = 0.5
-"""Share of impossible depths beyond which a whole image is refused."""
+"""Fraction of impossible depths in an image above which the whole image is refused."""
 FIX = 0.1
-"""Share of its top by which a variance has to fall to count as a fix of the pose; less is the play of a filter from
-tick to tick."""
+"""Fraction of its peak by which a variance of the pose has to fall to count as a fix; less is the filter's own play."""
 TINY = 1e-18
-"""Product of variances of a rotation (rad^2 or rad^4) below which the rotation counts as known."""
+"""Product of variances of a rotation (rad^2 for yaw, rad^4 for roll and pitch) below which it counts as known."""
 LEAST_BOTH = 50
-"""Number of cells that both map and image have to show before the image may be refused for what it shows."""
+"""Least number of cells that map and image both show; with fewer the image is not refused for a contradiction."""
 LEAST_ALIKE = 0.75
-"""Share of these cells that has to agree; on known ground an image of a camera that was not moved has more."""
+"""Fraction of the cells of map and image that has to agree in height; with less the image contradicts the map."""
 MOST_DOUBTFUL = 10
-"""Images in a row that may be refused for what they show; a map that all of them contradict is out of date."""
+"""Number of images in a row that may be refused for contradicting the map; at the next one the map begins anew."""
 SURE_ALIKE = 0.9
-"""Share of the cells that has to agree for a turn of the camera to be believed."""
+"""Fraction of the common cells that has to agree after a correction of the camera for the correction to be accepted."""
 SAME_TURN, SAME_SCALE = 0.01, 0.01
-"""Angle, rad, and share within which the turns and the scales that two images in a row show are one."""
+"""`SAME_TURN`: angle, rad; `SAME_SCALE`: fraction, up to which the errors of two images in a row count as one."""
 UNKNOWN_TILT = 0.01**2
-"""Variance of roll and of pitch of an odometry that states none, rad^2."""
+"""Variance of roll and of pitch, rad^2, assumed for an odometry message that gives none."""
 
 
 @dataclass(frozen=True)
@@ -72,29 +71,29 @@ class MapParams:
     """Settings of the map: its size, and limits of the depths and images that it uses."""
 
     cell: float = 0.005
-    """Edge of a cell of the elevation map, m."""
+    """Edge length of a square cell of the elevation map, m."""
     cells: int = 201
-    """Cells along an edge of the map."""
+    """Number of cells along an edge of the square map."""
     farthest: float = 1.2
-    """Depths beyond are not used, m: a point there is less sure than the ground is rough."""
+    """Depth above which a point is not used, m: there its error exceeds the roughness of the ground."""
     late_s: float = 0.3
-    """Age beyond which an image is refused, s."""
+    """Age of an image above which it is refused, s."""
     start_deviation: float = 0.01
-    """Deviation of the ground about the robot from the plane under its feet, before it has seen any, m."""
+    """Standard deviation of unseen ground about the plane under the feet, with which the map starts, m."""
     start_margin: float = 0.08
-    """Way by which the plane under the feet goes on beyond them at the start, m."""
+    """Distance by which the plane under the feet extends beyond them at the start, m."""
 
 
 class MapPose(NamedTuple):
-    """Pose of base_link with its uncertainty."""
+    """Pose of base_link with its covariance, in the frame of the odometry or, by `Mapper.placed`, of the map."""
 
     stamp_ns: int
     position: Array
-    """Position of base_link, (3,) m, frame of the map."""
+    """Position of base_link, (3,) m, frame of the pose: of the odometry or, by `Mapper.placed`, of the map."""
     rot: Array
-    """rot_odom_from_base, (3, 3)."""
+    """Rotation matrix from axes of base_link to axes of the pose's frame, (3, 3)."""
     covariance: Array
-    """Covariance of the pose since the start, (6, 6): x, y, z, m, and rotation about these axes, rad."""
+    """Covariance of the pose, grown since the start, (6, 6): of x, y, z, m, and of rotations about these axes, rad."""
 
     @property
     def tilt(self) -> float:
@@ -104,8 +103,9 @@ class MapPose(NamedTuple):
     def free(self) -> Array:
         """Return the variances of z and of x, y, m^2, as if the rotation were known, and that of yaw, rad^2, (3,).
 
-        With c = P_zr (2,) the covariance of z with roll and pitch and P_rr that of these (P: of the pose) it is P_zz -
-        c P_rr^-1 c; so for x, y with yaw. Errors of rotation are left out: they turn the whole map about the robot.
+        With c = P_zr (2,) the covariance of z with roll and pitch and P_rr that of these, the variance of z is
+        P_zz - c P_rr^-1 c; likewise of x, y with yaw. Errors of rotation are left out: they turn the whole map about
+        the robot.
         """
         p = self.covariance
         a, b, c, u, w = p[3, 3], p[3, 4], p[4, 4], p[2, 3], p[2, 4]
@@ -116,11 +116,11 @@ class MapPose(NamedTuple):
 
 
 class DepthView(NamedTuple):
-    """One image of the depth camera, with the camera's lens, noise and place."""
+    """One image of the depth camera, with the camera's intrinsics, noise and pose."""
 
     stamp_ns: int
     depths: Array
-    """Depths along the optical axis, (height, width) m; NaN = none."""
+    """Depths along the optical axis, (height, width) m; NaN = no measurement."""
     focal: float
     """Focal length of the depth camera, px."""
     center: tuple[float, float]
@@ -128,13 +128,13 @@ class DepthView(NamedTuple):
     sigma: float
     """Constant part of the standard deviation of a depth, m."""
     sigma_square: float
-    """Growth of the standard deviation of a depth with its square, m per m^2."""
+    """Coefficient of the standard deviation of a depth by the square of the depth, m per m^2."""
     frame: str
-    """Frame of the camera's place; only base_link is accepted."""
+    """Name of the frame of `position` and `quat_wxyz`; an image in another frame than base_link is refused."""
     position: Array
     """Position of the depth camera, (3,) m, frame base_link."""
     quat_wxyz: Array
-    """rot_base_from_camera as a quaternion w, x, y, z, (4,)."""
+    """Rotation from the camera's frame to base_link as a unit quaternion w, x, y, z, (4,)."""
 
 
 @dataclass
@@ -143,9 +143,9 @@ class Mapper:
 
     Attributes:
         params: size and limits of the map.
-        refused: number of images refused, by reason, and of single depths, as `depth`.
-        images: number of images in the map.
-        error: turn and scale of the camera, as found; images are corrected by it.
+        refused: number of images refused, by reason; under `depth` the number of single depths.
+        images: number of images fused into the map.
+        error: estimated turn and scale of the camera; images are corrected by it.
     """
 
     params: MapParams = field(default_factory=MapParams)
@@ -195,11 +195,7 @@ class Mapper:
         self._top = pose.free()
 
     def moved(self, pose: MapPose) -> bool:
-        """Record the pose of a tick; return False for a jump by more than 10 cm, which empties the map.
-
-        Growth of a variance beyond its largest value so far adds to the drift. Where the variance falls by a tenth (a
-        fix of the pose), growth counts from the lower value on.
-        """
+        """Record the pose of a tick; return False for a jump by more than 10 cm in x, y or z, which empties the map."""
         pose, last = self.placed(pose), self.pose
         jumped = last is not None and not np.abs(pose.position - last.position).max() <= JUMP
         if jumped:
@@ -237,7 +233,7 @@ class Mapper:
         Args:
             view: the image.
             now_ns: time of the tick, ns.
-            feet: points of the ground under standing feet, frame of the map, (n, 3) m.
+            feet: points of the ground under standing feet, (n, 3) m, frame of the map.
 
         Raises:
             Refusal: the whole image was left out; its text is the reason.
@@ -274,10 +270,10 @@ class Mapper:
     def _set_right(
         self, view: DepthView, pose: MapPose, points: GroundPoints, layers: Elevation, *, scaled: bool
     ) -> GroundMeans | None:
-        """Return an image less the error of the camera that it shows; None where no error explains it, or not yet.
+        """Return the means of an image corrected for the camera's error; None if no error explains it, or not yet.
 
-        `points`: of the ground in the image; `layers`: the map; `scaled`: a scale is looked for, as the feet agree with
-        the map, else the ground may lie lower.
+        `points`: of the ground in the image; `layers`: the map; `scaled`: True if a scale may be estimated, as the feet
+        agree with the map; else the ground may lie lower.
         """
         camera = pose.position + product(view.position[None], pose.rot.T)[0]
         turn = turn_onto(layers.height, self.grid, points.place, camera)
@@ -302,7 +298,7 @@ class Mapper:
 
     @property
     def turned(self) -> float:
-        """Angle by which the camera is turned from where it is stated to be, rad."""
+        """Angle by which the camera is turned from its stated orientation, rad."""
         return _angle(self.error.turn)
 
     def heights(self) -> tuple[Array, Array] | None:
@@ -314,7 +310,7 @@ class Mapper:
         return self.layers.height, variances(self.layers, self.grid, self._drift, robot)
 
     def _carries(self, feet: Array) -> bool | None:
-        """Return True if the map agrees with points under feet (n, 3) m, frame of the map; None: it knows too few."""
+        """Return True if the map agrees with points under feet (n, 3) m, frame of the map; None: too few are known."""
         seen = self.heights()
         if seen is None or not len(feet):
             return None
@@ -327,7 +323,7 @@ class Mapper:
 
     @property
     def origin(self) -> tuple[float, float]:
-        """x and y of the centre of cell [0, 0], m, frame of the map."""
+        """Coordinates x and y of the centre of cell [0, 0], m, frame of the map."""
         return self.grid.col * self.grid.cell, self.grid.row * self.grid.cell
 
     def _here(self, pose: MapPose) -> Elevation:
@@ -389,5 +385,5 @@ class Mapper:
 
 
 def _angle(rot: Array) -> float:
-    """Return the angle of a rotation (3, 3), rad."""
+    """Return the angle of a rotation matrix (3, 3), rad."""
     return math.sqrt(float((rotvec_from_matrix(rot) ** 2).sum()))

@@ -20,7 +20,7 @@ from .mapper import UNKNOWN_TILT, DepthView, Mapper, MapPose
 
 
 def map_pose(odometry: Odometry) -> MapPose:
-    """Return the pose and covariance of an odometry message; missing variances of the tilt are 1e-4 rad^2."""
+    """Return pose and covariance of an odometry message; variances of roll and pitch that it lacks are 1e-4 rad^2."""
     if odometry.pose_covariance is not None:
         covariance = np.array(odometry.pose_covariance).reshape(6, 6)
     else:
@@ -32,10 +32,10 @@ def map_pose(odometry: Odometry) -> MapPose:
 
 
 def standing_points(robot: Robot, pose: MapPose, joints: JointState, contacts: FootContacts) -> Array:
-    """Return the points of the ground under the feet whose switches are pressed, (n, 3) m, frame of `pose`.
+    """Return the ground points under the feet with a pressed switch, (n, 3) m, frame of `pose`.
 
     Args:
-        robot: its legs and foot radius.
+        robot: gives legs and foot radius.
         pose: of base_link.
         joints: angles of the joints.
         contacts: switches of the feet.
@@ -46,10 +46,10 @@ def standing_points(robot: Robot, pose: MapPose, joints: JointState, contacts: F
 
 
 def depth_view(image: DepthImage) -> DepthView:
-    """Return the depths of an image message, with the camera's lens, noise and place.
+    """Return the depths of an image message, with the camera's intrinsics, noise and pose.
 
     Raises:
-        Refusal: they are not as many float32 as the image has pixels.
+        Refusal: the data is no base64, or not one float32 a pixel.
     """
     try:
         data = b64decode(image.depths, validate=True)
@@ -66,7 +66,7 @@ def depth_view(image: DepthImage) -> DepthView:
 
 
 def depth_words(turned: float, scale: float) -> str:
-    """Return the log text on a camera that is turned by an angle, rad, with depths `scale` times the true ones."""
+    """Return the log text on a camera turned by `turned`, rad, with depths `scale` times the true ones."""
     angle, off = round(math.degrees(turned), 1), round(100.0 * (scale - 1.0))
     parts = [f"turned by {angle:.1f} deg"] * (angle != 0.0) + [f"depths {off:+d} % off"] * (off != 0)
     if not parts:
@@ -75,7 +75,7 @@ def depth_words(turned: float, scale: float) -> str:
 
 
 def elevation_message(mapper: Mapper, refused: Mapping[str, int]) -> ElevationMap:
-    """Return the map as a message; before anything was seen, it has one unknown cell.
+    """Return the map as a message; before the first height is known, it has one unknown cell.
 
     `refused`: number of images refused, by reason.
     """

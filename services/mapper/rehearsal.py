@@ -1,11 +1,11 @@
-"""A dry run of the mapper: one made-up image of level ground."""
+"""A dry run of the mapper: made-up images of level ground."""
 
 import numpy as np
 
 from .mapper import DepthView, MapParams, Mapper, MapPose
 
 DOWN = (0.0, -0.70710678, 0.70710678, 0.0)
-"""quat_wxyz of a camera that looks straight down, its top ahead."""
+"""Rotation from a camera that looks straight down, its top ahead, to base_link, as a quaternion w, x, y, z."""
 
 
 def rehearse(params: MapParams) -> None:

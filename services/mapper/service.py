@@ -33,7 +33,7 @@ class MapperService(Service[MapperConfig]):
         self.on_reset()
 
     def rehearse(self) -> None:
-        """Map a made-up image, so that all kernels are loaded before the first tick."""
+        """Map made-up images, so that all kernels are loaded before the first tick."""
         rehearse(self.config.params())
 
     def on_reset(self) -> None:
@@ -45,7 +45,7 @@ class MapperService(Service[MapperConfig]):
         self._standing: tuple[MapPose, JointState, FootContacts] | None = None
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """Follow the odometry, take the image of the tick, publish the map when it is due."""
+        """Update the pose by the odometry, fuse the image of the tick, publish the map when its period has passed."""
         odometry, image = inputs.get(STATE_ODOMETRY), inputs.get(HW_DEPTH)
         self._follow(odometry, inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS))
         if image is not None and self._began and self._creeping is None:
@@ -54,7 +54,7 @@ class MapperService(Service[MapperConfig]):
             self.publish(STATE_ELEVATION, elevation_message(self.mapper, self.mapper.refused))
 
     def _follow(self, odometry: Odometry | None, joints: JointState | None, contacts: FootContacts | None) -> None:
-        """Move the map to the pose of a tick, and note the feet that stand on its ground."""
+        """Move the map to the pose of a tick; store joints and contacts of the feet that stand on its ground."""
         if odometry is None or not odometry.initialised:
             self._creep(odometry, joints, contacts)
             return
@@ -75,7 +75,7 @@ class MapperService(Service[MapperConfig]):
             self._began = True
 
     def _creep(self, odometry: Odometry | None, joints: JointState | None, contacts: FootContacts | None) -> None:
-        """Follow the trunk by its feet alone while the estimator begins anew and there is no odometry."""
+        """Update the trunk's pose by its standing feet alone while the estimator restarts and there is no odometry."""
         pose = self.mapper.pose
         if pose is None or not self._began:
             return

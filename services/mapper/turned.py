@@ -5,9 +5,9 @@ axes through the camera changes that by w . J, so that each step of Gauss and Ne
 
     w = -(sum k J J^T)^-1 sum k J e,   J = (a_y + g_y a_z, -a_x - g_x a_z),   k = 1 / (1 + (e / s)^2),
 
-with s of the size of the errors, so that what is new on the ground counts little. The slopes mean nothing while the
-points lie far from their places: the first steps take them for 0. A turn about the vertical is not looked for: level
-ground does not show it. A scale x of the depths is found likewise, x -= sum k J e / sum k J J with
+with s of the size of the residuals e, so that new objects on the ground count little. The slopes mean nothing while
+the points lie far from their places: the first steps take them for 0. A turn about the vertical is not estimated:
+level ground does not show it. A scale x of the depths is estimated likewise, x -= sum k J e / sum k J J with
 J = a_z - g . (a_x, a_y).
 """
 
@@ -22,48 +22,48 @@ from surefoot.geometry.rotations import matrix_from_rotvec
 from .elevation import Grid
 
 STEPS = 12
-"""Steps of the search, half of them on level ground."""
+"""Number of Gauss-Newton steps of a fit; in the first half of them the slopes of the map are taken for 0."""
 MOST_POINTS = 1000
-"""Points that are looked at, evenly over the image: a look costs 4 ms."""
+"""Approximate number of points, evenly over the image, that a fit uses; a fit takes 4 ms."""
 SPAN = 4
-"""Number of cells on each side over which a slope is measured: over less of them it is the noise of the map."""
+"""Number of cells on each side of a cell over which its slope is measured; over fewer, noise of the map dominates."""
 LEAST_SIZE = 0.002
-"""Least size of the errors of points, m, beyond which they count little."""
+"""Least residual of a point, m, from which on its weight in a fit is below one half."""
 LEAST_SCALE = 0.5
-"""Least scale that is looked for; the largest is its inverse."""
+"""Least scale factor of the depths that a fit may return; the largest is its inverse."""
 
 
 class CameraError(NamedTuple):
-    """Difference of a depth camera from what it is stated to be."""
+    """Estimated error of a depth camera: turn from its stated orientation, and scale of its depths."""
 
     turn: Array
-    """Rotation from the stated rays of the camera to the true ones, (3, 3) base_link."""
+    """Rotation from the stated rays of the camera to the true ones, (3, 3), axes of base_link."""
     scale: float
-    """Depths of the camera over true ones, no unit."""
+    """Ratio of the camera's depths to the true ones, no unit."""
 
 
 class _Residuals(NamedTuple):
-    """Points of the ground seen by the camera, beside the map below them."""
+    """Ground points of one image with their heights over the map and the slopes of the map below them."""
 
     arm: Array
-    """Vectors from the camera to the points, (n, 3) m."""
+    """Vectors from the camera to the points, (n, 3) m, axes of the map."""
     slope: Array
     """Slopes of the map below the points along x and y, (n, 2), no unit."""
     off: Array
-    """Heights of the points over the map, (n,) m."""
+    """Heights of the points above the map, (n,) m."""
     weight: Array
-    """Share with which each point counts, (n,)."""
+    """Weight of each point in the fit, (n,), 0 to 1."""
 
 
 def _residuals(height: Array, grid: Grid, arm: Array, camera: Array, level: bool) -> _Residuals:
-    """Return the points of a camera whose cells of the map are known, beside the map below them.
+    """Return the residuals of a camera's points over the cells of the map that are known.
 
     Args:
         height: heights of the map, (ny, nx) m, NaN = unknown.
         grid: place of its cells.
-        arm: vectors from the camera to the points, (n, 3) m.
-        camera: place of the camera, (3,) m.
-        level: slopes of the map are taken for 0.
+        arm: vectors from the camera to the points, (n, 3) m, axes of the map.
+        camera: position of the camera, (3,) m, frame of the map.
+        level: True takes the slopes of the map for 0, False measures them.
     """
     ny, nx = height.shape
     x, y = ((arm + camera)[:, :2] / grid.cell - (grid.col, grid.row)).T

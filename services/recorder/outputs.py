@@ -16,19 +16,19 @@ from surefoot.version import VERSION
 from .config import RecorderConfig
 
 FALLEN_RAD = math.radians(45.0)
-"""Tilt by the estimator from which a robot without truth counts as fallen, as in `surefoot why`."""
+"""Estimated tilt of the trunk, rad, above which a robot without ground truth counts as fallen, as in `surefoot why`."""
 LOOK_TICKS = 10
-"""Control ticks between two looks at the tilt."""
+"""Control ticks between two checks of the estimated tilt for a fall."""
 
 
 class Output(Protocol):
     """Destination of the recorder: a file per run, or a ring of the last seconds."""
 
     path: str
-    """File that was written last; empty = none."""
+    """Path of the file that was written last; empty = none yet."""
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Begin a run of number `epoch`; ``begun``: an earlier process recorded its first part (raises OSError)."""
+        """Begin run number `epoch`; ``begun``: True if an earlier process recorded its first part (raises OSError)."""
         ...
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
@@ -43,18 +43,18 @@ class Output(Protocol):
         ...
 
     def save(self, reason: str) -> tuple[str, int]:
-        """Write a file at once; return its path and the number of messages (raises OSError, Refusal)."""
+        """Write the messages in memory to a file; return its path and their number (raises OSError, Refusal)."""
         ...
 
 
 class _Description:
-    """Facts and files that each file of a recorder carries."""
+    """Metadata and attached files that every file of a recorder carries."""
 
     def __init__(self, config: RecorderConfig) -> None:
         self._config = config
 
     def writer(self, path: Path, **more: str) -> RecordingWriter:
-        """Begin a file (raises OSError)."""
+        """Create a recording with the metadata of the run and `more`; return its writer (raises OSError)."""
         tables = self._config.tables
         run = {"robot": self._config.robot, **tables.pop("run", {}), **more, "version": VERSION}
         files: dict[str, bytes] = {}
@@ -67,7 +67,7 @@ class _Description:
 
 
 class WholeRun:
-    """Output that writes one file for each run (epoch) and overwrites none that an earlier process wrote of it."""
+    """Output that writes one file for each run (epoch) and never overwrites a part that an earlier process wrote."""
 
     def __init__(self, config: RecorderConfig, path: Path) -> None:
         self._description, self._path, self.path = _Description(config), path, str(path)
@@ -77,7 +77,7 @@ class WholeRun:
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
         """Begin the file of a run, `epoch` its number, unless it is open already.
 
-        `begun`: the run was recorded by an earlier process until now; its file is not overwritten.
+        `begun`: True if an earlier process recorded the run until now; its file is not overwritten.
         """
         if self._writer is not None:
             return
@@ -87,7 +87,7 @@ class WholeRun:
         self.path = str(path)
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
-        """Append a message to the recording."""
+        """Append a message to the open file of the run, if there is one (raises OSError)."""
         try:
             if self._writer is not None:
                 self._writer.write(topic, header, raw)
@@ -96,7 +96,7 @@ class WholeRun:
             raise
 
     def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
-        """Write summary and index of the recording and close its file."""
+        """Write summary and index of the recording and close its file (raises OSError)."""
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close(summary, hashes)
@@ -129,12 +129,12 @@ class LastSeconds:
         self._fallen, self._stopped = False, ""
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
-        """Drop the messages in memory if they are of another run (epoch); `begun` has no effect."""
+        """Drop the messages in memory if they are of another run than `epoch`; `begun` has no effect."""
         if epoch != self._epoch:
             self._begin(epoch, seed)
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
-        """Keep a message, drop those that are too old, and write all when it reports a fall or stop."""
+        """Keep a message, drop those older than the ring's span, and write all to a file when a fall or stop begins."""
         kept = _RingMessage(tick, topic, header, raw)
         if topic.kind is Kind.LATCHED:
             self._latched[topic.key] = kept
@@ -147,7 +147,7 @@ class LastSeconds:
             self.save(event)
 
     def _event(self, topic: Topic[Any], raw: Raw, tick: int) -> str:
-        """Return what has begun with a message: `fall`, `stop`; empty: nothing."""
+        """Return the event that begins with a message: `fall` or `stop`; empty if none does."""
         if topic is SIM_STATUS:
             before, self._stopped = self._stopped, str(_content(raw).get("stopped") or "")
             return "stop" if self._stopped and not before else ""
@@ -162,7 +162,7 @@ class LastSeconds:
 
     @property
     def _seen(self) -> set[str]:
-        """Return the keys of the messages of the last tick."""
+        """Return the keys of the messages that the ring holds of the last tick."""
         found = set[str]()
         for kept in reversed(self._ring):
             if kept.tick < self._tick - 1:
@@ -200,7 +200,7 @@ def _content(raw: Raw) -> dict[str, Any]:
 
 
 def _tilt(up: Any) -> float:
-    """Return the angle of the direction up (3,) to the trunk's z axis, rad; 0 where it is unknown."""
+    """Return the angle between the up direction (3,), base_link, and the trunk's z axis, rad; 0 if it is unknown."""
     match up:
         case [int() | float() as x, int() | float() as y, int() | float() as z]:
             return math.atan2(math.hypot(x, y), z) if (x, y, z) != (0.0, 0.0, 0.0) else 0.0
@@ -209,6 +209,6 @@ def _tilt(up: Any) -> float:
 
 
 def _free(path: Path, number: int) -> Path:
-    """Return the path with the first number from ``number`` on that no file has; the number 1 is not written."""
+    """Return the first path with a number from ``number`` on that no file has; number 1 leaves the name unchanged."""
     found = path if number == 1 else path.with_stem(f"{path.stem}-{number}")
     return _free(path, number + 1) if found.exists() else found

@@ -54,7 +54,7 @@ class Recorder(Service[RecorderConfig]):
         self._pending.append((topic, message))
 
     def _take_latched(self, inputs: TickInputs) -> None:
-        """Keep a map once, though it is published again for every new participant."""
+        """Record each version of a latched message once, though it is published again for every new participant."""
         for topic in LATCHED:
             delivery: Delivery | None = inputs.messages.get(topic.key)
             if delivery is None or delivery is self._latched.get(topic.key):
@@ -88,7 +88,7 @@ class Recorder(Service[RecorderConfig]):
         self._close()
 
     def status(self, request: RecorderRequest) -> RecorderReply:
-        """Return file, messages and, at the end, hash of the recording, as `recorder/status` requests."""
+        """Return path, number of messages and, after the last tick, hash of the recording (`recorder/status`)."""
         path = "" if self._output is None or self._failed else self._output.path
         return RecorderReply(
             path=sendable(path), epoch=self._epoch, tick=self._tick, finished=self._finished,
@@ -96,7 +96,7 @@ class Recorder(Service[RecorderConfig]):
         )  # fmt: skip
 
     def save(self, request: SaveRequest) -> SaveReply:
-        """Write the messages of the last seconds to a file, as `recorder/save` requests."""
+        """Write the messages of the last seconds to a file; return its path and their number (`recorder/save`)."""
         if self._output is None:
             raise Refusal("refused", "path is empty: nothing is recorded", "path")
         self._flush()
@@ -107,7 +107,7 @@ class Recorder(Service[RecorderConfig]):
         return SaveReply(path=sendable(path), messages=messages)
 
     def _try(self, work: Callable[[Output], None]) -> None:
-        """Use the output; a disk that fails ends the recording, not the run: the hash goes on."""
+        """Call `work` with the output; an OSError ends the recording, not the run, and the hash is still computed."""
         if self._output is None or self._failed:
             return
         try:

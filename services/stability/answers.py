@@ -188,7 +188,7 @@ def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
 
 
 def no_status(legs: int, mu: float) -> StabilityStatus:
-    """Return the status message of a robot with so many legs while a sample is missing; `mu`: friction coefficient."""
+    """Return the status message of a robot with `legs` legs while a sample is missing; `mu`: friction coefficient."""
     return StabilityStatus(
         status="infeasible",
         stance=(False,) * legs,
@@ -203,7 +203,7 @@ def no_status(legs: int, mu: float) -> StabilityStatus:
 
 
 def _region_fields(found: Region, proofs: bool, polygons: bool) -> dict[str, Any]:
-    """Return the fields of a region that replies share; `proofs`: with certificates, `polygons`: with the polygons."""
+    """Return the region's fields that replies share; `proofs`: with certificates, `polygons`: with the polygons."""
     sinking = None if found.sinking is None else tuple(found.sinking.tolist())
     level = sinking is not None and len(sinking) == 4
     return {
@@ -220,7 +220,7 @@ def _region_fields(found: Region, proofs: bool, polygons: bool) -> dict[str, Any
 
 
 def _support(support: Support, proofs: bool) -> tuple[SupportPoint, ...]:
-    """Return support values as messages; `proofs`: with certificate or twist, forces, and torques of limited servos."""
+    """Return support values as messages; `proofs`: adds certificate or twist, forces, and torques of limited servos."""
     direction, value, point = _pairs(support.direction), support.value.tolist(), _pairs(support.point)
     gap, name = support.gap.tolist(), {4: "certificate", 6: "twist", 0: ""}[support.twist.shape[1]]
     out: list[SupportPoint] = []
@@ -253,12 +253,12 @@ def _gradient(slope: MarginSlope) -> MarginGradient:
 
 
 def _pairs(points: Array) -> tuple[tuple[float, float], ...]:
-    """Return the rows of points (n, 2) as tuples."""
+    """Return the rows of an array (n, 2) as tuples."""
     return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
 
 
 def _triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
-    """Return the rows of (n, 3) numbers as tuples."""
+    """Return the rows of an array (n, 3) as tuples."""
     return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three
 
 

@@ -21,7 +21,7 @@ class CalibrationJob:
         self.collector: PoseCollector | None = None
         self.result: Calibration | None = None
         self.gain: Array | None = None
-        """Factors on the torques in use, (nj,); None = torques as reported."""
+        """Factors in use by which reported joint torques are multiplied, (nj,); None = torques as reported."""
         self._planned: list[tuple[int, CalibrateRequest]] = []
         self._tick = -1
 
@@ -55,9 +55,9 @@ class CalibrationJob:
 
         Args:
             joints: angles, (nj,) rad.
-            torque: as reported, (nj,) Nm.
+            torque: joint torques as reported, (nj,) Nm.
             g_up: upward specific force at rest, base_link, (3,) m/s^2.
-            stance: feet on the ground, (L,).
+            stance: True for feet on the ground, (L,).
         """
         if self.collector is not None and len(self.collector.poses) < MAX_COLLECTED:
             self.collector.add(joints, torque, g_up, stance)

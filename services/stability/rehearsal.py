@@ -21,13 +21,13 @@ from .sensing.forces import leg_inverses
 
 UP = (0.0, 0.0, 1.0)
 AT_REST = np.array([0.0, 0.0, GRAVITY])
-"""Specific force at rest of a level trunk, (3,) m/s^2."""
+"""Specific force at rest of a level trunk, base_link, (3,) m/s^2."""
 MOVEMENT = (0.01, 0.0, 0.0)
-"""Movement of the trunk, m."""
+"""Movement of the trunk in a made-up request, frame world, (3,) m."""
 
 
 def rehearse(robot: Robot, params: state.WatchParams) -> None:
-    """Run what a walking robot requests, and the contact sets that its feet can make, so that kernels are loaded."""
+    """Run the requests of a walking robot, and the contact sets that its feet can make, so that kernels are loaded."""
     _regions()
     contacts, joints = _contacts(robot), tuple(robot.neutral.tolist())
     com = contacts[0].position[:2]
@@ -52,7 +52,7 @@ def rehearse_rare(robot: Robot) -> None:
 
 
 def _contacts(robot: Robot) -> tuple[Contact, ...]:
-    """Return the points where the feet of the neutral stance touch, m, frame base_link."""
+    """Return the contacts of the neutral stance: points under the feet, m, frame base_link."""
     feet = foot_positions(robot.model, robot.neutral) - robot.foot_radius * np.array(UP)
     return tuple(Contact(position=tuple(foot.tolist()), normal=UP, mu=0.5) for foot in feet)
 

@@ -41,9 +41,9 @@ class RegionQuestion(NamedTuple):
     contacts: ContactSet
     """Contacts of the robot with the ground, frame world."""
     wanted: Refinement
-    """Directions to solve for."""
+    """Directions in which the region is solved for, and their refinement."""
     held: posture.HeldRobot | None
-    """Robot that the mode holds in a posture; None = another mode."""
+    """Robot in the posture in which its servos hold it; None unless the mode is that of limited torques."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +51,11 @@ class CheckQuestion:
     """Content of a request to `stability/check`: a planned movement, and the legs that stand."""
 
     movement: Movement
-    """Movement whose margins are asked for."""
+    """Planned movement of the trunk whose margins are requested."""
     stance: tuple[str, ...]
-    """Names of the legs whose feet were held in place."""
+    """Names of the legs whose feet stay in place during the movement."""
     reachable: bool
-    """Every stance leg reaches its foot after the movement."""
+    """True if every stance leg reaches its foot after the movement, False if one does not."""
 
 
 def region_question(request: RegionRequest | CheckRequest, own: Robot) -> RegionQuestion:
@@ -184,7 +184,7 @@ class EquilibriumQuestion:
     contacts: ContactSet
     """Contacts that may carry the robot, frame with z against the effective gravity (at rest: frame world)."""
     com: Array
-    """Centre of mass, (2,) m, in the frame of the contacts."""
+    """Centre of mass, x and y, (2,) m, in the frame of the contacts."""
     weight: float
     """Weight that the contacts carry, N: mass times effective gravity."""
     back: Array

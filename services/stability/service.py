@@ -19,10 +19,10 @@ from .sensing import state
 from .workers import Workers, answered
 
 STALE_NS = 100_000_000
-"""Age above which an input makes the status not fresh, ns."""
+"""Age of an input, ns, above which the status is published as not fresh."""
 
 LEAST_GRAVITY = 1.0
-"""Length below which g_up is no direction, m/s^2."""
+"""Length of the estimated gravity g_up, m/s^2, up to which it gives no direction and no status is computed."""
 
 
 class Stability(Service[StabilityConfig]):
@@ -65,7 +65,7 @@ class Stability(Service[StabilityConfig]):
         rehearse_rare(self.robot)
 
     def on_reset(self) -> None:
-        """Forget joints, contacts and tilt, because time begins anew (a new epoch)."""
+        """Reset joints, contacts, tilt and calibration, because time begins anew (a new epoch)."""
         self._joints: JointState | None = None
         self._contacts: FootContacts | None = None
         self._velocity: VelocityEstimate | None = None
@@ -75,11 +75,11 @@ class Stability(Service[StabilityConfig]):
         self.calibration = CalibrationJob(self.robot, self.params.torque_variance)
 
     def on_config(self) -> None:
-        """Take the new parameters for the next status."""
+        """Apply new parameters of the configuration from the next status on."""
         self.params = self.config.watch()
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """Keep the latest samples; publish the status every second tick."""
+        """Store the latest samples; publish the status every second tick."""
         self._joints = inputs.get(topics.HW_JOINTS) or self._joints
         self._velocity = inputs.get(topics.STATE_VELOCITY) or self._velocity
         if (contacts := inputs.get(topics.HW_CONTACTS)) is not None:
@@ -112,7 +112,7 @@ class Stability(Service[StabilityConfig]):
         self.workers.stop()
 
     def _collect(self) -> None:
-        """Pass the latest samples to the calibration that is under way."""
+        """Pass the latest samples to the calibration in progress."""
         joints, closed, velocity = self._joints, self._closed, self._velocity
         if joints is None or joints.torque is None or closed is None or velocity is None:
             return

@@ -19,14 +19,14 @@ from .regions import many
 Rep = TypeVar("Rep", bound=Reply)
 
 LATER_S = 1.0
-"""s after the start at which modules that only odd contact sets need are imported, on another thread, in 0.2 s."""
+"""Delay after the start, s, before another thread imports (0.2 s) the modules that only unusual contact sets need."""
 
 AT_ONCE = 32
-"""Most sets of a batch that are answered between two ticks, in about 1 ms; more go to the other thread."""
+"""Largest number of sets of a batch that is answered between two ticks, in about 1 ms; more go to the other thread."""
 
 
 def answered(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
-    """Return a handler that raises StabilityError of the given one as Refusal, which a query can answer with."""
+    """Return a handler that raises each StabilityError of the given handler as a Refusal, the answer to a query."""
 
     def answer(request: Req) -> Rep:
         try:

@@ -22,10 +22,10 @@ from .scenarios.scenario import COMMANDS
 from .watched import Watched
 
 WELL = ("joining", "ready", "running")
-"""States of a healthy service: it answers queries, although not all of its links need to be proved."""
+"""States in which a service counts as healthy: it answers queries, even if not all its links are proved."""
 
 SIGN_TICKS = 10
-"""Control ticks between two looks at who has published: every periodic topic is due in such a tick."""
+"""Control ticks between two checks of which services have published; every periodic topic is due in such a tick."""
 
 
 class Supervisor(Service[ServiceConfig]):
@@ -49,16 +49,16 @@ class Supervisor(Service[ServiceConfig]):
         self.health: dict[str, Health] = {}
         self.status: SimStatus | None = None
         self.late: SimStatus | None = None
-        """Report of the driver when paced time last fell behind in this run."""
+        """Status of the simulator or hardware when paced time last fell behind in this run; None = never."""
         self.ended = threading.Event()
         self.ticks = 0
         self.began = self.last = 0.0
         self._feedback: Delivery | None = None
-        """Latest progress of a goal."""
+        """Newest progress message of a navigator goal, not decoded; None = none yet."""
         self.kept: list[Delivery] = []
         """Messages of the topics `JUDGED`, which the verdict reads, since the start of the run, not yet decoded."""
         self.notes: list[tuple[float, str]] = []
-        """Steps of the scenario, each with its simulated time, s."""
+        """Steps of the scenario that were sent: simulated time, s, and text of each."""
 
     @property
     def wall_s(self) -> float:
@@ -66,7 +66,7 @@ class Supervisor(Service[ServiceConfig]):
         return self.last - self.began
 
     def stops(self) -> list[str]:
-        """Return the reasons why the driver's run is not valid: an emergency stop, physics that diverged."""
+        """Return the reasons why the driver's run is not valid: an emergency stop, or diverged physics."""
         if self.status is None:
             return []
         stopped = self.status.stopped

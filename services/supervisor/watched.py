@@ -6,7 +6,7 @@ from surefoot.schemas.system import ServiceStatus
 
 
 class Watched(Protocol):
-    """Processes of a system, which the supervisor watches."""
+    """Interface of the running processes of a system that the supervisor watches."""
 
     name: str
 

@@ -22,16 +22,16 @@ MOST_SWITCHES = 48  # of a foot; with more they count as one
 NEAR = 0.01  # m over the lowest point: a foot without a sensor may stand there
 SURE = 0.98  # largest probability of a contact: a switch may lie
 LEVER = 1.0 / math.sqrt(6.0)
-"""Distance of the points of a sole from its middle over the length of the leg: six joints of equal noise s turn the
-sole by s sqrt(6) and move it by s times the leg's length, about."""
+"""Distance of a flat sole's contact points from its centre, fraction of the leg's length: six joints of equal noise s
+turn the sole by about s sqrt(6) and move it by s times the length."""
 
 
 class ContactPoints(NamedTuple):
-    """K points at which the L feet of a robot touch the ground, those of one foot side by side, in foot axes.
+    """K points at which the L feet of a robot touch the ground, in foot axes; those of one foot are adjacent.
 
-    foot: index of the foot of each, (K,); place: from the foot's centre, (K, 3) m; radius of a round foot, (K,) m, 0 =
-    does not roll; switches: places of the S switches of each foot, (L, S, 3) m, S = 1: one for the whole foot; axes:
-    long axis, short axis and normal of each sole as columns, (L, 3, 3).
+    foot: index of the foot of each point, (K,); place: position from the foot's centre, (K, 3) m; radius of a round
+    foot, (K,) m, 0 = does not roll; switches: places of the S switches of each foot, (L, S, 3) m, S = 1: one for the
+    whole foot; axes: long axis, short axis and normal of each sole as columns, (L, 3, 3).
     """
 
     foot: NDArray[np.int64]  # (K,) the foot of each
@@ -57,9 +57,9 @@ class SeenPoints(NamedTuple):
 class BestGeometry(NamedTuple):
     """K contact points on the L feet of a robot, in foot axes, and the mounting of the IMU in base_link.
 
-    foot: index of the foot of each point, (K,); place: from the foot's centre, (K, 3) m; radius of a round foot, (K,)
-    m, 0 = does not roll; switches: places of the S switches of each foot, (L, S, 3) m; axes: long axis, short axis and
-    normal of each sole as columns, (L, 3, 3); imu_position: (3,) m.
+    foot: index of the foot of each point, (K,); place: position from the foot's centre, (K, 3) m; radius of a round
+    foot, (K,) m, 0 = does not roll; switches: places of the S switches of each foot, (L, S, 3) m; axes: long axis,
+    short axis and normal of each sole as columns, (L, 3, 3); imu_position: IMU in base_link, (3,) m.
     """
 
     foot: NDArray[np.int64]  # (K,) foot of each contact point

@@ -14,28 +14,23 @@ from surefoot.arrays import Array, Flags
 from surefoot.robot.description import Robot
 
 STILL_S = 0.35
-"""Time of one and the same number after which an encoder stands still at the end of a stance, s."""
+"""Time without any change of its angle after which an encoder counts as frozen at the end of a stance, s."""
 FASTEST = 12.0
-"""Speed that no joint reaches, rad/s: an unloaded hobby servo turns by 8 to 10."""
+"""Joint speed between two samples, rad/s, above which an encoder jumped: unloaded hobby servos turn by 8 to 10."""
 KEPT_S = 1.0
-"""Time after a jump in which a leg counts as faulty, s: the stance that it fell into has ended."""
+"""Time after a jump of an encoder for which its leg counts as faulty, s: until the stance of the jump has ended."""
 RISEN = 0.015
-"""Rise of a foot over the begin of its stance with a closed switch from which the switch is stuck, m."""
+"""Rise of a foot over the begin of its stance, m, above which its closed switch counts as stuck."""
 
 
 @dataclass(eq=False)
 class LegFaults:
-    """Finds legs whose encoders or foot switches fail, so that nothing is learned from the slip of their stances.
-
-    Args:
-        joints: indices of the joints of each leg.
-        count: number nj of all joints.
-    """
+    """Detector of legs whose encoders or foot switches fail, so that slip is not learned from their stances."""
 
     joints: tuple[tuple[int, ...], ...]
     count: int
     still_s: Array = field(init=False)
-    """Time since each joint gave another number, (nj,) s."""
+    """Time since the angle of each joint changed last, (nj,) s."""
 
     def __post_init__(self) -> None:
         self.still_s = np.zeros(self.count)

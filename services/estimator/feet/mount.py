@@ -1,4 +1,4 @@
-"""Feet seen from the IMU: by joint angles, and with the unknown ones left out."""
+"""Positions and rotations of the feet seen from the IMU, by joint angles; feet with unknown angles are left out."""
 
 import math
 from typing import NamedTuple
@@ -16,7 +16,8 @@ from surefoot.robot.kinematics import forward
 class FootSample(NamedTuple):
     """All L feet at one time, seen from the IMU.
 
-    position: foot centres, IMU axes, (L, 3) m; rot: rot_imu_from_foot, (L, 3, 3); contact: the foot touches, (L,).
+    position: foot centres, IMU axes, (L, 3) m; rot: rot_imu_from_foot, (L, 3, 3); contact: True = the foot touches the
+    ground, (L,).
     """
 
     stamp_ns: int
@@ -28,8 +29,8 @@ class FootSample(NamedTuple):
 class FootMount(NamedTuple):
     """Parts of a robot description that locate the L feet from the IMU.
 
-    model: joints and links, None if feet come as positions; rot_imu_from_base: (3, 3); imu_position: in base_link, (3,)
-    m; radius: of a round foot, (L,) m, 0 = a sole.
+    model: joints and links, None if feet come as positions; rot_imu_from_base: (3, 3); imu_position: IMU in base_link,
+    (3,) m; radius: of a round foot, (L,) m, 0 = a sole.
     """
 
     model: KinematicModel | None  # None: feet come as positions, there are no joints
@@ -87,7 +88,7 @@ def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: 
 
 @kernel
 def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Array, Array, Ints, bool]:
-    """Return the feet with those that are not finite (a dead encoder) lifted off the ground.
+    """Return the feet; those that are not finite (a dead encoder) are lifted off the ground.
 
     Args:
         position: foot centres from the IMU, IMU axes, (L, 3) m.

@@ -7,8 +7,8 @@ the radius of the sphere, n the vertical. What the centre has moved beyond that,
     s^2 = max(0, max_k |x_k|^2 - sigma^2)
 
 c is the foot centre in `odom`, from joints and odometry, so s holds the drift of the odometry over one stance as well.
-The sum of |d_k| would add up noise (eight times the slip of a walk), the largest way from the begin does not. sigma is
-the way that encoders and odometry make of a foot at rest.
+The sum of |d_k| would add up noise (eight times the slip of a walk), the largest distance from the begin does not.
+sigma is the distance by which encoders and odometry seem to move a foot at rest.
 
 Light feet slide with open switches, farthest on slopes: a stance ends when the foot rises, not when its switch opens. A
 step d_k between two open samples may be free fall as well, so w_k is the mean of 1 (closed) and 1/2 (open).
@@ -33,15 +33,15 @@ from .mount import FootMount, feet_in_imu
 Counts = NDArray[np.int64]
 
 RISE = 0.008
-"""Rise over the height of the last contact from which a foot with an open switch is in swing, m."""
+"""Rise of a foot over its height at the last contact, m, above which it is in swing if its switch is open."""
 LONGEST_OPEN = 5
-"""Samples with an open switch that end a stance, whatever the height of the foot."""
+"""Number of samples in a row with an open switch that end a stance, whatever the height of the foot."""
 OPEN_WEIGHT = 0.5
-"""Weight w of a sample with an open switch."""
+"""Weight w of a foot's displacement in a sample with an open switch, no unit; with a closed switch it is 1."""
 SIGMA = 0.0005
-"""Way of a foot at rest by encoders of 0.3 deg and the odometry of one stance, m."""
+"""Apparent slip of a foot at rest in one stance by encoders that err by 0.3 deg and the odometry, m."""
 LEAST = 2
-"""Samples with contact that make a stance: one may be a bump of the swing."""
+"""Least number of samples with contact that make a stance; fewer may be a bump in the swing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +50,15 @@ class FinishedStance:
 
     leg: int
     slip: float
-    """Largest distance of the foot from where the stance began, m."""
+    """Slip: largest horizontal displacement of the foot in the stance by sliding, less noise, m."""
     begin: tuple[float, float, float]
-    """Foot centre at its begin, `odom`, m."""
+    """Foot centre at the begin of the stance, odom, m."""
     samples: int
-    """Samples from its first contact to its last."""
+    """Number of samples from the first contact of the stance to its last."""
     since: int
-    """Samples since its last contact."""
+    """Number of samples since the last contact of the stance."""
     healthy: bool = True
-    """False: an encoder or switch of the leg was at fault."""
+    """True if no fault of the leg was found; False: an encoder or switch of the leg was faulty."""
 
 
 def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float = 0.0) -> tuple[Array, Array]:
@@ -68,7 +68,7 @@ def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float
         mount: kinematic model, and mounting of the IMU in base_link.
         q: joint angles, (nj,) rad.
         pose: pose and velocity of base_link in odom.
-        behind_s: age of the joints against the pose, s: the trunk is taken back by its velocity.
+        behind_s: age of the joint angles against the pose, s: the trunk is moved back by its velocity times this age.
     """
     position, rot = feet_in_imu(mount, q)
     begin = pose.position - behind_s * pose.velocity
@@ -87,7 +87,7 @@ def _turned(
         quat_wxyz: orientation of base_link in `odom`, (4,).
         rot_imu_from_base: mounting of the IMU, (3, 3).
         imu_position: place of the IMU in base_link, (3,) m.
-        begin: place of base_link in `odom`, (3,) m.
+        begin: position of base_link in `odom`, (3,) m.
     """
     base = matrix_from_quat(quat_wxyz)
     turn, at = times_transposed(base, rot_imu_from_base), begin + times_vector(base, imu_position)
@@ -98,33 +98,33 @@ def _turned(
 
 
 class FootWays(NamedTuple):
-    """Path of each of L feet over its present stance (time in which it stands), updated from sample to sample."""
+    """Path of each of L feet over its present stance (time in which it stands), updated with each sample."""
 
     slip: Array
-    """Slip of the present stance, (L,) m; 0 in swing."""
+    """Slip of each foot in its present stance, (L,) m; 0 in swing."""
     samples: Counts
-    """Samples since the stance began, (L,); 0 in swing."""
+    """Number of samples since the stance of each foot began, (L,); 0 in swing."""
     open: Counts
-    """Samples since the switch was closed last, (L,)."""
+    """Number of samples since the switch of each foot was closed last, (L,)."""
     last: Counts
-    """Samples from the begin of the stance to the last contact, (L,)."""
+    """Number of samples from the begin of each foot's stance to its last contact, (L,)."""
     way: Array
-    """Level way x of the foot by slip in the stance so far, axes of odom, (L, 2) m; rolling is taken off."""
+    """Horizontal displacement x of each foot by slip in the stance so far, without rolling, axes of odom, (L, 2) m."""
     height: Array
-    """Height of the foot at its last contact, (L,) m, `odom`."""
+    """Height of each foot's centre at its last contact, odom, (L,) m."""
     farthest: Array
-    """Largest |x| of the stance so far, (L,) m."""
+    """Largest |x| of each foot in the stance so far, (L,) m; x: horizontal displacement by slip."""
     begin: Array
-    """Foot centre where the stance began, (L, 3) m, `odom`."""
+    """Foot centres where their stances began, odom, (L, 3) m."""
     centre: Array
-    """Foot centre at the sample before, (L, 3) m, `odom`."""
+    """Foot centres at the previous sample, odom, (L, 3) m."""
     rot: Array
-    """rot_odom_from_foot at the sample before, (L, 3, 3)."""
+    """rot_odom_from_foot of each foot at the previous sample, (L, 3, 3)."""
 
 
 @dataclass(eq=False)
 class StanceSlip:
-    """Measures how far each foot slides in its stances (times in which it stands), from sample to sample.
+    """Measurement of how far each foot slides in its stances (times in which it stands), from sample to sample.
 
     Args:
         legs: number of feet L.
@@ -134,7 +134,7 @@ class StanceSlip:
     legs: int
     radius: Array
     slip: Array = field(init=False)
-    """Slip of the present stance, (L,) m; 0 in swing."""
+    """Slip of each foot in its present stance, (L,) m; 0 in swing."""
 
     def __post_init__(self) -> None:
         n = self.legs
@@ -146,19 +146,19 @@ class StanceSlip:
         self.slip = self._feet.slip
 
     def risen(self, centre: Array) -> Array:
-        """Return how high each foot is over the begin of its stance, (L,) m, 0 in swing; centre: in odom, (L, 3) m."""
+        """Return the rise of each foot since its stance began, (L,) m, 0 in swing; centre: in odom, (L, 3) m."""
         return np.where(self._feet.samples > 0, centre[:, 2] - self._feet.begin[:, 2], 0.0)
 
     def update(
         self, contact: Flags, centre: Array, rot_odom_from_foot: Array, faulty: Flags | None = None
     ) -> list[FinishedStance]:
-        """Take one sample of all feet; return the stances that have ended.
+        """Update the stances with one sample of all feet; return those that have ended.
 
         Args:
             contact: foot switches, True = closed, (L,).
             centre: foot centres in `odom`, (L, 3) m; a row that is not finite leaves its foot as it was.
             rot_odom_from_foot: rotation of each foot's link, (L, 3, 3).
-            faulty: legs whose stance is spoilt if it ends now, (L,); None = none.
+            faulty: True for legs whose stance is unusable if it ends now, (L,); None = none.
         """
         ended: list[FinishedStance] = []
         for leg in np.flatnonzero(_followed(self._feet, contact, centre, rot_odom_from_foot, self.radius)).tolist():
@@ -174,7 +174,7 @@ class StanceSlip:
 
 @kernel
 def _followed(feet: FootWays, contact: Flags, centre: Array, rot: Array, radius: Array) -> Flags:
-    """Take one sample of all feet into `feet`, in place; return True for stances that have ended, (L,).
+    """Update `feet` with one sample of all feet, in place; return True for stances that have ended, (L,).
 
     Args:
         feet: path of each foot over its stance; changed.
@@ -205,12 +205,12 @@ def _followed(feet: FootWays, contact: Flags, centre: Array, rot: Array, radius:
 
 @kernel
 def _step(feet: FootWays, leg: int, contact: bool, centre: Array, rot: Array, radius: float) -> None:
-    """Add the way of a foot since its last sample, in place; it counts once contact is found again or was not lost.
+    """Add the displacement of a foot since its last sample, in place; slip is updated at samples with contact only.
 
     Args:
         feet: path of each foot over its stance; changed.
         leg: index of the foot.
-        contact: its switch is closed.
+        contact: True = its switch is closed.
         centre: its centre in `odom`, (3,) m.
         rot: rot_odom_from_foot, (3, 3).
         radius: of its sphere, m; 0 = a sole.

@@ -36,9 +36,9 @@ Stamps = NDArray[np.int64]
 def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
     """Correct with the height of the standing points over a ground that is level everywhere, in place.
 
-    p_z + r_z = ground + radius for each, p the IMU in odom and r the point from the IMU, with a deviation of `sd` per
-    sample; errors by lifting feet, edges and dust last for several samples, so `sd` is several times the error of one
-    foot.
+    p_z + r_z = ground + radius for each, p the IMU in odom and r the point from the IMU, with a standard deviation of
+    `sd` per sample; errors by lifting feet, edges and dust last for several samples, so `sd` is several times the error
+    of one foot.
 
     Args:
         state: of the filter; changed.
@@ -124,7 +124,7 @@ def settled(state: BestState) -> bool:
 
 @kernel
 def _lost_until(stamps: Stamps, at: int) -> int:
-    """Return the stamp, ns, up to which inertial samples before row `at` are lost; that of the row before if none are.
+    """Return the stamp, ns, up to which samples before inertial row `at` are lost; that of row `at` - 1 if none are.
 
     `stamps`: of the inertial samples, (n,) ns, rising. The period is the shorter of the two steps before.
     """
@@ -137,7 +137,7 @@ def _lost_until(stamps: Stamps, at: int) -> int:
 
 @kernel
 def _hidden(rows: Array, at: int) -> tuple[float, float]:
-    """Return variances, (rad/s)^2 and (m/s^2)^2, of what inertial samples lost before row `at` may hide.
+    """Return variances, (rad/s)^2 and (m/s^2)^2, of gyro and accelerometer samples lost before row `at`.
 
     `rows`: gyro rad/s (3) and accelerometer m/s^2 (3) of each sample, IMU axes, (n, 6).
     """
@@ -159,7 +159,8 @@ def _correct(
     Args:
         state: of the filter, or one hypothesis of it, at the stamp of the sample; changed.
         seen: places and contacts of the contact points.
-        hypotheses: each point may slide, and staying and sliding are mixed; False: `slides` names the feet that slide.
+        hypotheses: True: each point may slide, staying and sliding are mixed; False: `slides` names the feet that
+            slide.
         slides: bit f is set if foot f slides.
         share: of the learned velocity of a slide by which it goes on, 0 to 1.
     """
@@ -175,7 +176,7 @@ def _correct(
 
 @kernel
 def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int64], geometry: BestGeometry) -> bool:
-    """Return True if a sample of the feet has the errors of the last one: it comes soon after, with the same contacts.
+    """Return True if a sample of the feet repeats the errors of the last one: soon after it, with equal contacts.
 
     Encoders, flexible legs and soles err alike for some 10 ms; to take every sample of a fast log would be to count one
     error many times.
@@ -245,7 +246,7 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
 def _predict_one(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
-    """Carry one state over `d` s by one inertial sample, in place; `hidden`: variances of samples lost in this step."""
+    """Predict one state over `d` s by one inertial sample, in place; `hidden`: variances of lost samples."""
     predict(state, w, q, d, noise, felt)
     keep_heading(state, d)
     for i in range(3):
@@ -257,7 +258,7 @@ def _predict_one(
 def _predict(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
-    """Carry the state, or each of its hypotheses, over `d` s by one inertial sample, in place.
+    """Predict the state, or each of its hypotheses, over `d` s by one inertial sample, in place.
 
     w, q: mean gyro, rad/s, and accelerometer, m/s^2, over the step, IMU axes, (3,); felt: variances that shocks add to
     them; hidden: variances of what lost samples may hide, (rad/s)^2 and (m/s^2)^2, 0 where none is lost.
@@ -271,7 +272,7 @@ def _predict(
 
 @kernel
 def _speed(x: Array, memory: Array) -> float:
-    """Return an upper bound of the speed that is published, m/s, by x (21 + 3 K,) and memory (112,) of `BestState`."""
+    """Return an upper bound of the published speed, m/s, from x (21 + 3 K,) and memory (112,) of `BestState`."""
     v, lag = 0.0, 0.0
     for i in range(3):
         v += x[X.vel + i] ** 2
@@ -281,7 +282,7 @@ def _speed(x: Array, memory: Array) -> float:
 
 @inner_kernel
 def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
-    """Forget velocity and hypotheses if the speed exceeds `most` m/s, that no robot has, in place.
+    """Forget velocity and hypotheses if the speed exceeds `most` m/s, which no robot reaches, in place.
 
     `foot`: index of the foot of each contact point, (K,).
     """
@@ -296,7 +297,7 @@ def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None
 
 @kernel
 def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setting: BestSetting) -> int:
-    """Carry the state to inertial row `at`, and take the feet up to its stamp, in place.
+    """Predict the state to inertial row `at`, and correct it with the samples of the feet up to its stamp, in place.
 
     A sample of the feet is taken at its own stamp, between two parts of the inertial step in which it lies.
 

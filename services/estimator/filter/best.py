@@ -26,14 +26,14 @@ from .summary import QUAT, R, condition, summary
 
 
 class BestOutput(NamedTuple):
-    """Estimate of the `best` filter at the newest inertial sample, for L feet; `settled`: it can be used.
+    """Estimate of the `best` filter at the newest inertial sample, for L feet; `settled`: True = it can be used.
 
     g: specific force at rest, IMU axes, m/s^2; v: velocity of the IMU, IMU axes, m/s; covariance: of (g, v), (6, 6);
     position and quat_wxyz: base_link in odom, m; v_odom: of base_link, odom axes, m/s; pose_covariance: of x, y, z and
     the rotation about them, odom axes, (6, 6); biases: IMU axes, rad/s and m/s^2; sliding: probability that a foot
     slides, (L,), NaN = it does not stand; nis: normalised innovation squared, 3 degrees of freedom; excess: factor of
     the inertial noise; expressed: velocities, turn rate, g and tilt in the frames of users, (5, 3); flags: inputs_ok,
-    filter_ok, sensors_ok; quiet: there is nothing to report but standing.
+    filter_ok, sensors_ok; quiet: True = there is nothing to report but standing.
     """
 
     g: Array  # (3,) m/s^2, IMU axes, points up
@@ -60,8 +60,8 @@ class BestOutput(NamedTuple):
 class ExternalUse(NamedTuple):
     """Counts of the poses and velocities of other sources, e.g. a camera, and the turn of their frame against odom.
 
-    left_out: they contradicted the estimate; frames: times that the frame of their poses was found, 1 and one more for
-    each jump of it; yaw: rad, NaN = unknown.
+    left_out: number of samples that contradicted the estimate; frames: times that the frame of their poses was found, 1
+    and one more for each jump of it; yaw: rad, NaN = unknown.
     """
 
     used: int
@@ -125,7 +125,7 @@ class BestFilter:
     Args:
         geometry: contact points on the feet, and mounting of the IMU.
         noise: noises and rates of the filter.
-        limits: of start and rest.
+        limits: limits of start and rest.
         check: limits and counters of the inputs.
     """
 
@@ -156,7 +156,7 @@ class BestFilter:
             stamp_ns: time of the sample, ns.
             w: gyro, IMU axes, (3,) rad/s.
             q: accelerometer, IMU axes, (3,) m/s^2.
-            clipped: an axis was at the end of its range.
+            clipped: True if an axis was at the end of its range.
         """
         self.outdate()
         code = take_imu(self._box, stamp_ns, w, q, clipped, OK)
@@ -206,7 +206,7 @@ class BestFilter:
         self.__setstate__(parts._replace(state=state, replay=parts.replay._replace(snapshots=snapshots)))
 
     def _restart(self, stamp_ns: int) -> None:
-        """Bring the state up to date, then let it go on after stamps that began anew; `stamp_ns`: of the next, ns."""
+        """Bring the state up to date and continue it after a restart of stamps; `stamp_ns`: of the next sample, ns."""
         report(self._box)
         restart(self._box, stamp_ns)
 

@@ -21,7 +21,7 @@ from .noise import FIXED
 
 @kernel
 def lift_delay(row: Array, share: float) -> None:
-    """Fade the sums that show late stamps of a foot while it is off the ground, in place.
+    """Scale down the sums that show late stamps of a foot while it is off the ground, in place.
 
     Args:
         row: numbers of the sensors of this foot, one row of `BestState.sensors`, (38,); changed.
@@ -70,7 +70,7 @@ def learn_delay(row: Array, trunk: Array, gained: Array, swung: Array, dt: float
 
 @kernel
 def delay_of(sensors: Array) -> float:
-    """Return the time by which the stamps of all feet are late, s, 0 where it is not sure; below 0: they are early.
+    """Return the time by which the stamps of all feet are late, s, 0 if not certain; below 0: they are early.
 
     Args:
         sensors: numbers of the sensors of each foot, (K, 38), mixed units, columns as in `SensorLayout`.

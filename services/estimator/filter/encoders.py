@@ -1,8 +1,8 @@
 """Encoders of the legs: which of them jump, stand still or are swapped with another foot's.
 
-A foot follows a smooth way, so that of four samples at equal steps the middle one of the three steps is the mean of the
-others; it is not if an encoder jumps. A trunk that is thrown moves a foot that stands like that, too, so that such a
-foot is looked at without the motion of the trunk, which the inertial unit shows. Two feet of which each jumps to where
+A foot follows a smooth path, so that of four samples at equal steps the middle one of the three steps is the mean of
+the others; it is not if an encoder jumps. A trunk that is thrown moves a foot that stands like that, too, so that such
+a foot is examined without the motion of the trunk, which the inertial unit shows. Two feet of which each jumps to where
 the other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do
 not stands still, and so do all feet that do so for longer than slow encoders repeat a sample while the rate of the
 robot differs from its mean of the last second, too: the learned bias may be wrong.
@@ -33,7 +33,7 @@ def _apart(feet: Array, row: int, f: int, before: int, g: int) -> float:
 
 @kernel
 def unknown(feet: Array, row: int, f: int) -> bool:
-    """Return True if foot f in a row of feet (N, L, 3) m is all zeros, which stands for a position not finite."""
+    """Return True if foot f in a row of feet (N, L, 3) m is all zeros, which marks a position that was not finite."""
     return bool(feet[row, f, 0] == 0.0 and feet[row, f, 1] == 0.0 and feet[row, f, 2] == 0.0)
 
 
@@ -61,10 +61,10 @@ def exchanged(feet: Array, row: int, f: int) -> int:
 def _bend(samples: SampleStore, row: int, f: int) -> float:
     """Return how far the middle one of the last three steps of a foot that stands is from the mean of the others, m.
 
-    The motion of the trunk is taken off. Let D be the way of the IMU by its accelerations, as if from rest and without
-    gravity, and C its turn, both since the first of four samples k at the times t_k. The places D_k + C_k y_k of a foot
-    that stands, y_k as seen from the IMU, lie on a parabola of the time, by its velocity and gravity. Their third
-    divided difference is zero, and 3 h^3 times it is the distance for three steps of length h.
+    The motion of the trunk is subtracted. Let D be the path of the IMU by its accelerations, as if from rest and
+    without gravity, and C its turn, both since the first of four samples k at the times t_k. The places D_k + C_k y_k
+    of a foot that stands, y_k as seen from the IMU, lie on a parabola of the time, by its velocity and gravity. Their
+    third divided difference is zero, and 3 h^3 times it is the distance for three steps of length h.
 
     Args:
         samples: stored samples, filled rows only.
@@ -142,7 +142,7 @@ def jumped(samples: SampleStore, row: int, f: int, point: int, leap: float) -> f
 
 @kernel
 def learn_repeats(sensors: Array, samples: SampleStore, row: int, contact: Array, turn: float, beside: float) -> None:
-    """Learn for how long each foot has repeated one sample, and by how much the IMU has turned meanwhile, in place.
+    """Update for how long each foot has repeated one sample, and how far the IMU turned meanwhile, in place.
 
     Args:
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; changed.

@@ -28,12 +28,12 @@ from .samples import EX, ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, isolate, rotation
 
 POSITION, YAW, VELOCITY = range(3)
-"""Parts of a sample of another source by number: position of the IMU, heading of base_link, velocity of the IMU."""
+"""Index of each part of a sample of another source: position of the IMU, heading of base_link, velocity of the IMU."""
 
 
 @kernel
 def frame_of(state: BestState) -> int:
-    """Return the first row of the error of the frame of another source: three rows of shift, m, one of turn, rad."""
+    """Return the error index at which the frame of another source begins: shift, m (3 rows), then turn, rad (1 row)."""
     return E.points + 3 * state.points.shape[0]
 
 
@@ -164,13 +164,13 @@ def _correct(state: BestState, z: Array, by: Array, noise: Array) -> float:
 
 @kernel
 def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool) -> None:
-    """Make the frame of the source unknown, and lay it so that the sample fits, in place.
+    """Make the frame of the source uncertain, and place it so that the sample fits, in place.
 
     Args:
         state: of the filter, or one hypothesis; shift and turn of the frame, and their covariance, are changed.
         row: the sample, (26,) as in `ExternalLayout`.
         rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
-        placed: the sample has a position; else only the turn of the frame is set.
+        placed: True if the sample has a position; else only the turn of the frame is set.
     """
     frame, at, x = frame_of(state), X.points + 3 * state.points.shape[0], state.x
     isolate(state.cov, frame, 3, FIXED.frame_sd**2)
@@ -185,7 +185,8 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
 
 @kernel
 def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
-    """Return True if an innovation is within what its covariance allows: its normalised square is below 16.
+    """Return True if an innovation is within what its covariance allows: its normalised square (3 degrees of freedom)
+    is below 16.
 
     Args:
         state: of the filter, or one hypothesis, whose error has n numbers.
@@ -201,7 +202,7 @@ def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
 def _take_part(
     state: BestState, part: int, row: Array, w: Array, q: Array, age: float, rot_base_from_imu: Array
 ) -> bool:
-    """Correct the state, or each of its hypotheses, with a part of a sample, in place; return False if left out.
+    """Correct the state, or each hypothesis, with a part of a sample, in place; return False if it was left out.
 
     Args:
         state: of the filter; changed.

@@ -66,7 +66,7 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
 
 @kernel
 def gyro_share(memory: Array) -> float:
-    """Return the share of the gyro in the heading, 0 to 1; the rest comes from the feet.
+    """Return the weight of the gyro in the heading, 0 to 1; the feet have the remaining weight.
 
     It is rho^4/(rho^4 + rho_0^4), rho^2 the mean square rate at which standing feet part, rho_0 = 0.02/s; 0 if small.
 
@@ -79,7 +79,7 @@ def gyro_share(memory: Array) -> float:
 
 @kernel
 def trusted_share(state: BestState) -> float:
-    """Return the share of the gyro in the heading, 0 to 1; 0 before the first rest if the gyro bias is not near 0.
+    """Return the weight of the gyro in the heading, 0 to 1; 0 before the first rest if the gyro bias is not near 0.
 
     Until the first rest the gyro bias is taken to be 0, unless its estimate in `state` is above `FIXED.own_unknown`.
     """

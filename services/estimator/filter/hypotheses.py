@@ -35,9 +35,9 @@ OWN = (
     M.slide_square, *range(M.own_bias, M.parting + 1), M.framed, M.jumps, M.left_out, M.externals, M.externals_out,
     M.frames, *range(M.pose_extra, M.levels + LEVEL * LEVELS),
 )  # fmt: skip
-"""Indices of `BestState.memory` whose numbers belong to the state, not to its hypotheses about sliding feet."""
+"""Indices of `BestState.memory` whose values the state keeps as its own, so that no hypothesis overwrites them."""
 MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)
-"""Indices of the memory whose mean over the hypotheses is taken; of other numbers that of the likeliest stays."""
+"""Indices of `BestState.memory` averaged over the hypotheses; other values come from the most probable one."""
 
 
 def modes_of(feet: int) -> int:
@@ -60,7 +60,7 @@ def mode(state: BestState, h: int) -> BestState:
 
 @kernel
 def likeliest(state: BestState) -> int:
-    """Return the number of the hypothesis about sliding feet with the largest weight, -1 if there are none."""
+    """Return the index of the hypothesis about sliding feet with the largest weight, -1 if there are none."""
     best = -1
     for h in range(state.weight.size):
         if state.weight[h] > 0.0 and (best < 0 or state.weight[h] > state.weight[best]):
@@ -70,7 +70,7 @@ def likeliest(state: BestState) -> int:
 
 @kernel
 def _distance(a: BestState, b: BestState, out: Array) -> None:
-    """Write the error of state `a` if `b` were true into `out`; taken out of `a` it gives `b`.
+    """Write the error of state `a` if `b` were true into `out`; `retract` of it from `a` gives `b`.
 
     `out`: (15 + 3 K,) in the order of `ErrorLayout`, with four more numbers if the states hold the frame of another
     source.

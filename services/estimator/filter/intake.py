@@ -38,7 +38,7 @@ from .samples import ROW_Q, ROW_W, after, insert_external, insert_feet, insert_i
 from .state import BestState
 
 NOW_NS, FEET_NS, CONTACT_NS = range(3)
-"""Parts of `Clock.stamps`: newest inertial sample, sample of the feet, and sample in which a foot may have stood."""
+"""Indices in `Clock.stamps`: newest inertial sample, sample of the feet, and sample in which a foot may have stood."""
 
 
 class Clock(NamedTuple):
@@ -49,7 +49,7 @@ class Clock(NamedTuple):
     w: Array
     """Newest gyro sample, IMU axes, (3,) rad/s."""
     yaw: Array
-    """Heading of base_link that is published, not wrapped, (1,) rad."""
+    """Published heading of base_link in odom, not wrapped to one turn, (1,) rad."""
 
 
 class FilterParts(NamedTuple):
@@ -59,7 +59,7 @@ class FilterParts(NamedTuple):
     check: CheckState
     check_limits: CheckLimits
     noisy: bool
-    """True: equal inertial samples are a fault, not chance."""
+    """True: equal inertial samples in a row are a fault of the sensor; False: they may be chance."""
     replay: Replay
     state: BestState
     setting: BestSetting
@@ -80,8 +80,8 @@ def boxed(parts: FilterParts) -> KernelBox[FilterParts]:
 def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
     """Return the code of an inertial sample by its stamp among those of the stored ones.
 
-    `OK`: it is new, once more, or fills a gap; `BACKWARD`: it is old where none is missing; `DUPLICATE`: another sample
-    has its stamp.
+    `OK`: the sample is new, a repetition, or fills a gap; `BACKWARD`: it is old and none is missing there; `DUPLICATE`:
+    a different sample has its stamp.
 
     Args:
         parts: of the filter.
@@ -114,7 +114,7 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
         stamp_ns: time of the sample, ns.
         w: gyro, IMU axes, (3,) rad/s.
         q: accelerometer, IMU axes, (3,) m/s^2.
-        clipped: an axis was at the end of its range.
+        clipped: True if an axis was at the end of its range.
         restarted: code of its check, RESTART or STEPPED, if `restart` has been called since, else OK. Without it such a
             sample is not inserted: `restart` would be compiled into this kernel with the whole filter.
     """
@@ -140,7 +140,7 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
 
 @kernel
 def _shown_late(parts: FilterParts) -> int:
-    """Return the time by which the motion of the feet has shown their stamps late for long enough, ns; 0: it has not.
+    """Return how late the motion of the feet has shown their stamps for long enough, ns; 0: it has not.
 
     `parts`: of the filter; the stamp since which they are shown late is changed.
     """
@@ -157,10 +157,10 @@ def _shown_late(parts: FilterParts) -> int:
 
 @kernel
 def _late(parts: FilterParts) -> int:
-    """Take the time by which the stamps of the feet are late off them, in place, and return it, ns; 0: in time.
+    """Subtract the time by which the stamps of the feet are late, in place, and return it, ns; 0: not late.
 
-    A gap in which the feet did not move on shows it, or their motion beside the inertial unit: then it has been there
-    for a while, and all stored samples are moved. `parts`: of the filter; stamps and checks are changed.
+    A gap in which the feet did not move on shows it, or their motion beside the inertial unit: in the second case it
+    has existed for a while, and all stored samples are moved. `parts`: of the filter; stamps and checks are changed.
     """
     replay, end = parts.replay, parts.replay.marks[FEET_END]
     row, late = late_by(replay.samples.feet_stamps[:end], replay.samples.feet[:end])
@@ -245,7 +245,7 @@ def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int
 
 @kernel
 def restart(box: KernelBox[FilterParts], stamp_ns: int) -> None:
-    """Let a filter, its state at the newest sample, continue after the stamps began anew, in place.
+    """Let a filter whose state is at the newest sample continue after the stamps began anew, in place.
 
     After a step back of less than the window of late samples, 0.5 s, the estimate goes on: the newest sample is moved
     to `MOST_BACK` = 3 periods before `stamp_ns`. Else velocity, feet and all samples are forgotten.

@@ -1,4 +1,4 @@
-"""Places of the numbers in the arrays of `BestState`, the state of the `best` filter, by name; K contact points."""
+"""Indices, by name, of the values in the arrays of `BestState`, the state of the `best` filter; K contact points."""
 
 from typing import NamedTuple
 
@@ -7,95 +7,97 @@ class StateLayout(NamedTuple):
     """First index of each part of the state vector `BestState.x`, (21 + 3 K,)."""
 
     rot: int = 0
-    """rot_odom_from_imu, the matrix (3, 3) by rows, (9,)."""
+    """Index: rot_odom_from_imu, the matrix (3, 3) by rows, (9,)."""
     vel: int = 9
-    """Velocity of the IMU, odom axes, (3,) m/s."""
+    """Index: velocity of the IMU, odom axes, (3,) m/s."""
     gyro_bias: int = 12
-    """Bias of the gyro, IMU axes, (3,) rad/s."""
+    """Index: bias of the gyro, IMU axes, (3,) rad/s."""
     acc_bias: int = 15
-    """Bias of the accelerometer, IMU axes, (3,) m/s^2."""
+    """Index: bias of the accelerometer, IMU axes, (3,) m/s^2."""
     pos: int = 18
-    """Position of the IMU in odom, (3,) m."""
+    """Index: position of the IMU in odom, (3,) m."""
     points: int = 21
-    """Places of the contact points from the IMU, odom axes, (3,) m each: point k begins at `points` + 3 k. If another
-    source gives poses, shift (3,) m and turn, rad, of the frame of these poses against odom follow."""
+    """Index: positions of the contact points from the IMU, odom axes, (3,) m each: point k begins at `points` + 3 k. If
+    another source gives poses, shift (3,) m and turn, rad, of the frame of these poses against odom follow."""
 
 
 class ErrorLayout(NamedTuple):
     """First row of each part of the error of the state and of its covariance, (15 + 3 K,)."""
 
     rot: int = 0
-    """Rotation of the attitude's error, odom axes, (3,) rad; the third is the heading's."""
+    """Row: rotation of the attitude's error, odom axes, (3,) rad; the third is the heading's."""
     vel: int = 3
-    """Error of the velocity, odom axes, (3,) m/s."""
+    """Row: error of the velocity, odom axes, (3,) m/s."""
     gyro_bias: int = 6
-    """Error of the gyro bias, IMU axes, (3,) rad/s."""
+    """Row: error of the gyro bias, IMU axes, (3,) rad/s."""
     acc_bias: int = 9
-    """Error of the accelerometer bias, IMU axes, (3,) m/s^2."""
+    """Row: error of the accelerometer bias, IMU axes, (3,) m/s^2."""
     pos: int = 12
-    """Error of the position, odom axes, (3,) m."""
+    """Row: error of the position, odom axes, (3,) m."""
     points: int = 15
-    """Errors of the contact points, odom axes, (3,) m each: point k begins at `points` + 3 k."""
+    """Row: errors of the contact points, odom axes, (3,) m each: point k begins at `points` + 3 k."""
 
 
 class PointLayout(NamedTuple):
     """Columns of the numbers of each contact point in `BestState.points`, (K, 11)."""
 
     down: int = 0
-    """1 while the point stands on the ground, else 0."""
+    """Column: 1 while the point stands on the ground, else 0."""
     slide: int = 1
-    """Probability that the point slides, 0 to 1, as its last correction weighted it."""
+    """Column: probability that the point slides, 0 to 1, as its last correction weighted it."""
     misfit: int = 2
-    """Samples in a row that were outliers for this point."""
+    """Column: number of samples in a row that were outliers for this point."""
     seen: int = 3
-    """Probability that the point slides, as reported."""
+    """Column: probability that the point slides, 0 to 1, as published."""
     new: int = 4
-    """1 until a second sample has confirmed where the point was put down."""
+    """Column: 1 until a second sample has confirmed the position at which the point was put down, then 0."""
     along: int = 5
-    """Velocity of its foot if that slides, odom axes, (2,) m/s."""
+    """Column: velocity of the point's foot if that slides, odom axes, (2,) m/s."""
     stood: int = 7
-    """Time since it was put down, s."""
+    """Column: time since the point was put down, s."""
     level: int = 8
-    """1 + index of the known height of the ground on which its foot stands, 0 = not looked for yet."""
+    """Column: 1 + index of the known ground level on which the point's foot stands, 0 = not determined yet."""
     closed: int = 9
-    """Switches of its foot that were closed at the last sample, bit s for switch s."""
+    """Column: switches of the point's foot that were closed at the last sample, bit s for switch s."""
     mistrust: int = 10
-    """Share of its recent samples that were outliers, 0 to 1; it stays when the point is lifted."""
+    """Column: fraction of the point's recent samples that were outliers, 0 to 1; it stays when the point is lifted."""
 
 
 class SensorLayout(NamedTuple):
-    """Columns of `BestState.sensors`, one row for each foot: what the leg sensors have shown, and mistrust in them."""
+    """Columns of `BestState.sensors`, one row for each foot: findings about the leg's sensors, and mistrust in them."""
 
     source: int = 0
-    """Index of the foot in the samples whose encoders are those of this foot: its own, unless two are swapped."""
+    """Column: index of the foot in the samples whose encoders are those of this foot: its own, unless two are
+    swapped."""
     trunk: int = 1
-    """Velocity of the trunk as this foot shows it if it stands, odom axes, (3,) m/s; NaN: not known."""
+    """Column: velocity of the trunk as this foot shows it if it stands, odom axes, (3,) m/s; NaN: not known."""
     strange: int = 4
-    """Change of that velocity beyond what the inertial unit shows, faded in time, odom axes, (3,) m/s."""
+    """Column: change of the velocity `trunk` beyond what the inertial unit shows, with decay, odom axes, (3,) m/s."""
     against: int = 7
-    """Mean logarithm by which the motion of the foot contradicts its switch; above 0: contradicts, below: agrees."""
+    """Column: mean log ratio by which the foot's motion contradicts its switch; above 0: contradicts, below: agrees."""
     switch: int = 8
-    """Mistrust in its switch, 0 to 1; it fades."""
+    """Column: mistrust in the foot's switch, 0 = none to 1 = full; it decays."""
     jump: int = 9
-    """Mistrust in the foot's encoders since they jumped, 0 to 1; it fades."""
+    """Column: mistrust in the foot's encoders since they jumped, 0 = none to 1 = full; it decays."""
     still: int = 10
-    """Mistrust in the foot's encoders since they stood still, 0 to 1; it fades."""
+    """Column: mistrust in the foot's encoders since they froze, 0 = none to 1 = full; it decays."""
     held: int = 11
-    """Time for which its samples have repeated one sample to the bit, s."""
+    """Column: time for which the foot's samples have repeated one sample to the bit, s."""
     repeated: int = 12
-    """Path of the IMU's turning while they repeated it, rad."""
+    """Column: angle that the IMU has turned while the foot's samples repeated one sample, rad."""
     firm: int = 13
-    """Compared samples in a row at which it stood."""
+    """Column: number of compared samples in a row at which the foot stood."""
     same: int = 14
-    """Time for which its switch has been closed, or open (negative), s."""
+    """Column: time for which the foot's switch has been closed (positive) or open (negative), s."""
     leap: int = 15
-    """Usual distance by which its encoders jump as its switch changes, m."""
+    """Column: usual distance by which the foot's encoders jump when its switch changes, m."""
     compared: int = 16
-    """`source` at the last sample whose motion was compared."""
+    """Column: value of column `source` (index of a foot) at the last sample whose motion was compared."""
     wired: int = 17
-    """Index of the foot in the samples whose switches are those of this foot: its own, unless two are swapped."""
+    """Column: index of the foot in the samples whose switches are those of this foot: its own, unless two are
+    swapped."""
     delay: int = 18
-    """First of the numbers that show whether its samples have late stamps, laid out as in `DelayLayout`."""
+    """First column of the values that show if the foot's samples have late stamps, laid out as in `DelayLayout`."""
 
 
 class DelayLayout(NamedTuple):
@@ -105,148 +107,160 @@ class DelayLayout(NamedTuple):
     """
 
     shown: int = 0
-    """Velocity of the trunk by this foot at the middle of the last step, and what the inertial unit gained since,
-    (3,) m/s."""
+    """Column: velocity of the trunk by this foot at the middle of the last step, plus what the inertial unit gained
+    since, odom axes, (3,) m/s."""
     moved: int = 3
-    """Velocity R (w x y) of the trunk's turning at the foot then, less what the inertial unit gained since, (3,)
-    m/s."""
+    """Column: velocity R (w x y) by the trunk's turning at the middle of the last step, less what the inertial unit
+    gained since, odom axes, (3,) m/s."""
     rate: int = 6
-    """Rate of change of the velocity v + R (w x y) that the joints show, with v by the inertial unit, (3,) m/s^2."""
+    """Column: derivative of the velocity v + R (w x y) that the joints show, v by the inertial unit, odom axes, (3,)
+    m/s^2."""
     strange: int = 9
-    """Velocity of the trunk by the foot beside that by the inertial unit, since it landed, (3,) m/s."""
+    """Column: velocity of the trunk by the foot less that by the inertial unit since landing, decaying, odom axes, (3,)
+    m/s."""
     due: int = 12
-    """Change of `strange` that is due for each second by which stamps are early, faded alike, (3,) m/s^2."""
+    """Column: expected change of `strange` per second by which stamps are early, with equal decay, odom axes, (3,)
+    m/s^2."""
     sums: int = 15
-    """Integrals of `strange` `due`, `due`^2, `strange`^2 and 1 over the time that the foot stood, faded, (4,)."""
+    """Column: integrals of `strange` `due`, `due`^2, `strange`^2 and 1 over the time that the foot stood, with decay,
+    (4,)."""
     stood: int = 19
-    """Samples in a row at which it stood."""
+    """Column: number of samples in a row at which the foot stood."""
 
 
 class HeightLayout(NamedTuple):
-    """Numbers of `BestState.memory` from `MemoryLayout.heights` on: height of one foot of a biped over the other."""
+    """Indices, from `MemoryLayout.heights` on, of values about the height of foot 0 of a biped over foot 1."""
 
     over: int = 0
-    """Height of foot 0 over foot 1 that was learned while both stood, m."""
+    """Index: learned height of foot 0 over foot 1 while both stand, m."""
     known: int = 1
-    """1 while `over` is known, else 0."""
+    """Index: 1 while `over` is known, else 0."""
     other: int = 2
-    """Another height of foot 0 over foot 1 that the feet show since both came to stand, m."""
+    """Index: height of foot 0 over foot 1, m, different from `over`, that the feet show since both came to stand."""
     steady: int = 3
-    """Time for which they have shown `other`, s."""
+    """Index: time for which the feet have shown the height `other`, s."""
     closed: int = 4
-    """Switches that were closed when at least one was last, bit f for foot f; -1: encoders were wrong then."""
+    """Index: switches closed at the last sample with any closed, bit f for foot f; -1: encoders were wrong at that
+    sample."""
     opened: int = 5
-    """Most that the foot whose switch is open has been above the other since it opened, m."""
+    """Index: largest height of the foot with the open switch over the other foot since the switch opened, m."""
     alike: int = 6
-    """1 if the last sample contradicted the switches, else 0: one alone may be a jump."""
+    """Index: 1 if the last sample contradicted the switches, else 0: a single contradiction may be a jump."""
     lasts: int = 7
-    """Time for which samples have contradicted the switches, s."""
+    """Index: time for which samples in a row have contradicted the switches, s."""
 
 
 class MemoryLayout(NamedTuple):
     """First index of each part of `BestState.memory`, (112,)."""
 
     excess: int = 0
-    """Factor of the inertial noise over the sensor's."""
+    """Index: excess, the factor of the inertial noise over that of the sensor, at least 1."""
     innovation: int = 1
-    """Last innovation that all points have in common (mean over them), odom axes, (3,) m."""
+    """Index: last innovation that all points have in common (mean over the points), odom axes, (3,) m."""
     last_gyro: int = 4
-    """Last gyro sample, IMU axes, (3,) rad/s."""
+    """Index: last gyro sample, IMU axes, (3,) rad/s."""
     since: int = 7
-    """Time since the last sample of the feet, s; -1 (`NO_FEET`) before the first."""
+    """Index: time since the last sample of the feet, s; -1 (`NO_FEET`) before the first."""
     nis: int = 8
-    """Normalised innovation squared of the points, mean over `FixedNumbers.surprise_s`, 3 degrees of freedom."""
+    """Index: normalised innovation squared of the points, mean over `FixedNumbers.surprise_s`, 3 degrees of freedom."""
     phase: int = 9
-    """Phase of the start: `WAITING` = 0, `MOVING` = 1, `STARTED` = 2, `DOUBTED` = 3 or `CERTAIN` = 4."""
+    """Index: phase of the start: `WAITING` = 0, `MOVING` = 1, `STARTED` = 2, `DOUBTED` = 3 or `CERTAIN` = 4."""
     rest: int = 10
-    """Inertial samples at rest in a row."""
+    """Index: number of inertial samples at rest in a row."""
     age: int = 11
-    """Time since the start, s."""
+    """Index: time since the start of the filter, s."""
     lag: int = 12
-    """Lag of the velocity, the correction that is added to it when it is published, IMU axes, (3,) m/s."""
+    """Index: lag of the velocity, a correction that is added to the velocity when it is published, IMU axes, (3,)
+    m/s."""
     losses: int = 15
-    """Number of times that the velocity was lost."""
+    """Index: number of times that the velocity was lost: no contact point fitted for several samples."""
     lost_for: int = 16
-    """Time since the velocity was lost, s; -1 (`LONG_AGO`) when there is nothing to compare."""
+    """Index: time since the velocity was lost, s; -1 (`LONG_AGO`) when there is nothing to compare."""
     push: int = 17
-    """Change of the velocity by the inertial unit alone since the velocity was lost, or since `woke`, odom axes, (3,)
+    """Index: velocity change by the inertial unit alone since the velocity was lost, or since `woke`, odom axes, (3,)
     m/s."""
     unfit: int = 20
-    """Samples of the feet in a row of which no point fitted."""
+    """Index: number of samples of the feet in a row of which no point fitted."""
     slide_product: int = 21
-    """Fading sum of m.s, (m/s)^2: m the slide velocity that a sample shows, s the one that was learned before it."""
+    """Index: sum with decay of m.s, (m/s)^2: m the slide velocity of a sample, s the one that was learned before it."""
     slide_square: int = 22
-    """Fading sum of s.s, (m/s)^2, s the slide velocity that was learned before each sample."""
+    """Index: sum with decay of s.s, (m/s)^2: s the slide velocity that was learned before each sample."""
     last_acc: int = 23
-    """Last accelerometer sample, IMU axes, (3,) m/s^2."""
+    """Index: last accelerometer sample, IMU axes, (3,) m/s^2."""
     own_bias: int = 26
-    """Gyro bias that the last rest showed, IMU axes, (3,) rad/s; 0 before the first."""
+    """Index: gyro bias that the last rest showed, IMU axes, (3,) rad/s; 0 before the first."""
     stood: int = 29
-    """Points that stood at the last sample of the feet if they are of several feet, bit k for point k."""
+    """Index: points that stood at the last sample of the feet, bit k for point k; 0 if they are all of one foot."""
     stood_since: int = 30
-    """`age` when the points of `stood` came to stand together, s."""
+    """Index: value of `age`, s, when the points of `stood` came to stand together."""
     apart: int = 31
-    """Mean square distance of the points of `stood` from their middle at that time, m^2."""
+    """Index: mean square distance of the points of `stood` from their centroid when they came to stand together,
+    m^2."""
     rate: int = 32
-    """Rate at which the points of `stood` have parted (grown apart) since, 1/s."""
+    """Index: rate at which the points of `stood` have parted (grown apart) since they came to stand together, 1/s."""
     parting: int = 33
-    """Mean square of the rates at which standing points have parted, 1/s^2."""
+    """Index: mean square of the rates at which standing points have parted (grown apart), 1/s^2."""
     framed: int = 34
-    """1 while the frame of poses from elsewhere is known, else 0."""
+    """Index: 1 while the frame of poses of another source (camera, GNSS) is known, else 0."""
     jumps: int = 35
-    """Poses from elsewhere in a row that were left out."""
+    """Index: number of poses of another source in a row that were left out."""
     left_out: int = 36
-    """Samples from elsewhere in a row that were left out."""
+    """Index: number of samples of another source in a row that were left out."""
     externals: int = 37
-    """Samples from elsewhere so far."""
+    """Index: number of samples of another source so far."""
     externals_out: int = 38
-    """Samples from elsewhere that were left out so far."""
+    """Index: number of samples of another source that were left out so far."""
     frames: int = 39
-    """Frames of poses from elsewhere that were found."""
+    """Index: number of times that the frame of another source's poses was determined."""
     pose_extra: int = 40
-    """Covariance Q of the published pose beyond that of the filter: XX, XY, YY, XT, YT, TT, ZZ with T the heading,
+    """Index: covariance Q of the published pose beyond the filter's: XX, XY, YY, XT, YT, TT, ZZ, T the heading,
     (7,)."""
     uneven: int = 47
-    """Mean square distance in height of feet that stand on one level of the ground, m^2."""
+    """Index: mean square distance in height of feet that stand on one level of the ground, m^2."""
     slope: int = 48
-    """Fading sums x^2, x y, y^2, x z, y z over pairs of feet on one level, (x, y, z) from one to the other, (5,)
-    m^2."""
+    """Index: sums with decay of x^2, x y, y^2, x z, y z over pairs of feet on one level, (x, y, z) from one to the
+    other, (5,) m^2."""
     watched: int = 53
-    """Samples of the feet since the motion of the feet was last compared with their switches."""
+    """Index: number of samples of the feet since the motion of the feet was last compared with their switches."""
     usual_gyro: int = 54
-    """Mean of the gyro over `FixedNumbers.usual_s`, IMU axes, (3,) rad/s."""
+    """Index: mean of the gyro over the last `FixedNumbers.usual_s`, IMU axes, (3,) rad/s."""
     ran: int = 57
-    """Difference of `push` from the velocity at `FixedNumbers.tilted_for` after the loss, odom axes, (3,) m/s."""
+    """Index: difference of `push` from the velocity at `FixedNumbers.tilted_for` after the loss, odom axes, (3,)
+    m/s."""
     woke: int = 60
-    """`age` when the last quiet sample of a rest was, s; -1 (`LONG_AGO`) when there is nothing to compare any more."""
+    """Index: value of `age`, s, at the last quiet sample of a rest; -1 (`LONG_AGO`) when there is nothing left to
+    compare."""
     shown: int = 61
-    """Factors of the stated noise of gyro and accelerometer by the rest of the start, and of a contact point by the
-    feet that stand, (3,)."""
+    """Index: factors of the stated noise of gyro and accelerometer by the rest of the start, and of a contact point by
+    the feet that stand, (3,)."""
     legs: int = 64
-    """Integrals over the time that feet stand, faded, of the logarithm of the noise that they show, m, and of 1."""
+    """Index: decaying integrals over the time that feet stand, of the log of the noise, m, that they show, and of 1,
+    (2,)."""
     weight: int = 66
-    """Length of the accelerometer's samples, mean over `FixedNumbers.weight_s`, m/s^2."""
+    """Index: norm of the accelerometer's samples, mean over `FixedNumbers.weight_s`, m/s^2."""
     aloft: int = 67
-    """Time for which all switches have been open while the accelerometer shows the weight, s."""
+    """Index: time for which all switches have been open while the accelerometer shows the weight, s."""
     wrong: int = 68
-    """Fit of a line through 0 to the level part d of `push` less the velocity that a standing foot shows, over the time
-    t since `woke`: integrals of t d (2), t^2 and d^2, (4,)."""
+    """Index: fit of a line through 0 to the level part d of `push` less the velocity that a standing foot shows, over
+    the time t since `woke`: integrals of t d (2), t^2 and d^2, (4,)."""
     heights: int = 72
-    """First of the numbers about the height of one of two feet over the other, laid out as in `HeightLayout`."""
+    """First index of the values about the height of one foot of a biped over the other, laid out as in
+    `HeightLayout`."""
     levels: int = 80
-    """Known levels of the ground, four numbers each: height, m, its variance, m^2, number of steps on it, `age` at the
-    last, s."""
+    """Index: known levels of the ground, four numbers each: height, m, its variance, m^2, number of steps on it, `age`
+    at the last, s."""
 
 
 LEVEL, LEVELS = 4, 8
-"""Number of values stored for a level of the ground, and largest number of levels that are remembered."""
+"""`LEVEL`: number of values stored for a ground level; `LEVELS`: largest number of levels that are stored."""
 X, E, P, S, L = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout()
 H, M = HeightLayout(), MemoryLayout()
 POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.levels + LEVEL * LEVELS
 HEIGHTS = H.lasts + 1
-"""Number of columns of `BestState.points` and `BestState.sensors`, and of numbers in the memory and of its heights."""
+"""`POINT_COLUMNS`, `SENSOR_COLUMNS`: number of columns of `BestState.points` and `BestState.sensors`; `MEMORY`: length
+of `BestState.memory`; `HEIGHTS`: length of its part `heights`."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Phases of the start: none yet (0), in motion (1), at rest (2), in motion after the tilt proved wrong (3), in motion
-and certain (4)."""
+"""Phases of the start: `WAITING`: none yet; `MOVING`: in motion; `STARTED`: at rest; `DOUBTED`: in motion after the
+tilt proved wrong; `CERTAIN`: in motion and certain."""
 NO_FEET = LONG_AGO = -1.0
-"""Times of events that have not happened, s."""
+"""Markers, s, of times that are not defined: no sample of the feet yet (`NO_FEET`), no such event (`LONG_AGO`)."""

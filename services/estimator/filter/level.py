@@ -36,7 +36,7 @@ Feet = NDArray[np.int64]
 
 @kernel
 def _middle(state: BestState, foot: Feet, f: int) -> tuple[Array, int]:
-    """Return the mean place (3,) m of the standing points of foot f, from the IMU, odom axes, and their number.
+    """Return the mean position (3,) m of the standing points of foot f, from the IMU, odom axes, and their number.
 
     `foot`: index of the foot of each contact point, (K,).
     """
@@ -92,13 +92,7 @@ def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
 
 @kernel
 def _landed(points: Array, foot: Feet, f: int) -> bool:
-    """Return True if foot f has come down, stands firmly, and its level of the ground has not been looked for.
-
-    Args:
-        points: numbers of the contact points, (K, 11), columns as in `PointLayout`.
-        foot: index of the foot of each point, (K,).
-        f: index of the foot.
-    """
+    """Return True if foot f has come down and stands firmly, and no ground level was assigned to it yet."""
     count = 0
     for k in range(foot.size):
         if foot[k] == f and points[k, P.down] > 0.0:
@@ -141,8 +135,8 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
         f: index of the foot that has come down.
 
     Returns:
-        The foot stands on a level, as far as the others show it: it is no further off than the ground is uneven, and
-        the ground has no slope.
+        True if the foot stands on a level, as far as the others show it: it is no further off than the ground is
+        uneven, and the ground has no slope.
     """
     memory, foot, last = state.memory, geometry.foot, -1
     own, _ = _middle(likely, foot, f)

@@ -22,15 +22,15 @@ from .state import rotation
 from .summary import QUAT, YAW, condition, joint_covariance, summary
 
 FLAGS = ("initialised", "standing", "inputs_ok", "filter_ok", "sensors_ok")
-"""Columns of `LogRows.flags`."""
+"""Names of the columns of `LogRows.flags`, in order."""
 NAMED = (*LegSensors._fields, "refused", "imu_frozen")
-"""Columns of `LogRows.named`: `LegSensors`, code of the last refusal while it counts, a frozen inertial unit."""
+"""Names of the columns of `LogRows.named`: `LegSensors`, code of the last refusal while it counts, a frozen IMU."""
 
 
 class LogInputs(NamedTuple):
     """Inputs of a log as arrays, all vectors in IMU axes: n inertial rows, m samples of L feet, e of another source.
 
-    w is the gyro, q the accelerometer; stamps are in ns; `clipped`: an axis was at the end of its range.
+    w is the gyro, q the accelerometer; stamps are in ns; `clipped`: True where an axis was at the end of its range.
     """
 
     stamp_ns: Ints  # (n,)
@@ -68,7 +68,7 @@ class LogRows(NamedTuple):
 
 
 def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
-    """Return zeros for n estimates of a robot with `feet` feet; `joint`: with the covariance of all but the pose."""
+    """Return zeros for n estimates of a robot with `feet` feet; `joint`: True includes `LogRows.joint`."""
     return LogRows(
         np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),

@@ -60,9 +60,9 @@ def _swung(rot: Array, turn: Array, y: Array, dt: float) -> Array:
 
 @kernel
 def _below(rot: Array, feet: Array) -> bool:
-    """Return whether the feet (L, 3), m, IMU axes, are below the IMU on the mean; `rot`: rot_odom_from_imu (3, 3).
+    """Return True if the feet (L, 3), m, IMU axes, are below the IMU on average; `rot`: rot_odom_from_imu (3, 3).
 
-    The feet of a robot that lies move as they like while switches or heights take some of them for standing.
+    The feet of a robot that lies move freely while switches or heights take some of them for standing.
     """
     mean = np.zeros(3)
     for f in range(feet.shape[0]):
@@ -95,7 +95,7 @@ def judge_noise(state: BestState, stated: float) -> None:
 
     Args:
         state: of the filter; the factor of the noise in its memory, and in that of its hypotheses, is changed.
-        stated: noise of a contact point as stated, m.
+        stated: stated noise of a contact point, standard deviation, m.
     """
     memory = state.memory
     if memory[M.legs + 1] < FIXED.least_legs_s:
@@ -215,13 +215,13 @@ def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
 
 @kernel
 def _over(rot: Array, sensors: Array, feet: Array, row: int) -> float:
-    """Return the height of foot 0 over foot 1, m, in one sample; NaN: encoders of one are suspected, or unknown.
+    """Return the height of foot 0 over foot 1, m, in one sample; NaN: encoders are suspected or unknown.
 
     Args:
         rot: rot_odom_from_imu, (3, 3).
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`.
         feet: positions of two feet, (N, 2, 3) m, IMU axes.
-        row: number of the sample.
+        row: index of the sample.
     """
     over = 0.0
     for f in range(2):
@@ -242,7 +242,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         samples: stored samples, filled rows only.
         row: of the feet.
         foot: index of the foot of each contact point, (K,).
-        settled: the attitude is known, so that switches can be checked.
+        settled: True if the attitude is known, so that switches can be checked.
     """
     sensors, count, memory = state.sensors, samples.feet.shape[1], state.memory
     at = likeliest(state)

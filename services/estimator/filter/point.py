@@ -53,7 +53,7 @@ def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
 
 @kernel
 def retract(state: BestState, xi: Array) -> None:
-    """Take the error xi out of the state, in place.
+    """Subtract the error xi from the state, in place.
 
     Attitude, velocity and points are turned by exp(-[xi_R]), xi_R the first three numbers; all else is subtracted.
 
@@ -111,8 +111,8 @@ def observe(
         contact: probability that it touches the ground.
         dt: time since the last sample, s.
         noise: noises and rates of the filter.
-        hypotheses: the point may slide, and staying and sliding are mixed; False: the point stays, or its slide is in
-            the covariance already.
+        hypotheses: True: the point may slide, and staying and sliding are mixed; False: the point stays, or its slide
+            is in the covariance already.
 
     Returns:
         Normalised innovation squared of a point that may slide, 3 degrees of freedom, and the logarithm of the
@@ -160,7 +160,7 @@ def observe(
 
 @kernel
 def _weigh_slide(point: Array, contact: float, ratio: float, noise: BestNoise) -> float:
-    """Return the probability that a point slides, by one sample; keep it with the reported probability, in place.
+    """Return the probability that a point slides, by one sample; store it and the reported one in `point`.
 
     Args:
         point: numbers of the point, (11,), columns as in `PointLayout`; changed.

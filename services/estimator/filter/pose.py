@@ -21,12 +21,12 @@ from .noise import FIXED, BestNoise
 from .state import BestState
 
 XX, XY, YY, XT, YT, TT, ZZ = range(M.pose_extra, M.pose_extra + 7)
-"""Places in the memory of the numbers of Q, covariance of the published pose beside the filter's; T: heading."""
+"""Indices in `BestState.memory` of Q, covariance of the published pose beyond the filter's, by element; T: heading."""
 
 
 @kernel
 def grow_pose(state: BestState, d: float, noise: BestNoise) -> None:
-    """Let Q, the covariance that the published pose has beside the filter's, grow over a step of d s, in place.
+    """Increase Q, the covariance of the published pose beyond the filter's, over a step of d s, in place.
 
     Args:
         state: of the filter; Q in its memory is changed.
@@ -50,7 +50,7 @@ def grow_pose(state: BestState, d: float, noise: BestNoise) -> None:
 
 @kernel
 def pose_covariance(state: BestState, arm: Array) -> Array:
-    """Return the covariance (6, 6) of x, y, z, m, and the rotation about x, y, z of odom, rad, of base_link.
+    """Return the covariance (6, 6) of the pose of base_link: x, y, z, m, and rotation about these axes of odom, rad.
 
     The error of the place of base_link is that of the IMU, dp, and of its lever a: dp - xi_R x a, with xi_R the error
     of the attitude.

@@ -16,15 +16,15 @@ from .state import BestState, new_state
 Stamps = NDArray[np.int64]
 
 SNAPSHOT_NS = 50_000_000
-"""Inertial time between two snapshots, ns."""
+"""Time between two snapshots of the filter state, by stamps of inertial samples, ns."""
 SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
-"""Snapshots that are kept: those of the window in which samples may be late."""
+"""Number of snapshots that are kept: those of the window in which samples may be late, and three more."""
 NOTHING = 2**62
-"""Value of `Replay.marks[DIRTY_NS]` while no sample has come late, ns."""
+"""Value of `Replay.marks[DIRTY_NS]`, ns, while no late sample waits for a replay."""
 IMU_END, FEET_END, DONE_NS, DIRTY_NS, FIRST, COUNT, EXTERNAL_END = range(7)
-"""Parts of `Replay.marks`: number of inertial samples and of samples of the feet; stamp of the last inertial sample in
-the state; oldest stamp of the samples that came after their time; first snapshot in the ring, and their number; number
-of samples of another source."""
+"""Indices in `Replay.marks`: number of inertial samples and of samples of the feet; stamp of the last inertial sample
+in the state; oldest stamp of late samples; first snapshot in the ring, and their number; number of samples of another
+source."""
 
 
 class Replay(NamedTuple):
@@ -32,7 +32,7 @@ class Replay(NamedTuple):
 
     samples: SampleStore
     marks: Stamps
-    """Counts and stamps, (7,), at the indices `IMU_END` and the names beside it."""
+    """Counts and stamps, ns, (7,), at the indices named by `IMU_END` and the six constants beside it."""
     snapshot_ns: Stamps
     """Stamp of the last inertial sample in each snapshot, (S,) ns."""
     snapshots: BestState
@@ -56,7 +56,7 @@ def new_replay(feet: int, points: int, modes: int = 0, frame: int = 0) -> Replay
 
 @kernel
 def _snap(replay: Replay, state: BestState) -> None:
-    """Keep `state` as the newest snapshot of `replay`, in place; the oldest goes when the ring is full."""
+    """Store `state` as the newest snapshot of `replay`, in place; the oldest is dropped when the ring is full."""
     marks, kept = replay.marks, replay.snapshots
     if marks[COUNT] == SNAPSHOTS:
         marks[FIRST] = (marks[FIRST] + 1) % SNAPSHOTS
@@ -114,7 +114,7 @@ def note_sample(replay: Replay, source: int, end: int, stamp_ns: int) -> None:
 
 @kernel
 def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
-    """Bring the state up to the newest inertial sample, in place; late samples cost one replay of the window.
+    """Advance the state to the newest inertial sample, in place; late samples cost one replay of the window.
 
     Args:
         replay: stored samples and snapshots; changed.

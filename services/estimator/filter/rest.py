@@ -1,4 +1,4 @@
-"""Corrections of the `best` filter by a rest: what the gyro reads then is its bias."""
+"""Corrections of the `best` filter by a rest, in which the gyro measures its bias."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Samples of the last seconds in the order of their stamps, wherever in it they arrive; L feet, K contact points."""
+"""Samples of the last seconds sorted by their stamps, whatever their order of arrival; L feet, K contact points."""
 
 from typing import NamedTuple
 
@@ -11,37 +11,37 @@ from surefoot.kernels.jit import kernel
 Stamps = NDArray[np.int64]
 
 CAPACITY = 4096
-"""Samples of a source that are kept; at 1 kHz 4 s."""
+"""Largest number of stored samples of the inertial unit, and of the feet; at 1 kHz 4 s."""
 KEPT = CAPACITY // 2
-"""Samples that stay when there is room for no more."""
+"""Number of newest samples of the inertial unit or the feet that stay when `CAPACITY` is reached."""
 ROW_W, ROW_Q = 0, 3
-"""First columns of gyro and accelerometer in an inertial row (6,)."""
+"""`ROW_W`, `ROW_Q`: first columns of gyro (3) rad/s and accelerometer (3) m/s^2 in an inertial row (6,)."""
 
 
 EXTERNAL_CAPACITY = 256
-"""Samples from elsewhere that are kept; at 100 Hz 2 s."""
+"""Largest number of stored samples of another source (camera, GNSS); at 100 Hz 2 s."""
 
 
 class ExternalLayout(NamedTuple):
     """First index of each part of a sample of another source, such as a camera, (26,); NaN: the part is missing."""
 
     position: int = 0
-    """Position of the IMU in the frame of the source, z up, (3,) m."""
+    """Index: position of the IMU in the frame of the source, z up, (3,) m."""
     yaw: int = 3
-    """Heading of base_link in that frame, rad."""
+    """Index: heading of base_link in the frame of the source, rad."""
     velocity: int = 4
-    """Velocity of the IMU, IMU axes, (3,) m/s."""
+    """Index: velocity of the IMU, IMU axes, (3,) m/s."""
     position_covariance: int = 7
-    """Covariance of the position by rows, frame of the source, (9,) m^2."""
+    """Index: covariance of the position by rows, frame of the source, (9,) m^2."""
     yaw_variance: int = 16
-    """Variance of the heading, rad^2."""
+    """Index: variance of the heading, rad^2."""
     velocity_covariance: int = 17
-    """Covariance of the velocity by rows, IMU axes, (9,) (m/s)^2."""
+    """Index: covariance of the velocity by rows, IMU axes, (9,) (m/s)^2."""
 
 
 EX = ExternalLayout()
 EXTERNAL_WIDTH = EX.velocity_covariance + 9
-"""Numbers of a sample from elsewhere."""
+"""Length of a sample of another source (26,), see `ExternalLayout`."""
 
 
 class SampleStore(NamedTuple):
@@ -51,23 +51,23 @@ class SampleStore(NamedTuple):
     """
 
     imu_stamps: Stamps
-    """Stamps of the inertial samples, (N,) ns."""
+    """Stamps of the inertial samples, rising, (N,) ns."""
     imu: Array
     """Gyro rad/s and accelerometer m/s^2, IMU axes, means up to their stamps, (N, 6)."""
     feet_stamps: Stamps
-    """Stamps of the samples of the feet, (N,) ns."""
+    """Stamps of the samples of the feet, rising, (N,) ns."""
     feet: Array
     """Positions of the feet from the IMU, IMU axes, (N, L, 3) m; zeros where unknown."""
     foot_rots: Array
-    """rot_imu_from_foot, (N, L, 3, 3)."""
+    """Rotations rot_imu_from_foot of the feet, (N, L, 3, 3)."""
     contact: Array
     """Probability of contact of each contact point, (N, K); NaN: unknown."""
     closed: Stamps
     """Closed switches of each foot, (N, L), bit s for switch s."""
     external_stamps: Stamps = np.zeros(0, dtype=np.int64)
-    """Stamps of the samples from elsewhere, (M,) ns."""
+    """Stamps of the samples of other sources, rising, (M,) ns."""
     external: Array = np.zeros((0, EXTERNAL_WIDTH))
-    """Samples from elsewhere, (M, 26), see `ExternalLayout`."""
+    """Samples of other sources (camera, GNSS), (M, 26), columns as in `ExternalLayout`."""
 
 
 def new_samples(feet: int, points: int) -> SampleStore:
@@ -95,7 +95,7 @@ def after(stamps: Stamps, stamp_ns: int) -> int:
 
 @kernel
 def place_of(stamps: Stamps, stamp_ns: int) -> int:
-    """Return the index at which `stamp_ns` belongs among rising stamps (n,), ns; -1: it is one of them."""
+    """Return the index at which `stamp_ns` belongs among rising stamps (n,), ns; -1: a sample has this stamp."""
     n = stamps.size
     if n == 0 or stamp_ns > stamps[n - 1]:
         return n
@@ -105,7 +105,7 @@ def place_of(stamps: Stamps, stamp_ns: int) -> int:
 
 @kernel
 def make_room(column: np.ndarray, at: int, end: int) -> None:
-    """Move rows `at` to `end` - 1 of a column (N, ...) on by one, in place, so that row `at` is free."""
+    """Move rows `at` to `end` - 1 of a column (N, ...) back by one, in place, so that row `at` is free."""
     for i in range(end, at, -1):
         column[i] = column[i - 1]
 
@@ -130,7 +130,7 @@ def insert_imu(samples: SampleStore, end: int, stamp_ns: int, w: Array, q: Array
         q: accelerometer, IMU axes, (3,) m/s^2.
 
     Returns:
-        The number of rows then; -1: there is a sample of this stamp, which stays.
+        The number of rows after that; -1: there is a sample of this stamp, which stays.
     """
     stamps, rows = samples.imu_stamps, samples.imu
     at = place_of(stamps[:end], stamp_ns)
@@ -164,7 +164,7 @@ def insert_feet(
         closed: closed switches of each foot, (L,), bit s for switch s.
 
     Returns:
-        The number of rows then; -1: there is a sample of this stamp, which stays.
+        The number of rows after that; -1: there is a sample of this stamp, which stays.
     """
     stamps = samples.feet_stamps
     at = place_of(stamps[:end], stamp_ns)

@@ -91,7 +91,8 @@ def rock_soles(state: BestState, closed: Feet, geometry: BestGeometry, variance:
     A foot that lands on its heel or on the outer edge comes down flat in the samples that follow: its middle sinks by
     millimetres, which would else lift the robot at each step. What stays is where switches were closed at the last
     sample and are closed now: three hold the sole, two are an edge, about which it tips, one is a corner, about which
-    it tips any way, like one of which no switch stayed closed. Neither an edge nor a corner keeps it from twisting.
+    it tips in any direction, like one of which no switch stayed closed. Neither an edge nor a corner keeps it from
+    twisting.
 
     Args:
         state: of the filter; its covariance is changed, and the switches are remembered in it.

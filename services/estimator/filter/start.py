@@ -18,7 +18,7 @@ from .samples import ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, forget_levels, isolate, set_rotation
 
 BLOCK = 16
-"""Rows of a rest that are checked at a time."""
+"""Number of rows of a possible rest that are checked at a time."""
 
 
 @kernel
@@ -136,7 +136,7 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
 
 @kernel
 def _plane(points: Array, used: Array, up: Array) -> tuple[Array, float]:
-    """Return the upward unit normal (3,) of the plane through some points, and their smaller spread (rms) in it, m.
+    """Return the upward unit normal (3,) of the plane through some points, and their smaller rms spread in it, m.
 
     Args:
         points: all points, (K, 3) m.
@@ -300,7 +300,7 @@ def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: Best
 
 @kernel
 def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, setting: BestSetting) -> None:
-    """Start with one sample only: up by the accelerometer, 30 deg wrong, at an unknown speed, in place.
+    """Start from one sample: vertical by the accelerometer (30 deg standard deviation), unknown speed, in place.
 
     Args:
         state: of the filter; changed.

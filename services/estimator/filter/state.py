@@ -1,7 +1,7 @@
 """State of the `best` filter and its prediction by one inertial sample.
 
 A contact-aided error-state filter with a right-invariant error (after Hartley et al. 2020), re-centred on the IMU: all
-vectors in axes of `odom`, contact points relative to the IMU, so that no lever grows with the way. With
+vectors in axes of `odom`, contact points relative to the IMU, so that no lever grows with the distance. With
 G = (0, 0, 9.81)
 
     R' = R [w - b_w],   v' = R (q - b_q) - G,   p' = v,   r_i' = -v,   biases constant
@@ -35,45 +35,44 @@ class Felt(NamedTuple):
     """Variances that shocks and jerk of the trunk add to the noise of one inertial sample."""
 
     gyro: float
-    """Variance of the gyro's sample about level axes, (rad/s)^2."""
+    """Variance added to a gyro sample about level axes, (rad/s)^2."""
     turn: float
-    """Variance of the gyro's sample about the vertical, (rad/s)^2."""
+    """Variance added to a gyro sample about the vertical, (rad/s)^2."""
     acc: float
-    """Variance of the accelerometer's sample, (m/s^2)^2."""
+    """Variance added to an accelerometer sample, (m/s^2)^2."""
 
 
 class BestState(NamedTuple):
-    """All that the `best` filter remembers; K contact points of the feet, H hypotheses about which feet slide."""
+    """State of the `best` filter; K contact points of the feet, H hypotheses about which feet slide."""
 
     x: Array
     """State vector, (21 + 3 K,), mixed units, laid out as in `StateLayout`."""
     cov: Array
     """Covariance of the error of `x`, (15 + 3 K, 15 + 3 K), rows and columns as in `ErrorLayout`."""
     points: Array
-    """Numbers of each contact point, (K, 11), columns as in `PointLayout`."""
+    """Values of each contact point, (K, 11), mixed units, columns as in `PointLayout`."""
     turn: Array
     """rot_odom_from_foot of the foot of each contact point at the last sample of the feet, (K, 3, 3)."""
     memory: Array
     """Averages, counters and times beside the state, (112,), laid out as in `MemoryLayout`."""
     mode_x: Array
-    """States of the hypotheses as in `x`, (H, 21 + 3 K)."""
+    """State vectors of the hypotheses about sliding feet, laid out as `x`, (H, 21 + 3 K)."""
     mode_cov: Array
-    """Covariances of the hypotheses as in `cov`, (H, 15 + 3 K, 15 + 3 K)."""
+    """Covariances of the hypotheses about sliding feet, laid out as `cov`, (H, 15 + 3 K, 15 + 3 K)."""
     mode_points: Array
-    """Contact points of the hypotheses as in `points`, (H, K, 11)."""
+    """Values of the contact points of the hypotheses as in `points`, (H, K, 11)."""
     mode_turn: Array
-    """rot_odom_from_foot of the hypotheses at the last sample of the feet, (H, K, 3, 3)."""
+    """Rotations `turn` of the hypotheses: rot_odom_from_foot at the last sample of the feet, (H, K, 3, 3)."""
     mode_memory: Array
-    """Numbers beside the state of each hypothesis as in `memory`, (H, 112)."""
+    """Values beside the state of each hypothesis as in `memory`, (H, 112)."""
     weight: Array
-    """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
+    """Probabilities of the hypotheses about sliding feet, (H,); all 0 while the state itself is the only one."""
     sensors: Array
-    """Numbers of the leg sensors, one row for each foot, (K, 38), columns as in `SensorLayout`; there are at most K
-    feet."""
+    """Values about the leg sensors, one row for each foot (at most K), (K, 38), columns as in `SensorLayout`."""
 
 
 FRAME = 4
-"""Numbers that describe the frame of poses of another source (camera, GNSS) in the state: shift (3) and turn (1)."""
+"""Number of state elements of the frame of another source's poses (camera, GNSS): shift (3) and turn (1)."""
 
 
 def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
@@ -315,7 +314,7 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     """Predict state and covariance over a step of d s by one inertial sample, in place.
 
     Args:
-        state: of the filter; changed: contact points that stand move against the IMU, times and averages run on.
+        state: of the filter; changed: contact points that stand move against the IMU, times and averages continue.
         w: mean gyro over the step, IMU axes, (3,) rad/s.
         q: mean accelerometer over the step, IMU axes, (3,) m/s^2.
         d: length of the step, s.

@@ -27,29 +27,30 @@ class RowLayout(NamedTuple):
     """Rows of the vectors (8, 3) of an estimate: gravity, velocities, position, biases and others."""
 
     g: int = 0
-    """Specific force at rest, m/s^2, IMU axes, points up."""
+    """Row of the specific force at rest, IMU axes, m/s^2; it points up."""
     v: int = 1
-    """Velocity of the IMU, m/s, IMU axes."""
+    """Row of the velocity of the IMU, IMU axes, m/s."""
     position: int = 2
-    """Position of base_link in odom, m."""
+    """Row of the position of base_link in odom, m."""
     v_odom: int = 3
-    """Velocity of base_link, m/s, odom axes."""
+    """Row of the velocity of base_link, odom axes, m/s."""
     gyro_bias: int = 4
-    """Bias of the gyro, rad/s, IMU axes."""
+    """Row of the bias of the gyro, IMU axes, rad/s."""
     acc_bias: int = 5
-    """Bias of the accelerometer, m/s^2, IMU axes."""
+    """Row of the bias of the accelerometer, IMU axes, m/s^2."""
     start: int = 6
-    """Heading of base_link in odom, rad; 1 if the start has settled, else 0; inertial samples at rest in a row."""
+    """Row of heading of base_link in odom, rad; 1 if the start has settled, else 0; number of samples at rest in a
+    row."""
     fit: int = 7
-    """Normalised innovation squared, 3 degrees of freedom; factor of the inertial noise over the sensor's; 0."""
+    """Row of normalised innovation squared (3 degrees of freedom); factor of inertial noise over the sensor's; 0."""
 
 
 R = RowLayout()
 YAW, SETTLED, RESTING = (R.start, 0), (R.start, 1), (R.start, 2)
 NIS, EXCESS = (R.fit, 0), (R.fit, 1)
-"""Row and column of single numbers of the vectors (8, 3) of an estimate."""
+"""`NIS`, `EXCESS`: row and column of normalised innovation squared and inertial noise factor in the vectors (8, 3)."""
 QUAT = 4
-"""Numbers of the quaternion, which comes before the probabilities of sliding in one array (4 + L,)."""
+"""Length of the quaternion, which precedes the probabilities of sliding of L feet in one array (4 + L,)."""
 
 
 @kernel

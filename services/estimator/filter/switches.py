@@ -16,10 +16,10 @@ Feet = NDArray[np.int64]
 
 @kernel
 def rewired(contact: Array, sensors: Array, foot: Feet) -> Array:
-    """Return the contacts of all points with the switches of two swapped feet put right.
+    """Return the contact of all points with the switches of two swapped feet exchanged.
 
     Args:
-        contact: probability of contact of each point, (K,); all points of a foot have the same.
+        contact: probability of contact of each point, (K,); equal for all points of a foot.
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; `wired` is the foot whose
             switch the foot gets.
         foot: index of the foot of each point, (K,).
@@ -57,8 +57,9 @@ def judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies
         size: logarithm of the motion, m/s, that each foot shows beside the inertial unit, (L,); NaN: not known.
         contact: probability that each foot touches the ground, (L,).
         dt: time since the last sample of the feet that was compared, s.
-        flies: the robot shows no weight, so that no foot stands whose switch is open.
-        aloft: the robot shows its weight while no switch is closed, so one is wrong: half the contradiction suffices.
+        flies: True if the robot shows no weight, so that no foot stands whose switch is open.
+        aloft: True if the robot shows its weight while no switch is closed: one is wrong, half the contradiction
+            suffices.
     """
     for f in range(size.size):
         # one that stands is compared with the middle of two means: of all others, and of those of them that stand
@@ -93,7 +94,7 @@ def judge_switches(sensors: Array, size: Array, contact: Array, dt: float, flies
 
 @kernel
 def _learn_height(own: Array, over: float, closed: int, dt: float) -> float:
-    """Learn the height of foot 0 over foot 1 while both stand, in place; return by how much it is more now, m.
+    """Learn the height of foot 0 over foot 1 while both stand, in place; return the present height less it, m.
 
     Another height counts once they have shown it for a while: one of them may be in the air, and its switch hang.
 
@@ -139,7 +140,7 @@ def judge_heights(own: Array, sensors: Array, over: float, contact: Array, dt: f
         over: height of foot 0 over foot 1, m; NaN: not known.
         contact: probability that each foot touches the ground, (2,).
         dt: time since the last sample, s.
-        shows: the robot shows its weight.
+        shows: True if the robot shows its weight.
     """
     closed = (1 if contact[0] >= 0.5 else 0) + (2 if contact[1] >= 0.5 else 0)
     rise, swapped = _learn_height(own, over, closed, dt), 0 < closed < 3

@@ -22,15 +22,15 @@ from .state import BestState, forget_levels, forget_velocity, isolate, rotation,
 def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, up: float, sd: float) -> None:
     """Turn the attitude so that a vector in odom, of any length and unit, points up, in place.
 
-    Tilt and accelerometer bias are unknown again, and the feet are believed. Heading, position and gyro bias stay, but
+    Tilt and accelerometer bias are unknown again, and the feet are trusted. Heading, position and gyro bias stay, but
     how a robot turned that was knocked over unseen, and where it rolled to, is not known.
 
     Args:
         state: of the filter; changed; its start counts as in motion after a wrong tilt.
         setting: geometry, noises and limits of the filter.
-        ahead: of the vector along x of odom.
-        side: along y of odom.
-        up: along z of odom.
+        ahead: component of the vector along x of odom.
+        side: component along y of odom.
+        up: component along z of odom.
         sd: standard deviation of the new tilt, rad.
     """
     memory, level = state.memory, math.sqrt(ahead * ahead + side * side)
@@ -57,15 +57,15 @@ def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, 
 def _turn_by_change(state: BestState, setting: BestSetting, ahead: float, side: float, up: float, time: float) -> bool:
     """Turn the attitude so that the mean specific force by the inertial unit alone points up, in place.
 
-    False: nothing was turned. A robot that falls loses its velocity, too: its specific force is not that of one that
-    stands, and its tilt by the gyro is right.
+    Return False if nothing was turned. A robot that falls loses its velocity, too: its specific force is not that of
+    one that stands, and its tilt by the gyro is right.
 
     Args:
         state: of the filter; changed.
         setting: geometry, noises and limits of the filter.
         ahead: change of the velocity by the inertial unit along x of odom, m/s.
         side: along y of odom, m/s.
-        up: along z of odom, m/s, gravity taken off.
+        up: along z of odom, m/s, gravity subtracted.
         time: in which it changed, s.
     """
     up += GRAVITY * time
@@ -144,13 +144,13 @@ def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
 def check_start(state: BestState, contact: Array, dt: float, setting: BestSetting) -> None:
     """Correct the tilt of a rest that the first steps after it contradict, in place.
 
-    The feet take out of the velocity what a wrong tilt adds to it, always the same way, so that the excess of the
+    The feet correct what a wrong tilt adds to the velocity, always in one direction, so that the excess of the
     inertial noise rises before the velocity is lost: in the second after a rest to 2 at most where the tilt is right,
     above 3 within 0.3 s where it is 5 deg wrong. The velocity d that the inertial unit has gained in the time t since
     the rest, less that which the foot shows that agrees best, then grows as d = a t with a = 9.81 sin of the tilt,
-    while feet that land, or are late, make it swing. By least squares, a = S(t d)/S(t^2), and a^2 S(t^2)/S(d^2) is the
-    share of it that grows so, S the sum over samples. Nothing is corrected while a sensor of a leg is suspected: a foot
-    that swings behind a switch that hangs looks like a wrong tilt.
+    while feet that land, or are late, make it oscillate. By least squares, a = S(t d)/S(t^2), and a^2 S(t^2)/S(d^2) is
+    the share of it that grows so, S the sum over samples. Nothing is corrected while a sensor of a leg is suspected: a
+    foot that swings behind a switch that hangs looks like a wrong tilt.
 
     Args:
         state: of the filter after a sample of the feet; changed.

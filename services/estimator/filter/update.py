@@ -26,7 +26,7 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     """Fit the excess of the inertial noise, a factor >= 1, to what all standing points see in common, in place.
 
     The innovations of a filter whose noises are right do not correlate in time. If the mean innovation z of all points
-    goes the same way again and again, the error is in the prediction: with S its covariance, the excess follows
+    has one direction again and again, the error is in the prediction: with S its covariance, the excess follows
 
         e = z_k^T S^-1 z_(k-1)/3,   log excess += learn (rise max(e, 0) + min(e, 0) - drop)
 
@@ -74,8 +74,8 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
         contact: probability that each point touches the ground, (K,).
         foot: index of the foot of each point, (K,).
         slides: bit f is set if foot f slides.
-        slip: variance of the way of a sliding foot along each level axis, m^2; its points go together.
-        swing: variance of the way of a point in the air along each axis, m^2.
+        slip: variance of the displacement of a sliding foot along each level axis, m^2; its points move together.
+        swing: variance of the displacement of a point in the air along each axis, m^2.
     """
     cov, points = state.cov, state.points
     for k in range(points.shape[0]):
@@ -92,16 +92,16 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
 
 @kernel
 def follow(state: BestState, before: Array, noise: BestNoise) -> None:
-    """Learn the lag of the velocity from the way by which a sample of the feet moved the position, in place.
+    """Learn the lag of the velocity from the correction of the position by a sample of the feet, in place.
 
-    Errors of the accelerometer that come with every step push velocity and position the same way again and again, and
-    the feet take them out again. Corrections of the position that do not cancel are a velocity that was missed:
+    Errors of the accelerometer that come with every step push velocity and position in one direction again and again,
+    and the feet correct them. Corrections of the position that do not cancel are a velocity that was missed:
 
         lag' = -lag/T + R^T sum_k delta_k/T,   v_out = v + R lag
 
-    with the correction delta_k of the position by sample k, at most `most_lag` points' noises long, T = `lag_s`, and R
-    the attitude. The integral of the published velocity v_out is the position. The decay -lag/T is applied in the
-    prediction.
+    with the correction delta_k of the position by sample k, at most `most_lag` standard deviations of a point long, T =
+    `lag_s`, and R the attitude. The integral of the published velocity v_out is the position. The decay -lag/T is
+    applied in the prediction.
 
     Args:
         state: of the filter after a sample of the feet; the lag in its memory is changed.
@@ -140,7 +140,7 @@ def persistence(memory: Array) -> float:
 
 @kernel
 def remember_slides(state: BestState) -> None:
-    """Add m.s and s.s of a sample of the feet to their fading sums in the memory of the state, in place.
+    """Add m.s and s.s of a sample of the feet to their decaying sums in the memory of the state, in place.
 
     m is the level velocity of a slide that the sample shows, s the one that was learned before it, m/s; both products
     are means over the hypotheses about sliding feet by their probabilities.
@@ -154,7 +154,7 @@ def remember_slides(state: BestState) -> None:
 
 @kernel
 def _slide(state: BestState, foot: Feet, slides: int, dt: float, share: float) -> Array:
-    """Move the standing points of sliding feet on as they have slid, in place; return where all points were before.
+    """Move the standing points of sliding feet by their learned velocity, in place; return the earlier points.
 
     Args:
         state: of the filter; level places of the points are changed.
@@ -181,7 +181,8 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
 
         s += g (delta/dt - s),   g = gain/(1 + (excess/`most_carried`)^4)
 
-    with delta the mean way of its points. The factor of `excess` reduces the gain where the inertial noise exceeds that
+    with delta the mean displacement of its points. The factor of `excess` reduces the gain where the inertial noise
+    exceeds that
     of the sensor: its error looks like a slide. While two or more feet stand and all of them slide, s is zero: that is
     an error of the inertial unit. Products of delta/dt and s, and of s and s, are added in the memory of the state.
 
@@ -220,7 +221,7 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
 
 @kernel
 def _roll(state: BestState, seen: SeenPoints, contact: Array, radius: Array, dt: float) -> None:
-    """Lift points that may have stepped, and roll round feet on since the last sample of the feet, in place.
+    """Lift points that may have stepped, and roll round feet since the last sample of the feet, in place.
 
     Args:
         state: of the filter; points and stored rotations of the feet are changed.
@@ -255,7 +256,8 @@ def _observe_points(
         contact: probability that each touches the ground, (K,).
         dt: time since the last sample, s.
         noise: noises and rates of the filter.
-        hypotheses: a point may slide, and both corrections are mixed; False: slides are in the covariance already.
+        hypotheses: True: a point may slide, and both corrections are mixed; False: slides are in the covariance
+            already.
     """
     likely, standing, unfit, surprise = 0.0, 0, 0, 0.0
     for k in range(contact.size):
@@ -274,14 +276,13 @@ def _observe_points(
 def _put_down_points(state: BestState, y: Array, contact: Array, unfit: bool, noise: BestNoise) -> None:
     """Put points down that touch the ground anew or do not fit any more, in place.
 
-    Where no point fits for several samples, not the feet are somewhere else, but the velocity is wrong and is
-    forgotten.
+    Where no point fits for several samples, the velocity is wrong rather than the feet, and is forgotten.
 
     Args:
         state: of the filter; changed.
         y: places of the points from the IMU, IMU axes, (K, 3) m.
         contact: probability that each touches the ground, (K,).
-        unfit: no standing point fitted this sample.
+        unfit: True if no standing point fitted this sample.
         noise: noises and rates of the filter.
     """
     points, memory = state.points, state.memory
@@ -313,7 +314,8 @@ def take_points(
         seen: the points; one with a contact below one half is lifted, of an unknown contact (NaN) its height decides.
         geometry: contact points on the feet, and mounting of the IMU.
         noise: noises and rates of the filter.
-        hypotheses: each point may slide, and staying and sliding are mixed; False: `slides` names the feet that slide.
+        hypotheses: True: each point may slide, staying and sliding are mixed; False: `slides` names the feet that
+            slide.
         slides: bit f is set if foot f slides, in a state that is one of several hypotheses.
         share: of the learned velocity of a slide by which it goes on, 0 to 1.
 

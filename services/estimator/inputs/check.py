@@ -21,20 +21,23 @@ from .clock import CLOCK, KNOWN, LARGEST_NS, NEWEST, check_clock
 from .results import AHEAD, GAP, NONFINITE, OK, RESTART, RESULTS, SATURATED, STEPPED, UNIT
 
 IMU, KINEMATICS = 0, 1
-"""Numbers of the sources of samples: inertial unit, and joints or feet."""
+"""Index of each source of samples: inertial unit (`IMU`), and joints or feet (`KINEMATICS`)."""
 SOURCES = ("imu", "kinematics")
-"""Names of the sources of samples, by their number."""
+"""Names of the sources of samples, by their index `IMU` or `KINEMATICS`."""
 ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
 BAD_CODE, REFUSED, LIGHT_NS, BACK, LATE_FEET_NS, SHOWN_LATE_NS = range(9, 15)
-"""Parts of `CheckState.marks`: samples in the mean of the accelerometer; samples of the feet with it on the wrong side;
-equal rows, and equal feet, in a row; code of a wrong unit; stamp of the last refusal or gap, of the last saturation, of
-the last gyro sample in the turn; source and code of the last refusal or gap; number of refusals; stamp since which the
-accelerometer shows no weight; inertial samples in a row that show a clock that stepped back; time that is taken off the
-stamps of the feet, ns; stamp since which their motion shows that they are late, 0: it does not."""
+"""Indices in `CheckState.marks`. `ROWS`: samples in the mean of the accelerometer; `WRONG_SIDE`: samples of the feet
+with that mean on the wrong side; `EQUAL_ROWS`, `EQUAL_FEET`: equal samples in a row; `UNITS`: code of a wrong unit;
+`BAD_NS`, `SATURATED_NS`, `TURN_NS`: stamps, ns, of the last refusal or gap, the last saturation, and the last gyro
+sample in the turn; `BAD_SOURCE`, `BAD_CODE`: source and code of the last refusal or gap; `REFUSED`: number of refusals;
+`LIGHT_NS`: stamp since which no weight shows; `BACK`: samples in a row by which the inertial clock stepped back;
+`LATE_FEET_NS`: time, ns, subtracted from stamps of the feet; `SHOWN_LATE_NS`: stamp since which their motion shows them
+late, 0 = it does not."""
 LAST_W, LAST_Q, MEAN_Q, TURN, SHARED, PREDICTED, SEEN, PATH = 0, 3, 6, 9, 12, 13, 14, 15
-"""Parts of `CheckState.numbers`: last gyro (3) rad/s and accelerometer (3) m/s^2; mean of the accelerometer (3) m/s^2;
-turn by the gyro since the last sample of the feet (3) rad; of the comparison with them p.s, p.p and s.s, rad^2, and
-the path by the gyro, rad."""
+"""First indices in `CheckState.numbers`. `LAST_W`, `LAST_Q`: last gyro (3) rad/s and accelerometer (3) m/s^2; `MEAN_Q`:
+mean of the accelerometer (3) m/s^2; `TURN`: turn by the gyro since the last sample of the feet (3) rad; `SHARED`,
+`PREDICTED`, `SEEN`: sums p.s, p.p and s.s of the comparison with the feet, rad^2; `PATH`: path of turning by the gyro,
+rad."""
 
 NEVER, FOR_EVER = -(2**62), 2**62  # ns
 BAD_MEMORY_NS = 100_000_000  # time for which a refused input spoils `inputs_ok`
@@ -55,16 +58,17 @@ ABOVE = 0.5  # cosine between up (down) and the way to the feet beyond which the
 SMALLEST = 1e-4  # m^2, spread of points that are compared
 
 GOOD, IN_G, ACC_SIGN, IN_DEG, GYRO_SIGN = range(5)
-"""Codes of what is wrong with the unit or the sign of a sensor."""
+"""Codes of a sensor's unit: `GOOD`: right; `IN_G`, `ACC_SIGN`: accelerometer in g, or of wrong sign; `IN_DEG`,
+`GYRO_SIGN`: gyro in deg/s, or of wrong sign."""
 UNIT_WORDS = (
     "", "the accelerometer measures in g: factor 9.81", "the accelerometer has the other sign: factor -1",
     "the gyro measures in deg/s: factor 0.0174533", "the gyro has the other sign: factor -1",
 )  # fmt: skip
-"""Text of each of these codes."""
+"""Text about a wrong unit or sign of a sensor, by its code from `GOOD` to `GYRO_SIGN`."""
 
 
 class CheckState(NamedTuple):
-    """All that the check of inputs remembers of L feet and K contact points, to find samples that are refused.
+    """Memory of the check of inputs for L feet and K contact points, by which it finds samples to refuse.
 
     clocks: of inertial unit and feet, (2, 6); counts: refusals and gaps by source and code, (2, results); marks:
     counters and stamps, (15,); numbers: averages, (16,); feet: last positions, IMU axes, (L, 3) m; points: last contact
@@ -96,10 +100,10 @@ class CheckLimits(NamedTuple):
 class Faults(NamedTuple):
     """Faults of the inputs at a moment.
 
-    refused: an input of the last 100 ms, or there was a gap; saturated: the inertial unit was at the end of its range
-    in the last 100 ms; weightless: the accelerometer has shown no weight for 0.3 s; imu_frozen: the inertial unit
-    repeats one sample; feet_repeat: the encoders have repeated themselves for a second, a fault only where the robot
-    moves.
+    refused: True if an input of the last 100 ms was refused, or there was a gap; saturated: the inertial unit was at
+    the end of its range in the last 100 ms; weightless: the accelerometer has shown no weight for 0.3 s; imu_frozen:
+    the inertial unit repeats one sample; feet_repeat: the encoders have repeated themselves for a second, a fault only
+    where the robot moves.
     """
 
     refused: bool  # an input of the last 100 ms, or there was a gap
@@ -137,8 +141,8 @@ def faults_at(check: CheckState, limits: CheckLimits, noisy: bool, now_ns: int) 
     Args:
         check: what the check of inputs remembers.
         limits: limits from which an input is refused.
-        noisy: equal inertial samples are a fault, not chance.
-        now_ns: the moment, ns.
+        noisy: True: equal inertial samples are a fault; False: they may be chance.
+        now_ns: time of the faults, ns.
     """
     marks = check.marks
     return Faults(
@@ -192,7 +196,7 @@ def _order(check: CheckState, source: int, stamp_ns: int) -> int:
 
 @kernel
 def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
-    """Take a sample into the means, in place; return True if the unit or the sign of a sensor is wrong.
+    """Update the means by a sample, in place; return True if the unit or the sign of a sensor is wrong.
 
     Args:
         check: the means, and what they have shown; changed.
@@ -231,7 +235,7 @@ def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
 
 @kernel
 def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q: Array) -> int:
-    """Check an inertial sample, and take it into the check, in place; return the code of the result.
+    """Check an inertial sample, and update the check by it, in place; return the code of the result.
 
     The code is an index in `RESULTS`, the tuple of all `InputResult`.
 

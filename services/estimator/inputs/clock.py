@@ -10,18 +10,18 @@ from .results import AHEAD, LATE, OK, RESTART
 Stamps = NDArray[np.int64]
 
 WINDOW_NS = 500_000_000
-"""Delay up to which a sample is still put in the order of its stamp, ns."""
+"""Delay up to which a late sample is inserted in the order of its stamp, ns; an older one is refused."""
 AHEAD_NS = 500_000_000
-"""Step of a source's stamps from which a stamp waits for the next to confirm it, ns."""
+"""Step between stamps of a source, ns, above which the stamp waits for the next one to confirm it."""
 RESYNC_AFTER = 20
-"""Older but rising stamps in a row from which the clock of a source counts as restarted."""
+"""Number of older but rising stamps in a row from which on the clock of a source counts as restarted."""
 LARGEST_NS = 2**62
-"""Largest stamp, ns."""
+"""Largest stamp that is accepted, ns."""
 NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
-"""Parts of a clock, (6,): newest stamp, ns; 1 if there is one; number of older stamps in a row; the last of them, ns;
-a stamp far ahead that nothing has confirmed yet, ns; 1 if there is one."""
+"""Indices in a clock, (6,): newest stamp, ns; 1 if it is known, else 0; number of older stamps in a row; the last of
+these, ns; an unconfirmed stamp far ahead, ns; 1 if there is one, else 0."""
 CLOCK = 6
-"""Length of the array that is the clock of a source."""
+"""Length of the array that holds the clock of a source, with parts from `NEWEST` to `FAR_KNOWN`."""
 
 
 def bounded(stamp_ns: int) -> int:
@@ -31,13 +31,13 @@ def bounded(stamp_ns: int) -> int:
 
 @kernel
 def _accept(clock: Stamps, stamp_ns: int) -> None:
-    """Take a stamp, ns, as the newest of a clock (6,), in place, and forget older stamps and one far ahead."""
+    """Store a stamp, ns, as the newest of a clock (6,), in place; forget older stamps and one far ahead."""
     clock[NEWEST], clock[KNOWN], clock[OLDER], clock[FAR_KNOWN] = stamp_ns, 1, 0, 0
 
 
 @kernel
 def check_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
-    """Check a stamp of a source against those before it, and take it into the clock of that source, in place.
+    """Check a stamp of a source against those before it, and update the source's clock by it, in place.
 
     Args:
         clock: of the source, (6,), zeros at first: newest stamp, ns; 1 if there is one; number of older stamps in a

@@ -22,9 +22,9 @@ from .clock import bounded
 from .results import RESULTS, InputResult
 
 FROZEN_NS = 250_000_000
-"""Time for which a live inertial unit never repeats one sample, ns."""
+"""Time for which an inertial unit has to repeat one sample to count as frozen, ns."""
 FROZEN_ROWS = 20
-"""Equal samples in a row that a live inertial unit may show all the same: a coarse one at rest repeated 12."""
+"""Least number of equal inertial samples in a row by which a unit is frozen: a coarse one at rest repeated 12."""
 
 
 class InputCheck:
@@ -48,7 +48,7 @@ class InputCheck:
         self.state = new_check(feet, points)
         self.noisy = params.sigma_w > 0.0  # equal samples are no chance
         self.external = Counter[str]()
-        """Samples from elsewhere that were refused, by name, e.g. `external_late`."""
+        """Number of refused samples of other sources (camera, GNSS), by name, e.g. `external_late`."""
 
     def count(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
         """Count the result of a sample and return it.

@@ -11,9 +11,9 @@ from surefoot.arrays import Array
 from .results import InputResult
 
 SHAPES = (("position", 3), ("yaw", 1), ("velocity", 3))
-"""Parts of a sample in the order of a row, and the size of each."""
+"""Parts of a sample of another source in the order of a row, each with its number of components."""
 LARGEST = {"position": 1e7, "yaw": 1e3, "velocity": 1e3}
-"""Largest size of a component: m (coordinates of the whole earth fit), rad (turns may be counted), m/s."""
+"""Largest absolute value of a component: m (coordinates of the whole earth fit), rad (turns may be counted), m/s."""
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,12 @@ from enum import StrEnum
 
 
 class InputResult(StrEnum):
-    """Result of an input; the first four are taken, all others are refusals with their reason.
+    """Result of an input; the first four are accepted, all others are refusals, named by their reason.
 
-    gap: taken after missing samples; restart: its clock began anew; stepped: its clock stepped back by less than the
-    window of late samples; backward: older than the newest where none is missing; late: older than that window; ahead:
-    a stamp far in the future; unit: in other units or with the other sign; frame: a position without a heading.
+    gap: accepted after missing samples; restart: the clock of the source began anew; stepped: its clock stepped back by
+    less than the window of late samples; backward: older than the newest where none is missing; late: older than that
+    window; ahead: a stamp far in the future; unit: in other units or with the other sign; frame: a position without a
+    heading.
     """
 
     OK = "ok"
@@ -33,7 +34,7 @@ class InputResult(StrEnum):
 
 
 RESULTS = tuple(InputResult)
-"""Results by their code in kernels; those up to `STEPPED` are accepted."""
+"""All results of inputs, by their code in kernels; those up to `STEPPED` are accepted, later ones are refusals."""
 OK, GAP, RESTART, STEPPED, NONFINITE, SHAPE, DUPLICATE, BACKWARD, LATE, AHEAD, SATURATED, UNIT, COVARIANCE, FRAME = (
     range(len(RESULTS))
 )

@@ -4,8 +4,8 @@ A sample that is older than the newest is late, and belongs where one is missing
 the inertial unit has stepped back: samples are refused until some in a row have shown it, and the estimate goes on.
 
 Feet move on between two samples whose stamps are far apart. If they do not, and moved alike before and after, no sample
-was lost: the stamps stepped. With the ways a, b, c of all feet over n samples before the gap, over it and over n after
-it, T the mean step of the stamps,
+was lost: the stamps stepped. With the displacements a, b, c of all feet over n samples before the gap, over it and over
+n after it, T the mean step of the stamps,
 
     time by motion = 2 n T sum b.(a + c)/sum (a + c).(a + c),   late = gap - that time
 """
@@ -19,24 +19,24 @@ from surefoot.kernels.jit import kernel
 Stamps = NDArray[np.int64]
 
 MOST_BACK = 3
-"""Inertial samples in a row that show that their clock has stepped back."""
+"""Number of inertial samples in a row which show that their clock has stepped back."""
 NO_ROOM = 1.5
-"""Periods between two samples from which one between them is missing."""
+"""Step between two samples, in usual periods, above which a sample between them is missing."""
 SPANS_NS = (40_000_000, 20_000_000, 10_000_000)
-"""Times before and after a gap over which the motion of the feet is compared, ns: feet that turn round need short ones,
-noise long ones."""
+"""Times before and after a gap over which the motion of the feet is compared, ns: short ones for feet that turn round,
+long ones against noise."""
 ALIKE = 1.5
-"""Largest ratio of these times, and least ratio of a gap to the step of the stamps."""
+"""Largest ratio of the times compared before and after a gap, and least ratio of the gap to the usual step."""
 MOVES = 0.002
-"""Least motion of the feet in that time, m: several times the noise of encoders."""
+"""Least motion of the feet, m, before and after a gap for a comparison: several times the noise of encoders."""
 EVEN = 1.4
-"""Largest difference of the motion before and after the gap, share of its mean: no foot stopped in the gap."""
+"""Largest difference of the motion before and after a gap, as a fraction of its mean: no foot stopped in the gap."""
 FITS = 0.05
-"""Share of its squared distance from the motion of the whole gap by which the motion may miss that of one step."""
+"""Largest ratio of squared errors of two models of the motion in a gap, one step over all of it, to prefer one step."""
 LONGEST_NS = 150_000_000
-"""Longest gap that is compared, ns: feet of a walk are where they were one step later."""
+"""Longest gap in which stepped stamps are sought, ns: feet of a walk are where they were one step later."""
 LEAST_LATE = 0.4
-"""Share of a gap from which it is one of the stamps."""
+"""Fraction of a gap explained by late stamps above which the stamps have stepped and no sample was lost."""
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Bank of the estimators of Wawrzynski et al.: inertial, kinematic, kinematic with gyro, and their filter.
 
 They take samples in the order of their arrival and start at the first standstill, equation (1). A sample of the joints
-is applied at the inertial sample after it, as in the paper; one that comes late is applied late.
+is applied at the inertial sample after it, as by Wawrzynski et al.; one that comes late is applied late.
 """
 
 import math
@@ -49,7 +49,7 @@ class PaperOutput(NamedTuple):
 
 @kernel
 def _note(row: Array, gyro: Array, d: float, g: Array) -> None:
-    """Turn the angle of a row of the history on by the gyro, in place, and write g beside it.
+    """Advance the angle in a row of the history by the gyro, in place, and write g beside it.
 
     Args:
         row: angle (3,) rad, then g (3,) m/s^2, (6,).
@@ -63,7 +63,7 @@ def _note(row: Array, gyro: Array, d: float, g: Array) -> None:
 
 
 class PaperEstimators:
-    """Feeds the four estimators of Wawrzynski et al. with the same samples; owns their start and sensor biases.
+    """Set of the four estimators of Wawrzynski et al., fed with equal samples; owns their start and sensor biases.
 
     Args:
         mount: kinematic model, mounting of the IMU and radii of the feet.
@@ -79,7 +79,7 @@ class PaperEstimators:
         self.reset()
 
     def reset(self, stated: bool = True) -> None:
-        """Drop all state; `stated`: the configured slope of the ground at the start holds for the new start."""
+        """Drop all state; `stated`: True if the configured slope of the ground at the start holds for the new start."""
         p = self.params
         self._stated = stated
         self.standstill = Standstill(
@@ -144,7 +144,7 @@ class PaperEstimators:
         self.bias = self.gyro_bias.value
 
     def _advance(self, gyro: Array, q: Array, d: float, step_ns: int) -> None:
-        """Carry all estimators over an inertial step, and append a row to the history.
+        """Predict all estimators over an inertial step, and append a row to the history.
 
         Args:
             gyro: mean gyro with its bias, IMU axes, (3,) rad/s.
@@ -220,8 +220,9 @@ class PaperEstimators:
     def output(self, name: str) -> PaperOutput:
         """Return the present estimate of one estimator by its name.
 
-        One without a g of its own takes that of `ekf`, or of `imu` where `ekf` does not run. A bias of the
-        accelerometer looks like a tilt for ever: the variance of g that the covariance leaves out for it is `hidden`.
+        An estimator without a g of its own takes that of `ekf`, or of `imu` where `ekf` does not run. A bias of the
+        accelerometer cannot be separated from a tilt: the variance of g that the covariance leaves out for it is
+        `hidden`.
         """
         one, known = self.filters[name], self.initialised
         return PaperOutput(

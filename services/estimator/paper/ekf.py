@@ -66,7 +66,7 @@ class PaperEkf:
         self._params = params
         self._noise = np.array([params.sigma_w, params.sigma_q])
         self.nis: float | None = None
-        """Normalised innovation squared of the last correction, 3 degrees of freedom."""
+        """Normalised innovation squared of the last correction, 3 degrees of freedom; None before the first."""
         self.reset(np.array([0.0, 0.0, GRAVITY]), np.eye(6))
 
     def reset(self, g: Array, p: Array) -> None:
@@ -75,7 +75,7 @@ class PaperEkf:
         self.nis = None
 
     def predict(self, w: Array, q: Array, d: float) -> None:
-        """Carry state and covariance by gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes, over d s."""
+        """Predict state and covariance over d s by gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes."""
         self._x, self.p = predict(self._x, self.p, w, q, d, self._noise, self._params.exact_transition, False)
 
     def correct(self, legs: LegVelocity) -> None:

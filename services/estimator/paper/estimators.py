@@ -14,14 +14,11 @@ from .inertial import predict, widened, without_velocity
 from .legs import LegVelocity
 
 UNKNOWN_TILT = 0.5
-"""Standard deviation of an unknown tilt, rad."""
+"""Standard deviation of the tilt of an estimator that does not estimate it, rad."""
 
 
 class VelocityEstimator(Protocol):
-    """Estimates g and v in IMU axes from inertial samples and velocities by the legs.
-
-    g is the specific force at rest, m/s^2, points up; v the velocity of the IMU, m/s.
-    """
+    """Interface of an estimator of g and v in IMU axes from inertial samples and velocities by the legs."""
 
     name: str
     nis: float | None
@@ -31,7 +28,7 @@ class VelocityEstimator(Protocol):
         ...
 
     def predict(self, w: Array, q: Array, d: float) -> None:
-        """Carry the state by gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes, over d s."""
+        """Predict the state over d s by gyro w (3,) rad/s and accelerometer q (3,) m/s^2, IMU axes."""
         ...
 
     def correct(self, legs: LegVelocity) -> None:
@@ -48,12 +45,12 @@ class VelocityEstimator(Protocol):
 
     @property
     def g(self) -> Array | None:
-        """Specific force at rest, (3,) m/s^2, points up; None = not estimated by this one."""
+        """Specific force at rest, IMU axes, (3,) m/s^2, points up; None if this estimator has none."""
         ...
 
     @property
     def v(self) -> Array:
-        """Velocity of the IMU, (3,) m/s."""
+        """Velocity of the IMU, IMU axes, (3,) m/s."""
         ...
 
     @property
@@ -78,12 +75,12 @@ class _InertialOnly:
 
     @property
     def g(self) -> Array:
-        """Specific force at rest, (3,) m/s^2."""
+        """Specific force at rest, IMU axes, (3,) m/s^2; points up."""
         return self._x[:3]
 
     @property
     def v(self) -> Array:
-        """Velocity of the IMU, (3,) m/s."""
+        """Velocity of the IMU, IMU axes, (3,) m/s."""
         return self._x[3:]
 
     def predict(self, w: Array, q: Array, d: float) -> None:
@@ -101,7 +98,7 @@ class _InertialOnly:
 
 
 class _LegsOnly:
-    """Velocity by the leg kinematics as it comes, held between samples; g is not estimated."""
+    """Velocity of the IMU by leg kinematics alone, held between samples of the feet; g is not estimated."""
 
     name = "kinematics"
     g: Array | None = None
@@ -139,7 +136,7 @@ class _LegsOnly:
 
     @property
     def p(self) -> Array:
-        """Covariance (6, 6) of (g, v): g unknown; the deviation of v grows by 1 m/s per s."""
+        """Covariance (6, 6) of (g, v): g unknown; the standard deviation of v grows by 1 m/s per s."""
         sd = min(UNKNOWN_SPEED, np.hypot(self._sigma, self._since)) if self._known else UNKNOWN_SPEED
         self._p[3, 3] = self._p[4, 4] = self._p[5, 5] = sd**2
         return self._p
@@ -164,4 +161,4 @@ ESTIMATORS: dict[str, Callable[[EstimatorParams], VelocityEstimator]] = {
     "kinematics_gyro": _LegsGyro,
     "ekf": PaperEkf,
 }
-"""Constructors by name, which is that of the topic `state/velocity/<name>`."""
+"""Constructors of the estimators by name, which is also that of their topic `state/velocity/<name>`."""

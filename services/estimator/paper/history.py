@@ -62,11 +62,11 @@ class History:
         self._count += 1
 
     def at(self, stamp_ns: int) -> Array:
-        """Return the row (width,) at a stamp, ns, interpolated; beyond them the oldest or newest."""
+        """Return the row (width,) at a stamp, ns, by interpolation; outside the stored stamps the nearest row."""
         return _at(self._stamps, self._values, self._count, stamp_ns)
 
     def clear(self) -> None:
-        """Forget all rows of past samples."""
+        """Remove all rows of past samples."""
         self._count = 0
 
     def __len__(self) -> int:

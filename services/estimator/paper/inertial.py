@@ -146,7 +146,7 @@ def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, 
         w: gyro, (3,) rad/s.
         d: length of the step, s.
         noise: standard deviations of a gyro and an accelerometer sample, (2,) rad/s and m/s^2.
-        exact: with the exact transition F, else the first order of the paper.
+        exact: True: exact transition F; False: first order, as by Wawrzynski et al.
     """
     f = transition(w, d, exact)
     out, more = congruence(f, p), process_noise(g, v, d, noise[0], noise[1])
@@ -171,8 +171,8 @@ def predict(
         q: accelerometer, IMU axes, (3,) m/s^2.
         d: length of the step, s.
         noise: standard deviations of a gyro and an accelerometer sample, (2,) rad/s and m/s^2.
-        exact: with the exact transition, else the first order of the paper.
-        symmetric: rounding is taken out of P at once, else that is left to the correction.
+        exact: True: exact transition; False: first order, as by Wawrzynski et al.
+        symmetric: True: P is made symmetric at once; False: that is left to the correction.
     """
     g, v = x[:3], x[3:]
     p_next = _covariance(p, g, v, w, d, noise, exact)

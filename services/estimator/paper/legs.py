@@ -22,9 +22,9 @@ from ..feet.mount import FootSample, foot_turn
 from ..params import EstimatorParams
 
 MAX_INTERVAL = 3.5
-"""Longest time between samples of the feet that are compared, kinematic periods."""
+"""Longest time between two samples of the feet for a velocity, in periods of the joints' samples; after more: none."""
 MIN_SPREAD = 1e-4
-"""Least spread of three feet that show a rotation, m^2: 1 cm beside one line."""
+"""Least spread of three feet that show a rotation, m^2: 1 cm beside one line; with less no rotation is computed."""
 
 
 @kernel
@@ -46,7 +46,7 @@ def foot_velocities(
     Args:
         last: earlier sample of the feet.
         now: later sample of the feet.
-        used: feet to compute, (L,); the others give 0.
+        used: True for feet to compute, (L,); all other feet give 0.
         w: mean gyro between the samples, IMU axes, (3,) rad/s.
         up: upward unit vector, IMU axes, (3,).
         radius: radius of round feet, which roll, (L,) m; 0 = a sole.
@@ -290,7 +290,7 @@ class LegVelocity:
 
 
 class LegTracker:
-    """Tracker that stores the last sample of the feet and computes the velocity from it and the next one.
+    """Tracker that stores the last sample of the feet and computes the velocity of the IMU from it and the next one.
 
     Args:
         feet: number L of feet.
@@ -316,7 +316,8 @@ class LegTracker:
 
         Args:
             sample: the feet now.
-            w: mean gyro since the last sample (or the latest one, as in the paper), IMU axes, (3,) rad/s, bias removed.
+            w: mean gyro since the last sample (or the latest sample, as by Wawrzynski et al.), IMU axes, (3,) rad/s,
+                bias removed.
             up: upward unit vector, IMU axes, (3,).
             v_now: velocity by the filter, IMU axes, (3,) m/s; of one or two feet it shows which slide.
         """
@@ -333,7 +334,7 @@ class LegTracker:
         return LegVelocity(sample.stamp_ns, d, v_kg, feet_kg, v_k, feet_k, stance, slipping)
 
     def _one(self, stance: Flags) -> Flags:
-        """Return the one foot to use, (L,) bool: the earlier one until it lifts, then the first that stands.
+        """Return the one foot to use, (L,) bool: the previous foot until it lifts, then the first that stands.
 
         `stance`: feet in contact at both samples, (L,).
         """

@@ -17,7 +17,7 @@ from ..params import EstimatorParams
 
 DISAGREE = 4.0  # sigma
 PATIENCE = 4
-"""Windows in a row at rest that must contradict a bias before it is replaced: the first rest was a slow turn."""
+"""Number of windows at rest in a row that must contradict a bias to replace it: the first rest was a slow turn."""
 MIN_SPREAD = 0.02  # m; feet closer to one line have no plane
 
 
@@ -76,13 +76,13 @@ def _travel(position: Array, since: Array) -> float:
 
 @dataclass
 class Standstill:
-    """Distinguishes rest from motion by the variances of the last `length` IMU samples and by the travel of the feet.
+    """Detector of rest by the variances of the last `length` IMU samples and by the travel of the feet.
 
     Attributes:
         length: number of consecutive samples, 50 in `EstimatorParams`.
         gyro_sd: largest standard deviation of a gyro axis at rest, rad/s.
         acc_sd: largest standard deviation of an accelerometer axis at rest, m/s^2.
-        travel: largest move of a foot in the IMU frame within `length` IMU samples at rest, m.
+        travel: largest displacement of a foot in the IMU frame within `length` IMU samples at rest, m.
 
     A slow turn of the trunk looks like rest at first. Biases are therefore learned from `settled` alone: the sample
     that is `length` samples old, once the rest has lasted since `length` samples before that.
@@ -141,7 +141,7 @@ class Standstill:
 def _refined(
     value: Array, samples: int, mean: Array, w: Array, length: int, sigma: float, floor: float, most: int
 ) -> tuple[Array, int]:
-    """Return the gyro bias (3,) rad/s and the number of its samples after one more at rest, w.
+    """Return the gyro bias (3,) rad/s and the number of its samples after one more sample w at rest.
 
     Nothing changes if the mean of a window is further than 4 sigma from the bias: the robot turns slowly.
 
@@ -150,7 +150,7 @@ def _refined(
         samples: number of samples in it.
         mean: mean gyro of the last `length` samples, (3,) rad/s.
         w: gyro of the sample, (3,) rad/s.
-        length: samples of a window.
+        length: number of samples of a window.
         sigma: standard deviation of one sample, rad/s.
         floor: smallest standard deviation of a bias, rad/s.
         most: largest number of samples; from there on older ones are forgotten.
@@ -173,7 +173,7 @@ class GyroBias:
     Attributes:
         sigma: standard deviation of one sample, rad/s.
         floor: smallest standard deviation that a bias is given, rad/s (drift while the gyro runs).
-        most: samples after which the mean forgets.
+        most: number of samples after which the mean forgets older ones.
     """
 
     sigma: float
@@ -199,7 +199,7 @@ class GyroBias:
         self.samples = samples
 
     def refine(self, mean: Array, w: Array, length: int) -> None:
-        """Take one more sample at rest.
+        """Update the gyro bias by one more sample at rest.
 
         A window that contradicts the bias shows a slow turn of the robot, which is left out; a rest that does so for
         `PATIENCE` windows shows that the old bias was learned in such a turn, and gives a new bias.
@@ -207,7 +207,7 @@ class GyroBias:
         Args:
             mean: of the gyro over the last `length` samples, (3,) rad/s.
             w: the sample, (3,) rad/s.
-            length: samples of a window.
+            length: number of samples of a window.
         """
         value, samples = _refined(self.value, self.samples, mean, w, length, self.sigma, self.floor, self.most)
         refused = samples == self.samples and bool(np.all(value == self.value))
@@ -219,7 +219,7 @@ class GyroBias:
 
 
 def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:
-    """Return g at rest: the mean accelerometer, or that blended with the normal of the ground under the feet.
+    """Return g at rest: the mean accelerometer, or its blend with the normal of the ground under the feet.
 
     The accelerometer alone does not separate its bias from a tilt. If the slope of the start place is stated as 0 +- s
     rad, the plane of the feet is a second measurement. With b the sd of the bias of an axis, s' = 9.81 s and the weight

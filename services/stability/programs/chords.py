@@ -39,7 +39,7 @@ def beyond_chords(
         force: (k, n, 3) forces that hold the CoM at them, in units of the weight, cone coordinates (normal, two
             tangents).
         over: (count, 2) height and area of the triangle over each chord, in that order, scaled frame.
-        tolerance: triangles no higher than that are left out, scaled frame.
+        tolerance: height up to which triangles are left out, scaled frame.
         size: area of the inner polygon, scaled frame; triangles below 1e-4 of it are left out.
     """
     h, n, count, found = r.h, r.h.shape[0], over.shape[0], 0
@@ -87,9 +87,9 @@ def _outward(
         second: forces (n, 3); the step begins at the mean of both.
         nx: x of the direction of gain, scaled frame, any length.
         ny: y of it.
-        x: result, (n, 3).
-        step: room for the step, (n, 3).
-        equations: room for A'PA lam = A'P g, (4, 5): A balance, P inverse Hessian of the cones' barrier, g gain.
+        x: result, forces (n, 3), in units of the weight, cone coordinates.
+        step: memory for the step, (n, 3).
+        equations: memory for A'PA lam = A'P g, (4, 5): A balance, P inverse Hessian of the cones' barrier, g gain.
 
     Returns:
         False where no step can be trusted; x is then the mean.

@@ -1,4 +1,4 @@
-"""clarabel and the sparse matrices it reads, imported when first needed: 0.1 s that ordinary queries do without."""
+"""Late import of clarabel and the sparse matrices it reads: 0.1 s that ordinary queries do not need."""
 
 # pyright: reportMissingImports=false
 # (clarabel has no stubs)

@@ -1,4 +1,4 @@
-"""Contact sets and horizontal directions, checked once at the border."""
+"""Contact sets and horizontal directions of requests, checked once where they enter the service."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ MAX_MU = 1e4  # of a steeper cone regions reach kilometres, and lose the digits;
 
 
 class StabilityError(FieldError):
-    """An input that cannot be used.
+    """Error of an input that cannot be used, with the field that is wrong.
 
     Attributes:
         code: `shape`, `not_finite`, `zero_normal`, `negative_mu`, `too_many`, `too_large`, `zero_direction`, `missing`,
@@ -52,7 +52,7 @@ class ContactSet:
     """Points of contact in a gravity-aligned frame (z up), checked, with unit normals and friction coefficients."""
 
     position: Array
-    """Points of contact, (n, 3) m."""
+    """Points of contact, frame of the request (z up), (n, 3) m."""
     normal: Array
     """Unit normals of the contacts, from the ground towards the robot, (n, 3)."""
     mu: Array
@@ -114,7 +114,7 @@ def _triples(given: ArrayLike, field: str) -> Array:
 
 
 class ContactPoint(Protocol):
-    """One contact as a request gives it."""
+    """One contact of a request, as a protocol: point, normal and friction coefficient."""
 
     @property
     def position(self) -> tuple[float, float, float]:
@@ -128,12 +128,12 @@ class ContactPoint(Protocol):
 
     @property
     def mu(self) -> float | None:
-        """Friction coefficient; None = unlimited."""
+        """Coefficient of static friction, no unit; None = unlimited."""
         ...
 
 
 def contacts_of(points: Sequence[ContactPoint], field: str = "contacts") -> ContactSet:
-    """Return the contact set of the points of a request, normals made unit; None as friction becomes unlimited.
+    """Return the contact set of the points of a request, with unit normals; None as friction becomes unlimited.
 
     Raises:
         StabilityError: what is wrong with which field; paths of fields begin with `field`.
@@ -154,7 +154,7 @@ _FAULTS = (
 
 @row_kernel
 def _normalise(position: Array, normal: Array, mu: Array) -> tuple[int, int]:
-    """Make normals unit, in place; return the first fault, 1 to 6 as in _FAULTS, and its contact, or (0, 0) if none.
+    """Normalise normals, in place; return the first fault, 1 to 6 as in _FAULTS, and its contact, or (0, 0) if none.
 
     position (n, 3) m, normal (n, 3) of any length but zero, mu (n,).
     """
@@ -187,7 +187,7 @@ def equally_spaced(count: int) -> Array:
     """Return `count` unit directions from +x counter-clockwise, (count, 2), no unit.
 
     Mirror images are bit-exact and multiples of 45 degrees are made of 0, 1 and sqrt(1/2): cos(pi/2) = 6e-17 would flip
-    the verdict on facing walls.
+    the answer for facing walls.
     """
     out = np.empty((count, 2))
     for k in range(count):
@@ -220,7 +220,7 @@ def unit(directions: ArrayLike) -> Array:
 
 
 def directions_of(given: int | ArrayLike | None) -> Array | None:
-    """Return unit directions (k, 2), no unit: so many equally spaced, or those given; None = chosen by the solver.
+    """Return unit directions (k, 2), no unit: equally spaced (int), or those given; None = chosen by the solver.
 
     Raises:
         StabilityError: a direction is zero or not finite.

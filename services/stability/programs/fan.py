@@ -41,7 +41,8 @@ class Fan(NamedTuple):
 
 
 ANSWER, ENCLOSE, APPROACH = 0, 1, 2
-"""Kinds of goals: answer what is asked; bring outer polygon close to inner; find the edge nearest to a point."""
+"""Kinds of goals: `ANSWER` what is asked; `ENCLOSE`: outer polygon close to inner; `APPROACH`: edge nearest to a
+point."""
 
 
 class FanGoal(NamedTuple):
@@ -49,21 +50,21 @@ class FanGoal(NamedTuple):
 
     kind: int
     tolerance: float
-    """Greatest distance of outer from inner polygon (ENCLOSE), or of best value from bound (APPROACH), scaled."""
+    """Largest accepted distance of outer from inner polygon (ENCLOSE), of best value from bound (APPROACH), scaled."""
     x: float
     y: float
-    """x and y of the point to approach, in the scaled frame (APPROACH)."""
+    """Coordinates x and y of the point p to approach, scaled frame; read for the goal APPROACH only."""
 
 
 class Outlook(NamedTuple):
     """Progress towards a goal of a fan of directions after those solved so far."""
 
     best: float
-    """Largest distance of outer from inner (ENCLOSE); smallest h(a) - a'p (APPROACH)."""
+    """Largest distance of outer from inner polygon (ENCLOSE); smallest h(a) - a'p of support values h (APPROACH)."""
     bound: float
-    """Lower bound of the smallest h(a) - a'p over all directions."""
+    """Lower bound of the smallest h(a) - a'p over all unit directions a, h the support value, p the goal's point."""
     arg: int
-    """Index of the direction to which `best` belongs."""
+    """Index of the direction of the fan to which `best` belongs (APPROACH)."""
 
 
 ASKED = FanGoal(ANSWER, 0.0, 0.0, 0.0)
@@ -310,7 +311,7 @@ def heights(fan: Fan, count: int) -> Array:
 
 @row_kernel
 def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
-    """Return True if the smallest h(a) - a'p is as near to its lower bound, in `outlook`, as the solver is exact.
+    """Return True if the smallest h(a) - a'p is as close to its lower bound, in `outlook`, as the solver is exact.
 
     True also where the fan is full, with `count` answers (the middle of a circle: all directions are equally near).
     """
@@ -335,7 +336,7 @@ def explore(
         count: number of directions given.
         goal: aim of further directions.
         limit: most directions in the end, <= capacity of the fan.
-        batch: most directions at once, <= 8: fewer use what the last ones showed, more are quicker.
+        batch: most directions at once, <= 8: with fewer each choice uses more answers, with more the solver is faster.
 
     Returns:
         Number of answers, True if all given ones are solved, and the progress towards the goal.
@@ -368,9 +369,9 @@ def enclose(
 ) -> tuple[int, bool, float, Array, Array]:
     """Answer `count` directions of a fan, of which `solved` are, and those a goal asks for; return the polygons.
 
-    Most directions are `limit`, `batch` at once. ENCLOSE adds points beyond edges to the inner polygon. Returned are
-    the number of answers, True if the region has an area, `best` of the outlook (ENCLOSE: largest height between the
-    polygons), inner (e, 2) and outer polygon (o, 2), scaled lengths.
+    At most `limit` directions are answered, `batch` at once. ENCLOSE adds points beyond edges to the inner polygon.
+    Returned are the number of answers, True if the region has an area, `best` of the outlook (ENCLOSE: largest height
+    between the polygons), inner (e, 2) and outer polygon (o, 2), scaled lengths.
     """
     count, fine, outlook = explore(r, fan, solved, count, goal, limit, batch)
     if not fine:

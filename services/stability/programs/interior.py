@@ -57,7 +57,8 @@ from .lanes import (
 from .newton import add_dot, add_gram, add_products, factor, move, solve, step, subtract_combination
 
 FAILED, SOLVED, NO_PRIMAL, NO_DUAL = 0, 1, 2, 3
-"""Status of a program: no answer; solved; no forces exist, lam proves it; the gain b'x has no bound, x proves it."""
+"""Status of a program. `FAILED`: no answer; `SOLVED`; `NO_PRIMAL`: no forces exist, lam proves it; `NO_DUAL`: the gain
+b'x has no bound, x proves it."""
 
 TOLERANCE = 1e-9  # of residuals and gap; lengths ~ 1, weight 1, relative to the value where that is larger
 ACCEPTABLE = 1e-7  # taken when no better one came
@@ -141,7 +142,7 @@ def start(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float) -> None:
-    """Mix the centre of the cones with a feasible pair in w and g: less of the way is left, and no border is near.
+    """Mix the centre of the cones with a feasible pair in w and g: a start nearer to the solution, and off the borders.
 
     Args:
         a: matrix of each contact, (n, 3, m).

@@ -166,7 +166,7 @@ def direction(w: Array, o: int, g: Array, lanes: int) -> None:
 
 @row_kernel
 def move(w: Array, o: int, g: Array, lanes: int) -> None:
-    """Move force x and dual slack s of the contact whose block begins at w[o] along their step by the share LENGTH.
+    """Move force x and dual slack s of the contact whose block begins at w[o] along their step by the fraction LENGTH.
 
     x += LENGTH W^-1 STEP, s += LENGTH W (TARGET - STEP), W the scaling of the cone; LENGTH is a row of g (488,), the
     others are rows of w (432 n,), each with 8 programs, no unit.

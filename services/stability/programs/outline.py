@@ -21,11 +21,11 @@ class Outline(NamedTuple):
     """Region of a set of ordinary contacts, in metres, frame of the request."""
 
     fine: bool
-    """The directions have answers and the region has an area; False: the rest holds nothing."""
+    """True: the directions have answers and the region has an area; False: the other fields are not valid."""
     fan: Fan
-    """Answers of all directions, in the scaled frame."""
+    """Answers of all directions of the fan, in the scaled frame of `Reduced`."""
     answers: int
-    """Number of answers in the fan."""
+    """Number of directions of the fan that have answers."""
     gap: float
     """Largest distance of outer from inner polygon, m, or an upper bound on that distance."""
     inner: Array
@@ -35,13 +35,13 @@ class Outline(NamedTuple):
     direction: Array
     """Unit directions that were solved for, (k, 2); sorted by angle with the goal ENCLOSE."""
     point: Array
-    """Points of the region that lie farthest in each direction, (k, 2) m."""
+    """Positions x, y of the CoM in the region that lie farthest in each direction, (k, 2) m."""
     twist: Array
-    """Certificate of each direction, (k, 4): v in m and w_z."""
+    """Certificate of each direction, (k, 4): virtual twist (v, w_z), v in m about the origin, w_z without unit."""
     force: Array
     """Contact forces that hold the CoM at each point, (k, n, 3) in units of the weight."""
     slack: Array
-    """Duality gap of each direction, (k,) m."""
+    """Duality gap of each direction: support value less a'p of the point p found, (k,) m."""
 
 
 @row_kernel
@@ -97,7 +97,7 @@ def edge_normals(corners: Array) -> Array:
     """Return outward unit normals (e, 2) of a hull with e = 3 to 8 corners, (e, 2) m; else 8 directions, 45 deg apart.
 
     On mild ground these are the normals of the region's edges. A very thin hull gets the 8 directions, too: its normals
-    are hardly less than half a turn apart, and the support lines between them cross nowhere near.
+    are hardly less than half a turn apart, and the support lines between them cross far away.
     """
     n = corners.shape[0]
     if n < 3 or n > 8:

@@ -30,8 +30,8 @@ SMALL_MU = 1e-9  # below it friction is left out
 class Reduced(NamedTuple):
     """Cone programs of a set of n contacts: min c'lam with a_i lam - h_i d in the cone, for any horizontal direction d.
 
-    a, h: balance and place of the CoM by forces in cone coordinates; c: objective of the unknowns lam; origin, length:
-    the scaled frame, its origin the centroid of the contacts (m), its unit of length in m.
+    a, h: balance and position of the CoM by forces in cone coordinates; c: objective of the unknowns lam; origin,
+    length: the scaled frame, its origin the centroid of the contacts (m), its unit of length in m.
     """
 
     a: Array  # (n, 3, 4)
@@ -126,7 +126,7 @@ def _special(reduced: Reduced, contacts: ContactSet, unlimited: NDArray[np.bool_
 
     Free tangential forces (`unlimited` (n,): contacts that have them) demand that the twist lam does not move their
     points tangentially: linear equations E lam = e d, d the direction, solved by lam = offset d + basis eta. Where they
-    contradict each other the free forces can shift the CoM at will. Twists that no contact feels are taken out as well.
+    contradict each other the free forces can shift the CoM at will. Twists that no contact resists are removed as well.
     """
     a, h, c = reduced.a, reduced.h, reduced.c
     clone = ContactSet(contacts.position, contacts.normal, np.ones(len(contacts)))

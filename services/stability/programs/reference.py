@@ -40,7 +40,7 @@ class Reference:
     Args:
         a: matrices A_i, (n, 3, m), no unit.
         c: objective, (m,), no unit.
-        tolerance: of residuals and gap.
+        tolerance: largest residuals and gap of a solution, relative.
     """
 
     def __init__(self, a: Array, c: Array, tolerance: float = 1e-11) -> None:

@@ -33,14 +33,14 @@ SIXTEEN = equally_spaced(16)  # they decide between point, segment and area
 
 @dataclass(frozen=True, slots=True)
 class ServoLegs:
-    """Jacobians and torques of the servos of the n standing legs, world axes, and the weight of the robot."""
+    """Jacobians, torques and torque limits of the servos of n standing legs, world axes, and the robot's weight."""
 
     jacobian: Array
     """Derivatives of the contact points by the joint angles of their legs, (n, 3, 3) m/rad."""
     own: Array
-    """Torques G_i that hold the legs' own weight, (n, 3) Nm."""
+    """Torques G_i with which the servos hold the weight of the legs themselves, (n, 3) Nm."""
     limit: Array
-    """Largest torques of the servos of each leg, (n, 3) Nm."""
+    """Largest torques of the servos of each standing leg, (n, 3) Nm."""
     weight: float
     """Weight of the robot, m g, N."""
 
@@ -49,19 +49,19 @@ class _Cones(NamedTuple):
     """Cone program of a contact set with torque limits, all but its objective: balance, limits and friction cones."""
 
     a: Array
-    """Columns of the balance per cone coordinate, (n, 3, 4); its forces are a[:, :, :3]."""
+    """Columns of the balance equations per cone coordinate, (n, 3, 4): force x, y, z, and yaw moment."""
     h: Array
-    """Position of the CoM per cone coordinate, scaled, (n, 3, 2)."""
+    """Position x, y of the CoM per unit of each cone coordinate, (n, 3, 2), scaled frame."""
     origin: Array
-    """Origin of the scaled frame, (3,) m."""
+    """Origin of the scaled frame, the centroid of the contacts, frame of the contacts, (3,) m."""
     length: float
-    """Unit of length of the scaled frame, m."""
+    """Unit of length of the scaled frame, m: largest distance of a contact from the centroid."""
     rows: Any
-    """Sparse matrix of the constraints."""
+    """Matrix of the constraints of clarabel, sparse (rows, unknowns)."""
     right: Array
-    """Right side of the constraints, (rows,), in the order of `rows`."""
+    """Right sides of the constraints, (rows,), in the order of the matrix `rows`."""
     cones: list[Any]
-    """Cones of the constraints, clarabel's."""
+    """Cones of the constraints, as objects of clarabel, in the order of `rows`."""
 
 
 def _cones(contacts: ContactSet, legs: ServoLegs, clarabel: Any, sparse: Any) -> _Cones:
@@ -91,7 +91,8 @@ def actuated_region(contacts: ContactSet, legs: ServoLegs, given: Array | None =
     Args:
         contacts: one for each standing leg.
         legs: Jacobians, torques and limits of the standing legs, in the order of the contacts.
-        given: (k, 2) unit directions of the support values, beside the 16 that are always solved for; None = these.
+        given: (k, 2) unit directions of the support values, beside the 16 that are always solved for; None = these 16
+            alone.
 
     Returns:
         Region, m, whose inner polygon lies inside the true one by at most its gap; support values without certificates.
@@ -131,12 +132,12 @@ def _solve(
 
     Args:
         contacts: n contacts.
-        legs: of the contacts, in their order.
+        legs: standing legs, in the order of the contacts.
         a_k: unit directions, (k, 2).
-        value: result: support values, (k,) m.
-        point: result: farthest places of the CoM, (k, 2) m.
-        force: result: contact forces there, (k, n, 3), in units of the weight.
-        torque: result: joint torques there, (k, n, 3) Nm.
+        value: support values, (k,) m; written.
+        point: farthest positions of the CoM, (k, 2) m; written.
+        force: contact forces there, (k, n, 3), in units of the weight; written.
+        torque: joint torques there, (k, n, 3) Nm; written.
 
     Raises:
         StabilityError: clarabel finds no answer.

@@ -39,7 +39,7 @@ STATUS: dict[int, SupportStatus] = {SOLVED: "ok", NO_DUAL: "unbounded", NO_PRIMA
 FLAT = 1e-9  # of a direction's effect on free forces; below it they do not carry the CoM
 LINE, LEVEL = 1e-9, 1e-6  # of the length of a line: how far contacts may lie off it, and how steep it may be
 WIDE, POINT, SEGMENT = 0, 1, 2
-"""Shapes of a region: with an area, one point, a segment."""
+"""Shapes of a region: `WIDE`: with an area; `POINT`: a single point; `SEGMENT`: a line segment."""
 
 
 class Oracle:
@@ -54,7 +54,7 @@ class Oracle:
 
     @cached_property
     def sinking(self) -> Array | None:
-        """Twist (v, w_z), (4,), scaled lengths, v_z = -1, that proves that the set cannot carry the weight, or None."""
+        """Twist (v, w_z), (4,), scaled lengths, v_z = -1: a proof that the set carries no weight; None if it does."""
         if self.subspace is not None and self.subspace.sinking is not None:
             return self.subspace.sinking
         fan = self.fan(np.zeros((1, 2)), 1)
@@ -154,7 +154,7 @@ class Oracle:
 
         Args:
             cone: forces in cone coordinates (normal, two tangents), (n, 3), weight 1.
-            weight: that the forces carry, in weights: 1, or 0 for forces that only shift the CoM.
+            weight: share of the weight that the forces carry: 1, or 0 for forces that only shift the CoM.
             free: further amplitudes of the free tangential forces (unlimited friction), (2 j,); None = none.
         """
         a = self.reduced.a

@@ -35,13 +35,12 @@ class Equilibrium:
 
 @dataclass(frozen=True, slots=True)
 class LeastFriction:
-    """The distribution of forces that is farthest from slipping."""
+    """Distribution of contact forces that is farthest from slipping: it needs the smallest share of the friction."""
 
     share: float
-    """Smallest share of every friction coefficient that still holds, 0 to 1; unlimited friction does not count."""
+    """Smallest factor on every friction coefficient with which the CoM is held, 0 to 1; unlimited friction stays."""
     force: Array
-    """Contact forces in units of the weight that need least friction, (n, 3): |f_t,i| <= share mu_i n'f_i; of many
-    such, one."""
+    """Contact forces with |f_t,i| <= share mu_i n'f_i, in units of the weight, (n, 3); not unique."""
 
 
 def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
@@ -53,7 +52,7 @@ def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
     remaining twists, and free tangential forces carry the rest.
 
     Args:
-        contacts: any number, none too, with any friction.
+        contacts: any number, also none, with any friction.
         com: x, y of the CoM, (2,) m, frame of the contacts.
 
     Raises:

@@ -45,9 +45,9 @@ class Variants:
     """Status and margin of each of several contact sets, in their order."""
 
     status: Ints
-    """Status of each set as index into STATUSES, (s,)."""
+    """Status of each set as index into `STATUSES` (ok, infeasible, unbounded, point, segment), (s,)."""
     margin: Array
-    """Signed distance of each CoM to the edge of its region, (s,) m; NaN: there is no region, or no edge."""
+    """Signed distance of each CoM to its region's edge, (s,) m, positive inside; NaN: there is no region or edge."""
 
     @property
     def stable(self) -> NDArray[np.bool_]:
@@ -61,9 +61,9 @@ def assess(contacts: ContactSet, index: Ints, begin: Ints, com: Array, *, thread
     Args:
         contacts: the pool.
         index: indices in the pool of the contacts of all sets, one set after the other, (n,).
-        begin: first place of each set in `index`, and the end, (k + 1,).
+        begin: position in `index` at which each set begins, and the end, (k + 1,).
         com: centre of mass of each set, (k, 2) m.
-        threads: number that work at a time.
+        threads: number of threads that work at a time.
 
     Raises:
         StabilityError: no_convergence, by field `contacts`.
@@ -104,17 +104,17 @@ class Pool(NamedTuple):
     """Several sets of contacts out of one pool, as arrays for the kernel."""
 
     position: Array
-    """Points of contact, (n, 3) m."""
+    """Points of contact of the pool, (n, 3) m."""
     normal: Array
-    """Unit normals of the contacts, (n, 3)."""
+    """Unit normals of the contacts of the pool, from the ground towards the robot, (n, 3)."""
     mu: Array
-    """Coefficients of static friction, (n,)."""
+    """Coefficients of static friction of the contacts of the pool, (n,)."""
     member: Ints
-    """Indices of the contacts of all sets, one set after the other, (k,)."""
+    """Indices in the pool of the contacts of all sets, one set after the other, (k,)."""
     begin: Ints
-    """Place in `member` where each set begins, and the end, (s + 1,)."""
+    """Position in `member` at which each set begins, and the end, (s + 1,)."""
     com: Array
-    """CoM of each set, (s, 2) m."""
+    """Coordinates x, y of the CoM of each set, (s, 2) m."""
 
 
 @free_kernel
@@ -185,7 +185,7 @@ def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple
 def _without_end(status: Ints) -> tuple[int, float]:
     """Return status and margin (NaN) where not every direction has a value: infeasible, or _HARD, left to `region`.
 
-    `status`: outcome of each direction, (k,): 0 failed, 1 solved, 2 no forces exist, 3 no bound.
+    `status`: status of each direction, (k,): 0 failed, 1 solved, 2 no forces exist, 3 no bound.
     """
     for k in range(status.size):
         if status[k] == NO_PRIMAL:
@@ -206,9 +206,9 @@ class PackedSets:
     contacts: ContactSet
     """Contacts of all sets, one set after the other."""
     begin: Ints
-    """Place in `contacts` where each set begins, and the end, (s + 1,)."""
+    """Index in `contacts` at which each set begins, and the end, (s + 1,)."""
     com: Array
-    """CoM of each set, (s, 2) m."""
+    """Coordinates x, y of the CoM of each set, (s, 2) m."""
 
 
 def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLike, com: ArrayLike) -> PackedSets:
@@ -271,7 +271,7 @@ def what_if(contacts: ContactSet, com: Array, candidates: ContactSet | None = No
     Args:
         contacts: n contacts now.
         com: x, y of the CoM, (2,) m.
-        candidates: m places for one more foot, each tried alone.
+        candidates: m contacts of one more foot, each tried alone; None = none.
     """
     n, m, pool = len(contacts), 0, contacts
     if candidates is not None and len(candidates):

@@ -25,19 +25,19 @@ class Margin:
     """Signed distance of a point from the edge of a region."""
 
     value: float | None
-    """Signed distance, m, positive inside; None: there is no region, or no edge."""
+    """Signed distance of the point to the edge, m, positive inside; None: there is no region, or no edge."""
     direction: Array | None = None
-    """Unit direction in which the edge of the region is nearest, (2,); None = the direction is not known."""
+    """Unit direction from the point in which the edge of the region is nearest, (2,); None = it is not known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """Way from a point along a direction to the edge of a region."""
+    """Distance from a point along a direction to the edge of a region."""
 
     value: float | None
-    """Signed way, m, negative when the region ends behind the point; None unless status is ok."""
+    """Signed distance along the direction, m, negative if the region ends behind the point; None unless `ok`."""
     status: ExtentStatus
-    """`ok`, `unbounded` (no edge that way), `infeasible` (no region), `missed` (the line does not meet the region)."""
+    """`ok`, `unbounded` (no edge in the direction), `infeasible` (no region), `missed` (the line misses the region)."""
 
 
 def margin(region: Region, point: Array) -> Margin:
@@ -83,13 +83,13 @@ def extent(region: Region, point: Array, direction: Array) -> Extent:
 
 
 def _edge(s: Solved, point: Array, a: Array) -> Extent:
-    """Return the way from a point (2,) m along the unit direction a (2,) to the edge of the region, by one program.
+    """Return the distance from a point (2,) m along the unit direction a (2,) to the edge, by one cone program.
 
     Args:
         s: cone programs of the region.
         point: start, frame of the programs.
         a: direction. Free tangential forces move the CoM along a line: with them, only directions d = a - nu b (b
-            across a) that they leave alone have an edge; else the way is unbounded.
+            across a) that they leave alone have an edge; else the extent is unbounded.
     """
     r, across = s.reduced, np.array([-a[1], a[0]])
     start = (point - s.anchor) / r.length

@@ -22,15 +22,15 @@ class Support:
     """Support values h(a) of a region in k directions a, with proof."""
 
     direction: Array
-    """Directions in which the region was bounded, (k, 2), unit length."""
+    """Unit directions a of the support values, (k, 2)."""
     value: Array
-    """Support values h(a), (k,) m; NaN unless status is ok."""
+    """Support values h(a), the largest a'p of points p of the region, (k,) m; NaN unless `status` is ok."""
     point: Array
-    """Points of the region that reach the support values, (k, 2) m."""
+    """Points p of the region with the largest a'p of each direction a, (k, 2) m."""
     status: tuple[SupportStatus, ...]
-    """Status of each of the k directions."""
+    """Status of each of the k directions: `ok` = its value is known."""
     gap: Array
-    """Support value h(a) less a . p of the point p found in direction a, (k,) m: >= 0 up to rounding."""
+    """Duality gap: support value less a'p of the point p found in direction a, (k,) m; >= 0 up to rounding."""
     twist: Array
     """Certificate of each value about the origin of the frame, (k, 4) (v m, w_z), or (k, 6) (v m, Om) with an
     acceleration; NaN unless ok; (k, 0) with torque limits, which have none."""
@@ -38,7 +38,7 @@ class Support:
     """Contact forces at `point` in units of the weight, (k, n, 3); unbounded: forces that shift the CoM and hold
     nothing."""
     torque: Array | None = None
-    """Torques of the joints of each contact's leg, (k, n, 3) Nm, with torque limits only."""
+    """Joint torques of each contact's leg at `point`, (k, n, 3) Nm; None without torque limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +60,17 @@ class Solved:
     """Cone programs of a region that has an area or no bound, and their solutions in a fan of directions."""
 
     reduced: Reduced
-    """Programs of the contacts, scaled frame."""
+    """Cone programs of the contacts, scaled frame."""
     fan: Fan
-    """Answers of all directions, in the scaled frame."""
+    """Answers of all directions, in the scaled frame of `reduced`."""
     count: int
-    """Number of directions that were answered."""
+    """Number of directions of the fan that have answers."""
     anchor: Array
     """Origin of the scaled frame, (2,) m: position = anchor + length * scaled."""
     drift: Array | None = None
-    """Gain of free tangential forces per unit direction, (2k, 2): not 0 = no bound; None: no force is free."""
+    """Gain of free tangential forces per unit direction, (2 j, 2), j such contacts; not 0 = no bound; None = none."""
     plane: Plane | None = None
-    """Plane of the region, where the programs are those of a leaning frame."""
+    """Map from the leaning frame of the programs to the level plane of the region; None: their frames are equal."""
 
     def level(self) -> "Solved":
         """Return the answers turned into the level plane of the region: h(d) = h(a) / |M^-T a|, d = M^-T a / |M^-T a|.
@@ -95,26 +95,26 @@ class Region:
     """Places of the centre of mass at which the contacts hold the robot: polygons and support values."""
 
     contacts: ContactSet
-    """Contacts of the region, in its frame."""
+    """Contacts of the region, in the region's frame."""
     status: RegionStatus
-    """Status of the region; ok: it has an area."""
+    """Status of the region: ok (it has an area), infeasible, unbounded, point or segment."""
     inner: Array
     """Corners of the polygon inside the region, or its point or segment, (p, 2) m."""
     outer: Array
     """Corners of the polygon around the region, (q, 2) m; empty if there is none."""
     support: Support
-    """Support values in the directions asked for, else in those solved for."""
+    """Support values in the requested directions, or without such in those that were solved for."""
     gap: float
-    """Largest distance of outer from inner, m; NaN if there is no outer."""
+    """Largest distance of outer from inner polygon, m; NaN if there is no outer."""
     exact: bool
-    """True if inner is all that is known: the region to rounding, or that of torque limits or several gravities."""
+    """True if no refinement is possible (exact region, torque limits, several gravities); False: `solved` refines."""
     calls: int
-    """Number of directions that were solved for."""
+    """Number of directions in which the region was solved for."""
     sinking: Array | None = None
     """Twist about the origin of the frame that proves infeasibility, (4,) (v m, w_z) with v_z < 0, or (6,) (v m, Om)
     with an acceleration."""
     solved: Solved | None = None
-    """Programs and fan for margins and extents, where the region is neither exact nor empty."""
+    """Cone programs and fan, for margins and extents; None for a region that is exact or empty."""
 
     @property
     def area(self) -> float:

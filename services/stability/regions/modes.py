@@ -45,10 +45,10 @@ class Moving:
 
 @dataclass(frozen=True, slots=True)
 class Tilted:
-    """Mode of a region: gravity may lean by an angle to any of eight sides, or not at all."""
+    """Mode of a region: gravity may lean by up to an angle to each of eight sides, or not at all."""
 
     angle: float
-    """Largest angle between gravity and its stated direction, rad, above 0."""
+    """Largest angle between the true gravity and its stated direction, rad, above 0."""
     acceleration: Array
     """Acceleration of the centre of mass, (3,) m/s^2, frame world."""
     height: float
@@ -67,18 +67,18 @@ Mode = AtRest | Moving | Tilted | Actuated
 
 
 class Refinement(NamedTuple):
-    """Directions in which a region is solved for, and how finely."""
+    """Directions in which a region is solved for, and tolerance and limit of their refinement."""
 
     directions: Array | None = None
-    """Directions to solve for, (k, 2), unit length; None = chosen adaptively."""
+    """Unit directions to solve for, (k, 2), frame world; None = chosen by refinement."""
     adaptive: bool | None = None
-    """True: refine until outer is within `tolerance` of inner; None = if no directions are given."""
+    """True: refine until outer is within `tolerance` of inner; False: no; None: refine if no directions are given."""
     tolerance: float = 1e-4
-    """Largest distance of outer from inner of an adaptive region, measured along the effective gravity, m."""
+    """Largest horizontal distance of outer from inner polygon at which the refinement of a region ends, m."""
     limit: int = 128
-    """Most directions of an adaptive region."""
+    """Largest number of directions of an adaptive region."""
     proofs: bool = True
-    """True if the forces and certificates of an accelerated robot are turned back into frame world."""
+    """True: forces and certificates of an accelerated robot are turned back to frame world; False: they are not."""
 
 
 def regions_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> list[Region]:
@@ -158,15 +158,15 @@ class Leaning:
         return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
 
     def seen(self, com: Array) -> Array:
-        """Return x, y of the CoM in the leaning frame, (2,) m, from its place in the world, (3,) m."""
+        """Return x, y of the CoM in the leaning frame, (2,) m, from its position in the world, (3,) m."""
         return product(self.rot[:2], com)
 
     def level(self, found: Region, height: float, proofs: bool) -> Region:
         """Return a region of the leaning frame, cut by the plane z = height (m) of the world, frame world.
 
         A point p of the leaning frame lies at c = M p + c0 in that plane: with a = M'd / |M'd| the support value of the
-        cut in direction d is |M'd| h(a) + d'c0, h(a) that of the region. `proofs`: turn twists and forces of the
-        supports, too; else twists are NaN and forces stay in the leaning frame.
+        cut in direction d is |M'd| h(a) + d'c0, h(a) that of the region. `proofs`: True turns twists and forces of the
+        supports, too; else twists are NaN, forces stay in the leaning frame.
         """
         s, k = found.support, len(found.support.direction)
         plane = Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
@@ -229,7 +229,7 @@ def leanings(mode: AtRest | Moving | Tilted, contacts: ContactSet) -> list[Leani
     The frame's z is against the effective gravity, gravity less the acceleration of the centre of mass.
 
     Raises:
-        StabilityError: with this acceleration the robot would fly.
+        StabilityError: with the mode's acceleration the robot would fly.
     """
     if isinstance(mode, AtRest):
         return [Leaning(contacts, UPRIGHT, GRAVITY)]

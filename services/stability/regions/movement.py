@@ -19,24 +19,25 @@ STILL = 1e-12  # m; a shorter horizontal movement has no direction
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of the check of a movement against a region: margins, and ways to the edge."""
+    """Result of the check of a movement against a region: margins, and distances to the edge."""
 
     com_after: Array
-    """Centre of mass after the movement, com + movement + shift, (2,) m."""
+    """Centre of mass after the movement, com + movement + shift, x and y, (2,) m."""
     margin_now: Margin
-    """Static margin of the centre of mass before the movement."""
+    """Static margin, signed distance to the edge, of the centre of mass before the movement, m."""
     margin: Margin
-    """Static margin of the centre of mass after the movement."""
+    """Static margin, signed distance to the edge, of the centre of mass after the movement, m."""
     extent: Extent | None
-    """From the CoM now along the movement; None without horizontal movement."""
+    """Distance from the CoM before the movement, along the movement, to the edge; None without horizontal movement."""
     gsm: Extent | None
-    """Geometric stability margin: signed way from `com_after` along the movement to the edge; None without movement."""
+    """Geometric stability margin: signed distance from `com_after` along the movement to the edge; None if no
+    movement."""
     stable: bool
-    """True if the support region has an area and the centre of mass after the movement lies in it."""
+    """True if the region has an area and the centre of mass after the movement lies in it, else False."""
 
 
 def worst(checks: Sequence[Check]) -> Check:
-    """Return the smallest margins and ways of the checks over several regions, none of them infeasible.
+    """Return the smallest margins and distances of the checks over several regions, none of them infeasible.
 
     Stable only if all are; `com_after` is that of the first.
     """
@@ -58,7 +59,7 @@ def _low(found: Margin) -> float:
 
 
 def _nearest(found: Sequence[Extent | None]) -> Extent | None:
-    """Return the shortest way, or that of a region which is missed."""
+    """Return the shortest distance, or that with status `missed` if there is one; None if there are none."""
     ways = [e for e in found if e is not None]
     for e in ways:
         if e.status == "missed":
@@ -67,17 +68,17 @@ def _nearest(found: Sequence[Extent | None]) -> Extent | None:
 
 
 def check(region: Region, com: Array, movement: Array, shift: Array) -> Check:
-    """Return the margins of a movement of the trunk: before it, after it, and the ways to the edge along it.
+    """Return the margins of a movement of the trunk: before it, after it, and the distances to the edge along it.
 
     Equation (28) of Walas & Belter, the geometric stability margin, is printed as a norm, which hides a fall: here it
-    is the signed way from the CoM after the movement, c1 = com + movement + shift, along the movement to the edge. A
-    ray may also enter the region ahead, so margin(c1) >= 0 decides.
+    is the signed distance from the CoM after the movement, c1 = com + movement + shift, along the movement to the edge.
+    A ray may also enter the region ahead, so margin(c1) >= 0 decides.
 
     Args:
-        region: of the contacts that stay.
+        region: region of the contacts that stay.
         com: x, y of the CoM now, measured or from kinematics, (2,) m.
-        movement: of the trunk over its feet, (3,) m (r_M of the paper).
-        shift: by which the legs that turn with the trunk move the CoM besides, (3,) m (r_KIN of the paper).
+        movement: displacement of the trunk over its feet, (3,) m (r_M of Walas & Belter).
+        shift: further shift of the CoM by the legs, (3,) m (r_KIN of Walas & Belter).
 
     Raises:
         StabilityError: no solver finds an edge.
@@ -101,39 +102,39 @@ class Movement:
     contacts: ContactSet
     """Contacts that stay on the ground during the movement."""
     mode: Mode
-    """Mode before the movement."""
+    """Mode of the robot (gravity, acceleration, torque limits) before the movement."""
     after: Mode
-    """Mode after it: as before, or with the torque limits of the later posture."""
+    """Mode of the robot after the movement: as before, or with the torque limits of the later posture."""
     wanted: Refinement
-    """Directions of the region that is returned."""
+    """Directions and refinement of the region that is returned."""
     com: Array
-    """Centre of mass before the movement, (2,) m."""
+    """Centre of mass before the movement, x and y, (2,) m, frame world."""
     way: Array
-    """Commanded movement of the trunk, (3,) m (r_M of the paper)."""
+    """Commanded movement of the trunk, (3,) m, frame world (r_M of Walas & Belter)."""
     shift: Array
-    """Further shift of the centre of mass by the legs, (3,) m (r_KIN of the paper)."""
+    """Further shift of the centre of mass by the legs, (3,) m, frame world (r_KIN of Walas & Belter)."""
     uncertainty: Uncertainty | None = None
-    """Uncertainty of the inputs for which a second margin is wanted, only with gravity alone; None: none is."""
+    """Uncertainty of the inputs for a second margin, allowed with gravity alone; None: no second margin is computed."""
     gradient: bool = False
-    """True if the gradient of the margin is wanted; with gravity alone only."""
+    """True if the gradient of the margin is wanted, allowed with gravity alone; False if not."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedMovement:
-    """Result of the check of a planned movement: region, margins, ways and gradient."""
+    """Result of the check of a planned movement: region, margins, distances and gradient."""
 
     region: Region
-    """Region after the movement."""
+    """Region of the centre of mass after the movement."""
     check: Check
-    """Margins and ways of the movement; under an acceleration or a tilt, those of the worst possible gravity."""
+    """Margins and distances of the movement; under an acceleration or a tilt, those of the worst possible gravity."""
     robust: float | None = None
-    """m, margin with the uncertainty; None: not asked for, or nothing is left."""
+    """Margin that is left with the uncertainty of the inputs, m; None: not requested, or no region or edge is left."""
     gradient: MarginSlope | None = None
-    """Gradient of the margin; None: not asked for, or no area, or no edge."""
+    """Gradient of the margin; None: not requested, or the region has no area or no edge."""
 
 
 def check_movement(asked: Movement) -> CheckedMovement:
-    """Return region, margins and ways of a planned movement of the trunk, m, frame world.
+    """Return region, margins and distances of a planned movement of the trunk, m, frame world.
 
     Raises:
         StabilityError: the robot would fly, or no solver finds an answer.

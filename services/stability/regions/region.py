@@ -1,6 +1,6 @@
 """Support region of a contact set: status, inner and outer polygon, support values with proof.
 
-Three ways lead to the same answer: the hull where it is exact, one kernel for ordinary sets, and `careful` for
+Three methods compute it: the hull where it is exact, one kernel for ordinary sets, and `careful` for
 everything that can go wrong: no contact, walls, ceilings, no friction, no area, no solution.
 
 The hull is exact for contacts r_i in one plane that is not vertical, with upward unit normal n_p, where every cone
@@ -101,7 +101,7 @@ def has_axes(directions: Array) -> bool:
 
 @row_kernel
 def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float]:
-    """Return True if the region is the hull of the contacts exactly, and slopes p, q of their plane z = p x + q y + c.
+    """Return True if the region is exactly the hull of the contacts, and slopes p, q of their plane z = p x + q y + c.
 
     The slopes are 0 where they are not computed (less than 3 contacts, or nearly on one line). position, normal: (n,
     3), points in m and unit normals; mu: friction coefficients, (n,).
@@ -140,7 +140,7 @@ def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float
 
 @row_kernel
 def carried(position: Array, direction: Array, p: float, q: float) -> tuple[Array, Array, Array, Array]:
-    """Return the support of contacts on a plane where the outermost one carries all, for unit directions a (k, 2).
+    """Return the support of contacts on a plane, whose outermost one carries all, for unit directions a (k, 2).
 
     position: contacts, (n, 3) m; direction: the a; p, q: slopes of their plane z = p x + q y + const. Returned are the
     value a'c (k,) m, the point c (k, 2) m, the twist (v m, w_z) that proves it (k, 4), and forces as shares of the

@@ -21,29 +21,29 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """Uncertainty of the inputs of a margin; standard deviations count `kappa` times, bounds fully."""
+    """Uncertainty of the inputs of a margin: covariances, whose standard deviations count `kappa` times, and bounds."""
 
     com: Array
-    """Covariance of the CoM, (2, 2) m^2."""
+    """Covariance of the position x, y of the CoM, (2, 2) m^2."""
     foot: Array
-    """Covariance of each contact point, (n, 3, 3) m^2."""
+    """Covariance of the position of each contact point, (n, 3, 3) m^2."""
     friction: float = 0.0
-    """Bound by which every coefficient may be less, no unit."""
+    """Largest amount by which every friction coefficient may be below its stated value, no unit."""
     normal: float = 0.0
-    """Bound by which every normal may be off, rad."""
+    """Largest angle between every true contact normal and its stated value, rad."""
     kappa: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class MarginSlope:
-    """Gradient of the signed margin of a CoM."""
+    """Gradient of the signed margin of a CoM by the CoM, the friction coefficients and the contact points."""
 
     com: Array
-    """Derivative of the margin by the CoM, (2,) = - a, no unit."""
+    """Derivative of the margin by the CoM, (2,), no unit: -a, a the unit direction to the nearest edge."""
     mu: Array
-    """Change of the margin by the friction coefficient of each contact, (n,) m."""
+    """Derivative of the margin by the friction coefficient of each contact, (n,) m."""
     position: Array
-    """Change of the margin by the position of each contact, (n, 3), m per m."""
+    """Derivative of the margin by the position of each contact, (n, 3), m per m."""
 
 
 def gradient(contacts: ContactSet, twist: Array, force: Array, a: Array) -> tuple[Array, Array]:

@@ -1,13 +1,14 @@
 """Gains of the torque measurement from poses of the standing robot (Walas & Belter 4.7, corrected).
 
-The paper moves the trunk 10 cm to either side and divides the way by the measured way of the CoM. That fixes the sum of
-both ways only, takes the weight for granted and leaves offsets in. Here every pose i gives the six equations of rest,
-linear in the factors s of the torques (tau = s tau_reported) and in an offset d of the CoM in the trunk:
+Walas & Belter move the trunk 10 cm to either side and divide this distance by the measured one of the CoM. That fixes
+the sum of both distances only, takes the weight for granted and leaves offsets in. Here every pose i gives the six
+equations of rest, linear in the factors s of the torques (tau = s tau_reported) and in an offset d of the CoM in the
+trunk:
 
     sum over standing feet of A1 J^-T (G - tau_reported s) = (0, 0, mg, mg (c_y + d_y), -mg (c_x + d_x), 0)
 
 with c the CoM by kinematics, J the Jacobian of a foot, G the torques that hold its leg, A1 the map of a foot's force to
-force and moment about the mean foot. They are weighed by the noise of the torques; a prior keeps the factors near each
+force and moment about the mean foot. They are weighted by the noise of the torques; a prior keeps the factors near each
 other where the poses do not separate them.
 """
 
@@ -32,28 +33,28 @@ OFFSET_SD = 0.02  # m, prior standard deviation of the CoM's offset
 
 @dataclass(frozen=True, slots=True)
 class SweptPose:
-    """Pose of the robot at rest."""
+    """Pose of the robot at rest, with the samples that were measured in it."""
 
     joints: Array
     """Joint angles of the pose, (nj,) rad."""
     torque: Array
-    """Torques as reported, (nj,) Nm: current times the constant that the driver believes in."""
+    """Joint torques as reported, (nj,) Nm: current times the torque constant that the driver assumes."""
     g_up: Array
     """Upward specific force at rest, base_link, (3,) m/s^2."""
     stance: Flags
-    """Feet that stand in the pose, (L,)."""
+    """True for feet that stand in the pose, (L,)."""
 
 
 class PoseCollector:
-    """Picks poses out of a stream of samples: the mean over a moment in which the robot rests, one for each place."""
+    """Collector of poses from a stream of samples: means over windows in which the robot rests, one per posture."""
 
     def __init__(self, window: int = 15, still: float = 0.012, apart: float = 0.02) -> None:
-        """Begin without poses.
+        """Create a collector without poses.
 
         Args:
-            window: samples whose mean is a pose.
-            still: largest change of a joint in the window, rad.
-            apart: least change of some joint from the pose before, rad.
+            window: number of samples in a row whose mean is a pose.
+            still: largest range of a joint angle in the window, rad; with more the robot moves.
+            apart: least change of some joint from the previous pose, rad; with less it is no new pose.
         """
         self.poses: list[SweptPose] = []
         self._window, self._still, self._apart = window, still, apart
@@ -64,9 +65,9 @@ class PoseCollector:
 
         Args:
             joints: angles, (nj,) rad.
-            torque: as reported, (nj,) Nm.
+            torque: joint torques as reported, (nj,) Nm.
             g_up: upward specific force at rest, base_link, (3,) m/s^2.
-            stance: feet on the ground, (L,).
+            stance: True for feet on the ground, (L,).
         """
         self._recent.append((joints, torque, g_up, stance))
         del self._recent[: -self._window]
@@ -94,15 +95,15 @@ class Calibration:
     """
 
     common: float
-    """One factor for all joints: mean of `gain`, weighed by the mean squares of the torques."""
+    """Single factor for the torques of all joints, no unit: mean of `gain` weighted by the torques' mean squares."""
     common_sd: float
     gain: Array
-    """Factor of each joint, (nj,)."""
+    """Factor on the reported torque of each joint, (nj,), no unit."""
     gain_sd: Array
     offset: Array
-    """Displacement of the CoM from the one by kinematics, (2,) m, x forward, y left."""
+    """Displacement of the CoM from its position by kinematics, (2,) m, x forward, y left."""
     residual: float
-    """Root mean square of what remains of the force equations, N."""
+    """Root mean square of the residuals of the force equations, N."""
     poses: int
 
 
@@ -115,7 +116,7 @@ def calibrate(
         robot: the robot; legs of three joints.
         poses: at least one; 18 factors need three, and five or more are well conditioned.
         torque_variance: of each torque, Nm^2.
-        apart_sd: how far the joints' factors may differ, one standard deviation; 0 = one factor for all.
+        apart_sd: standard deviation by which the joints' factors may differ; 0 = one factor for all.
 
     Raises:
         StabilityError: no pose can be used.
@@ -160,7 +161,7 @@ def calibrate(
 
 
 def _used(robot: Robot, poses: Sequence[SweptPose]) -> Array:
-    """Return the mean square of each torque, (nj,) Nm^2: the weights of the mean that a common factor is."""
+    """Return the mean square of each joint torque, (nj,) Nm^2, by which a common factor is averaged."""
     square = np.mean([pose.torque**2 for pose in poses], axis=0)
     return square + 1e-12 * np.ones(robot.nj)
 
@@ -211,8 +212,9 @@ def level_from_up(up: Array) -> Array:
 
 
 def gain_of_47(moved: float, measured: Sequence[float]) -> float:
-    """Return the single gain of Walas & Belter 4.7: way moved over the sum of the ways measured, no unit.
+    """Return the single gain of Walas & Belter 4.7: distance moved over the sum of those measured, no unit.
 
-    `moved`: whole way of the trunk, m; `measured`: way by the forces in each movement, m. Theirs is 20 / 26.59 = 0.752.
+    `moved`: whole distance of the trunk, m; `measured`: distance by the forces in each movement, m. Walas & Belter: 20
+    / 26.59 = 0.752.
     """
     return moved / float(np.sum(measured))

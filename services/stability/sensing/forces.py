@@ -22,7 +22,7 @@ STRAIGHT = 30.0  # condition number of a leg's Jacobian above which its force is
 
 @dataclass(frozen=True, slots=True)
 class FootForces:
-    """Force of the ground on each foot; base_link, unless it has been turned."""
+    """Force of the ground on each of L feet, with covariance; axes of base_link unless the forces have been rotated."""
 
     force: Array
     """Force of the ground on each foot, base_link, (L, 3) N."""
@@ -37,13 +37,14 @@ class MeasuredCom:
     """Centre of mass by the forces on the feet."""
 
     com: Array
-    """x and y of the CoM, (2,) m, frame of the forces."""
+    """Coordinates x and y of the CoM, (2,) m, frame of the forces."""
     covariance: Array
-    """Covariance of the CoM, (2, 2) m^2."""
+    """Covariance of the x and y of the CoM, (2, 2) m^2."""
     weight: float
-    """Sum of the vertical forces, N."""
+    """Sum of the measured vertical forces, N."""
     misfit: float
-    """Squared, normalised violation of the equations of rest (F_x, F_y, yaw moment): chi-square, 3 dof."""
+    """Squared, normalised violation of the equations of rest (F_x, F_y, yaw moment), chi-square of 3 degrees of
+    freedom."""
 
 
 def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array, torque_variance: float) -> FootForces:
@@ -68,11 +69,11 @@ class LegInverses(NamedTuple):
     """Maps from joint torques to foot forces in one posture."""
 
     inverse: Array
-    """J^-T of each leg, base_link, (L, 3, 3); zero where the force is not observed."""
+    """Maps J^-T (J Jacobian of the foot) of each leg, base_link, (L, 3, 3) 1/m; zero where no force is observed."""
     own: Array
-    """Torques G(q) by which the servos hold the legs' own weight, (nj,) Nm."""
+    """Torques G(q) with which the servos hold the weight of the legs themselves, (nj,) Nm."""
     observed: Flags
-    """True where the leg determines its force, (L,)."""
+    """True where the torques of the leg determine its foot's force, (L,)."""
 
 
 def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
@@ -85,9 +86,9 @@ def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
 
 
 def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, stance: Flags) -> float | None:
-    """Return the factor s of all torques with which the feet carry the known weight: makes the CoM free of the gain.
+    """Return the factor s on all torques with which the feet carry the known weight, so that the CoM needs no gain.
 
-    Read with a wrong gain, forces are not just scaled, because the leg's own weight is known and not measured: F = J^-T
+    With a wrong gain forces are not just scaled, because the leg's own weight is known and not measured: F = J^-T
     (G - s tau), J Jacobians of the feet, G torques that hold the legs. Vertical forces of the standing feet give s =
     (sum [J^-T G]_z - m g) / sum [J^-T tau]_z.
 
@@ -99,7 +100,7 @@ def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, st
         stance: standing feet, (L,).
 
     Returns:
-        None when a standing leg is not observed, or the torques make too little of the weight.
+        The factor s, no unit; None when a standing leg is not observed, or the torques carry too little of the weight.
     """
     found = leg_inverses(robot, joints, g_up)
     if not stance.any() or not found.observed[stance].all():
@@ -114,7 +115,7 @@ def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, st
 
 
 def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) -> FootForces:
-    """Fuse forces F from torques with the loads p = n'F of sensors under the feet, each weighed by its covariance.
+    """Fuse forces F from torques with the loads p = n'F of sensors under the feet, each weighted by its covariance.
 
     F += K (p - n'F), K = R n / (n'R n + s^2), n normal of the sole, R covariance of F, s^2 variance of p. A leg that is
     not observed is taken from its sensor alone: F = p n, with tangential parts as uncertain as half of the load.

@@ -39,11 +39,11 @@ class Shift:
     """Effect of a movement of the trunk over its standing feet."""
 
     vector: Array
-    """Displacement of the CoM by the movement, seen from the trunk, axes of the world, (3,) m."""
+    """Displacement of the CoM relative to the trunk by the movement, axes of frame world, (3,) m."""
     after: "PosedRobot"
-    """Robot after the movement."""
+    """Robot in its posture after the movement."""
     reachable: bool
-    """True if every stance leg (its foot on the ground) keeps its foot in place with all joints inside their limits."""
+    """True if every stance leg keeps its foot in place with all joints inside their limits, False if one does not."""
 
 
 @kernel
@@ -51,7 +51,7 @@ def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) 
     """Return joint angles that keep the stance feet in place when the trunk moves, and True if they do.
 
     Newton's method from the present angles, dq = J'(J J')^-1 e (J Jacobian of a foot, e its error): it stays on the
-    leg's own branch, and legs with more than three joints take the shortest way.
+    leg's own branch, and legs with more than three joints take the smallest change of angles.
 
     Args:
         model: links and joints of the robot.
@@ -107,11 +107,11 @@ class PosedRobot:
     """A robot in a posture: joint angles and pose of the trunk, frame world."""
 
     robot: Robot
-    """The robot."""
+    """Description of the robot: links, joints, legs."""
     joints: Array
-    """Joint angles, (nj,) rad."""
+    """Angles of all joints, (nj,) rad."""
     base: Array
-    """Origin of base_link in the world, (3,) m."""
+    """Origin of base_link in frame world, (3,) m."""
     rot: Array
     """Rotation from base_link to frame world, (3, 3)."""
 
@@ -183,13 +183,13 @@ class HeldRobot(NamedTuple):
     """Posture of a robot on its contacts, with the legs that stand and the torque limits of its servos."""
 
     stands: PosedRobot
-    """Posture, frame world."""
+    """Posture of the robot, frame world."""
     legs: list[int]
-    """Index of the leg on each contact."""
+    """Index of the leg on each contact, in the order of the contacts."""
     limit: Array
-    """Torque limits of the servos, (nj,) Nm."""
+    """Largest torques of the servos of all joints, (nj,) Nm."""
     servos: ServoLegs
-    """Servos of the legs, in the order of the contacts."""
+    """Jacobians and torques of the servos of the standing legs, in the order of the contacts."""
 
 
 def held(robot: Robot, asked: Actuation, contacts: ContactSet, names: tuple[str | None, ...]) -> HeldRobot:
@@ -217,15 +217,15 @@ class SteppedRobot(NamedTuple):
     """Movement of a robot's trunk over its standing legs, as a check of the movement needs it; frame world."""
 
     com: tuple[float, float]
-    """x and y of the centre of mass before the movement, by kinematics, m."""
+    """Coordinates x and y of the centre of mass before the movement, by kinematics, m."""
     shift: Array
-    """Shift of the centre of mass in the trunk, (3,) m."""
+    """Shift of the centre of mass relative to the trunk by the movement, (3,) m."""
     reachable: bool
-    """Every standing leg reaches its foot after the movement."""
+    """True if every standing leg reaches its foot after the movement, False if one does not."""
     legs: tuple[str, ...]
     """Names of the standing legs."""
     servos: ServoLegs | None
-    """Servos after the movement; None without torque limits, or without movement."""
+    """Jacobians and torques of the servos after the movement; None without torque limits, or without movement."""
 
 
 def stepped(
@@ -235,9 +235,9 @@ def stepped(
 
     Args:
         stands: robot in a posture, with torque limits or without.
-        contacts: that stay on the ground, frame world.
+        contacts: contacts that stay on the ground, frame world.
         names: leg of each contact; None = that of the nearest foot.
-        way: of the trunk.
+        way: displacement of the trunk, (3,) m, world axes.
 
     Raises:
         StabilityError: a name is unknown or used twice.
@@ -256,7 +256,7 @@ def posed(robot: Robot, joints: ArrayLike, base: BasePose, field: str = "") -> P
 
     Args:
         robot: the robot.
-        joints: (nj,) rad.
+        joints: joint angles, (nj,) rad.
         base: pose of base_link.
         field: prefix of the fields in refusals.
 
@@ -339,7 +339,7 @@ def com_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) 
 def _moved(
     model: KinematicModel, joints: Array, rot: Array, movement: Array, stance: Flags
 ) -> tuple[Array, Array, bool]:
-    """Return the shift of the CoM in the trunk, (3,) m, world axes, the joints (nj,) rad, and True if the feet hold.
+    """Return the shift of the CoM in the trunk, (3,) m, world axes, the joints (nj,) rad, and True if the feet stay.
 
     `rot`: rotation from base_link to world, (3, 3); `movement` of the trunk, (3,) m, world axes; `stance`: feet on the
     ground, (L,). The joint angles are those after the movement.

@@ -4,8 +4,8 @@ The resistance falls with the force as a power law; with a fixed resistor it div
 
     R(F) = R_1 F^-p,   V = V_s R_f / (R_f + R(F))
 
-The paper prints the curve without numbers: those here are typical of such sensors, in a circuit that is fairly linear
-in the range it names, 0.5 to 2 kg. Outside of the range a reading means only that the force is less, or more.
+Walas & Belter print the curve without numbers: those here are typical of such sensors, in a circuit that is fairly
+linear in the range they name, 0.5 to 2 kg. Outside of the range a reading means only that the force is less, or more.
 """
 
 from dataclasses import dataclass
@@ -19,24 +19,24 @@ KILOGRAM = 9.81  # N, weight of one
 
 @dataclass(frozen=True, slots=True)
 class PressureSensor:
-    """Characteristic of one sensor with its resistor and converter."""
+    """Characteristic of one force-sensing resistor with its fixed resistor and its converter."""
 
     resistance_1n: float = 60e3
-    """Resistance R_1 at 1 N, Ohm: typical of a sensing area of 1 cm^2."""
+    """Resistance R_1 of the sensor at 1 N, Ohm: typical of a sensing area of 1 cm^2."""
     exponent: float = 0.9
-    """Exponent of the sensor's resistance over force, no unit (p of the paper)."""
+    """Exponent p of the sensor's resistance R_1 F^-p over the force F, no unit."""
     fixed: float = 1e3
-    """Fixed resistor in series with the sensor, Ohm (R_f of the paper)."""
+    """Fixed resistor R_f in series with the sensor, Ohm."""
     supply: float = 5.0
-    """Supply voltage of the divider, V (V_s of the paper)."""
+    """Supply voltage V_s of the divider, V."""
     least: float = 0.5 * KILOGRAM
-    """Least force of the sensor's range, N (paper: 0.5 kg)."""
+    """Least force of the sensor's range, N (0.5 kg by Walas & Belter); below, a reading only shows that it is less."""
     most: float = 2.0 * KILOGRAM
-    """Largest force of the sensor's range, N (paper: 2 kg)."""
+    """Largest force of the sensor's range, N (2 kg by Walas & Belter); above, a reading only shows that it is more."""
     step: float = 5.0 / 1024.0
-    """Step of the converter, V (10 bits)."""
+    """Resolution of the converter, V (10 bits)."""
     repeatability: float = 0.02
-    """Standard deviation as a share of the force: place and shape of the contact."""
+    """Standard deviation of a reading as a fraction of the force: place and shape of the contact vary."""
 
     def voltage(self, force: Array) -> Array:
         """Return the output of the divider, V, under forces F >= 0 in N, of any shape."""
@@ -73,9 +73,9 @@ class PressureSensor:
 
 
 def read_loads(load: Array, sensor: PressureSensor) -> tuple[Array, Array]:
-    """Return loads under L feet as they are used, (L,) N, and their variances, (L,) N^2, from reported loads, (L,) N.
+    """Return usable loads under L feet, (L,) N, and their variances, (L,) N^2, from reported loads, (L,) N.
 
-    A load below the range of the sensor becomes half of its least one, a load above it, or NaN, becomes NaN.
+    A load below the range of the sensor becomes half of the range's least load, a load above it, or NaN, becomes NaN.
     """
     below, inside = load < sensor.least, (load >= sensor.least) & (load < sensor.most)
     value = np.where(inside, load, np.where(below, 0.5 * sensor.least, np.nan))

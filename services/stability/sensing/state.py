@@ -24,11 +24,11 @@ class WatchParams:
     """Assumptions about contacts and torques by which a walking robot's margin is computed."""
 
     mu: float = 0.6
-    """Friction coefficient of every foot."""
+    """Assumed coefficient of static friction of every foot."""
     tolerance: float = 1e-3
-    """Largest distance of outer from inner polygon of a region, m."""
+    """Largest distance of outer from inner polygon at which the refinement of a region ends, m."""
     directions: int = 24
-    """At most so many directions a region."""
+    """Largest number of directions in which a region is solved for."""
     torque_variance: float = 4e-4
     """Variance of a measured joint torque, Nm^2 (servo friction 0.02 Nm)."""
     hold_s: float = 0.4
@@ -36,7 +36,7 @@ class WatchParams:
     ground: one sample of 33 ms 49 times, two to four 13 times, the longest, 0.37 s, of a foot that touched down and
     carried nothing until the other feet were lifted."""
     least_load: float = 0.5
-    """Share of the weight that measured forces must carry before a CoM is computed from them."""
+    """Least fraction of the weight that measured forces must carry; with less no CoM is computed from them."""
 
 
 class StandingFeet:
@@ -93,12 +93,12 @@ def _standing(touched: Array, hold_s: float, stamp: float, touch: Flags, planned
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Static stability now; frame `level`: origin of base_link, z up, x along the heading."""
+    """Static stability now: region, CoM, margins; frame `level`: origin of base_link, z up, x along the heading."""
 
     region: Region
     stance: Flags
     com_planned: Array
-    """Centre of mass by kinematics, x and y, (2,) m."""
+    """Centre of mass by kinematics, x and y, (2,) m, frame level."""
     com_measured: MeasuredCom | None
     """Centre of mass by the forces on the feet; None without measured torques or forces."""
     margin_planned: Margin
@@ -131,15 +131,15 @@ class Footing(NamedTuple):
     position: Array
     """Points where the feet touch the ground, (n, 3) m, frame level."""
     normal: Array
-    """Vertical normals, (n, 3): a foot does not know the ground's slope."""
+    """Contact normals, (n, 3): all vertical, as a foot does not measure the slope of the ground."""
     mu: Array
-    """Coefficients of static friction, (n,)."""
+    """Coefficients of static friction of the feet that stand, (n,)."""
     force: Array
     """Force of the ground on each foot, base_link, (n, 3) N."""
     covariance: Array
     """Covariance of each force, base_link, (n, 3, 3) N^2."""
     observed: bool
-    """True if the joint torques determine the force on every contact."""
+    """True if the joint torques determine the force on every contact, False if not on each."""
     com: Array
     """Centre of mass by kinematics, (3,) m, frame level."""
     rot: Array

@@ -31,11 +31,11 @@ _RESTART = re.compile(r"(no|always|on-failure|unless-stopped)|on-failure:(1000|[
 
 
 class ComposeError(FileError):
-    """A compose file that cannot be used."""
+    """Error of a compose file that is missing, invalid or asks for something that is not supported."""
 
 
 def _seconds(value: object) -> float:
-    """Read `1m30s`, `500ms` or `2s` as seconds."""
+    """Return a duration such as `1m30s`, `500ms` or `2s` in seconds."""
     match = _DURATION.fullmatch(value) if isinstance(value, str) and value else None
     if match is None:
         raise refused("value", f"expected a duration such as 500ms, 2s or 1m30s, got {shown(value)}")
@@ -44,7 +44,7 @@ def _seconds(value: object) -> float:
 
 
 def _words(value: object) -> tuple[str, ...]:
-    """Split a command as a shell does."""
+    """Return the words of a command: a list as it is, a text split as a shell does."""
     try:
         words = shlex.split(value) if isinstance(value, str) else value
     except ValueError as exc:
@@ -76,7 +76,7 @@ def _variables(value: object) -> object:
 
 
 def _needs(value: object) -> object:
-    """Return the map form of a list of services."""
+    """Return the map form of a list of services, each with the condition `service_started`."""
     if not isinstance(value, list):
         return value
     for item in value:
@@ -92,7 +92,7 @@ ContainerOnly = Annotated[Any, Field(description="for container engines only")]
 
 
 class ComposeModel(FileModel):
-    """A table of a compose file: keys that begin with `x-` are the user's own."""
+    """Base of tables of a compose file in which keys that begin with `x-` are the user's own and ignored."""
 
     model_config = ConfigDict(json_schema_extra={"patternProperties": {"^x-": {}}}, use_attribute_docstrings=True)
 
@@ -104,21 +104,21 @@ class ComposeModel(FileModel):
 
 
 class HealthCheck(FileModel):
-    """Table `healthcheck` of a service: times by which it counts as unhealthy; health itself comes over the bus."""
+    """Table `healthcheck` of a service: times after which it counts as unhealthy, by its heartbeats on the bus."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     test: Annotated[Any, WithJsonSchema({"type": ["string", "array"]})] = None
-    """Probe of a container engine, [CMD, surefoot, health, <service>]; or [NONE]."""
+    """Probe command of a container engine, [CMD, surefoot, health, <service>]; [NONE] disables the check."""
     disable: bool = False
-    """Started counts as healthy."""
+    """Whether health is not checked: true = the service counts as healthy once started; false = by its heartbeats."""
     interval_s: Seconds = Field(default=1.0, validation_alias="interval")
-    """Wall time between two heartbeats that is still fine."""
+    """Largest wall time between two heartbeats of a healthy service, s."""
     timeout: ContainerOnly = None
     retries: Annotated[Whole, Field(ge=1, le=1000)] = 3
-    """Missed intervals after which the service is unhealthy."""
+    """Number of missed intervals in a row after which the service is unhealthy."""
     start_period_s: Seconds = Field(default=20.0, validation_alias="start_period")
-    """Wall time a fresh process may take to become healthy."""
+    """Wall time that a new process may take to become healthy, s."""
 
 
 WATCHED = HealthCheck()
@@ -135,22 +135,22 @@ class ServiceTable(ComposeModel):
     """Table of a service in a compose file, as it was written."""
 
     extends: Text | Extends = ""
-    """Service of this file, or of another one, to begin as."""
+    """Service of this file, or of another one, whose content this service begins with."""
     command: Words = ()
-    """Program and arguments [surefoot-service <name>]."""
+    """Program and arguments; default: surefoot-service <name>."""
     environment: Annotated[
         dict[str, str], BeforeValidator(_variables, json_schema_input_type=dict[str, str | float] | list[str])
     ] = Field({})
-    """Variables of the process, on top of the caller's own."""
+    """Environment variables of the process, on top of the caller's own."""
     depends_on: Annotated[
         dict[str, Need], BeforeValidator(_needs, json_schema_input_type=dict[str, Need] | list[str])
     ] = Field({})
-    """Services that must be there before the start."""
+    """Services that must have started, or be healthy, before this one starts."""
     healthcheck: HealthCheck = WATCHED
     restart: Annotated[str, BeforeValidator(_restart, json_schema_input_type=str | Literal[False])] = "no"
-    """Reaction to an end of the process: no, always, on-failure, on-failure:<n>, unless-stopped."""
+    """Reaction to an end of the process: no, always, on-failure, on-failure:<n> (n restarts), unless-stopped."""
     stop_grace_s: Seconds = Field(default=2.0, validation_alias="stop_grace_period")
-    """Wall time between SIGTERM and SIGKILL."""
+    """Wall time between SIGTERM and SIGKILL, s."""
     image: ContainerOnly = None
     build: ContainerOnly = None
     network_mode: ContainerOnly = None
@@ -197,7 +197,7 @@ class Compose:
         name: of the system.
         path: of the file.
         services: by name, in dependency order.
-        robot: that the file is for, a name or a folder: SUREFOOT_ROBOT of its services, else of the caller.
+        robot: name or folder of the robot that the file is for: SUREFOOT_ROBOT of its services, else of the caller.
     """
 
     name: str
@@ -264,7 +264,7 @@ def _service(name: str, table: ServiceTable) -> ComposeService:
 
 
 def _robot(services: list[ComposeService]) -> str:
-    """Return the robot of all services; refuse services that have different ones: they would misread each other."""
+    """Return the robot of all services; refuse services with different robots: they would misread each other."""
     given = [(s.name, s.environment["SUREFOOT_ROBOT"]) for s in services if "SUREFOOT_ROBOT" in s.environment]
     for name, robot in given:
         if robot != given[0][1]:
@@ -274,7 +274,7 @@ def _robot(services: list[ComposeService]) -> str:
 
 
 def _in_order(services: list[ComposeService]) -> dict[str, ComposeService]:
-    """Sort by dependency, otherwise in the order of the file; refuse unknown names and cycles."""
+    """Return the services sorted by dependency, otherwise in the order of the file; refuse unknown names and cycles."""
     names = [service.name for service in services]
     for service in services:
         for needed, _ in service.depends_on:
@@ -303,7 +303,7 @@ def _content(text: str) -> object:
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):
-    """The safe loader, but a key given twice is an error instead of a silent overwrite."""
+    """Safe YAML loader that refuses a key given twice instead of overwriting its first value."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()

@@ -11,7 +11,7 @@ from surefoot.tables import FileModel, Text, shown, validated
 Raw = Mapping[str, Any]
 
 MERGED = ("environment", "depends_on", "healthcheck")
-"""Maps of a service that are merged key by key; every other key of the service itself replaces the inherited one."""
+"""Keys of a service whose maps are merged with the inherited ones; any other key replaces the inherited value."""
 
 
 class Extends(FileModel):
@@ -26,9 +26,9 @@ def extended(content: object, path: Path, read: Callable[[Path], object], error:
 
     Args:
         content: the file's content, as read from YAML.
-        path: the file; others are found relative to it.
+        path: the file; paths of other files are relative to it.
         read: reads the content of another file.
-        error: to raise.
+        error: class of the error that is raised for an invalid `extends`.
     """
     if not isinstance(content, Mapping) or not isinstance(content.get("services"), Mapping):
         return content
@@ -60,7 +60,7 @@ def extended(content: object, path: Path, read: Callable[[Path], object], error:
 
 
 def _services(content: object, path: Path, error: type[FileError]) -> Raw:
-    """Return the services of a file that is extended."""
+    """Return the table `services` of a compose file that another one extends."""
     if not isinstance(content, Mapping):
         raise error("type", path.name, f"expected a table, got {shown(content)}")
     if "services" not in content:
@@ -81,7 +81,7 @@ def _merged(base: Raw, own: Raw) -> dict[str, Any]:
 
 
 def _as_map(key: str, value: Any) -> dict[str, Any] | None:
-    """Return the map form of a list; None when it is neither, which the reader of the key refuses."""
+    """Return the map form of a list under `key`; None for a value that is neither list nor map."""
     if isinstance(value, Mapping):
         return dict(cast("Raw", value))
     if not isinstance(value, list) or not all(isinstance(item, str) for item in cast("list[Any]", value)):

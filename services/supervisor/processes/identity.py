@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 
 class Identity(NamedTuple):
-    """A process, distinguishable from every other one of this boot and of others.
+    """Identity of a process, different from that of every other process of this boot and of others.
 
     Attributes:
         pid: process id (of the group leader: its group has the same number).
@@ -74,7 +74,7 @@ def end(identity: Identity, grace_s: float = 2.0) -> bool:
 
 
 def _gone_within(identity: Identity, patience_s: float) -> bool:
-    """Wait for the end of a process that is not our child."""
+    """Return True if a process that is no child of this one ends within `patience_s` of wall time."""
     await_end((identity.pid,), patience_s)
     return not identity.alive()
 

@@ -31,10 +31,10 @@ class StartOrder:
 
     Attributes:
         world: world to build.
-        seed: of everything random.
-        rtf: simulated over wall time, 0 = as fast as possible.
-        record: MCAP file, None = none.
-        robot: name or folder, None = that of the compose file.
+        seed: of all random numbers of the run.
+        rtf: real-time factor, simulated over wall time; 0 = as fast as possible.
+        record: path of the MCAP file of the recording, None = none.
+        robot: name or folder of the robot, None = that of the compose file.
         files: paths of the files that are attached to the recording, by name.
     """
 
@@ -70,7 +70,7 @@ def keep(
     """Start a system, supervise it until the event `stop` is set, and end its processes.
 
     Raises:
-        RunFolderError: it is up already.
+        RunFolderError: the system is up already.
         RobotError: no such robot.
         BusError: the port is taken, a service is not restarted any more, or the simulator refuses the world.
     """
@@ -111,7 +111,7 @@ def keep(
 
 
 def _reset(session: Session, order: StartOrder, notify: Callable[[str], None]) -> None:
-    """Let simulated time run; needed again after a restart of the simulator."""
+    """Reset the simulator so that simulated time runs; needed again after each restart of the simulator."""
     try:
         session.call(SIM_RESET, order.request.model_copy(update={"expect": session.expected}))
     except CallError as error:
@@ -127,8 +127,8 @@ def start_detached(
     """Start `surefoot up` in a session of its own, wait until it is ready and return its report.
 
     Raises:
-        RunFolderError: it is up already.
-        BusError: it ended before it was ready; the sentence holds its last words.
+        RunFolderError: the system is up already.
+        BusError: the system ended before it was ready; the message holds the last lines of its log.
     """
     folder = RunFolder(compose.name)
     folder.refuse_held()

@@ -12,7 +12,7 @@ POLL_S = 0.1
 
 
 def tail(path: Path, lines: int) -> list[str]:
-    """Return the last lines of a file without reading the rest of it."""
+    """Return the last `lines` lines of a file, read from its end."""
     if lines <= 0:
         return []
     try:
@@ -45,7 +45,7 @@ def last_lines(paths: Mapping[str, Path], lines: int) -> list[tuple[str, str]]:
 
 
 def follow_logs(paths: Mapping[str, Path]) -> Iterator[tuple[str, str]]:
-    """Yield (service, line) as whole lines are added; never ends."""
+    """Yield (service, line) for each whole line that is added to a log; never ends."""
     places = {name: path.stat().st_size for name, path in paths.items() if path.exists()}
     rest = dict.fromkeys(paths, "")
     while True:

@@ -9,17 +9,17 @@ from surefoot.errors import BusError
 
 _LISTEN = "0A"  # state of a listening socket in /proc/net/tcp
 _LOOPBACK = re.compile(r"(0{16}FFFF0000)?.{6}7F|0{24}01000000")
-"""127.x.y.z, also in IPv6, and ::1, in the kernel's order of bytes."""
+"""Pattern of a loopback address in the kernel's socket tables (its byte order): 127.x.y.z, also in IPv6, and ::1."""
 
 
 def port_of(endpoint: str) -> int | None:
-    """Return the port of an endpoint such as `tcp/127.0.0.1:7447`."""
+    """Return the port of an endpoint such as `tcp/127.0.0.1:7447`; None if it has none."""
     match = re.fullmatch(r"\w+/.*:(\d+)", endpoint)
     return int(match.group(1)) if match else None
 
 
 def owner_of(port: int) -> str:
-    """Return `process 4711 (surefoot up ragno)` for the process that listens on a port, empty when unknown."""
+    """Return the process that listens on a port, as `process 4711 (surefoot up ragno)`; empty if there is none."""
     inodes = {f"socket:[{inode}]" for inode, found in _listening().items() if found == port}
     if not inodes:
         return ""
@@ -38,13 +38,13 @@ def refuse_taken(endpoint: str, advice: str = "stop it, or choose another endpoi
 
 
 def ports_of(pid: int, *, beyond_loopback: bool = False) -> tuple[int, ...]:
-    """Return the TCP ports that a process of this user listens on, or those that other hosts can reach."""
+    """Return the TCP ports a process of this user listens on; `beyond_loopback`: only those other hosts reach."""
     sockets, found = _sockets(Path(f"/proc/{pid}")), _listening(beyond_loopback=beyond_loopback)
     return tuple(sorted(port for inode, port in found.items() if f"socket:[{inode}]" in sockets))
 
 
 def _listening(*, beyond_loopback: bool = False) -> dict[str, int]:
-    """Return the ports that are listened on, or those that other hosts can reach, by the inode of the socket."""
+    """Return the listening TCP ports by inode of the socket; `beyond_loopback`: only those other hosts reach."""
     ports: dict[str, int] = {}
     for table in ("tcp", "tcp6"):
         try:
@@ -60,7 +60,7 @@ def _listening(*, beyond_loopback: bool = False) -> dict[str, int]:
 
 
 def _sockets(process: Path) -> set[str]:
-    """Return the open files of a process as the kernel names them; none when it is gone or somebody else's."""
+    """Return the open files of a process as the kernel names them; none if it has ended or is of another user."""
     links: set[str] = set()
     try:
         for entry in os.scandir(process / "fd"):

@@ -78,12 +78,12 @@ class Child:
             return
 
     def last_words(self, lines: int = 3) -> str:
-        """Return the last `lines` lines of the log, for an error message."""
+        """Return the last `lines` lines of the process's log, for an error message."""
         return "\n".join(tail(self.log, lines)).rstrip()
 
 
 def resolve_command(command: Sequence[str]) -> list[str]:
-    """Return the command with this project's programs and `python` run by the present interpreter, not by PATH."""
+    """Return the command, this project's programs and `python` replaced by those of the present interpreter."""
     program, *arguments = command
     if program == "surefoot-service":
         return [sys.executable, "-m", SERVICE_MODULE, *arguments]
@@ -118,7 +118,7 @@ def busy_s(pids: Iterable[int]) -> float:
 
 @contextmanager
 def _held_back(command: Sequence[str]) -> Iterator[None]:
-    """Start a service with SIGTERM held back: it lets it through as soon as it can end with exit code 0."""
+    """Block SIGTERM while a service is started; it unblocks the signal as soon as it can end with exit code 0."""
     numbers = ENDS if SERVICE_MODULE in command else ()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:

@@ -29,9 +29,9 @@ class Wanted:
         after: (service, must be healthy) pairs that have to hold before the start.
         restart: what to do when the process ends by itself.
         max_failures: ends in a row after which the reconciler gives up.
-        grace_s: wall time between SIGTERM and SIGKILL.
-        start_period_s: wall time a fresh process may take to become healthy.
-        watched: False when health is not asked for; then running counts as healthy.
+        grace_s: wall time between SIGTERM and SIGKILL, s.
+        start_period_s: wall time a new process may take to become healthy, s.
+        watched: True if health is checked; False: a running process counts as healthy.
     """
 
     name: str
@@ -50,12 +50,12 @@ class Observed:
     Attributes:
         phase: absent (never started), running or exited.
         since: when the phase began.
-        healthy: heartbeats come and the service reports that it is well.
+        healthy: True if heartbeats come and the service reports that it is well.
         healthy_since: when `healthy` last became true, None before that.
-        unhealthy_since: when it was last lost while running, None before that.
+        unhealthy_since: when health was last lost while running, None before that.
         stopping_since: when SIGTERM was sent, None before that.
-        killed: SIGKILL was sent.
-        exit_code: of the exited process.
+        killed: True if SIGKILL was sent.
+        exit_code: of the exited process, negative for a signal; None before its end.
         failures: ends (or losses of health) in a row, this one included.
         progress: last sign of progress while starting; the start period counts from there. None: from `since`.
         why: in words, which signs of life of an unhealthy process are missing.
@@ -82,7 +82,7 @@ class ProcessAction:
         verb: start, stop (SIGTERM), kill (SIGKILL), wait, give_up.
         service: name of the service.
         reason: in words, for the log and for `surefoot status`.
-        until: wall time a wait ends at, None when it ends by an event.
+        until: time at which a wait ends, s, on the clock of `plan`; None for other actions.
     """
 
     verb: Verb
@@ -102,7 +102,7 @@ class Signs:
         since: when the process was started.
         progress: its last sign of progress: start, heartbeat of any state, tick.
         starved: seconds waited for a processor until its silence was noticed; None while it is not silent.
-        well: a heartbeat or a tick showed that it is ready for work.
+        well: True once a heartbeat or a tick showed that the process is ready for work.
         hidden: when its liveliness token was lost, None while it is visible.
     """
 
@@ -113,11 +113,11 @@ class Signs:
     hidden: float | None = None
 
     def heard(self, now: float, *, well: bool) -> "Signs":
-        """Return the signs of life of a process after a heartbeat or a tick."""
+        """Return the signs of life after a heartbeat or tick at time `now`, s; `well`: it showed readiness for work."""
         return replace(self, progress=now, starved=None, well=self.well or well)
 
     def seen(self, now: float, *, visible: bool) -> "Signs":
-        """Return the signs after the liveliness token appeared or vanished."""
+        """Return the signs of life after the liveliness token appeared (`visible`) or vanished at time `now`, s."""
         return replace(self, hidden=None if visible else now)
 
     def quiet(self, now: float) -> float:
@@ -176,8 +176,8 @@ def plan(
     Args:
         wanted: the services that should run.
         observed: what is known about each; missing ones are absent.
-        now: wall time on the clock of `observed`.
-        shutdown: stop everything; a service stops before the ones it depends on.
+        now: wall time on the clock of `observed`, s.
+        shutdown: True stops everything; a service stops before the ones it depends on.
 
     Returns:
         Actions in the order of `wanted`, then stops of services that are not wanted any more. No action for a service
@@ -193,7 +193,7 @@ def plan(
 
 
 def settled(wanted: Sequence[Wanted], observed: Mapping[str, Observed]) -> bool:
-    """Report whether every wanted service runs and is healthy."""
+    """Return True if every wanted service runs and is healthy."""
     return all(_satisfied(observed.get(item.name, ABSENT), healthy=item.watched) for item in wanted)
 
 
@@ -225,7 +225,7 @@ def _run(item: Wanted, observed: Mapping[str, Observed], now: float) -> ProcessA
 
 
 def _watch(item: Wanted, state: Observed, now: float) -> ProcessAction | None:
-    """Decide on a running process: fine, still starting, or to be ended because it hangs."""
+    """Return the action on a running process: None if healthy or still starting, else to end it because it hangs."""
     if not item.watched or state.healthy:
         return None
     if state.unhealthy_since is not None:

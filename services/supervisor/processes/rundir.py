@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 ROW = {"service", "state", "pid", "restarts", "detail"}
 
 MEMORIES = {"walker": "walker.json", "navigator": "navigator.json"}
-"""Services that keep a memory over their restarts, and its files."""
+"""Services that keep a memory over their restarts, each with the name of its file in the run folder."""
 FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
-"""Names of the files that describe a running system; they are removed when the system ends."""
+"""Names of the files in a run folder that describe a running system; they are removed when it ends."""
 
 
 class RunFolderError(Exception):
-    """A run folder that cannot be used."""
+    """Error of a run folder that cannot be used: it is locked by a live supervisor, or cannot be written."""
 
     def __init__(self, message: str, code: str = "already_up") -> None:
         super().__init__(message)
@@ -63,11 +63,11 @@ class RunFolder:
         self._lock: IO[bytes] | None = None
 
     def log(self, service: str) -> Path:
-        """Return the path of a service's log."""
+        """Return the path of a service's log file."""
         return self.path / "logs" / f"{service}.log"
 
     def logs(self) -> dict[str, Path]:
-        """Return the logs that exist, by service."""
+        """Return the paths of the log files that exist, by service."""
         return {path.stem: path for path in sorted((self.path / "logs").glob("*.log"))}
 
     def acquire(self) -> None:
@@ -127,14 +127,14 @@ class RunFolder:
         return False
 
     def write_endpoint(self, endpoint: Endpoint) -> None:
-        """Store the address of the system, and this process as its supervisor."""
+        """Store the address of the system, and the identity of this process as its supervisor."""
         self._write("endpoint.json", endpoint._asdict())
         own = identify(os.getpid())
         if own is not None:
             self._write("supervisor.json", own._asdict())
 
     def endpoint(self, *, orphaned: bool = False) -> Endpoint | None:
-        """Return the address of the system; None when it does not run. `orphaned`: also of one without supervisor."""
+        """Return the address of the system, None if it does not run; `orphaned`: also without live supervisor."""
         content = self._read("endpoint.json") if self.held() or (orphaned and self.orphans()) else None
         try:
             return None if content is None else Endpoint(**content)
@@ -142,16 +142,16 @@ class RunFolder:
             return None
 
     def supervisor(self) -> Identity | None:
-        """Return the supervising process, None when there is none that lives."""
+        """Return the identity of the process that supervises this system, None if no such process lives."""
         found = _identity(self._read("supervisor.json"))
         return found if found is not None and found.alive() else None
 
     def write_rows(self, rows: Sequence["ServiceStatus"]) -> None:
-        """Store the table of `surefoot status`."""
+        """Store the rows of `surefoot status`, one a service."""
         self._write("status.json", [row.model_dump(include=ROW) for row in rows])
 
     def read_rows(self) -> list[dict[str, Any]]:
-        """Return the table of `surefoot status`."""
+        """Return the stored rows of `surefoot status`, one a service."""
         rows = self._read("status.json")
         return rows if isinstance(rows, list) else []
 
@@ -179,7 +179,7 @@ class RunFolder:
         self._write("processes.json", {name: identity._asdict() for name, identity in processes.items()})
 
     def processes(self) -> dict[str, Identity]:
-        """Return the processes of this system that still live, whoever supervises them."""
+        """Return the processes of this system that still run, by service, whoever supervises them."""
         content = self._read("processes.json")
         found = {name: _identity(entry) for name, entry in content.items()} if isinstance(content, dict) else {}
         return {name: identity for name, identity in found.items() if identity is not None and identity.alive()}
@@ -191,11 +191,11 @@ class RunFolder:
 
     @property
     def orphaned(self) -> str:
-        """Message for the user about services whose supervisor has died."""
+        """Message for the user about services that still run although their supervisor has died."""
         return f"services of {self.name} run without their supervisor; `surefoot down {self.name}` ends them"
 
     def end_leftovers(self) -> tuple[str, ...]:
-        """End the processes of a supervisor that died; return the names of their services. Needs the lock."""
+        """End the processes whose supervisor has died; return the names of their services. Needs the lock."""
         if self._lock is None:
             raise RunFolderError(f"run folder of {self.name!r} is not held by this process", "not_held")
         left = self.processes()
@@ -204,7 +204,7 @@ class RunFolder:
         return tuple(left)
 
     def _write(self, name: str, content: Any) -> None:
-        """Replace a file at once: a reader sees the old or the new one, never half of it."""
+        """Replace a file of the run folder atomically: a reader sees the old content or the new one, never a part."""
         import tempfile  # here: whoever only reads does without
 
         handle, temporary = tempfile.mkstemp(dir=self.path, prefix=f".{name}")

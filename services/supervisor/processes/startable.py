@@ -35,7 +35,8 @@ def startable(
         robot: name or folder of the robot; None = that of the compose file.
 
     Raises:
-        ComposeError: there is none, its file cannot be used, or a command names a program or module that is missing.
+        ComposeError: there is no such system, its file cannot be used, or a command names a program or module that is
+            missing.
         ScenarioError: the scenario kills or configures a service that the system does not have, or gives one a
             field or a value that it does not take.
         ConfigError: a service would refuse a variable of the environment.
@@ -53,7 +54,7 @@ def startable(
 
 
 def system_of(scenario: Scenario, environ: Mapping[str, str] | None = None) -> Compose:
-    """Return the system that a scenario names; refused, as by `startable`, if it cannot carry it out."""
+    """Return the system that a scenario names; raise the errors of `startable` if it cannot carry out the scenario."""
     return startable(scenario.compose, scenario, environ, scenario.robot)
 
 
@@ -89,7 +90,7 @@ def _check(service: ComposeService, compose: Compose, scenario: Scenario | None,
 
 
 def _problem(service: ComposeService) -> str:
-    """Return why a command cannot be started, empty when it can."""
+    """Return why the command of a service cannot be started; empty if it can."""
     program, *words = service.command
     if program == "surefoot-service":
         name = next((word for word in words if not word.startswith("-")), "")
@@ -108,7 +109,7 @@ def _problem(service: ComposeService) -> str:
 
 
 def _findable(module: str, service: ComposeService) -> bool:
-    """Report whether `python -m` would find a module, without importing anything."""
+    """Return True if `python -m` would find a module; nothing is imported."""
     first, *rest = module.split(".")
     more = service.environment.get("PYTHONPATH", "").split(os.pathsep)
     places = [os.getcwd(), *filter(None, more)]

@@ -38,7 +38,7 @@ class Process(Protocol):
     pid: int
 
     def poll(self) -> int | None:
-        """Exit code, None while it runs."""
+        """Exit code of the process, negative for a signal; None while it runs."""
 
     def terminate(self) -> None:
         """Request the end of the process (SIGTERM)."""
@@ -47,7 +47,7 @@ class Process(Protocol):
         """End the process at once (SIGKILL)."""
 
     def starved_s(self) -> float:
-        """Seconds that its threads, and those of this process, have waited for a processor."""
+        """Seconds that threads of the process, and those of this one, have waited for a processor."""
         ...
 
 
@@ -157,13 +157,13 @@ class System:
         return any(process.poll() is None for process in self._processes.values())
 
     def wait(self, patience_s: float) -> None:
-        """Wait until a process ends, or until the time is over."""
+        """Wait until a process ends, at most `patience_s` of wall time."""
         running = [self._processes[name].pid for name, state in self._observed.items() if state.phase == "running"]
         if not await_end(running, patience_s):
             time.sleep(patience_s)
 
     def stop(self, patience_s: float = 30.0) -> bool:
-        """End everything, in order; True when all processes are gone."""
+        """End all processes in order, within `patience_s` of wall time; return True when all are gone."""
         deadline = self._clock() + patience_s
         while self.running() and self._clock() < deadline:
             self.step(shutdown=True)
@@ -222,7 +222,7 @@ class System:
     def _silence(self, name: str, now: float, noticed: float) -> float:
         """Return the time in which a process could have given a sign of life and gave none, s.
 
-        What was waited is read only of a process that is silent for `noticed` s: there are some thirty threads to each.
+        Waits for a processor are read only once a process is silent for `noticed` s: each has some thirty threads.
         """
         if self._signs[name].quiet(now) < noticed:
             return self._signs[name].quiet(now)
@@ -239,7 +239,7 @@ class System:
             self._signs = {name: replace(signs, progress=now, starved=None) for name, signs in self._signs.items()}
 
     def _act(self, action: ProcessAction, now: float) -> bool:
-        """Carry out one action; True when the set of processes changed."""
+        """Carry out one action; return True if the set of processes changed."""
         name = action.service
         state = self._observed.get(name, ABSENT)
         if action.verb not in ("start", "stop", "kill"):
@@ -270,7 +270,7 @@ class System:
         return Child(service.name, command, {**self._environment, **service.environment}, self.folder.log(service.name))
 
     def _store(self) -> None:
-        """Write down which processes are ours, for a successor in case this one dies."""
+        """Store the identities of the system's processes for a successor, in case this supervisor dies."""
         found = {
             name: process.identity
             for name, process in self._processes.items()

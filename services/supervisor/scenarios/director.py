@@ -18,13 +18,13 @@ from surefoot.schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, TICK_S, Quer
 from .scenario import COMMANDS, GOALS, WALKING, Scenario, Step
 
 LEAD_TICKS = WINDOW_TICKS + 1
-"""Least number of ticks between an order and its tick."""
+"""Least number of control ticks between sending an order and the tick in which it takes effect."""
 HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
-"""Orders for ticks up to here are given now: the next look might be too late for them."""
+"""Number of control ticks ahead up to which due orders are sent now: at the next check it might be too late."""
 TRIES = 6
-"""Attempts to send an order that comes too late or reaches no service, each with twice the lead."""
+"""Number of attempts to send an order that comes too late or reaches no service, each with twice the lead time."""
 RESTING = ("standing", "refused")
-"""States of the walker in which a walking command has ended."""
+"""States of the walker in which a walking command has ended: done (`standing`) or given up (`refused`)."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class TimedOrder:
         query: query to which the request belongs; None for `kill`.
         request: the command with its tick.
         kill: name of the service that is to be ended at once.
-        walking: the end of its walk is the moment `walk_done`.
-        goal: the end of its goal is the moment `goal_done`.
-        tries: how often it has come too late.
+        walking: True if the end of its walk is the moment `walk_done`.
+        goal: True if the end of its goal is the moment `goal_done`.
+        tries: number of times that the order has come too late.
     """
 
     text: str
@@ -52,7 +52,7 @@ class TimedOrder:
 
 @dataclass
 class WalkUnderWay:
-    """Walk command under way: its first tick, its `walk_id`, the rest of its way, and if the walker has reported it."""
+    """Walk command under way: first tick, `walk_id`, remaining m or rad, and True once the walker has reported it."""
 
     command: WalkCommand
     from_tick: int
@@ -77,9 +77,9 @@ class Director:
         self._busy_until = 0
         self._resend = False
         self._late: list[tuple[int, TimedOrder]] = []
-        """Orders to send again, each with the first tick for it."""
+        """Orders to send again, each with the first control tick at which to send it."""
         self._goal = ""
-        """Name of the goal under way."""
+        """Id of the navigator's goal under way; empty = none."""
         self._goal_ended_at: int | None = None
 
     def on_tick(
@@ -90,7 +90,7 @@ class Director:
         Args:
             tick: number of the control tick.
             gait: GaitState of this tick, None when the walker is absent.
-            fallen: the robot has fallen, by the truth.
+            fallen: True if the robot has fallen, by the simulator's ground truth.
             feedback: the latest NavigationFeedback, None when there is none.
         """
         orders = self._again(tick)
@@ -116,7 +116,7 @@ class Director:
         return orders
 
     def answered(self, order: TimedOrder, reply: Any) -> None:
-        """Record the reply of a service to an order."""
+        """Record the reply of a service to an order of the scenario that was sent to it."""
         if not reply.accepted:
             self.problems.append(f"{order.text} was refused: {reply.reason}")
             self._waiting.clear()
@@ -185,7 +185,7 @@ class Director:
             self._goal, self._goal_ended_at = "", tick
 
     def _walk_again(self, tick: int) -> TimedOrder:
-        """Return the order for the rest of the way: a restarted walker has lost the command."""
+        """Return the order for the remaining distance or angle of a walk whose command a restarted walker has lost."""
         assert self._walk is not None
         command, left = self._walk.command, self._walk.remaining
         self._resend = False
@@ -199,7 +199,7 @@ class Director:
         return TimedOrder(f"{command.action} (again)", query, command.model_copy(update=update), walking=True)
 
     def _again(self, tick: int) -> list[TimedOrder]:
-        """Return the orders that came too late or reached no service, for a later tick."""
+        """Return the orders that came too late or reached no service and are due again, each for a later tick."""
         due = [order for from_tick, order in self._late if from_tick <= tick]
         self._late = [item for item in self._late if item[0] > tick]
         orders: list[TimedOrder] = []
@@ -211,7 +211,7 @@ class Director:
         return orders
 
     def _time_of(self, step: Step) -> int | None:
-        """Return the tick at which a waiting step is due, None before its moment."""
+        """Return the control tick at which a waiting step is due, None before its moment."""
         moments = {"ready": self._ready_at, "walk_done": self._walk_ended_at, "goal_done": self._goal_ended_at}
         moment = moments.get(step.when or "")
         return None if moment is None else moment + round(step.after_s / TICK_S)
@@ -237,5 +237,5 @@ class Director:
 
 
 def _ticks_of(request: Request) -> int:
-    """Return the control ticks that a request takes by its field `duration`."""
+    """Return the number of control ticks that a request takes by its field `duration`; 0 without one."""
     return round((getattr(request, "duration", None) or 0.0) / TICK_S)

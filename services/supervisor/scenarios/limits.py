@@ -24,7 +24,7 @@ JUDGED: tuple[Topic[Any], ...] = (
     topics.STATE_POSE,
     topics.NAVIGATOR_FEEDBACK,
 )
-"""Topics from which the metrics of a run are computed."""
+"""Topics from which the metrics of a run are computed, for the verdict."""
 
 Side = Literal["least", "most"]
 
@@ -34,9 +34,9 @@ class Limit:
     """Demand on one metric of a run.
 
     Attributes:
-        metric: name of the number in a row of the verdict.
-        side: whether the value has to be at least or at most the limit.
-        yes_no: the limit is a flag in the scenario file (`no_fall = true`).
+        metric: name of the metric in a row of the verdict.
+        side: `least`: the metric has to be at least the limit; `most`: at most.
+        yes_no: True if the limit is a flag in the scenario file (`no_fall = true`), False if it is a number.
     """
 
     metric: str
@@ -68,11 +68,11 @@ LIMITS: Mapping[str, Limit] = {
     "max_duration_s": Limit("duration_s", "most"),
     "min_real_time_factor": Limit("real_time_factor", "least"),
 }
-"""Keys of `[limits]` in a scenario file."""
+"""Demand that each key of `[limits]` in a scenario file makes on a metric of the run."""
 
 
 def _read(table: Any) -> Any:
-    """Return the limits that a file sets, in the order of `LIMITS`; one that is a flag as 0.0."""
+    """Return the limits that a table sets, in the order of `LIMITS`; true is the limit 0.0, false sets none."""
     given = _TABLE.model_validate(table).model_dump(exclude_unset=True)
     return {name: 0.0 if value is True else value for name, value in given.items() if value is not False}
 
@@ -80,4 +80,4 @@ def _read(table: Any) -> Any:
 _KINDS: Any = {name: (bool, False) if limit.yes_no else (Number, 0.0) for name, limit in LIMITS.items()}
 _TABLE = create_model("LimitsTable", __base__=FileModel, **_KINDS)
 Limits = Annotated[Mapping[str, float], BeforeValidator(_read, json_schema_input_type=_TABLE)]
-"""Limits of a scenario by name, as read from `[limits]`."""
+"""Limits of a scenario by name, in the unit that the name ends with; flags are 0.0. Read from `[limits]`."""

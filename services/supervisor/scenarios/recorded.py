@@ -21,9 +21,9 @@ from .limits import LIMITS
 from .scenario import COMMANDS, Scenario, ScenarioError
 
 RUN, SCENARIO, VERSIONS, FILES = "run", "scenario", "versions", "files"
-"""Names of the metadata tables; files, by name and path, are attached instead."""
+"""Names of the metadata tables of a recording; those of table `files`, path by name, are attached instead."""
 LARGEST = 96 * 1024
-"""Bytes of a scenario that is recorded; an environment variable holds no more than 128 kB."""
+"""Largest scenario that is recorded, bytes; an environment variable holds no more than 128 kB."""
 _COMPUTING = ("numpy", "numba", "mujoco", "clarabel", "pydantic")
 
 
@@ -35,14 +35,7 @@ def about_run(
     scenario: Scenario | None = None,
     files: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the facts on a run as the text that the recorder gets.
-
-    Args:
-        robot, system, services: of the run.
-        request: request that begins the run.
-        scenario: None for a system without one.
-        files: paths of the files that are attached to the recording, by name.
-    """
+    """Return the facts on a run as JSON text for the recorder (`RecorderConfig.about`)."""
     run = {
         "system": system, "services": " ".join(services), "robot_hash": load_robot(robot).hash, "mode": request.mode,
         "actuation_delay_ticks": str(request.actuation_delay_ticks),

@@ -31,8 +31,8 @@ from surefoot.tables import FileModel, Number, Positive, Text, Whole, known_keys
 from .limits import Limits
 
 Moment = Literal["ready", "walk_done", "goal_done"]
-"""ready: the walker stands and the estimator is initialised; walk_done: the last walking command has ended; goal_done:
-the last goal of the navigator has ended, however it did."""
+"""Event for which a step waits: `ready`: the walker stands and the estimator is initialised; `walk_done`: the last
+walking command has ended; `goal_done`: the navigator's last goal has ended, reached or not."""
 Policy = Literal["hold", "degrade", "fail"]
 
 MAX_DURATION_S = 3600.0
@@ -52,13 +52,13 @@ COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
     "set_pose": (topics.NAVIGATOR_SET_POSE, SetPoseRequest),
     "calibrate": (topics.STABILITY_CALIBRATE, CalibrateRequest),
 }
-"""Commands of a step, each with the query that carries it; beside them `kill` ends a service at once."""
+"""Commands of a step, each with its query and the type of its request; beside them `kill` ends a service at once."""
 
 WALKING = ("walk", "turn", "stop")
-"""Steps that end with the moment `walk_done`."""
+"""Commands whose end is the moment `walk_done`."""
 
 GOALS = ("goto", "waypoints")
-"""Steps that end with the moment `goal_done`."""
+"""Commands whose end is the moment `goal_done`."""
 
 
 _HEAD = ("do", "at_tick", "when", "after_s")
@@ -66,11 +66,11 @@ _FILE = ConfigDict(extra="forbid", defer_build=True, use_attribute_docstrings=Tr
 
 
 class ScenarioError(FileError):
-    """A scenario file that cannot be used."""
+    """Error of a scenario file that is missing or invalid."""
 
 
 class Kill(FileModel):
-    """Keys of the step that ends a service at once."""
+    """Keys of the step `kill`, which ends the process of a service at once."""
 
     service: Text
 
@@ -84,20 +84,20 @@ class Step:
     do: Literal[(*COMMANDS, "kill")]  # pyright: ignore[reportInvalidTypeForm] - a key of COMMANDS, or kill
     """Action of the step: a command, or `kill` of a service."""
     at_tick: Annotated[Whole, Field(ge=0, le=MOST_TICKS)] | None = None
-    """Control tick it takes effect in; null when it waits for a moment."""
+    """Control tick in which the step takes effect; null = it waits for a moment."""
     when: Moment | None = None
-    """Moment it waits for; null when it has a tick."""
+    """Moment for which the step waits; null = it has a tick."""
     after_s: Annotated[Number, Field(ge=0.0, le=MAX_DURATION_S)] = 0.0
     """Simulated time between the moment and the step, s."""
     request: Request | None = None
-    """Command without `at_tick`; null for `kill`."""
+    """Command of the step without its `at_tick`; null for `kill`."""
     service: str = ""
-    """Name of the service that `kill` ends."""
+    """Name of the service that `kill` ends; empty for a command."""
 
     @model_validator(mode="before")
     @classmethod
     def _with_request(cls, table: Any) -> Any:
-        """Build the command from the keys that are not the step's own."""
+        """Return the table of a step with its command built from the keys that are not the step's own."""
         do = table.get("do") if isinstance(table, Mapping) else None
         if not isinstance(do, str) or do not in (*COMMANDS, "kill"):
             return table
@@ -158,35 +158,35 @@ class Scenario:
     __pydantic_config__ = _FILE
 
     name: Annotated[Text, Field(pattern="^[a-z0-9][a-z0-9-]*$")]
-    """Name for `surefoot run <name>` [that of the file]."""
+    """Name of the scenario, by which `surefoot run <name>` finds it; default: name of the file."""
     description: Text
     """Purpose of the scenario in one sentence."""
     compose: Text = "ragno"
-    """Name or path of the compose file."""
+    """Name or path of the compose file of the system to run."""
     robot: Text | None = None
-    """Name or folder of the robot [that of the compose file]."""
+    """Name or folder of the robot; default: that of the compose file."""
     seed: Annotated[Whole, Field(ge=0, lt=2**31)] = 0
-    """Seed of everything random, unless the caller gives another."""
+    """Seed of all random numbers of the run, unless the caller gives another."""
     world: WireWorld = field(default_factory=World)
-    """Terrain, map profile, friction and sensor profile of the simulator."""
+    """World that the simulator builds: terrain, map profile, friction and sensor profile."""
     actuation_delay_ticks: Annotated[Whole, Field(ge=0, le=5)] = 1
-    """Control ticks between a command and its effect, 0 = strict lockstep."""
+    """Number of control ticks between a command and its effect in the simulator; 0 = strict lockstep."""
     policy: Policy = "hold"
-    """Reaction of the simulator when a member dies."""
+    """Reaction of the simulator when a service that takes part in lockstep dies."""
     max_duration_s: Annotated[Positive, Field(le=MAX_DURATION_S)] = 60.0
-    """Simulated time after which the run is ended, s."""
+    """Simulated time after which the run is ended whatever its state, s."""
     settle_s: Annotated[Number, Field(ge=0.0, le=60.0)] = 0.5
     """Simulated time between the end of the last step and the end of the run, s."""
     config: Mapping[str, dict[str, Setting]] = field(default_factory=dict[str, dict[str, Any]])
-    """Configuration of services: fields and their values, by service."""
+    """Configuration of services: values of fields, by service and field."""
     steps: Annotated[tuple[Step, ...], Field(alias="step", min_length=1)] = ()
-    """Steps in the order of the file."""
+    """Steps of the run in the order of the file."""
     limits: Limits = field(default_factory=dict[str, float])
-    """Acceptance limits, by name; 0.0 for a limit that is a flag."""
+    """Acceptance limits of the run by name, in the unit that the name ends with; 0.0 for a limit that is a flag."""
 
     @model_validator(mode="after")
     def _no_step_twice(self) -> Self:
-        """Refuse a command that comes twice for one tick: the second would be taken for one whose answer was lost."""
+        """Refuse a command that comes twice for one tick: the second would count as the first sent again."""
         for number, step in enumerate(self.steps):
             if step.at_tick is not None and step in self.steps[:number]:
                 raise refused(
@@ -205,7 +205,7 @@ class Scenario:
 
     @property
     def max_ticks(self) -> int:
-        """Control ticks after which the run is ended."""
+        """Number of control ticks after which the run is ended."""
         return max(1, round(self.max_duration_s / topics.TICK_S))
 
 
