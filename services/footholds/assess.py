@@ -25,9 +25,9 @@ class Window:
     """Rectangle of cells of a height map, by its first row and column and its size; it may reach beyond the map."""
 
     row: int
-    """First row; may lie outside the map."""
+    """First row of the window on the map; may lie outside the map."""
     col: int
-    """First column; may lie outside the map."""
+    """First column of the window on the map; may lie outside the map."""
     rows: int
     cols: int
 
@@ -39,7 +39,8 @@ class Assessment:
     layers: Layer
     """Layers in the order of the request, (number of layers, rows, cols) float32."""
     counts: tuple[int, ...]
-    """Cells excluded per reason, then free cells."""
+    """Number of cells excluded per reason (reach, collision, unknown, steep, slip, unlearned), then of free cells,
+    (7,)."""
 
 
 def window_about(ground: FootholdGround, x: float, y: float, size: int) -> Window:

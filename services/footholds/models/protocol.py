@@ -5,12 +5,12 @@ from typing import Protocol
 from ..features import Features, Layer
 
 UNLEARNED = -1.0
-"""Predicted slip P of a cell outside the inputs that a model has learned; other values outside [0, 1] are artefacts of
-a fit."""
+"""Value that marks a cell whose ground lies outside what a model has learned, in place of its predicted slip P; other
+values outside [0, 1] are artefacts of a fit."""
 
 
 class SlipModel(Protocol):
-    """Predictor of the slip of a foothold: way of the contact point per way of the stroke, by the ground."""
+    """Predictor of the slip of a foothold from the ground: distance slid by the contact per length of stroke."""
 
     @property
     def name(self) -> str:
