@@ -233,14 +233,16 @@ class TerrainKind(NamedTuple):
     """One kind of terrain that a scenario may name: default amplitude, maker and least extent."""
 
     amp: float
-    """Default amplitude, m (slope: rise per metre)."""
+    """Default amplitude, m; for kind `slope` the slope dz/dx, no unit."""
     least_end: float
-    """Least x that the map must reach, m."""
+    """Least x up to which the map must reach, m; a shorter map is refused."""
     make: Callable[[ShapeSpec], Shape]
     floor: Outline = ()
-    """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
+    """Corners of the floor between walls, (x, y) m, frame `map`, counter-clockwise; empty = open ground without
+    walls."""
     whole: bool = False
-    """True if the map reaches to the outer faces of the walls, in cells of `WALLED_CELL`, unless a size is given."""
+    """True: without a given size the map reaches to the outer faces of the walls, in cells of `WALLED_CELL`; False: it
+    has the default size."""
 
 
 SHAPES: dict[str, TerrainKind] = {

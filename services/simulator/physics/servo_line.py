@@ -16,7 +16,7 @@ class Arrival(NamedTuple):
     """Command that arrives at the servos in a physics step, with set-points rounded to their resolution."""
 
     step: int
-    """Physics step in which the command takes effect."""
+    """Number of the physics step in which the command takes effect, counted from the reset."""
     command: ServoCommand
 
 
@@ -40,7 +40,7 @@ class ServoLine:
         self._coming: list[Arrival] = []
 
     def heard(self, set_points: Array) -> Array:
-        """Return set-points (nj,) rad as the servos receive them: rounded to the resolution of each, (nj,) rad."""
+        """Return set-points (nj,) rad rounded to the resolution of each servo, as the servos receive them."""
         if self.resolution is None:
             return set_points
         return self.resolution * np.rint(set_points / self.resolution)
