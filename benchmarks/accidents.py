@@ -39,11 +39,13 @@ do = "stand"
 """
 STEP = "[[step]]\nat_tick = {tick}\n{fields}\n"
 LEGS = ("lf", "lm", "lh", "rf", "rm", "rh")
-"""Legs of which one is drawn where an accident names `LEG`."""
+"""Names of the legs of which one is chosen at random where the fields of an accident contain `LEG`."""
 DRAWS, NEXT = 10, 10_000
-"""Most draws of an accident until something goes wrong, and the step of the seed from one to the next."""
+"""`DRAWS`: most attempts at an accident until something goes wrong; `NEXT`: increment of the seed from one attempt to
+the next."""
 SLID_M, SHORT = 0.008, 0.9
-"""Something went wrong: a foot slid by more than this in one stance, m; less than this share of the way was walked."""
+"""`SLID_M`: sliding of a foot in one stance, m, above which a walk went wrong; `SHORT`: share of the commanded distance
+below which a walk that ended went wrong."""
 
 
 @dataclass(frozen=True)

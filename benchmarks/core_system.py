@@ -38,7 +38,7 @@ from surefoot.schemas.topics import (
 
 EXPECT = ("estimator", "walker", "stability", "recorder")
 TICKS = 100
-"""Ticks of a block."""
+"""Number of control ticks of one timed block."""
 KINEMATICS_TICKS = 3
 FEET, JOINTS = 6, 18
 ZERO, POSE = (0.0, 0.0, 0.0), tuple(0.1 * i + 1 / 3 for i in range(JOINTS))

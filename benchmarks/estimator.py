@@ -37,7 +37,7 @@ BENCH = Bench("estimator")
 
 NAMESPACE = "surefoot/bench"
 WARM = 400
-"""Rows of a log before the clock counts."""
+"""Number of rows of a log that are processed before timing begins."""
 REPEATS = 3
 
 
@@ -191,7 +191,7 @@ def speed(*, estimators: str = default()) -> None:
 
 SAMPLES, TIMES, TICKS = "SUREFOOT_BENCH_SAMPLES", "SUREFOOT_BENCH_TIMES", "SUREFOOT_BENCH_TICKS"
 WARM_TICKS = 200
-"""Ticks of the service before the clock counts."""
+"""Number of ticks of the service before timing begins."""
 ANSWER = GaitState(walk_id=1, state="walking", phase=0.0, stance=(), footholds=(), remaining=0.0)
 
 TICK_CODE = """

@@ -33,13 +33,13 @@ BENCH = Bench("foothold_grounds")
 
 Random = np.random.Generator
 CELL, X0, NX, NY = 0.005, -0.6, 341, 221
-"""Grid of all families: edge of a cell and first x, m; cells along x and y."""
+"""`CELL`: edge of a cell, m; `X0`: x of the first column of cells, m; `NX`, `NY`: number of cells along x and y."""
 WAY = 0.6
-"""Length of a walk, m."""
+"""Length of a walk over a family of ground, m."""
 FRICTION = (0.3, 0.9)
 MAPS = ("exact", "noise", "gappy", "shifted")
 GAPS = 25.0
-"""Round holes of a gappy map, 1/m2; radius 10 to 30 mm."""
+"""Density of round unknown holes in a gappy map, 1/m^2; their radius is 10 to 30 mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Course:
     setting: Setting
     terrain: Terrain
     heights: HeightMap
-    """Map that the robot gets."""
+    """Height map that the robot gets: exact or with errors."""
 
 
 def _axes() -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ def _spectral(rng: Random, exponent: float, shortest: float = 0.012) -> Array:
 
 
 def _steep(z: Array, slope: float) -> Array:
-    """Return heights scaled so that neighbouring cells differ by a mean rise per way."""
+    """Return heights (ny, nx) m scaled so that the mean slope between neighbouring cells is `slope`, no unit."""
     return z * (slope * CELL / np.abs(np.diff(z, axis=1)).mean())
 
 
@@ -187,9 +187,9 @@ SHAPES: dict[str, Callable[[Random], Array]] = {
     "grain": _grain,
 }  # fmt: skip
 REPORTED = tuple(SHAPES)[:6]
-"""Families that figures are reported on; no setting was chosen by them."""
+"""Families of ground that results are reported on; no setting was chosen by them."""
 CHOSEN_BY = tuple(SHAPES)[6:]
-"""Families that settings are chosen by."""
+"""Families of ground by which settings are chosen; no result is reported on them."""
 
 
 def course(family: str, seed: int, robot: str = "ragno") -> Course:

@@ -47,9 +47,9 @@ from surefoot.papers.wawrzynski.synthetic import synthesize
 BENCH = Bench("foreign")
 
 SYNTHETIC = "synthetic"
-"""Name of a short made-up walk, for a run without any file."""
+"""Name of a short generated walk, which stands in for a log when no file is present."""
 CHANGED = "icub_kindyn_walk,icub3_gazebo_sole,go1_trot_200_force,casbot_walk_a"
-"""Logs with truth of which others are variants."""
+"""Names of the logs with truth, comma-separated, that the parts with changed inputs use by default."""
 ONE = "--logs synthetic"
 
 

@@ -22,26 +22,27 @@ from surefoot.services.estimator.params import EstimatorParams
 from .foreign_scores import scored
 
 FACTORS = (0.2, 5.0)
-"""On each stated noise."""
+"""Factors by which each stated noise is multiplied in turn."""
 SCALES = (0.95, 1.05)
-"""On the legs: all positions of feet from the inertial unit."""
+"""Factors by which foot positions relative to the inertial unit are multiplied, for wrongly stated leg lengths."""
 LEVELS = (0.5, 2.0)
-"""On the forces from which a foot stands."""
+"""Factors by which the contact forces are multiplied at which a foot starts and stops to count as standing."""
 OFFSET_NS = 20_000_000
-"""Between encoders and inertial unit, either way."""
+"""Time by which the foot samples are shifted against the inertial ones, in either direction, ns."""
 MIDDLE = 0.4
-"""Share of the log from which starts in motion and faults begin."""
+"""Share of a log, 0 to 1, after which starts in motion and planted faults begin."""
 RECOVERY_S = 3.0
-"""From a start in motion until scores count; at most 40 % of what is left."""
+"""Time after a start in motion before errors count, s; at most 40 % of the rest of the log."""
 DIVERGED = 2.0
-"""Error, in medians over all starts, from which a start counts as diverged."""
+"""Error, in multiples of the median error over all starts, above which a start counts as diverged."""
 ALARMS = ("filter_ok", "sensors_ok", "inputs_ok")
 WRONG = 0.05
-"""Error of the velocity from which a start with a wrong tilt counts as wrong, m/s."""
+"""Error of the velocity, m/s, above which a start with a wrong tilt counts as wrong."""
 WATCHED_S = 5.0
-"""Time after the rest in which it does, s: later two tracks differ by how they take a foot that slips."""
+"""Time after the initial rest in which wrong velocities are counted, s: later, two tracks differ by how they treat a
+foot that slips."""
 AFTER_S = 0.5
-"""Time within which a fault should be flagged."""
+"""Time after its first altered sample within which a fault should be flagged, s."""
 
 
 @dataclass(frozen=True)

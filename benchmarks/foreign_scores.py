@@ -15,7 +15,7 @@ from surefoot.lab.estimation.track import Track
 
 NAN = float("nan")
 WARM_ROWS = 150
-"""Rows of the run that compiles the kernels before the clock starts."""
+"""Number of rows of a run that compiles the kernels before timing begins."""
 HEADERS = (
     "", "v cm/s", "0.5 s", "NEES", "in 95 %", "RPE %", "ATE cm", "end cm", "head rms", "head end", "z mm/m", "ok",
     "from s", "us/row",

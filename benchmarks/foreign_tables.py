@@ -23,11 +23,11 @@ from .foreign_scores import HEADERS, ForeignScore, LegOut, goals_of, gyro_alone,
 
 TUNED = ("inekf", "linear")
 MEASURE = "smooth"
-"""Measure for which referees are tuned: truth by motion capture is noisy row by row."""
+"""Error for which referees are tuned, over 0.5 s: truth by motion capture is noisy row by row."""
 CONTRADICTED = {"casbot_walk_b": 2.9}
-"""Time from which the feet of a log contradict its truth, s."""
+"""Time since the start, s, from which the feet of a log contradict its truth, by name of the log."""
 RATIOS = {"rpe": "RPE", "heading": "heading", "smooth": "error over 0.5 s"}
-"""Measures in which no referee may be better, and their names."""
+"""Names in tables of the errors in which no referee may have a smaller one than the default estimator, by error."""
 GYRO = "gyro alone"
 UNITS = {"rpe": "% of the way", "heading": "deg rms", "smooth": "cm/s"}
 LEFT_OUT = ("", "diff. cm/s", "worst leg", "heights cm", "ends cm", "head-gyro", "head-maker", "ok")

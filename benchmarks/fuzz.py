@@ -32,7 +32,7 @@ from tests.processes import running
 
 BENCH = Bench("fuzz")
 HEADERS = 0.1
-"""Share of the messages whose header is read, too."""
+"""Share of the messages whose header is decoded as well, 0 to 1."""
 
 
 def models() -> dict[str, type[Wire]]:

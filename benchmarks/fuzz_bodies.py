@@ -27,9 +27,9 @@ from surefoot.services.stability.answers import batch_reply
 from surefoot.services.walker.messages import heights_of
 
 ODD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, -1e-38, 3.4e38, -3.4e38, 1e300, -1e300, 1e9, -1.0)
-"""Numbers that a float32 or float64 may hold, and a sender may forget to check."""
+"""Numbers that a float32 or float64 may hold and that a sender may fail to exclude."""
 SIZES = (1e-300, 1e-9, 1e-4, 0.02, 0.05, 1.0, 1e6, 1e300)
-"""Edges of a cell, m."""
+"""Values for the edge of a cell of a map, m."""
 
 
 def numbers(random: Random, count: int) -> NDArray[np.float64]:

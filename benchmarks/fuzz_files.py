@@ -22,7 +22,7 @@ class Format:
     name: str
     suffix: str
     seeds: tuple[bytes, ...]
-    """Good contents."""
+    """Valid contents of such files, which are damaged."""
     read: Callable[[Path], object]
 
 

@@ -11,12 +11,12 @@ from typing import Any
 from surefoot.errors import SurefootError
 
 SLOW_S = 2.0
-"""Processor time that one input may take at most, s: what hangs takes more, on a slow machine as well."""
+"""Processor time of one input, s, above which it is a finding: what hangs takes more, on a slow machine as well."""
 ODD: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2**31, 2**53 + 1, 2**63, 2**64, -(2**63) - 1, 10**400, 0.5, -0.0, 1e308, 1e-320, "",
     "x", "0", "\x00", "é\ud800"[:1], "a" * 5000, [], [[]], {}, {"x": 1}, [None], [1e308, 1e308], "nan",
 )  # fmt: skip
-"""Values that a field does not expect."""
+"""Values that fields do not expect, of every JSON type and at the limits of numbers."""
 WORDS = (
     b"NaN",
     b"Infinity",
@@ -30,7 +30,7 @@ WORDS = (
     b"null",
     b'"',
 )
-"""Pieces that are put into a text."""
+"""Byte strings that are inserted into a text to damage it."""
 
 
 @dataclass

@@ -28,9 +28,9 @@ from surefoot.schemas.topics import CMD_ESTOP, QUERIES, TOPICS, Query, Topic
 STRANGER = "00ff00ff00ff00ff"
 ODD_HEADER = (0, 1, -1, 2**63, 10**30)
 WAIT_S = 0.002
-"""Longest wait for the answer to a query, s; what comes later is not looked at."""
+"""Longest wait for the answer to a query, s; an answer after that is ignored."""
 BLOCK = 50
-"""Inputs between two looks at the clock."""
+"""Number of inputs that are sent between two checks of the rate."""
 KINDS = ("topic", "participant", "frame", "batch", "query", "participant query", "token")
 SHARES = (4, 3, 4, 2, 0.1, 0.1, 0.05)
 
@@ -47,9 +47,9 @@ class Fuzzer:
     def __init__(self, session: zenoh.Session, namespace: str, seed: int) -> None:
         self.session, self.namespace, self.random = session, namespace, Random(seed)
         self.sent: Counter[str] = Counter()
-        """Inputs by kind."""
+        """Number of inputs sent, by kind."""
         self.codes: Counter[str] = Counter()
-        """Codes of refusals that answered queries."""
+        """Number of refusals that answered queries, by code."""
         self._drawers: dict[str, Drawer] = {}
         self._framed = {topic.key: topic for topic in TOPICS if topic.framed}
         self._owners = sorted({topic.owner for topic in self._framed.values()})
@@ -162,7 +162,7 @@ class Fuzzer:
             self.codes["network"] += 1  # the router's note of a time-out
 
     def _token(self) -> None:
-        """Show a token of a stranger for a moment."""
+        """Declare the liveliness token of an unknown participant for a moment."""
         family = self.random.choice(("alive", "starts", "alive/driver", "x"))
         name = self.random.choice([*self.processes, "x", "walker/walker"])
         token = self.session.liveliness().declare_token(f"{self.namespace}/{family}/{name}/{STRANGER}")

@@ -36,15 +36,16 @@ from surefoot.services.navigator.policy.params import load
 from surefoot.services.simulator.ground.terrain import make_terrain
 
 POLICIES = {"planner-nao-four": ("nao", ()), "planner-nao-arcs": ("nao", ("use='arcs'",)), "sarsa-paper": ("paper", ())}
-"""Files that are changed, each with the model it was made for and settings of it."""
+"""Shipped policies whose files are changed: name of the file to model and settings that it was made for."""
 EPISODES = Seeds(30_000, 30_040)
 EPISODES_S = 5.0
-"""Most processor time of a policy with its episodes, s: a planner of another model is computed anew."""
+"""Largest processor time of a policy with its episodes, s: a planner of another model is computed anew."""
 WORSE = 1.02
-"""Time over that of the rule, or slip over that of nominal landings, up to which a decision is no worse."""
+"""Largest ratio at which a decision counts as no worse: time over that of the rule, or slip over that of nominal
+landings."""
 STROKE = (-0.05, 0.0, 0.0)
 PLACES = ((0.5, 0.0), (0.8, 0.2), (1.1, -0.2), (1.4, 0.1))
-"""Places of the trunk on the ground, m."""
+"""Positions (x, y) of the trunk on the ground, map frame, m."""
 GROUNDS = (("rough", 0), ("rough", 1), ("mixed", 2))
 
 

@@ -60,7 +60,8 @@ VARIANTS: tuple[tuple[str, Callable[[Path], dict[str, Any]]], ...] = (
     ("zenoh strict", lambda folder: zenoh_run(folder, "--strict")),
     ("one process strict", lambda folder: local_run(strict=True)),
 )
-"""Runs of a round, in this order in even rounds, in the other in odd ones; neighbours are compared."""
+"""Variants of a run by name, executed in this order in even rounds and in reverse in odd ones; neighbours are
+compared."""
 
 
 @BENCH.part()

@@ -7,9 +7,9 @@ import numpy as np
 from surefoot.arrays import Array
 
 LOW, HIGH = (-1.0, -1.0), (6.5, 1.0)
-"""Corners of the corridor, m."""
+"""`LOW`, `HIGH`: corners of the corridor with the least and the largest coordinates, (x, y) m, map frame."""
 MIDDLE = 0.5 * (np.array(LOW) + np.array(HIGH))
-"""Middle of the corridor, m."""
+"""Centre of the corridor, (x, y) m, map frame."""
 
 
 @dataclass(frozen=True)

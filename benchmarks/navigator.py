@@ -164,7 +164,7 @@ def environments() -> None:
 
 
 CELLS, CELL = 2000, 0.05
-"""Edge of a map in cells, and of a cell in m."""
+"""`CELLS`: number of cells along each edge of a map; `CELL`: edge of a cell, m."""
 
 
 def boxes(seed: int) -> NDArray[np.int8]:

@@ -31,31 +31,32 @@ from surefoot.services.supervisor.scenarios.scenario import Scenario, load_scena
 
 BENCH = Bench("own_map")
 ARMS = ("own", "noise", "exact")
-"""The own map, and given maps."""
+"""Maps that walks use: the one that the robot measures (`own`), and given ones with `noise` and `exact`."""
 NEAR = 0.3
-"""Way from the robot within which cells are compared, m: where feet land."""
+"""Horizontal distance from the robot within which map cells are compared with the ground, m: where feet land."""
 MOST = 1.3
-"""Goal of the ratio of slides."""
+"""Goal of the ratio of sliding on the robot's own map to that on a given map: at most this."""
 FAULTY_FROM_NS = 8_000_000_000
-"""Time from which the camera of an arm ``own:FAULT`` has its fault, ns: half a metre before the end of the walk."""
+"""Simulated time from which the camera of an arm ``own:FAULT`` is faulty, ns: half a metre before the end of the
+walk."""
 
 
 class CellErrors(NamedTuple):
     """Errors of the cells near the robot in one published map."""
 
     nees: float
-    """Mean of error^2 / variance."""
+    """Mean of squared height error over stated variance, no unit; 1 = consistent."""
     inside: float
-    """Share of errors within two deviations."""
+    """Share of height errors within two stated standard deviations, 0 to 1."""
     error: float
-    """Root mean square, m."""
+    """Root mean square of the height errors, m."""
     deviation: float
-    """Root mean of the stated variances, m."""
+    """Square root of the mean stated height variance, m."""
     known: float
-    """Share of cells that are known."""
+    """Share of the cells whose height is known, 0 to 1."""
     seen: float
-    """Share of cells that the camera has measured; the others known are the plane under the feet at the start, which
-    is exact in these scenarios. Errors are those of measured cells."""
+    """Share of the cells that the camera has measured, to which the errors refer, 0 to 1; other known cells are the
+    plane under the feet at the start, which is exact in these scenarios."""
 
 
 class _BadCamera:

@@ -21,7 +21,8 @@ from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import SelectParams
 
 RULES = ("learned", "hexapod", "hand", "nominal")
-"""Choices of footholds: by the model learned here, by that of Ragno as it is, by the hand-made score, none."""
+"""Rules of footholds: `learned`: model from the robot's own walks; `hexapod`: shipped model of Ragno; `hand`: hand-made
+score; `nominal`: no choice."""
 HEXAPOD = "ragno"
 
 

@@ -35,7 +35,7 @@ BENCH = Bench("peers")
 MU, SLOPE_DEG = 0.5, 11.5
 SHIM = Path(__file__).parent / "hpp_rays.cpp"
 TARGETS = {3: {"hpp k=4": 0.66, "hpp k=16": 0.35}, 6: {"hpp k=4": 0.60, "hpp k=16": 0.20}}
-"""Most of ours over a peer's time, by contacts and peer."""
+"""Largest ratio of this project's time to that of a peer, by number of contacts and name of the peer."""
 
 Call = Callable[[ContactSet], Any]
 

@@ -32,7 +32,8 @@ from surefoot.services.navigator.policy.params import load
 BENCH = Bench("policies")
 
 STEER_COSTLY_ABOVE = -1.0
-"""Threshold in nats; least time of the steering controller in `paper-arcs` on stream 1, of -3 .. -0.5."""
+"""Entropy of the belief, nats, above which the steering controller stands and looks; of -3 .. -0.5 the value of least
+time with `paper-arcs` on stream 1."""
 DRIFTS = (0, 1, 2, 3, 4, 5, 6, 7, 8)
 
 
@@ -71,7 +72,7 @@ class Study:
         return results
 
     def compare(self, what: str, ours: Any, other: Any, most: float) -> None:
-        """Take in a paired difference in per cent and whether it is at most `most`."""
+        """Add the paired difference of two results, %, and whether it is at most `most`, to the tables."""
         p = paired(ours, other)
         verdict = "met" if p["difference_percent"] <= most else "MISSED"
         self._compared.append((what, p["difference_percent"], *p["difference_ci95_percent"], f"<= {most:g}", verdict))
@@ -213,7 +214,7 @@ def courses(episodes_: str = "40000:41000", /, *, drifts: str = "0,2,4,7", actio
 THRESHOLDS = (-4.0, -3.5, -3.0, -2.5, -2.0, -1.0)
 TUNING, TUNING_STREAM = Seeds(0, 4000), 1
 FASTER = {"paper": 7.0, "paper-blur": 5.0}
-"""Per cent by which trainings have to be faster in the mean, by model."""
+"""Goal of the mean saving of time by training over the 35 deg controller, %, by model: at least this."""
 
 
 @cache

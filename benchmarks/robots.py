@@ -47,23 +47,24 @@ PUBLIC = (
     ANYMAL_B,
     *(f"{LAB}/{name}" for name in ("go1", "g1")),
 )
-"""Robots by package: seventeen quadrupeds and a humanoid, MJCF and URDF."""
+"""Robots as PACKAGE/ROBOT: seventeen quadrupeds and a humanoid, from MJCF and URDF."""
 WALKERS = (
     f"{GYM}/go1", f"{GYM}/go2", f"{GYM}/aliengo", f"{GYM}/mini_cheetah", f"{GYM}/spot", ANYMAL_B, f"{DATA}/solo12",
 )  # fmt: skip
-"""Robots of the crawls."""
+"""Robots as PACKAGE/ROBOT that the crawls use by default."""
 SHOWN = (
     "distance_m", "min_margin_m", "velocity_rmse_mps", "odometry_error_percent", "max_tilt_deg", "mean_slip_mm",
     "duration_s",
 )  # fmt: skip
 FAKE = Path(__file__).parents[1] / "examples" / "unitree" / "fake.py"
 DOMAIN = 91
-"""DDS domain of the fake Go2."""
+"""DDS domain number of the fake Go2."""
 LOOPBACK = "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"
 SETTLE_S = 3.0
-"""Wall time before a load is measured."""
+"""Wall time before the load of processes is measured, s."""
 PERTURBED = 1.0
-"""Scale of the differences between the robot in the simulator and its description: masses, servos, friction."""
+"""Level of the random differences between the simulated robot and its description (masses, servos, friction), no unit;
+0 = none."""
 
 
 @BENCH.part()

@@ -26,7 +26,7 @@ BENCH = Bench("secure")
 
 PING = Topic(HW_JOINTS.key, JointState, Kind.SAMPLE, "driver")
 PONG = Topic(CMD_JOINTS.key, JointState, Kind.COMMAND, "walker")
-"""The frames of the driver and of the walker, which may read each other's."""
+"""Topic of the replies: joint commands' key with a joint state, in frames of the walker, which the driver may read."""
 
 
 @contextmanager

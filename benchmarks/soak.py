@@ -44,7 +44,7 @@ with zenoh.open(config) as session:
         except queue.Empty:
             continue
 """
-"""Program that stops a robot and waits for `sim/status`, by Zenoh alone."""
+"""Python program that stops a robot and waits for `sim/status`, with the bare Zenoh library."""
 
 
 @contextmanager

@@ -28,7 +28,8 @@ BENCH = Bench("stability")
 
 SIXTEEN = equally_spaced(16)
 LEFT_OUT = 0.005
-"""Share of the area; where 16 adaptive directions leave out more, the best choice is shown."""
+"""Share of a region's area, 0 to 1, left out by 16 adaptive directions, above which the best choice of corners is
+printed."""
 
 
 def normals(slope: Array, heading: Array) -> Array:

@@ -52,11 +52,11 @@ no_fall = true
 """
 KINDS = ("full", "read_only", "slow", "torn", "clock_back")
 SLOW_S = 0.02
-"""Wall time of each write to a slow disk; a recording is some hundred."""
+"""Wall time that each write to a slow disk takes, s; a recording makes some hundred writes."""
 LIMIT_S = 300
-"""Wall time after which a case is ended."""
+"""Wall time after which a case is ended, s."""
 LEARN_TICK = 60
-"""Control tick in which the model is written."""
+"""Control tick in which the slip model is written."""
 
 
 @dataclass

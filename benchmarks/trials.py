@@ -36,7 +36,7 @@ from tests.ports import free_address
 BENCH = Bench("trials")
 
 START_S = 300.0
-"""Time that a simulator has to answer its first trial, s."""
+"""Longest wait for a simulator to answer its first trial, s."""
 
 
 def simulator(folder: Path, endpoint: str, namespace: str) -> subprocess.Popen[bytes]:
@@ -124,7 +124,7 @@ def primitives(*, trials: int = 60) -> None:
 
 RANDOM = "random-"
 BRANCHES = 1000
-"""Samples of one walk differ by their step: that of the request times this plus the number of the arm."""
+"""Factor that makes step numbers of samples unique: the number of the request times this plus that of the arm."""
 
 
 @dataclass(frozen=True)

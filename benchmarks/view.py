@@ -22,7 +22,7 @@ from tests.processes import running
 BENCH = Bench("view")
 READY = "document.body?.dataset.ready == '1'"
 SETTLE_S = 2.0
-"""Wall time before anything is measured."""
+"""Wall time before measurements begin, s."""
 
 
 class Arrivals:

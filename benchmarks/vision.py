@@ -29,13 +29,13 @@ BENCH = Bench("vision")
 
 TEXTURES = "random,carpet,tiles,parquet"
 SPEEDS = ((0.0, 0.0), (0.055, 0.0), (0.0, 0.22), (0.055, 0.22), (0.1, 0.5), (0.2, 1.0))
-"""Speeds of the camera's base, m/s, and turns, rad/s: standing, walk and turn of the Nao by plan, and faster."""
+"""Speed of the camera's base, m/s, and yaw rate, rad/s: standing, planned walk and turn of the Nao, and faster."""
 CERTAIN = 0.1
-"""m, standard deviation up to which a belief counts as certain."""
+"""Standard deviation of the position, m, below which a belief counts as certain."""
 WRONG = 0.3
-"""m, error from which on a certain belief is wrong."""
+"""Error of the position, m, above which a certain belief counts as wrong."""
 SOON = 1.0
-"""s, time in which a fault is to be flagged."""
+"""Time after which a fault should be flagged at the latest, s."""
 
 
 def grid_map(camera: StillCamera, kind: Kind = "orb", end: float = 0.9) -> FeatureMap:
@@ -239,7 +239,8 @@ def torn(pixels: Greys) -> Greys:
 SPOILT: dict[str, Callable[[Greys], Greys]] = {
     "mirrored": lambda pixels: pixels[:, ::-1], "half dirty": dirty, "torn": torn,
 }  # fmt: skip
-"""Faults of pixels that the simulator does not have."""
+"""Functions that change greys (h, w) by a fault of the camera that the simulator does not have, by name of the
+fault."""
 
 
 def spoilt(images: Iterable[TakenAt | None], case: str, begin: int) -> Iterable[TakenAt | None]:
@@ -257,15 +258,15 @@ class BlindRun(NamedTuple):
     """Result of one recorded walk with a camera that sees nothing useful."""
 
     wrong: int
-    """Published poses that are certain and wrong."""
+    """Number of published poses that are certain, wrong and not reported as lost."""
     alarms: int
-    """Messages with a flag before anything was wrong."""
+    """Number of messages with a flag before the fault begins."""
     time: float
-    """Time from the fault until the flag, s; NaN = no flag."""
+    """Time from the beginning of the fault to the first flag, s; NaN = no flag."""
     sd: tuple[float, float]
-    """Standard deviation of the place when the fault begins and at the end, m."""
+    """Standard deviation of the position when the fault begins, and at the end, m."""
     lost: bool
-    """The robot counts as lost at the end."""
+    """True if the robot counts as lost at the end of the run, else False."""
 
 
 def blind_run(motion: RecordedMotion, replay: WalkReplay, case: str, shown: Texture, seed: int) -> BlindRun:
