@@ -12,7 +12,7 @@ from surefoot.lab.statistics import welch
 
 COMMAND = "python -m benchmarks goals --seeds 100:120 --arms hand,sarsa --results FILE"
 ARMS = {"hand": "93.16 +- 10.14", "sarsa": "86.53 +- 8.60"}
-"""Printed time to the goal on the real robot by controller, mean and standard deviation, s."""
+"""Time to the goal of the real robot as Osswald et al. print it, mean and standard deviation, s, by controller."""
 
 
 def read(path: Path) -> dict[str, list[dict[str, Any]]]:

@@ -32,7 +32,7 @@ from .study import PRINTED_GAMMA, NavigationStudy, Vision, study
 
 TITLE = "Osswald, Hornung & Bennewitz (2010), section VI: navigation of a humanoid"
 SYSTEM = None
-"""No system's kernels are needed."""
+"""Name of the system whose kernels have to be compiled before the reproduction; None = none is needed."""
 LEVEL = 0.05  # of the t-tests
 MATCHES = 3.25  # features per frame while moving, VI-C
 BLUR_SHARE = 0.2  # of them left in VI-D
@@ -61,7 +61,7 @@ KNOWN = {
     "VI-B: turning threshold of least time": "in this world 18.5 deg needs less time than 35 and neither oscillates "
     "nor leaves the area; the paper's motion noise, which decides it, is not printed",
 }
-"""Statements of the paper that do not come out here, and why."""
+"""Statements of Osswald et al. that this reproduction does not confirm, by the beginning of their rows, and why."""
 LIVE_NOTE = f"VI-C, the robot: `{live_runs.COMMAND}`, then `surefoot reproduce osswald --live FILE` compares its runs."
 
 

@@ -15,9 +15,9 @@ from .searches import Cost, Searched
 
 POPULATION = 30
 CROSSED = 0.7
-"""Share of children of two parents; the others are mutated copies."""
+"""Share of children that are made from two parents by crossover; the others are mutated copies of one parent."""
 NEAR = 0.5
-"""Share of mutations that move a gene a little; the others draw it again."""
+"""Probability that a mutation moves a gene a little; otherwise it replaces the gene by a random one."""
 
 
 def evolve(

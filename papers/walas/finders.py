@@ -17,7 +17,7 @@ from .searches import cost
 from .swarm import swarm
 
 WIDEST = 3.0
-"""Largest lambda of a search, on inputs divided by their deviation."""
+"""Largest rate lambda that a search tries, on inputs divided by their standard deviation, no unit."""
 
 
 def finder(family: str, terms: int, evaluations: int, blind: bool = False) -> Finder:

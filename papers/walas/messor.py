@@ -160,7 +160,7 @@ def sweep(robot: Robot, seed: int = 0, reach: float = 0.10, stops: int = 4) -> S
 
 
 TILTS = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15), (0.1, 0.1))
-"""Roll and pitch of the trunk in the postures of the measured CoM, rad."""
+"""Roll and pitch of the trunk in the postures in which the CoM is measured, rad."""
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,14 @@ from .chain import chain_angles, chain_from_robot, descend
 
 SEEDS = range(12)
 PAPER = ("imu", "kinematics", "kinematics_gyro", "paper")
-"""The four estimates of Fig. 3."""
+"""Names of the four velocity estimates of Fig. 3 of Wawrzynski et al."""
 BRIEF = "paper, bias of half a second"
 AT_LEAST = 0.01  # m/s, of base_link over 2 s: it walks
 MEAN_S = 2.0
 SMOOTH_S = 0.3
 REST_S = 6.0
-"""Time of standing before the walk, s: half a second of gyro leaves a bias of 1e-3 rad/s, which decides (38)."""
+"""Time of standing before the walk, s; it decides the result of (38), as the mean gyro over 0.5 s leaves a bias of 1e-3
+rad/s."""
 LOST = 0.0357  # m/s: an estimate that is off by the walking speed is useless
 
 
@@ -196,7 +197,7 @@ def errata(draws: int = 200, step: float = 1e-6) -> Errata:
 
 
 def _as_printed(chain, theta: Array, rate: Array, w: Array) -> tuple[Array, Array]:
-    """Return (8) with p_i x z theta' and (12) with the IMU's z axis w^z_i."""
+    """Return (8) with p_i x z theta' and (12) with the IMU's z axis w^z_i, as Wawrzynski et al. print them."""
     p, v, axes = np.zeros(3), np.zeros(3), chain.imu_axes.copy()
     omega = axes @ w
     for i in range(theta.size - 1, -1, -1):

@@ -70,10 +70,11 @@ KINDS: dict[str, WalkParams] = {
     ),
     "false": WalkParams(twist_deg=(3.0, 10.0), false_share=0.2),
 }  # fmt: skip
-"""Kinds of walks: `edges` is `slip` with backlash and rolling over the edges of the soles, `false` is `twist` with
-false contacts of 0.13 s in a fifth of the swings."""
+"""Settings of synthetic walks by name: `edges` is `slip` with backlash and rolling over the edges of the soles, `false`
+is `twist` with false contacts of 0.13 s in a fifth of the swings."""
 SOLE = np.array([[0.0, 0.028, 0.055], [0.0, -0.028, 0.055], [0.0, 0.028, -0.035], [0.0, -0.028, -0.035]])
-"""Corners of the sole from the ankle, axes of frame 1 (x up, z forward), m; x is minus the ankle's height."""
+"""Corners of the sole relative to the ankle, axes of frame 1 (x up, z forward), (4, 3) m; x is minus the ankle's
+height."""
 SOLE[:, 0] = -ANKLE
 
 
@@ -139,7 +140,7 @@ def _smooth(u: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """Course of the walk on the fine grid."""
+    """Path of the walk, sampled on the fine time grid."""
 
     t: Array
     way: Array  # (N,) m
