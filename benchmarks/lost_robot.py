@@ -268,8 +268,7 @@ class Robot:
         return hard if self.hard else (0.03 * r, math.radians(1.5))
 
     def _weigh(self, seen: Array, shown: NDArray[np.int64], share: float) -> None:
-        """Record the log densities of a frame at the true pose, at `before` and at `others`, by the model of the
-        camera.
+        """Record log densities of a frame at the true pose, at `before` and at `others`, by the model of the camera.
 
         Detections come as a Poisson process. A landmark in view at h is recognised at z with density N(z - h), by its
         own look or, in the share `FALSE`, by that of any; the common tilt of the frame is left out.

@@ -47,7 +47,8 @@ class Fault:
     kind."""
     value: float = 0.0
     """Size of the fault by kind: bias or saturation limit (m/s^2, rad/s), servo strength 0..1, delay or jitter in
-    ticks, probability of loss, share of the recognised landmarks 0..1."""
+    ticks, probability of loss, share of the recognised landmarks 0..1, relative error of the focal length, factor of
+    `sensor_wrong`, n of `sensor_slow`, which delivers each n-th sample."""
     seed: int = 0
 
     @property
