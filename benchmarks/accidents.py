@@ -132,7 +132,7 @@ def scenario_of(case: Accident, seed: int) -> tuple[Scenario, int]:
 
 
 def meddler(case: Accident, tick: int) -> Callable[[LocalSystem], None]:
-    """Return what stops the robot, or ends a service, at a tick."""
+    """Return a function that stops the robot, or ends a service, at a tick of a run."""
 
     def meddle(system: LocalSystem) -> None:
         supervisor = next(node.service for node in system.nodes if isinstance(node.service, Supervisor))
@@ -175,14 +175,14 @@ def record(case: Accident, seed: int, folder: Path) -> Path:
 
 
 def went_wrong(path: Path, ordered: float) -> bool:
-    """Return whether the truth shows a fall, a foot that slid, or less than the way that was ordered, m."""
+    """Return whether the truth shows a fall, a sliding foot, or a walk much shorter than `ordered`, m."""
     rows: list[Any] = [item.message() for item in read_recording(path, (SIM_TRUTH.key,))]
     slid = max(max(row.contact_sliding) for row in rows)
     return rows[-1].fallen or slid > SLID_M or dist(rows[0].position[:2], rows[-1].position[:2]) < SHORT * ordered
 
 
 def explained(case: Accident, seed: int, folder: Path, draws: int = 1) -> tuple[Explanation, int]:
-    """Return what `why` finds in a case, and its draws: an accident is drawn again while nothing goes wrong."""
+    """Return the explanation of `why` for a case, and its number of attempts, repeated while nothing goes wrong."""
     path = record(case, seed, folder)
     found = explain(path)
     if found.outcome is not None or went_wrong(path, case.distance) or not case.cause or draws == DRAWS:

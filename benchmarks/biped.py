@@ -182,7 +182,7 @@ class Run:
         return not truth.fallen and world.tick * TICK_S < LIMIT_S
 
     def _ended(self, truth: Any) -> bool:
-        """Give the commands and the push that are due; return whether the robot has ended its walk."""
+        """Issue the commands and the push that are due; return whether the robot has ended its walk."""
         out, walker, now = self.out, self.walker, self.world.tick * TICK_S
         if self.began < 0:
             standing = out.state == "standing" and walker.state.clock > 50
@@ -200,7 +200,7 @@ class Run:
         return out.state in ("standing", "refused") and walker.state.clock > 60
 
     def _push(self) -> None:
-        """Push in the wanted phase of a step of the left foot."""
+        """Push the trunk when a step of the left foot reaches the wanted phase."""
         s = self.walker.state
         assert self.setting.push is not None
         assert s.step is not None

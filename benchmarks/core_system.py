@@ -67,7 +67,7 @@ MADE: dict[Topic[Any], Message] = {
 
 
 class BareDriver(Driver[ServiceConfig]):
-    """Releases samples at the rates of the robot's sensors."""
+    """Driver that releases samples at the rates of the robot's sensors."""
 
     name = "simulator"
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
@@ -128,7 +128,7 @@ class BareRecorder(Bare):
 
 
 class Framed:
-    """A publisher whose messages go into its owner's frame."""
+    """Publisher whose messages go into its owner's frame."""
 
     watched = False
 

@@ -80,7 +80,7 @@ def _uneven(rng: Random) -> Array:
 
 
 def _places(rng: Random, density: float) -> tuple[Array, Array]:
-    """Return x and y of points behind the pad, m; density in 1/m2."""
+    """Return x and y of random points behind the pad at the start, m; `density` in 1/m^2."""
     end, half = X0 + NX * CELL, 0.5 * NY * CELL
     n = rng.poisson(density * (end - PAD_END) * 2.0 * half)
     return rng.uniform(PAD_END, end, n), rng.uniform(-half, half, n)
@@ -210,7 +210,7 @@ def course(family: str, seed: int, robot: str = "ragno") -> Course:
 
 
 def _seen(terrain: Terrain, profile: str, seed: int) -> HeightMap:
-    """Return the map that the robot gets; gappy: every tenth cell and round holes are unknown."""
+    """Return the map that the robot gets; profile `gappy`: a tenth of the cells and round holes are unknown."""
     if profile != "gappy":
         return observed_map(terrain, profile, seed)
     rng, z = np.random.default_rng([seed, *b"gaps"]), terrain.map.z.copy()

@@ -64,7 +64,7 @@ SEEDS = 20
 
 
 class Averaged(HandScore):
-    """The hand-made score with the landing error of the learned model."""
+    """Hand-made score with the landing error of the learned model."""
 
     @property
     def landing_error(self) -> float:
@@ -309,7 +309,7 @@ FAR_MM = 2.0
 
 
 def measured(seed: int, rule: str) -> Line:
-    """Walk under a rule; return own slip and both truths of every stance, mm."""
+    """Walk under a rule; return the measured slip and both true ones of every stance, mm."""
     chosen = random_rule(seed) if rule == "random" else model_rule(HandScore(), SelectParams())
     joined = JoinedWalk(seed, SLIP, chosen)
     follower = SlipFollower(joined)

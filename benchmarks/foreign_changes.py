@@ -63,7 +63,7 @@ def noise_options(name: str, log: Log) -> dict[str, float]:
 
 
 def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
-    """Yield what a user may state or build wrongly.
+    """Yield changes of a log or of the estimator's options, one for each thing that a user may state or build wrongly.
 
     Args:
         name: of the estimator.
@@ -103,7 +103,7 @@ class Starts:
 
 
 def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
-    """Run an estimator from a fast moment on, once for each of `count` rotations of the inertial unit."""
+    """Run an estimator from a moment of fast motion on, once for each of `count` rotations of the inertial unit."""
     cut = from_the_middle(log, fast_moment(log))
     cut = replace(cut, begin_s=min(RECOVERY_S, 0.4 * float(cut.seconds[-1])))
     errors: list[float] = []
@@ -215,7 +215,7 @@ def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:
 
 
 def alarms(log: Log, found: Track) -> float:
-    """Return how often an hour `filter_ok` or `sensors_ok` becomes false on a clean log, in the scored part."""
+    """Return how often per hour `filter_ok` or `sensors_ok` becomes false in the scored part of a clean log."""
     rows = log.scored
     count = sum(int((np.diff(found.flags[flag][rows].astype(np.int8)) < 0).sum()) for flag in ALARMS[:2])
     return 3600.0 * count / float(np.ptp(log.seconds[rows]))

@@ -112,7 +112,7 @@ class Readers:
                 decode(type(reply), *encode(reply))
 
     def floor(self, heights: HeightMapMessage | None, marks: LandmarkMap | None) -> None:
-        """Prepare maps for the navigator and look for a way."""
+        """Prepare maps for the navigator and plan a route on them."""
         maps = Maps(NavigatorConfig(robot="nao"))
         problems = maps.take(heights, marks)
         with suppress(Refusal):
@@ -132,7 +132,7 @@ class Readers:
 
 
 def odd_bodies(count: int, seed: int) -> dict[str, Tally]:
-    """Give each reader its share of arrays; return counts by kind."""
+    """Pass its share of arrays to each reader; return the counts of outcomes by kind of array."""
     random, readers = Random(f"{seed} bodies"), Readers()
     kinds: dict[str, tuple[Callable[[Random], Any], Callable[[Any], None]]] = {
         "map for footholds": (height_map, readers.ground),

@@ -28,7 +28,7 @@ class Format:
 
 @contextmanager
 def beside(folder: Path) -> Iterator[Path]:
-    """Give a path below a folder that is empty again afterwards."""
+    """Yield a path in a folder, and empty the folder at the end of the context."""
     yield folder
     for path in folder.iterdir():
         path.unlink()

@@ -35,7 +35,7 @@ WORDS = (
 
 @dataclass
 class Tally:
-    """Counts of a fuzzing campaign: inputs taken, refused, slowest, and findings."""
+    """Counts of a fuzzing campaign: inputs accepted and refused, time of the slowest, and findings."""
 
     inputs: int = 0
     taken: int = 0
@@ -160,7 +160,7 @@ def drawn(drawer: Drawer, random: Random) -> bytes:
 
 
 def attempt(tally: Tally, what: str, data: bytes, read: Callable[[], object], slow_s: float = SLOW_S) -> None:
-    """Count one input; whatever is raised besides a typed error is a finding, and so is what takes long."""
+    """Count one input; an exception that is no typed error, or a time above `slow_s`, is a finding."""
     tally.inputs += 1
     began = time.thread_time()
     try:

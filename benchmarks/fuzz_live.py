@@ -63,7 +63,7 @@ class Fuzzer:
         self.look()
 
     def look(self) -> None:
-        """Find out which process is which service from the tokens on the network."""
+        """Find the process of each service from the liveliness tokens on the network."""
         self.processes: dict[str, str] = {}
         for reply in self.session.liveliness().get(f"{self.namespace}/alive/*/*", timeout=2.0):
             if reply.ok is not None:
@@ -84,12 +84,12 @@ class Fuzzer:
         return drawn(self._drawers[name], self.random)
 
     def _parts(self, model: type[Wire]) -> tuple[bytes, bytes | None]:
-        """Return payload and attachment of a message; that of an array has a body of a length of its own."""
+        """Return payload and attachment of a random message; the body of an array has a random length."""
         data = self._drawn(model)
         return (self.random.randbytes(self.random.randint(1, 64)), data) if _is_bulk(model) else (data, None)
 
     def _refused(self, model: type[Wire]) -> tuple[bytes, bytes | None]:
-        """Return a message that the decoder refuses, under a header of the run as often as not."""
+        """Return payload and attachment of a message of a model that the decoder refuses."""
         for _ in range(20):
             payload, attachment = self._parts(model)
             if not _is_taken(model, payload, attachment):
@@ -120,7 +120,7 @@ class Fuzzer:
         self._framed_by(BATCH)
 
     def _framed_by(self, family: str) -> None:
-        """Put a frame; in the name of its owner one that is damaged or of another time."""
+        """Publish a frame or batch; under the name of its owner only one that is cut off or of another epoch."""
         random, owner = self.random, self.random.choice(self._owners)
         known = [topic for topic in self._framed.values() if topic.owner == owner]
         own = owner in self.processes and random.random() < 0.5
@@ -147,7 +147,7 @@ class Fuzzer:
         self._ask(key, query)
 
     def _ask(self, key: str, query: Query[Any, Any]) -> None:
-        """Ask and look at what answers at once; a request that acts is one that the decoder refuses."""
+        """Send a query that the decoder refuses, and count the codes of immediate refusals."""
         payload, attachment = self._refused(query.request)
         for reply in self.session.get(
             f"{self.namespace}/{key}", payload=payload, attachment=attachment, timeout=WAIT_S

@@ -73,7 +73,7 @@ def changed(value: Any, random: Random) -> Any:
 
 
 class SlipJudge:
-    """A foothold service on known grounds, whose choices under a model the sound model values."""
+    """Foothold service on known grounds, whose choices under a changed model are rated by the unchanged model."""
 
     def __init__(self) -> None:
         self.service = Footholds(FootholdsConfig(relearn="off"))
@@ -94,7 +94,7 @@ class SlipJudge:
         return json.dumps(content).encode()
 
     def use(self, path: Path) -> None:
-        """Take a file and choose by it.
+        """Load a changed model file and choose footholds by it.
 
         Raises:
             SurefootError: the file is refused.
@@ -122,7 +122,7 @@ class SlipJudge:
         return SelectRequest(base=BasePose(position=(*place, z)), legs=legs)
 
     def _values(self, place: tuple[float, float], message: HeightMapMessage) -> list[NDArray[np.float32]]:
-        """Return the slip that the sound model predicts in the window of each leg."""
+        """Return the slip per stroke that the unchanged model predicts in the window of each leg."""
         self._take(message)
         found = []
         for leg in self._request(place).legs:
@@ -131,7 +131,7 @@ class SlipJudge:
         return found
 
     def _slip(self, *, nominal: bool = False) -> float:
-        """Return the mean slip of the choices; no foothold, where the sound model has one, counts as 1."""
+        """Return the mean slip of the choices; a leg without the foothold that the unchanged model has counts as 1."""
         slips: list[float] = []
         for message, ground in zip(self.maps, self.values, strict=True):
             self._take(message)
@@ -171,7 +171,7 @@ class PolicyJudge:
         return buffer.getvalue()
 
     def use(self, name: str, path: Path) -> None:
-        """Take a file and walk episodes by it.
+        """Load a changed policy file and run episodes by it.
 
         Raises:
             SurefootError: the file is refused.
@@ -187,7 +187,7 @@ class PolicyJudge:
 
 
 def _altered(member: str, array: NDArray[Any], random: Random) -> NDArray[Any]:
-    """Return a member of a policy file that is changed: its words, its type, its shape or its numbers."""
+    """Return a member array of a policy file with its words, type, shape or numbers changed."""
     if array.dtype.kind == "U":
         if member == "provenance":
             return np.array(json.dumps(changed(json.loads(str(array)), random)))
@@ -218,7 +218,7 @@ def _altered(member: str, array: NDArray[Any], random: Random) -> NDArray[Any]:
 
 
 def judged(count: int, seed: int, folder: Path) -> Iterator[tuple[str, Tally, float]]:
-    """Change and use as many files of each kind; yield the kind, how they ended, and the processor time, s."""
+    """Change and use `count` files of models and policies; yield the kind, the outcomes, and the processor time, s."""
     random, path = Random(f"{seed} models"), folder / "changed"
     slips, tally, began = SlipJudge(), Tally(), time.process_time()
     for _ in range(count):

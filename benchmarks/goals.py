@@ -256,7 +256,7 @@ def predicted(model: NavigationModel, base: NavigationModel, arm: str, count: in
 
 
 def compare(lines: list[Line], model: NavigationModel, base: NavigationModel, count: int) -> list[Compared]:
-    """Return each arm that reached the goal in two live runs or more.
+    """Return the comparison of live and predicted times of each arm that reached the goal in two live runs or more.
 
     Live times end when the robot stands, so the closing step is added to those of the environment.
     """

@@ -94,7 +94,7 @@ def undisturbed(seed: int, minutes: float, world: World) -> Line:
 
 
 def consistency(robot: Robot) -> float:
-    """Return the NEES of the believed pose per degree of freedom."""
+    """Return the NEES of the navigator's believed pose per degree of freedom."""
     tracker = robot.navigator.localiser.tracker
     e = np.array(tracker.pose) - robot.walker.pose
     e[2] = wrapped(e[2])
@@ -108,7 +108,7 @@ CASES = (
 
 
 def shares(lines: list[Line], limit: float) -> tuple[float, ...]:
-    """Return share within a limit of s, share not within the longest time, median and 95 % quantile of the rest, s."""
+    """Return share within `limit` s, share not within the longest time, median and 95 % quantile of the others, s."""
     times = times_of(lines)
     found = np.quantile(times, (0.5, 0.95), method="higher")
     return (100.0 * float((times <= limit).mean()), 100.0 * float(np.isinf(times).mean()), *map(float, found))
@@ -176,7 +176,7 @@ def put(*, robots: int = 12, world: World, processes: int = 1) -> None:
 
 
 def told_apart(seed: int, world: World) -> Line:
-    """Put a walking robot down where places look alike; return how it ended, when, and how far it walked until then."""
+    """Put a walking robot down where places look alike; return the outcome, its time, and the distance walked."""
     robot = Robot(seed, world)
     robot.step(0.3)
     robot.goto(5.0, 0.0)
@@ -213,7 +213,7 @@ def alike(*, robots: int = 40, world: World, processes: int = 1) -> None:
 
 
 def turned(seed: int, pitch: float, roll: float, aside: float, world: World) -> Line:
-    """Walk with a camera that is turned, deg; return when that was found and what is left of it after 30 s, deg."""
+    """Walk with a turned camera; return when the turn was found and what is left of it after 30 s, deg."""
     planted = (math.radians(pitch), math.radians(roll), math.radians(aside))
     robot = Robot(seed, world, turn=planted)
     localiser = robot.navigator.localiser
@@ -292,7 +292,7 @@ def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int
 
 
 def seconds(function: Callable[[], object], times: int) -> float:
-    """Return the median processor time of a call, s, after a first one that does not count."""
+    """Return the median processor time of `times` calls, s, after one call that is not counted."""
     function()
     return median(seconds_of(function, time.process_time) for _ in range(times))
 

@@ -60,13 +60,13 @@ class CellErrors(NamedTuple):
 
 
 class _BadCamera:
-    """What a depth camera with a fault publishes in place of its images."""
+    """Depth camera with a fault, which changes its images."""
 
     def __init__(self, fault: str) -> None:
         self.fault, self.frozen = fault, ""
 
     def __call__(self, image: DepthImage) -> DepthImage:
-        """Return the image as the fault leaves it."""
+        """Return the image with the camera's fault."""
         depths = np.frombuffer(b64decode(image.depths), "<f4").reshape(image.height, image.width).copy()
         self.frozen = self.frozen or image.depths
         if self.fault == "frozen":
@@ -89,7 +89,7 @@ class _BadCamera:
 
 
 def scenario_of(arm: str) -> Scenario:
-    """Return the scenario of an arm."""
+    """Return the scenario of a walk on the robot's own map (`own`), or on a given map of a profile."""
     own = load_scenario("ragno-own-map")
     if arm.startswith("own"):
         return own
@@ -98,7 +98,7 @@ def scenario_of(arm: str) -> Scenario:
 
 
 def errors_of(mapper: Mapper, odometry: Odometry, world: PhysicsWorld) -> CellErrors:
-    """Compare the map with the true ground as it lies relative to the robot.
+    """Return the errors of the map's cells against the true ground, both relative to the robot.
 
     Args:
         mapper: the map; it lies in the frame of the odometry.

@@ -83,7 +83,7 @@ class SlipFollower:
         self._counted = np.zeros(n)
 
     def look(self) -> list[MeasuredStance]:
-        """Read the tick that has passed; returns the stances that have ended."""
+        """Process the samples of the last tick; return the stances that have ended in it."""
         world, estimator = self.joined.world, self.joined.estimator
         sliding = world.tracker.feet.sliding.copy()
         self._total += np.where(sliding >= self._before, sliding - self._before, sliding)
@@ -240,7 +240,7 @@ def explored(
 
 
 def _reported(rule: Rule, listeners: Sequence[Outcomes]) -> Rule:
-    """Return the rule with its choices reported to listeners, as the walker service does."""
+    """Return the rule with its choices reported to `listeners`, as the walker service does."""
 
     def chosen(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int

@@ -28,7 +28,7 @@ HEXAPOD = "ragno"
 
 @contextmanager
 def placed(robot: str) -> Iterator[str]:
-    """Provide the robot as a name or folder; PACKAGE/ROBOT is imported."""
+    """Yield a robot as a name or folder; a robot PACKAGE/ROBOT is imported into a folder first."""
     with tempfile.TemporaryDirectory() as folder:
         if "/" in robot:
             import_robot(source_file(PREFIX + robot), out := Path(folder) / "robot")

@@ -164,7 +164,7 @@ def output_of(command: str, limit_s: float = math.inf, folder: Path | None = Non
 
 
 def obstacle(command: str) -> str:
-    """Return why a command cannot be run by itself, empty when it can."""
+    """Return the reason why a command cannot be run by itself; empty = it can."""
     gap = re.search(r"(?<![\w.])(DIR|F|LOG|RUN|\w+\.jsonl?)(?![\w.])", command.replace(MADE, ""))
     return f"needs {gap[1]}" if gap is not None else ""
 
@@ -174,7 +174,7 @@ SHORT = ("surefoot evaluate navigator --params paper --seeds 0:2000 --json", "st
 
 
 class Outputs:
-    """What commands printed, as lines of a results file where there is one; a command that it holds is not repeated."""
+    """Outputs of commands, kept as lines of a results file if one is given; a command in the file is not run again."""
 
     def __init__(self, results: Path | None, limit_s: float = math.inf, folder: Path | None = None) -> None:
         """Continue with a file.
@@ -188,7 +188,7 @@ class Outputs:
         self.done = {line["command"]: line for line in finished(results)}
 
     def of(self, command: str) -> tuple[str | None, str]:
-        """Return what a command prints, None and why if it did not end well; one that fails comes again next time."""
+        """Return the output of a command, or None and the reason; one that failed is run again next time."""
         line = self.done.get(command)
         if line is None or (line["output"] is None and self.limit_s > line["limit"]):
             began, output = time.monotonic(), None

@@ -175,7 +175,7 @@ def kinematics(robot: str = f"{GYM}/go2", /) -> None:
 
 
 def crawled(robot: str, ground: str, seed: int) -> Line:
-    """Let a robot crawl on the ground of a seed, with every service; return its line."""
+    """Simulate a crawl of a robot on the ground of a seed with every service; return its line of results."""
     scenario = load_scenario(f"crawl-{ground}")
     world = scenario.world.model_copy(update={"perturbation": PERTURBED})
     with placed(robot) as place:
@@ -206,7 +206,7 @@ def crawl(
 
 
 def trotted(robot: str, gait: str, seed: int, seconds: float) -> Line:
-    """Let a robot trot by the example, watched by our services; return its line."""
+    """Simulate a trot by the example, observed by this project's services; return its line of results."""
     with tempfile.TemporaryDirectory() as folder, placed(robot) as place:
         recording = Path(folder) / "trot.mcap"
         watch(place, seed, recording, seconds, PERTURBED, **GAITS[gait])

@@ -31,7 +31,7 @@ PONG = Topic(CMD_JOINTS.key, JointState, Kind.COMMAND, "walker")
 
 @contextmanager
 def certificates(namespace: str) -> Iterator[None]:
-    """Make certificates of the system `ragno`, for this process and those that it starts."""
+    """Create certificates of the system `ragno`, for this process and those that it starts, inside the context."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ["SUREFOOT_SECURITY"] = folder
         try:

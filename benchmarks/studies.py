@@ -44,7 +44,7 @@ def named(name: str) -> Scenario:
 
 
 def walked(scenario: str, seed: int) -> Line:
-    """Run a scenario on one seed; return its line."""
+    """Run a scenario on one seed; return its line of results."""
     return run_scenario(named(scenario), seed)
 
 
@@ -102,7 +102,7 @@ no_fall = true
 
 
 def spoilt(what: str, seed: int) -> Line:
-    """Run the toys, or a short walk of a robot, under the faults of a seed; return what was bad."""
+    """Run the toys, or a short walk of a robot, under the faults of a seed; return the violations and counts."""
     began = time.process_time()
     if what == "toys":
         line = _toys(seed)
@@ -162,7 +162,7 @@ def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
 
 
 def _marked(name: str, lines: list[Line]) -> tuple[object, ...]:
-    """Return a row: recoveries that the seeds took, and how many were new in each thousand."""
+    """Return a row of the table: recoveries taken over the seeds, and how many were new in each thousand of them."""
     seen, new = set[str](), list[int]()
     for first in range(0, len(lines), MARKED):
         before = len(seen)

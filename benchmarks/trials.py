@@ -67,7 +67,7 @@ def wait_for(place: str, folder: Path) -> None:
 def campaign(
     trials: list[PrimitiveTrial], out: Path, places: list[str], show: Callable[[str, int], None] = lambda n, c: None
 ) -> float:
-    """Run a campaign; return trials per second."""
+    """Run a campaign of trials on simulators; return the number of trials per second."""
     began = time.perf_counter()
     with remote_workers(places, 20.0) as workers:
         run_trials(load_robot("ragno"), trials, out, workers, show)
@@ -149,7 +149,7 @@ class Branching:
 
 
 def pairs_of(ground: str, seed: int, how: Branching) -> tuple[list[Line], list[StanceSample]]:
-    """Return the states of one walk, a line each, and their samples."""
+    """Return the states of one walk, a line each, and the samples of their stances."""
     setting = replace(GROUNDS[ground], robot=how.robot)
     rules: dict[str, Rule] = {
         name: rule_of(name, seed, how.model, how.robot) or nominal_rule() for name in words_of(how.rules)

@@ -39,7 +39,7 @@ SOON = 1.0
 
 
 def grid_map(camera: StillCamera, kind: Kind = "orb", end: float = 0.9) -> FeatureMap:
-    """Return the map of the floor about a way of some metres along x."""
+    """Return the map of the floor features around a path along x, from x = -0.3 m to `end` m."""
     return map_by_grid(camera, kind, np.arange(-0.3, end + 0.05, 0.1).tolist(), (-0.25, 0.0, 0.25))
 
 
@@ -244,7 +244,7 @@ fault."""
 
 
 def spoilt(images: Iterable[TakenAt | None], case: str, begin: int) -> Iterable[TakenAt | None]:
-    """Yield images, from a tick on with the fault of a case of `SPOILT`."""
+    """Yield images, of which those from tick `begin` on have the fault of a case of `SPOILT`."""
     for tick, taken in enumerate(images):
         if taken is None or tick < begin or case not in SPOILT:
             yield taken
@@ -270,7 +270,7 @@ class BlindRun(NamedTuple):
 
 
 def blind_run(motion: RecordedMotion, replay: WalkReplay, case: str, shown: Texture, seed: int) -> BlindRun:
-    """Return what a blind case does to a recorded walk.
+    """Return the result of a recorded walk with a case of a blind camera.
 
     Args:
         motion: of the robot.

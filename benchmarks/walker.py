@@ -117,7 +117,7 @@ class Loop:
 
 
 def interrupted(seed: int, before: str, after: str, level: float, ticks: tuple[int, ...]) -> Line:
-    """Try one command at every moment of some steps of another; return fall and largest tilt of each."""
+    """Issue one command at every given moment of some steps of another; return fall and largest tilt of each trial."""
     robot, tried = Loop(seed, level), list[dict[str, Any]]()
     robot.stand()
     robot.walker.command(ORDERS[before])
@@ -217,7 +217,7 @@ class Fell(Exception):
 
 @dataclass
 class Chain:
-    """A robot that carries out one action after the other, with the present one and the largest tilt in it, rad."""
+    """Robot that carries out actions one after the other, with the present action and its largest tilt, rad."""
 
     robot: Loop
     last: str = "stand"
@@ -266,7 +266,7 @@ class Chain:
 
 
 def chained(seed: int, actions: str, level: float, drift: float) -> Line:
-    """Carry out actions, by commas, one after the other; return each, and whether the robot fell."""
+    """Execute actions, comma-separated, one after the other; return each, and whether the robot fell."""
     chain, names = Chain(Loop(seed, level, drift=drift)), words_of(actions)
     chain.command(names[0])
     try:
@@ -278,7 +278,7 @@ def chained(seed: int, actions: str, level: float, drift: float) -> Line:
 
 
 def _row(name: str, by_seed: Sequence[Sequence[Done]]) -> tuple[object, ...]:
-    """Return mean, deviation between seeds, and deviation from action to action of a seed."""
+    """Return a table row: mean, standard deviation between seeds, and standard deviation between actions of a seed."""
     cells: list[str] = []
     for field, scale, form in (("seconds", 1.0, ".2f"), ("forward", 1e3, ".1f"), ("left", 1e3, ".1f"),
                                ("turn", math.degrees(1.0), ".2f")):  # fmt: skip

@@ -65,7 +65,8 @@ class Topic(Generic[M]):
     """Model of the messages, or the place where it is defined, which `model` resolves."""
     kind: Kind
     owner: str
-    """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` is every service."""
+    """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` = every service publishes
+    its own."""
     rate_hz: float = TICK_HZ
     """Messages per second of simulated time, of wall time for a STATUS topic; 0 = published on events, without a
     period."""

@@ -111,7 +111,7 @@ def _training(s: NavigationStudy) -> list[Finding]:
 
 
 def _against(where: str, v: Vision, printed: tuple[str, str, str], least: float) -> list[Finding]:
-    """Return the rows of 100 + 100 episodes, of 1000 pairs, and of all trainings."""
+    """Return the findings over 100 + 100 episodes, over 1000 pairs, and over all trainings."""
     h, ours = summary(v.hand), summary(v.learned)
     gain = 100.0 * (1.0 - ours["mean_s"] / h["mean_s"])
     p = welch(v.hand["seconds"], v.learned["seconds"])
@@ -236,7 +236,7 @@ def _time(s: dict[str, float]) -> str:
 
 
 def _least_runs(mean_a: float, sd_a: float, mean_b: float, sd_b: float) -> int:
-    """Return the least number of runs of each of two kinds for which Welch's t-test finds a difference."""
+    """Return the least number of runs per controller with which Welch's t-test finds the difference of their means."""
     n = 2
     while welch_of(mean_a, sd_a, mean_b, sd_b, n) >= LEVEL:
         n += 1

@@ -46,7 +46,7 @@ def finder(family: str, terms: int, evaluations: int, blind: bool = False) -> Fi
 
 
 def _blind(basis: Basis) -> Basis:
-    """Return the terms of a basis with the third input left out."""
+    """Return the Gaussian or elementary terms of a basis over two inputs as terms that ignore the third one."""
     if isinstance(basis, Gaussians):
         return replace(basis, widths=basis.widths * np.array([1.0, 1.0, 0.0]))
     assert isinstance(basis, Elementary)

@@ -119,7 +119,7 @@ class Sweep:
     calibration: Calibration
 
     def ways(self, path: Array) -> tuple[float, float]:
-        """Return the distances moved forward and backward along x from the start to the ends, m, of a path (k, 2) m."""
+        """Return the distances from the start to the foremost and the rearmost point of a path (k, 2) m along x, m."""
         return float(path[:, 0].max() - path[0, 0]), float(path[0, 0] - path[:, 0].min())
 
     @property
@@ -135,7 +135,7 @@ class Sweep:
 
 
 def sweep(robot: Robot, seed: int = 0, reach: float = 0.10, stops: int = 4) -> Sweep:
-    """Do the calibration of section 4.7: move the trunk to +reach and -reach m over the feet, and return readings.
+    """Move the trunk to +reach and -reach m over the feet, as in section 4.7 of Walas & Belter, and return readings.
 
     `stops`: number of stops on the way to each end; `seed`: of the sensors.
     """

@@ -115,7 +115,7 @@ def evaluate(seed: int, ok: bool, columns: Columns, robot: str) -> Experiment:
 
 
 def _walking(log: Log) -> NDArray[np.bool_]:
-    """Return a flag for each inertial row (n,), true from the first to the last at which the robot moves on."""
+    """Return a flag for each inertial row (n,), true from the first to the last row at which the robot advances."""
     rows = round(MEAN_S / float(np.median(np.diff(log.seconds))))
     at = log.position
     ahead = np.zeros(len(at))

@@ -91,7 +91,7 @@ class _Rows(NamedTuple):
 
 
 class _PushTerms(NamedTuple):
-    """Direction of the push (the stroke of the foot), and products of it, for one pass over the cells."""
+    """Direction of the push (unit vector of the foot's stroke), and products of it, for one pass over the cells."""
 
     fx: np.float32
     """x of the push's unit vector, map axes, no unit."""
@@ -100,7 +100,7 @@ class _PushTerms(NamedTuple):
     n_z: np.float32
     """z of the ground normal before it is scaled to unit length: four times the edge of a cell, m."""
     lift: np.float32
-    """n_z times z of the push's unit vector, m."""
+    """Product of `n_z` and the z component of the push's unit vector, m."""
     ahead: bool
     """True if the push points to +x, False if it points to -x."""
     sx: np.float32

@@ -21,9 +21,10 @@ class FootholdGround:
     """Layers over one grid on which footholds are chosen, map frame, (ny, nx) each."""
 
     surface: HeightMap
-    """Heights of the ground, filtered, m."""
+    """Heights of the ground after the median filter, m, map frame."""
     centres: HeightMap
-    """Heights of a foot CENTRE whose sphere rests on the surface, m; a foot is sent there."""
+    """Heights of the centre of a foot whose sphere rests on the surface, m, map frame; legs are sent to these
+    points."""
     foot_radius: float
     """Radius of the foot sphere, m."""
     smooth: bool

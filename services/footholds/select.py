@@ -102,11 +102,11 @@ class Foothold:
     foothold: Point | None = None
     """Centre of the foot on landing, map frame, m; None = infeasible."""
     contact: Point | None = None
-    """Contact point on the ground, map frame, m."""
+    """Point where the foot touches the ground, map frame, m; None = infeasible."""
     normal: Point | None = None
-    """Unit normal of the ground, map axes."""
+    """Unit normal of the ground under the foothold, map axes; None = infeasible."""
     trunk_shift: float = 0.0
-    """Signed change of trunk height that makes the foothold reachable, m."""
+    """Change of trunk height that makes the foothold reachable, m, up positive; 0 = none is needed."""
     score: float = math.nan
     """Cost Q = P + k K4 of the chosen cell, no unit; NaN = infeasible."""
     slip: float = math.nan

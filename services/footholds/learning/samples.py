@@ -27,7 +27,7 @@ class StanceSample:
     """One step of a foot (a stance) as a sample for learning: ground, chosen foothold, stroke and measured slip."""
 
     trial: str
-    """Name of the walk or trial; folds of the cross-validation are made of whole trials."""
+    """Name of the walk or trial; folds of the cross-validation hold whole trials."""
     leg: int
     step: int
     """Number of the choice of footholds in the trial; trial, leg and step together name the stance."""
@@ -62,7 +62,8 @@ class StanceSample:
     scale: int = SCALES[0]
     """Cells on each side of the middle of the fitted planes, 1 to 4; the noisier the map, the larger."""
     heights_um: tuple[int, ...] = ()
-    """Heights about the chosen cell relative to it, row by row, micrometres; -2^31 = unknown."""
+    """Heights around the chosen cell relative to it, 13 x 13 cells row by row, micrometres; -2^31 = unknown; empty =
+    not kept."""
 
     def around(self) -> Layer | None:
         """Return the heights about the chosen cell relative to it, (n, n) m, NaN = unknown; None if there are none."""

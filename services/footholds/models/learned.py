@@ -50,11 +50,11 @@ class Conditions:
     """Map, foot and robot that a model was learned with."""
 
     cell: float
-    """Edge of a cell, m."""
+    """Edge of a cell of the maps that the model was learned on, m."""
     smooth: bool
     """True if the map went through the 3 x 3 median filter, False if its heights are as received."""
     foot_radius: float
-    """Radius of the foot sphere, m."""
+    """Radius of the foot sphere of the robot that the model was learned with, m."""
     robot: str = ""
     robot_hash: str = ""
 
@@ -116,7 +116,7 @@ class LearnedModel:
     choice: dict[str, float] = field(default_factory=dict)
     """Numbers of the fit by name: terms, ridge, error of the folds."""
     provenance: tuple[str, ...] = ()
-    """Sources of the samples, one line each."""
+    """Sources of the samples that the model was learned from, one line each."""
 
     @property
     def name(self) -> str:

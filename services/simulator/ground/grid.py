@@ -20,7 +20,7 @@ class TerrainBox:
     """One solid box of the ground."""
 
     position: tuple[float, float, float]
-    """Centre, (x, y, z) m, frame `map`."""
+    """Centre of the box, (x, y, z) m, frame `map`."""
     half_size: tuple[float, float, float]
     """Half lengths of the edges along the box's own x, y, z, m."""
     quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)

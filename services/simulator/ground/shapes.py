@@ -36,8 +36,8 @@ DEMO_STEPS_AT = 0.95  # m, the first riser
 ROOM = ((-1.0, -1.0), (1.5, -1.0), (1.5, 1.0), (-1.0, 1.0))  # m, corners of the floor, counter-clockwise
 CORRIDOR_FLOOR = ((-1.0, -1.0), (6.5, -1.0), (6.5, 1.0), (-1.0, 1.0))  # m: 7.5 x 2 m, that of Osswald et al.
 CORNER_FLOOR = ((-1.0, -1.0), (5.0, -1.0), (5.0, 5.0), (3.0, 5.0), (3.0, 1.0), (-1.0, 1.0))
-"""Corners of an L-shaped floor, m: 2 m wide, 4 m along x from (0, 0) to (4, 0), then 4 m along y to (4, 4), a good
-goal."""
+"""Corners of an L-shaped floor, (x, y) m, map frame: 2 m wide, 4 m along x from (0, 0) to (4, 0), then 4 m along y to
+(4, 4)."""
 WALL = 0.05  # m, thickness of the walls
 WALLED_CELL = 0.01  # m, of the maps of corridor and corner
 

@@ -200,7 +200,7 @@ class Disturbances:
         return Samples(*arrived)
 
     def _failed(self, tick: int, sample: ContactSample, touch: NDArray[np.bool_]) -> ContactSample | None:
-        """Return the sample of foot sensors that fail as a whole, None if lost; `touch` (P,): switches before that."""
+        """Return the foot sensors' sample after whole-sensor faults, None if lost; `touch` (P,): switches before."""
         force = np.zeros(0) if sample.normal_force is None else sample.normal_force
         x = self.faults.fail(tick, "contacts", np.concatenate((np.where(touch, 1.0, -1.0), force)))
         if x is None:

@@ -160,7 +160,7 @@ class Checkpoint:
     """Everything that decides the future of a simulated world: state of the physics, sensors and faults."""
 
     physics: Array
-    """Integration state of MuJoCo, as `mj_getState` returns it."""
+    """Integration state of MuJoCo's physics, 1-D, as `mj_getState` returns it."""
     meta: str
     """Random streams, biases, dividers, faults, pushes and changes to the model, as JSON."""
 

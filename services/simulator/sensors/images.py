@@ -88,7 +88,7 @@ class TakenImage(NamedTuple):
     focal: float
     """Focal length that the camera driver reports, px."""
     exposure: float
-    """Exposure time, s."""
+    """Exposure time of each row of the image, s."""
     readout: float
     """Time between the readout of the first and of the last row of a rolling shutter, s."""
     format: Literal["gray8", "jpeg"]
