@@ -149,7 +149,7 @@ class Framed:
 
 
 class FrameBus(MemoryBus):
-    """The in-memory bus with frames for those topics that have them; one for each node, all with the same readers."""
+    """In-memory bus with frames for topics that are framed; one for each node, all with common readers."""
 
     def __init__(self, shared: MemoryBus, readers: list[tuple[str, dict[str, Topic[Any]], Any, bool]]) -> None:
         self.__dict__.update(vars(shared))
@@ -194,7 +194,7 @@ class FrameBus(MemoryBus):
 
 
 def system_of(way: str) -> local.LocalSystem:
-    """Return the bare services on one bus; `way`: `memory` or `frames`."""
+    """Return the bare services on one bus; `way`: kind of bus, `memory` or `frames`."""
     driver = BareDriver(ServiceConfig())
     services = [driver, *(kind(ServiceConfig()) for kind in (BareEstimator, BareWalker, BareStability, BareRecorder))]
     for topic in MADE:

@@ -283,7 +283,7 @@ class Recorded(Driver[ServiceConfig]):
 
 
 class Echo(Service[ServiceConfig]):
-    """Service that answers the samples of every tick with the same message."""
+    """Service that answers the samples of every tick with a message of fixed content."""
 
     name = "walker"
     inputs, outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS), (STATE_GAIT,)

@@ -59,7 +59,7 @@ def _axes() -> tuple[Array, Array]:
 
 
 def _spectral(rng: Random, exponent: float, shortest: float = 0.012) -> Array:
-    """Return heights of random phases whose amplitudes fall with frequency^-(1 + exponent), (ny, nx), deviation 1."""
+    """Return heights of random phases, amplitudes falling with frequency^-(1 + exponent), (ny, nx), unit rms."""
     f = np.hypot(np.fft.fftfreq(NY, CELL)[:, None], np.fft.rfftfreq(NX, CELL)[None, :])
     size = np.where((f > 1.5) & (f < 1.0 / shortest), np.maximum(f, 1e-9) ** -(1.0 + exponent), 0.0)
     z = np.fft.irfft2(size * np.exp(2j * math.pi * rng.random(f.shape)), (NY, NX))

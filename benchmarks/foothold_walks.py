@@ -68,7 +68,7 @@ class Averaged(HandScore):
 
     @property
     def landing_error(self) -> float:
-        """Standard deviation of landings, m."""
+        """Standard deviation of landings around the chosen cell, m."""
         return 0.005
 
 

@@ -54,7 +54,7 @@ ONE = "--logs synthetic"
 
 
 def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log]]:
-    """Yield name, way of relative poses in m (NaN without truth) and log of those that can be read; print the others.
+    """Yield name, length of relative poses, m (NaN without truth), and log of those that are readable; print the rest.
 
     Raises:
         SurefootError: there is no log of this name.
@@ -88,7 +88,7 @@ def own_sets(sets: str) -> list[LogSet]:
 
 
 def chosen_of(estimators: str) -> tuple[str, ...]:
-    """Return estimators by commas that are installed, by default all; print the others.
+    """Return the installed ones of the named estimators, all by default; print those that are not installed.
 
     Raises:
         SurefootError: there is no such estimator.

@@ -135,7 +135,7 @@ def damage(value: Any, random: Random) -> Any:
 
 
 def spoil(data: bytes, random: Random) -> bytes:
-    """Return bytes with one of them changed, a piece put in, doubled or cut off."""
+    """Return bytes of which one is changed, or a piece is inserted, doubled or cut off."""
     place, end = sorted((random.randint(0, len(data)), random.randint(0, len(data))))
     match random.randrange(5):
         case 0:

@@ -47,7 +47,7 @@ WEIGHED_S = 3.0
 
 
 def wrapped(angle: float) -> float:
-    """Return the same angle in [-pi, pi), rad."""
+    """Return an angle, rad, wrapped to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 

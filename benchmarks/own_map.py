@@ -127,7 +127,7 @@ def errors_of(mapper: Mapper, odometry: Odometry, world: PhysicsWorld) -> CellEr
 
 
 def walked(arm: str, seed: int) -> Line:
-    """Walk under an arm; return sliding, fall, way, and the errors of cells in the mean over the published maps."""
+    """Walk under an arm; return sliding, fall, distance, and the mean errors of cells over the published maps."""
     found: list[CellErrors] = []
     mappers: list[MapperService] = []
 

@@ -167,7 +167,7 @@ def rough(sample: StanceSample) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutModels:
-    """A slip model made without rough ground, one made of all samples, and the stances on which errors are taken."""
+    """Slip model made without rough ground, one made of all samples, and the stances on which errors are measured."""
 
     first: LearnedModel
     """Model of the training samples without those on withheld ground."""

@@ -32,14 +32,14 @@ from surefoot.services.navigator.policy.params import load
 BENCH = Bench("policies")
 
 STEER_COSTLY_ABOVE = -1.0
-"""Entropy of the belief, nats, above which the steering controller stands and looks; of -3 .. -0.5 the value of least
+"""Entropy of the belief, nats, above which the steering controller stands still; the value of -3 .. -0.5 with the least
 time with `paper-arcs` on stream 1."""
 DRIFTS = (0, 1, 2, 3, 4, 5, 6, 7, 8)
 
 
 @dataclass
 class Study:
-    """Policies run on the same episodes, and the tables of their times."""
+    """Results of policies run on common episodes, and the tables of their times."""
 
     seeds: Seeds
     lines: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
@@ -88,7 +88,7 @@ class Study:
         self._rows, self._compared = [], []
 
     def four(self, params: str, baseline: float, gap: float) -> None:
-        """Compare the controllers with the paper's four actions."""
+        """Compare the controllers that have the four actions of Osswald et al."""
         three = self.times(params, "hand", ("filter.states=3",))
         plain, tuned, limit = (self.times(params, name) for name in ("hand", "tuned", "limit"))
         ours = self.times(params, "planner")
@@ -219,7 +219,7 @@ FASTER = {"paper": 7.0, "paper-blur": 5.0}
 
 @cache
 def baseline(name: str, evaluation: Seeds) -> tuple[float, Any]:
-    """Return the 35 deg controller's best threshold on the tuning episodes and its results on the others."""
+    """Return the 35 deg controller's best threshold on the tuning episodes and its results on the evaluation ones."""
     world = arrays(load(name))
     times = {
         h: episodes(world, hand(world, stand_above=h), TUNING, stream=TUNING_STREAM)["seconds"].mean()

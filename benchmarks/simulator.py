@@ -114,7 +114,7 @@ def bare_replay(commands: Array, seed: int) -> float:
 
 
 def in_demo(seed: int = 0) -> tuple[float, float, float]:
-    """Return us of CPU per tick: a bare replay, and in the demo the simulator's physics and all of its process."""
+    """Return processor times per tick, us: of a bare replay, of the simulator's physics in the demo, of its process."""
     endpoint = free_address()
     with tempfile.TemporaryDirectory() as folder:
         compose, scenario, booked = (Path(folder) / name for name in ("timed.yaml", "timed.toml", "physics.json"))

@@ -264,7 +264,7 @@ class BlindRun(NamedTuple):
     time: float
     """Time from the beginning of the fault to the first flag, s; NaN = no flag."""
     sd: tuple[float, float]
-    """Standard deviation of the position when the fault begins, and at the end, m."""
+    """Standard deviations of the position when the fault begins and at the end, m."""
     lost: bool
     """True if the robot counts as lost at the end of the run, else False."""
 

@@ -155,7 +155,7 @@ class ResetRequest(Request):
         return {name: fields[name] for name in self.model_fields_set if name != "world"} | {"world": world}
 
     def over(self, before: "ResetRequest") -> "ResetRequest":
-        """Return the request that ``keep`` means after another one: the fields given here, the others as before."""
+        """Return the request with ``keep`` resolved: fields that it does not give are those of `before`."""
         if not self.keep:
             return self
         wanted = {name: getattr(self.world, name) for name in self.world.model_fields_set}

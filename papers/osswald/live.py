@@ -43,7 +43,7 @@ def read(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def findings(path: Path) -> list[Finding]:
-    """Return rows with the times to the goal beside the paper's, and the gain of the learned policy with its t-test."""
+    """Return findings: times to the goal beside those of Osswald et al., and the gain of learning with its t-test."""
     runs = read(path)
     times = {arm: _times(found) for arm, found in runs.items()}
     where, rows = "VI-C, live", list[Finding]()

@@ -29,7 +29,7 @@ class Elementary:
     """Rates lambda of each function (rounded: exponent of a power), for m terms of d inputs, (m, d), no unit."""
 
     def columns(self, u: Array) -> Array:
-        """Return the m terms phi_q at inputs u (n, d), each cut at +-LARGEST, (n, m), no unit."""
+        """Return the m terms phi_q at inputs u (n, d), each clipped to +-LARGEST, (n, m), no unit."""
         x, a, rate = u[:, None, :], self.centres[None], self.rates[None]
         n = np.clip(np.rint(rate), 0.0, MAX_POWER)
         with np.errstate(over="ignore", invalid="ignore"):

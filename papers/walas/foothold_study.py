@@ -29,6 +29,6 @@ class FootholdStudy:
 
 
 def predicted(model: LearnedModel, a: float, b: float) -> float:
-    """Return the slip P of a model at K1 = 8 cell a, K2 = 8 cell b, cos K3 = 0, cut to its learned ranges."""
+    """Return the slip P of a model at K1 = 8 cell a, K2 = 8 cell b, cos K3 = 0, clipped to its learned ranges."""
     low, high = np.array(model.ranges).T
     return float(model.terms.values(np.clip(np.array([[a, b, 0.0]]), low, high))[0])

@@ -124,13 +124,13 @@ class Sweep:
 
     @property
     def gain_by_trunk(self) -> float:
-        """Return the torque gain by section 4.7 as printed: the trunk's travel (20 cm) over that of the printed CoM."""
+        """Return the torque gain by 4.7 of Walas & Belter as printed: travel of trunk (20 cm) over printed CoM's."""
         moved = self.ways(np.array([r.trunk - self.readings[0].trunk for r in self.readings]))
         return gain_of_47(sum(moved), self.ways(self.printed))
 
     @property
     def gain_by_com(self) -> float:
-        """Return the torque gain by section 4.7, with the CoM's travel by kinematics in place of the trunk's."""
+        """Return the torque gain by 4.7 of Walas & Belter, by the travel of the CoM by kinematics, not of the trunk."""
         return gain_of_47(sum(self.ways(self.kinematic)), self.ways(self.printed))
 
 

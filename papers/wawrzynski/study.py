@@ -75,7 +75,7 @@ class Experiment:
 
 
 def estimators() -> tuple[str, ...]:
-    """Return the names of the estimators that are compared: the paper's four, and those of this project."""
+    """Return the names of the compared estimators: the four of Wawrzynski et al., and those of this project."""
     return (*PAPER, "ekf", *(("best",) if "best" in names() else ()))
 
 

@@ -1,4 +1,4 @@
-"""Seeded synthetic walks with exact truth, for tests, studies and the reproduction of the paper's experiment.
+"""Seeded synthetic walks with exact truth, for tests, studies and the reproduction of Wawrzynski et al.
 
 The paper's robot: a biped of 35 cm that walks 3.57 cm/s with steps of 0.5 s, IMU at 100 Hz, servo encoders of
 0.293 deg and foot switches at 30 Hz. Its Table I is not public: the legs are the six-joint chain of `bioloid_chains`.

@@ -66,7 +66,7 @@ class Limits:
 
 
 class _HeightGrid(NamedTuple):
-    """A map of ground heights, and where its cells lie, for kernels."""
+    """Map of ground heights and the position of its cells, for kernels."""
 
     z: Layer
     """Ground heights, row along y, column along x, (ny, nx) m."""

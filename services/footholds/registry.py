@@ -94,7 +94,7 @@ class SlipModels:
             self._use(made)
 
     def reset(self) -> None:
-        """Drop the map and models of jobs before the reset; finish re-learning under way and use its model."""
+        """Drop the map and models of jobs before the reset; finish re-learning that is running and use its model."""
         self.ground = None
         self.job.forget()
         made = None if self.learner is None else self.learner.close()
@@ -102,7 +102,7 @@ class SlipModels:
             self._use(made)
 
     def close(self) -> None:
-        """Cancel the learning job, and wait for re-learning that is under way."""
+        """Cancel the learning job, and wait for re-learning that is running."""
         self.job.close()
         if self.learner is not None:
             self.learner.close()

@@ -69,12 +69,12 @@ class Footholds(Service[FootholdsConfig]):
         self.handle(topics.FOOTHOLDS_LEARN, self.models.job.answer)
 
     def on_stop(self) -> None:
-        """End the learning that is under way, and the thread of batches."""
+        """End the running learning jobs, and the thread of batches."""
         self.models.close()
         self.steps.stop()
 
     def rehearse(self) -> None:
-        """Answer made-up requests on a made-up map, as another service of the same configuration."""
+        """Answer made-up requests on a made-up map, in a copy of the service with this configuration."""
         other = Footholds(self.config.model_copy(update={"relearn": "off"}))
         other.on_start()
         other.latched.ground = made_up_ground(other.robot, self.config.smooth)

@@ -194,7 +194,7 @@ class PhysicsWorld:
         self._release()
 
     def _run_to(self, step: int) -> None:
-        """Advance the physics up to a step; set-points that arrive on the way take effect at their time."""
+        """Advance the physics up to a step; set-points that arrive before take effect at their step."""
         while (arrival := self._line.arrival(step)) is not None:
             at, (position, limit) = arrival
             if at > self.steps:

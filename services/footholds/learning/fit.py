@@ -1,4 +1,5 @@
-"""From samples to a slip model: bins, terms fitted to their means, and cross-validation of the settings of the fit."""
+"""Fit of a slip model to samples: bins, terms fitted to their means, and cross-validation of the settings of the
+fit."""
 
 import hashlib
 import math

@@ -56,7 +56,7 @@ class LearnJob:
         return found
 
     def forget(self) -> None:
-        """Drop the models of all jobs started so far, as after a reset; jobs under way still write their files."""
+        """Drop the models of all jobs started so far, as after a reset; jobs that still run write their files."""
         with self._lock:
             self._past, self._finished = self.number, None
 

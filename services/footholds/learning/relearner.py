@@ -91,7 +91,7 @@ class Relearner:
         return None
 
     def close(self) -> LearnedModel | None:
-        """Wait for a fit that is under way and drop waiting outcomes; return the model of the fit, or None."""
+        """Wait for a running fit and drop waiting outcomes; return the model of the fit, or None."""
         self._waiting.clear()
         return None if self._thread is None else self._finish()
 

@@ -24,7 +24,7 @@ class SlipModel(Protocol):
 
     @property
     def landing_error(self) -> float:
-        """Standard deviation of landings about the chosen cell, m.
+        """Standard deviation of landings around the chosen cell along each axis, m.
 
         The predicted slip P is averaged over landings of this error; where it is 0, over the free cells of 3 x 3.
         """
@@ -32,7 +32,7 @@ class SlipModel(Protocol):
 
     @property
     def relief(self) -> bool:
-        """True if the coefficients are those of planes at the scale of the map, False for the paper's 3 x 3 cells."""
+        """True if coefficients come from fitted planes, False if from 3 x 3 cells as by Walas & Belter."""
         ...
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:

@@ -326,7 +326,7 @@ class FaultBank:
 
 
 def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detection:
-    """Return a landmark with the looks of another one of the map, whose descriptors are `looks` (n, d); noise stays."""
+    """Return a landmark with the descriptor of another one, drawn from `looks` (n, d); its noise is kept."""
     if len(looks) < 2 or mark.landmark < 0:
         return mark
     other = int(rng.integers(len(looks) - 1))

@@ -55,9 +55,9 @@ class ServoLine:
         return self._coming.pop(0) if self._coming and self._coming[0].step <= until else None
 
     def state(self, step: int) -> list[Any]:
-        """Return the commands under way, their steps counted from `step`, as plain JSON values."""
+        """Return the commands that have not arrived, their steps counted from `step`, as plain JSON values."""
         return [[at - step, pack(command)] for at, command in self._coming]
 
     def restore(self, step: int, state: list[Any]) -> None:
-        """Set the commands under way to a `state` that was returned earlier, its steps counted from `step`."""
+        """Set the commands that have not arrived to an earlier returned `state`, its steps counted from `step`."""
         self._coming = [Arrival(step + ahead, unpack(ServoCommand, command)) for ahead, command in state]

@@ -53,7 +53,7 @@ class Texture(NamedTuple):
 
 
 def _noise(shape: tuple[int, int], cell: tuple[float, float], rng: np.random.Generator) -> Array:
-    """Return smooth noise of about unit deviation, of a shape (rows, cols), with features of `cell` pixels each way."""
+    """Return smooth noise of unit standard deviation, (rows, cols), with features of `cell` pixels (rows, cols)."""
     size = [max(2, math.ceil(n / c) + 2) for n, c in zip(shape, cell, strict=True)]
     grid = rng.standard_normal(size).astype(np.float32)
     for axis, (n, c) in enumerate(zip(shape, cell, strict=True)):
