@@ -95,7 +95,7 @@ def gyro_alone(log: Log) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class LegOut:
-    """Agreement of estimates that use all legs but one; a log without truth has nothing better."""
+    """Agreement of estimates that leave out one leg each with that by all legs, for logs without truth."""
 
     difference: float = NAN  # cm/s, rms over legs and rows, of the velocity against that with all legs
     worst: float = NAN  # cm/s, the same of the worst leg

@@ -257,7 +257,7 @@ def turns(*, robots: int = 12, world: World, processes: int = 1) -> None:
 
 @BENCH.part("--robots 1")
 def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
-    """Time and way until the navigator counts as lost with a map that does not fit the floor.
+    """Time and distance until the navigator counts as lost with a map that does not fit the floor.
 
     Args:
         robots: of each map.

@@ -132,5 +132,5 @@ def forget_peak(pid: int) -> None:
 
 
 def descriptors(pid: int) -> int:
-    """Return how many descriptors a process holds."""
+    """Return the number of file descriptors that a process holds open."""
     return len(list(Path(f"/proc/{pid}/fd").iterdir()))

@@ -284,7 +284,7 @@ def footholds(
 
 
 def bare_reader(domain: int) -> None:
-    """Take and decode each `rt/lowstate` of a domain, looking once in a tick, until the process ends."""
+    """Take and decode the `rt/lowstate` messages of a DDS domain once in a tick, until the process ends."""
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.sub import DataReader

@@ -58,7 +58,7 @@ def _strict_numbers(schema: Any) -> Any:
 
 
 class Strict(BaseModel):
-    """A model whose numbers are numbers. Its validator is built when it is first needed: a command needs few of all."""
+    """Base of models whose number fields refuse booleans and text; the validator is built at its first use."""
 
     model_config = ConfigDict(defer_build=True)
 
@@ -160,7 +160,7 @@ class TickRequest(Request):
 
 
 class Reply(Wire):
-    """Base of replies."""
+    """Base of replies of queryables: unknown fields are ignored."""
 
 
 class ErrorReply(Reply):

@@ -87,7 +87,7 @@ class MaskCounts(Reply):
 
 
 class LegFoothold(Reply):
-    """The foothold of one leg."""
+    """Foothold of one leg with its cost and slip, or the reason why there is none."""
 
     leg: str = Field(description="name of the leg, as asked")
     status: FootholdStatus = Field(

@@ -81,10 +81,10 @@ class Topic(Generic[M]):
     period_ns: int = field(init=False, default=0)
     """Simulated time between two messages, ns; 0 = the topic is published on events, or its rate is in wall time."""
     period_ticks: int = field(init=False, default=0)
-    """Control ticks between two messages; 0 = the driver decides when samples are released, or the topic has no
-    period."""
+    """Control ticks between two messages; 0 = a SAMPLE topic, which the driver releases, or no period in simulated
+    time."""
     wall_period_s: float = field(init=False, default=0.0)
-    """Wall time between two messages of a STATUS topic, s; 0 = published on events only."""
+    """Wall time between two messages of a STATUS topic, s; 0 = published on events, or a topic of another kind."""
 
     @cached_property
     def model(self) -> type[M]:

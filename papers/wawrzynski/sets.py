@@ -23,8 +23,8 @@ TUNING_SEEDS = range(100, 106)
 REFERENCES = ("inekf", "linear", "ekf", "paper", "kinematics", "kinematics_gyro")
 """Names of the reference estimators (referees) with which an estimator is compared."""
 PAPER_SOURCES = ("params.py", "feet/mount.py", "paper/*.py")
-"""Files of the estimator service on which the filters of Wawrzynski et al. depend; their tuned noise is kept until one
-changes."""
+"""Files of the estimator service that the filters of Wawrzynski et al. consist of; a change makes their tuned noise
+stale."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from .model import TERRAIN_BIT, Physics
 AWAY = -50.0
 """z at which an obstacle is kept, far below the floor, while it is not present, m."""
 UPRIGHT = 0.5
-"""Vertical part of a contact's unit normal below which the contact is with a wall or the side of an obstacle, not its
-top."""
+"""Magnitude of the z component of a contact's unit normal below which the contact is with a side or wall, not a top."""
 
 
 class Obstacles:
