@@ -39,11 +39,13 @@ do = "stand"
 """
 STEP = "[[step]]\nat_tick = {tick}\n{fields}\n"
 LEGS = ("lf", "lm", "lh", "rf", "rm", "rh")
-"""Legs of which one is drawn where an accident names `LEG`."""
+"""Names of the legs of which one is chosen at random where the fields of an accident contain `LEG`."""
 DRAWS, NEXT = 10, 10_000
-"""Most draws of an accident until something goes wrong, and the step of the seed from one to the next."""
+"""`DRAWS`: most attempts at an accident until something goes wrong; `NEXT`: increment of the seed from one attempt to
+the next."""
 SLID_M, SHORT = 0.008, 0.9
-"""Something went wrong: a foot slid by more than this in one stance, m; less than this share of the way was walked."""
+"""`SLID_M`: sliding of a foot in one stance, m, above which a walk went wrong; `SHORT`: share of the commanded distance
+below which a walk that ended went wrong."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,7 @@ def scenario_of(case: Accident, seed: int) -> tuple[Scenario, int]:
 
 
 def meddler(case: Accident, tick: int) -> Callable[[LocalSystem], None]:
-    """Return what stops the robot, or ends a service, at a tick."""
+    """Return a function that stops the robot, or ends a service, at a tick of a run."""
 
     def meddle(system: LocalSystem) -> None:
         supervisor = next(node.service for node in system.nodes if isinstance(node.service, Supervisor))
@@ -173,14 +175,14 @@ def record(case: Accident, seed: int, folder: Path) -> Path:
 
 
 def went_wrong(path: Path, ordered: float) -> bool:
-    """Return whether the truth shows a fall, a foot that slid, or less than the way that was ordered, m."""
+    """Return whether the truth shows a fall, a sliding foot, or a walk much shorter than `ordered`, m."""
     rows: list[Any] = [item.message() for item in read_recording(path, (SIM_TRUTH.key,))]
     slid = max(max(row.contact_sliding) for row in rows)
     return rows[-1].fallen or slid > SLID_M or dist(rows[0].position[:2], rows[-1].position[:2]) < SHORT * ordered
 
 
 def explained(case: Accident, seed: int, folder: Path, draws: int = 1) -> tuple[Explanation, int]:
-    """Return what `why` finds in a case, and its draws: an accident is drawn again while nothing goes wrong."""
+    """Return the explanation of `why` for a case, and its number of attempts, repeated while nothing goes wrong."""
     path = record(case, seed, folder)
     found = explain(path)
     if found.outcome is not None or went_wrong(path, case.distance) or not case.cause or draws == DRAWS:

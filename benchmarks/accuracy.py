@@ -176,7 +176,7 @@ def compared(
 
 
 def published(only: Sequence[str], seeds: range) -> dict[str, Any]:
-    """Print the errors of what the service published in walks with the present code; return the scores by set."""
+    """Print the errors of the estimates that the service published in new walks; return the scores by set."""
     rows: list[tuple[object, ...]] = []
     kept: dict[str, Any] = {}
     for chosen in walk_sets():
@@ -189,7 +189,7 @@ def published(only: Sequence[str], seeds: range) -> dict[str, Any]:
 
 
 def consistent(subjects: Sequence[str]) -> None:
-    """Print the mean NEES of v (3) and of the tilt (2) of one sample of each of 50 walks."""
+    """Print the mean NEES of velocity (3 degrees of freedom) and of tilt (2) over one sample of each of 50 walks."""
     rows = [(f"{name}, {kind}", *consistency(name, kind, range(1000, 1050)))
             for name in subjects for kind in ("twist", "slip")]  # fmt: skip
     table(
@@ -198,7 +198,7 @@ def consistent(subjects: Sequence[str]) -> None:
 
 
 def faulty(subject: str, only: Sequence[str], seeds: range) -> None:
-    """Print errors with a fault over those without, means over the seeds."""
+    """Print the ratio of the errors with each fault to those without it, means over the seeds."""
     rows = [
         (f"{chosen.name}, {fault.name}", f"{fault.v:.3f}", f"{fault.odometry:.3f}", fault.note)
         for chosen in (*synthetic_sets(["twist"]), *walk_sets(["bioloid"])) if not only or chosen.name in only
@@ -208,7 +208,7 @@ def faulty(subject: str, only: Sequence[str], seeds: range) -> None:
 
 
 def corrupted(name: str, kind: str, seed: int, trials: int) -> dict[str, Any]:
-    """Corrupt the inputs of an estimator on a synthetic walk at random; return what was found."""
+    """Corrupt the inputs of an estimator on a synthetic walk at random; return the counts of the campaign."""
     return {"found": fuzz(name, synthesize(KINDS[kind], seed), trials, seed)}
 
 

@@ -24,7 +24,7 @@ COMMON = {
     "results": "file to continue with, one line a run; runs that it holds are not repeated",
     "processes": "runs at a time",
 }
-"""Help of options that mean the same in every part."""
+"""Help texts of the options that have one meaning in every part of a benchmark, by name of the option."""
 F = TypeVar("F", bound=Callable[..., Any])
 Call = Callable[[], object]
 
@@ -35,7 +35,7 @@ class Part:
 
     run: Callable[..., Any]
     quick: str | None
-    """Options of the smallest run, of a few seconds; None = there is no cheap run."""
+    """Options of the smallest run, of a few seconds, as on the command line; None = there is no cheap run."""
 
 
 @dataclass
@@ -78,7 +78,7 @@ class Bench:
             self._run(*self.chosen(words))
 
     def chosen(self, words: Sequence[str]) -> tuple[str, Sequence[str]]:
-        """Return the part that the first word names, else the first part, and the words that are left."""
+        """Return the part that the first word names, else the first part, and the remaining words."""
         return (words[0], words[1:]) if words and words[0] in self.parts else (next(iter(self.parts)), words)
 
     def _run(self, name: str, words: Sequence[str]) -> None:
@@ -152,7 +152,7 @@ def _values(annotation: Any) -> dict[str, Any]:
 
 
 def finite_number(text: str) -> float:
-    """Return the number of an option; what is none, NaN or infinite raises what the parser reports."""
+    """Return the finite number in an option's text; any other text raises an error that the parser reports."""
     try:
         value = float(text)
     except ValueError:
@@ -163,12 +163,12 @@ def finite_number(text: str) -> float:
 
 
 def words_of(text: str) -> tuple[str, ...]:
-    """Return the words of a list with commas; an empty text has none."""
+    """Return the items of a comma-separated list; an empty text has none."""
     return tuple(word.strip() for word in text.split(",")) if text else ()
 
 
 def numbers_of(text: str) -> tuple[float, ...]:
-    """Return the numbers of a list with commas; raise SurefootError for a word that is none."""
+    """Return the numbers of a comma-separated list (raises SurefootError: an item is no number)."""
     try:
         return tuple(float(word) for word in words_of(text))
     except ValueError:

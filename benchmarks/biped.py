@@ -75,20 +75,21 @@ class Setting:
     set: str = ""
     robot: str = "bioloid"
     push: Sequence[float] | None = None
-    """Force in N, direction in deg, phase of a step 0..1 in which it begins; for 0.1 s at the trunk."""
+    """Push of the trunk for 0.1 s: force in N, direction in deg, phase 0..1 of a step at which it begins; None = no
+    push."""
 
 
 class Capture(NamedTuple):
     """True capture point at the end of a push, in axes of the sole of the step's standing foot."""
 
     ahead_mm: float
-    """Ahead of the ankle, mm."""
+    """Distance of the capture point ahead of the ankle, mm."""
     outward_mm: float
-    """From the ankle away from the swinging foot, mm."""
+    """Distance of the capture point from the ankle away from the swinging foot, mm."""
     beyond_mm: float
-    """Distance to the sole's outline, mm, negative inside."""
+    """Distance of the capture point beyond the sole's outline, mm; negative = inside the outline."""
     edge: str
-    """Side of the sole that it lies beyond, or is nearest to."""
+    """Edge of the sole (front, rear, outer, inner) that the capture point lies beyond, or is nearest to."""
 
 
 def robot_with(setting: Setting) -> Robot:
@@ -123,7 +124,7 @@ class Feet:
         self.slip = self.twist = 0.0
 
     def look(self, truth: Any, stance: Any) -> None:
-        """Take the state of a tick: largest way and turn of a foot since it began to stand by plan."""
+        """Update the largest slip, m, and twist, rad, of standing feet by the state at the end of a tick."""
         rot, _ = kinematics.forward(self.model, truth.joints)
         base, yaw = rotations.matrix_from_quat(truth.quat_wxyz), _yaw(truth.quat_wxyz)
         self.turned += 0.0 if math.isnan(self._last) else _wrap(yaw - self._last)
@@ -181,7 +182,7 @@ class Run:
         return not truth.fallen and world.tick * TICK_S < LIMIT_S
 
     def _ended(self, truth: Any) -> bool:
-        """Give the commands and the push that are due; return whether the robot has ended its walk."""
+        """Issue the commands and the push that are due; return whether the robot has ended its walk."""
         out, walker, now = self.out, self.walker, self.world.tick * TICK_S
         if self.began < 0:
             standing = out.state == "standing" and walker.state.clock > 50
@@ -199,7 +200,7 @@ class Run:
         return out.state in ("standing", "refused") and walker.state.clock > 60
 
     def _push(self) -> None:
-        """Push in the wanted phase of a step of the left foot."""
+        """Push the trunk when a step of the left foot reaches the wanted phase."""
         s = self.walker.state
         assert self.setting.push is not None
         assert s.step is not None

@@ -21,7 +21,7 @@ from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.select import Foothold, Landing, TrunkPose
 
 PATIENCE_TICKS = 400
-"""Ticks after which a child reports the stances that are over."""
+"""Number of ticks after which a child process stops walking and reports the stances that have ended."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class Arm:
 
     name: str
     stances: tuple[ChosenStance, ...]
-    """Stances of the legs in question; fewer than legs when the walker refused the step or the robot fell."""
+    """Ended stances of the legs under comparison; fewer than legs when the walker refused the step or the robot
+    fell."""
     fallen: bool = False
 
 
@@ -39,9 +40,9 @@ class PairedState:
     """Outcomes of all candidate rules of footholds from one state of a walk."""
 
     step: int
-    """Number of the request in the walk."""
+    """Number of the foothold request in the walk."""
     legs: tuple[int, ...]
-    """Legs whose footholds differ between the candidates."""
+    """Indices of the legs whose footholds differ between the candidates."""
     arms: tuple[Arm, ...]
 
     def sliding(self, arm: Arm) -> float:
@@ -70,9 +71,9 @@ class Branching:
     seed: int = 0
     states: list[PairedState] = field(default_factory=list)
     legs: tuple[int, ...] = ()
-    """Legs in question, in a child."""
+    """Indices of the legs under comparison, in a child process; empty in the parent."""
     _write: int = -1
-    """Pipe to the parent, in a child; -1 in the parent."""
+    """File descriptor of the pipe to the parent, in a child process; -1 in the parent."""
     _step: int = 0
     _landing: tuple[int, ...] = ()
 

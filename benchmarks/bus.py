@@ -63,7 +63,7 @@ def publish(bus: ZenohBus, publisher: Any, message: Any) -> None:
 
 
 def echo(router: str, ready: Any, stop: Any) -> None:
-    """Return every message in the way it came, in a process of its own."""
+    """Send every message back in the format in which it came, in a process of its own."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE))
     work: SimpleQueue[Any] = SimpleQueue()
     pong, lone_pong = bus.publisher(PONG), bus.publisher(LONE_PONG, framed=False)

@@ -38,7 +38,7 @@ from surefoot.schemas.topics import (
 
 EXPECT = ("estimator", "walker", "stability", "recorder")
 TICKS = 100
-"""Ticks of a block."""
+"""Number of control ticks of one timed block."""
 KINEMATICS_TICKS = 3
 FEET, JOINTS = 6, 18
 ZERO, POSE = (0.0, 0.0, 0.0), tuple(0.1 * i + 1 / 3 for i in range(JOINTS))
@@ -67,7 +67,7 @@ MADE: dict[Topic[Any], Message] = {
 
 
 class BareDriver(Driver[ServiceConfig]):
-    """Releases samples at the rates of the robot's sensors."""
+    """Driver that releases samples at the rates of the robot's sensors."""
 
     name = "simulator"
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
@@ -128,7 +128,7 @@ class BareRecorder(Bare):
 
 
 class Framed:
-    """A publisher whose messages go into its owner's frame."""
+    """Publisher whose messages go into its owner's frame."""
 
     watched = False
 
@@ -149,7 +149,7 @@ class Framed:
 
 
 class FrameBus(MemoryBus):
-    """The in-memory bus with frames for those topics that have them; one for each node, all with the same readers."""
+    """In-memory bus with frames for topics that are framed; one for each node, all with common readers."""
 
     def __init__(self, shared: MemoryBus, readers: list[tuple[str, dict[str, Topic[Any]], Any, bool]]) -> None:
         self.__dict__.update(vars(shared))
@@ -194,7 +194,7 @@ class FrameBus(MemoryBus):
 
 
 def system_of(way: str) -> local.LocalSystem:
-    """Return the bare services on one bus; `way`: `memory` or `frames`."""
+    """Return the bare services on one bus; `way`: kind of bus, `memory` or `frames`."""
     driver = BareDriver(ServiceConfig())
     services = [driver, *(kind(ServiceConfig()) for kind in (BareEstimator, BareWalker, BareStability, BareRecorder))]
     for topic in MADE:

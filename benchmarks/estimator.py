@@ -37,7 +37,7 @@ BENCH = Bench("estimator")
 
 NAMESPACE = "surefoot/bench"
 WARM = 400
-"""Rows of a log before the clock counts."""
+"""Number of rows of a log that are processed before timing begins."""
 REPEATS = 3
 
 
@@ -93,14 +93,14 @@ def filterpy_step(log: Log) -> float:
 
 
 def step_us(name: str, log: Log) -> float:
-    """Return the time of a row of a log by an estimator, with the whole estimate, us."""
+    """Return the time per row of a log that an estimator needs, with the whole estimate, us."""
     began = time.thread_time()
     track(name, log)
     return 1e6 * (time.thread_time() - began) / len(log.stamp_ns)
 
 
 def live_us(name: str, log: Log) -> float:
-    """Return the time of a row given sample by sample from Python, with flags and reasons, us."""
+    """Return the time per row of a log given sample by sample from Python, with flags and reasons, us."""
     running, inputs = LogRunner(name, log, {}), list(inputs_of(log, range(len(log.stamp_ns))))
     began = 0.0
     for k, x in enumerate(inputs):
@@ -112,7 +112,7 @@ def live_us(name: str, log: Log) -> float:
 
 
 def late_ms(name: str, log: Log, seconds: float = 0.3) -> tuple[float, float]:
-    """Return median and largest time of a tick in which a foot sample comes so much late, ms."""
+    """Return median and largest time of a tick in which a foot sample comes `seconds` late, ms."""
     running, costs = LogRunner(name, log, {}), []
     late = replace(log, foot_ns=log.foot_ns + round(1e9 * seconds))
     for k, x in enumerate(inputs_of(late, range(len(log.stamp_ns)))):
@@ -126,7 +126,7 @@ def late_ms(name: str, log: Log, seconds: float = 0.3) -> tuple[float, float]:
 
 
 def at_1_khz(log: Log) -> Log:
-    """Return a log with ten inertial rows for each of another."""
+    """Return a log in which each inertial row is replaced by ten, as from a sensor of 1 kHz."""
     first = log.stamp_ns[0] - 10_000_000
     stamps = first + 1_000_000 * np.arange(1, 10 * len(log.stamp_ns) + 1)
     w, q = (np.repeat(x, 10, axis=0) for x in (log.w, log.q))
@@ -191,7 +191,7 @@ def speed(*, estimators: str = default()) -> None:
 
 SAMPLES, TIMES, TICKS = "SUREFOOT_BENCH_SAMPLES", "SUREFOOT_BENCH_TIMES", "SUREFOOT_BENCH_TICKS"
 WARM_TICKS = 200
-"""Ticks of the service before the clock counts."""
+"""Number of ticks of the service before timing begins."""
 ANSWER = GaitState(walk_id=1, state="walking", phase=0.0, stance=(), footholds=(), remaining=0.0)
 
 TICK_CODE = """
@@ -235,7 +235,7 @@ def samples() -> dict[str, np.ndarray]:
 
 
 class Recorded(Driver[ServiceConfig]):
-    """Plays the samples of a walk and takes the times of the answers."""
+    """Driver that plays the samples of a walk and measures the times of the answers."""
 
     name = "simulator"
     outputs, serves = (HW_IMU, HW_JOINTS, HW_CONTACTS), (SIM_JOIN,)
@@ -283,7 +283,7 @@ class Recorded(Driver[ServiceConfig]):
 
 
 class Echo(Service[ServiceConfig]):
-    """Service that answers the samples of every tick with the same message."""
+    """Service that answers the samples of every tick with a message of fixed content."""
 
     name = "walker"
     inputs, outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS), (STATE_GAIT,)
@@ -293,7 +293,7 @@ class Echo(Service[ServiceConfig]):
 
 
 def latencies(ticks: int, folder: Path) -> dict[str, list[float]]:
-    """Return the times from release to arrival, s, by topic."""
+    """Return the times from the release of a tick to the arrival of each answer, s, by topic."""
     port = free_address()
     np.savez(folder / "samples.npz", **samples())  # pyright: ignore[reportArgumentType] - names of arrays
     here = [sys.executable, "-m", "benchmarks.estimator"]

@@ -26,9 +26,10 @@ FLOOD_HZ = 50_000
 SPAN_S = 3.0
 ROUNDS, CLIENTS = 5, 200
 READERS = ((8, "**"), (1, "*/*/@frame/*"), (8, "*/*/@frame/*"))
-"""Readers that never read: how many, of which key."""
+"""Subscribers that never read their messages: (number of subscribers, key expression) of each case."""
 OUTPUTS = ("state/velocity", "state/gait", "cmd/joints")
-"""One output of every tick of the services that take part in each tick."""
+"""Keys of outputs that the services in the loop publish in every tick, one per service, from which missed ticks are
+counted."""
 
 FLOODER = """
 import json, sys, time, zenoh

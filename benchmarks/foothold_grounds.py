@@ -33,13 +33,13 @@ BENCH = Bench("foothold_grounds")
 
 Random = np.random.Generator
 CELL, X0, NX, NY = 0.005, -0.6, 341, 221
-"""Grid of all families: edge of a cell and first x, m; cells along x and y."""
+"""`CELL`: edge of a cell, m; `X0`: x of the first column of cells, m; `NX`, `NY`: number of cells along x and y."""
 WAY = 0.6
-"""Length of a walk, m."""
+"""Length of a walk over a family of ground, m."""
 FRICTION = (0.3, 0.9)
 MAPS = ("exact", "noise", "gappy", "shifted")
 GAPS = 25.0
-"""Round holes of a gappy map, 1/m2; radius 10 to 30 mm."""
+"""Density of round unknown holes in a gappy map, 1/m^2; their radius is 10 to 30 mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Course:
     setting: Setting
     terrain: Terrain
     heights: HeightMap
-    """Map that the robot gets."""
+    """Height map that the robot gets: exact or with errors."""
 
 
 def _axes() -> tuple[Array, Array]:
@@ -59,7 +59,7 @@ def _axes() -> tuple[Array, Array]:
 
 
 def _spectral(rng: Random, exponent: float, shortest: float = 0.012) -> Array:
-    """Return heights of random phases whose amplitudes fall with frequency^-(1 + exponent), (ny, nx), deviation 1."""
+    """Return heights of random phases, amplitudes falling with frequency^-(1 + exponent), (ny, nx), unit rms."""
     f = np.hypot(np.fft.fftfreq(NY, CELL)[:, None], np.fft.rfftfreq(NX, CELL)[None, :])
     size = np.where((f > 1.5) & (f < 1.0 / shortest), np.maximum(f, 1e-9) ** -(1.0 + exponent), 0.0)
     z = np.fft.irfft2(size * np.exp(2j * math.pi * rng.random(f.shape)), (NY, NX))
@@ -67,7 +67,7 @@ def _spectral(rng: Random, exponent: float, shortest: float = 0.012) -> Array:
 
 
 def _steep(z: Array, slope: float) -> Array:
-    """Return heights scaled so that neighbouring cells differ by a mean rise per way."""
+    """Return heights (ny, nx) m scaled so that the mean slope between neighbouring cells is `slope`, no unit."""
     return z * (slope * CELL / np.abs(np.diff(z, axis=1)).mean())
 
 
@@ -80,7 +80,7 @@ def _uneven(rng: Random) -> Array:
 
 
 def _places(rng: Random, density: float) -> tuple[Array, Array]:
-    """Return x and y of points behind the pad, m; density in 1/m2."""
+    """Return x and y of random points behind the pad at the start, m; `density` in 1/m^2."""
     end, half = X0 + NX * CELL, 0.5 * NY * CELL
     n = rng.poisson(density * (end - PAD_END) * 2.0 * half)
     return rng.uniform(PAD_END, end, n), rng.uniform(-half, half, n)
@@ -187,9 +187,9 @@ SHAPES: dict[str, Callable[[Random], Array]] = {
     "grain": _grain,
 }  # fmt: skip
 REPORTED = tuple(SHAPES)[:6]
-"""Families that figures are reported on; no setting was chosen by them."""
+"""Families of ground that results are reported on; no setting was chosen by them."""
 CHOSEN_BY = tuple(SHAPES)[6:]
-"""Families that settings are chosen by."""
+"""Families of ground by which settings are chosen; no result is reported on them."""
 
 
 def course(family: str, seed: int, robot: str = "ragno") -> Course:
@@ -210,7 +210,7 @@ def course(family: str, seed: int, robot: str = "ragno") -> Course:
 
 
 def _seen(terrain: Terrain, profile: str, seed: int) -> HeightMap:
-    """Return the map that the robot gets; gappy: every tenth cell and round holes are unknown."""
+    """Return the map that the robot gets; profile `gappy`: a tenth of the cells and round holes are unknown."""
     if profile != "gappy":
         return observed_map(terrain, profile, seed)
     rng, z = np.random.default_rng([seed, *b"gaps"]), terrain.map.z.copy()

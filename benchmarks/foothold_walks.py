@@ -36,7 +36,7 @@ BENCH = Bench("foothold_walks")
 
 Pair = tuple[Array, Array]
 Lines = dict[tuple[str, str, int], Line]
-"""Walks by ground, rule and seed."""
+"""Results of walks by ground, rule of footholds and seed."""
 
 _EXACT = {
     "rough": Setting("rough", 0.9, 0.04, 0.5, profile="exact"),
@@ -45,7 +45,7 @@ _EXACT = {
     "elevation": Setting("elevation", 0.9, None, 0.5, profile="exact"),
 }
 TAUGHT = (*_EXACT, *(f"{name}-noise" for name in _EXACT))
-"""Grounds whose mean ratio is the result: four with exact and with noisy maps."""
+"""Grounds whose mean ratio of sliding is the result: four, each with exact and with noisy maps."""
 GROUNDS: dict[str, Setting] = {
     **_EXACT,
     **{f"{name}-noise": replace(setting, profile="noise") for name, setting in _EXACT.items()},
@@ -53,22 +53,22 @@ GROUNDS: dict[str, Setting] = {
     "flat": Setting("flat", 0.9, profile="exact"),
     **{f"{n}-at-{mu}": replace(_EXACT[n], friction=mu) for n in ("rough", "mixed") for mu in (0.35, 0.7)},
 }
-"""Grounds of the comparison by name: kind, way, height, friction, map."""
+"""Conditions of the grounds of the comparison by name: kind, distance (m), height (m), friction, map."""
 LEARNED = "learned"
 MEAN_OVER_HAND, EASY_OVER_HAND = 0.70, 1.05
 EASY = ("demo", "flat")
 OVER_RANDOM = {"rough": 0.15, "mixed-0.4": 0.33, "elevation": 0.33}
 RIVALS = ("nominal", "min-k2", "grid-map")
 SEEDS = 20
-"""Seeds on a ground below which a target is reported as a figure, with their number."""
+"""Number of seeds on a ground below which a target is printed together with its number of seeds."""
 
 
 class Averaged(HandScore):
-    """The hand-made score with the landing error of the learned model."""
+    """Hand-made score with the landing error of the learned model."""
 
     @property
     def landing_error(self) -> float:
-        """Standard deviation of landings, m."""
+        """Standard deviation of landings around the chosen cell, m."""
         return 0.005
 
 
@@ -165,9 +165,9 @@ class Verdict:
     value: float
     goal: str
     met: bool | None
-    """None = not on all grounds yet."""
+    """True if the target was met, False if missed; None = not all grounds have results yet."""
     pairs: int
-    """Fewest seeds on a ground."""
+    """Number of paired seeds on the ground that has the fewest."""
 
     def row(self) -> tuple[object, ...]:
         """Return the row of the table; too few seeds are named."""
@@ -309,7 +309,7 @@ FAR_MM = 2.0
 
 
 def measured(seed: int, rule: str) -> Line:
-    """Walk under a rule; return own slip and both truths of every stance, mm."""
+    """Walk under a rule; return the measured slip and both true ones of every stance, mm."""
     chosen = random_rule(seed) if rule == "random" else model_rule(HandScore(), SelectParams())
     joined = JoinedWalk(seed, SLIP, chosen)
     follower = SlipFollower(joined)

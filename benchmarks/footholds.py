@@ -41,9 +41,9 @@ from tests.services.footholds.numpy_features import map_features_numpy
 BENCH = Bench("footholds")
 
 CELL = 0.005
-"""Edge of a cell, m."""
+"""Edge of a cell of the made-up map, m."""
 STROKE = np.array([-0.05, 0.0, 0.0])
-"""Way of a foot in its stance, m."""
+"""Movement of a foot relative to the body in its stance, map axes, (3,) m."""
 
 
 class Ground:
@@ -190,7 +190,7 @@ def times(*, cells: int = 1000) -> None:
 # Test function of Kosinski & Weigl, (16) and (17) of Walas & Belter 2011:
 #     y = (1 + sqrt(x1) + 1 / x2 + x3^-1.5)^2,   APE = 100 / N sum |y - fit| / |y|
 STARTS = {"identity": ((-2.0, 8.0), (0.0, 0.1)), "log": ((-2.0, 3.0), (0.0, 0.5))}
-"""Centres and widths at the start, by warp of the inputs."""
+"""Ranges (low, high) of the random initial centres and widths of Gaussians, by warp of the inputs, no unit."""
 BOUNDS = {"identity": Bounds(-20.0, 20.0, 1.0), "log": Bounds(-20.0, 20.0, 2.0)}
 WARPS: tuple[Warp, ...] = ("identity", "log")
 

@@ -47,14 +47,14 @@ from surefoot.papers.wawrzynski.synthetic import synthesize
 BENCH = Bench("foreign")
 
 SYNTHETIC = "synthetic"
-"""Name of a short made-up walk, for a run without any file."""
+"""Name of a short generated walk, which stands in for a log when no file is present."""
 CHANGED = "icub_kindyn_walk,icub3_gazebo_sole,go1_trot_200_force,casbot_walk_a"
-"""Logs with truth of which others are variants."""
+"""Names of the logs with truth, comma-separated, that the parts with changed inputs use by default."""
 ONE = "--logs synthetic"
 
 
 def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log]]:
-    """Yield name, way of relative poses in m (NaN without truth) and log of those that can be read; print the others.
+    """Yield name, length of relative poses, m (NaN without truth), and log of those that are readable; print the rest.
 
     Raises:
         SurefootError: there is no log of this name.
@@ -88,7 +88,7 @@ def own_sets(sets: str) -> list[LogSet]:
 
 
 def chosen_of(estimators: str) -> tuple[str, ...]:
-    """Return estimators by commas that are installed, by default all; print the others.
+    """Return the installed ones of the named estimators, all by default; print those that are not installed.
 
     Raises:
         SurefootError: there is no such estimator.

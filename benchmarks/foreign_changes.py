@@ -22,26 +22,27 @@ from surefoot.services.estimator.params import EstimatorParams
 from .foreign_scores import scored
 
 FACTORS = (0.2, 5.0)
-"""On each stated noise."""
+"""Factors by which each stated noise is multiplied in turn."""
 SCALES = (0.95, 1.05)
-"""On the legs: all positions of feet from the inertial unit."""
+"""Factors by which foot positions relative to the inertial unit are multiplied, for wrongly stated leg lengths."""
 LEVELS = (0.5, 2.0)
-"""On the forces from which a foot stands."""
+"""Factors by which the contact forces are multiplied at which a foot starts and stops to count as standing."""
 OFFSET_NS = 20_000_000
-"""Between encoders and inertial unit, either way."""
+"""Time by which the foot samples are shifted against the inertial ones, in either direction, ns."""
 MIDDLE = 0.4
-"""Share of the log from which starts in motion and faults begin."""
+"""Share of a log, 0 to 1, after which starts in motion and planted faults begin."""
 RECOVERY_S = 3.0
-"""From a start in motion until scores count; at most 40 % of what is left."""
+"""Time after a start in motion before errors count, s; at most 40 % of the rest of the log."""
 DIVERGED = 2.0
-"""Error, in medians over all starts, from which a start counts as diverged."""
+"""Error, in multiples of the median error over all starts, above which a start counts as diverged."""
 ALARMS = ("filter_ok", "sensors_ok", "inputs_ok")
 WRONG = 0.05
-"""Error of the velocity from which a start with a wrong tilt counts as wrong, m/s."""
+"""Error of the velocity, m/s, above which a start with a wrong tilt counts as wrong."""
 WATCHED_S = 5.0
-"""Time after the rest in which it does, s: later two tracks differ by how they take a foot that slips."""
+"""Time after the initial rest in which wrong velocities are counted, s: later, two tracks differ by how they treat a
+foot that slips."""
 AFTER_S = 0.5
-"""Time within which a fault should be flagged."""
+"""Time after its first altered sample within which a fault should be flagged, s."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def noise_options(name: str, log: Log) -> dict[str, float]:
 
 
 def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
-    """Yield what a user may state or build wrongly.
+    """Yield changes of a log or of the estimator's options, one for each thing that a user may state or build wrongly.
 
     Args:
         name: of the estimator.
@@ -102,7 +103,7 @@ class Starts:
 
 
 def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
-    """Run an estimator from a fast moment on, once for each of `count` rotations of the inertial unit."""
+    """Run an estimator from a moment of fast motion on, once for each of `count` rotations of the inertial unit."""
     cut = from_the_middle(log, fast_moment(log))
     cut = replace(cut, begin_s=min(RECOVERY_S, 0.4 * float(cut.seconds[-1])))
     errors: list[float] = []
@@ -214,7 +215,7 @@ def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:
 
 
 def alarms(log: Log, found: Track) -> float:
-    """Return how often an hour `filter_ok` or `sensors_ok` becomes false on a clean log, in the scored part."""
+    """Return how often per hour `filter_ok` or `sensors_ok` becomes false in the scored part of a clean log."""
     rows = log.scored
     count = sum(int((np.diff(found.flags[flag][rows].astype(np.int8)) < 0).sum()) for flag in ALARMS[:2])
     return 3600.0 * count / float(np.ptp(log.seconds[rows]))

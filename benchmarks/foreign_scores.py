@@ -15,7 +15,7 @@ from surefoot.lab.estimation.track import Track
 
 NAN = float("nan")
 WARM_ROWS = 150
-"""Rows of the run that compiles the kernels before the clock starts."""
+"""Number of rows of a run that compiles the kernels before timing begins."""
 HEADERS = (
     "", "v cm/s", "0.5 s", "NEES", "in 95 %", "RPE %", "ATE cm", "end cm", "head rms", "head end", "z mm/m", "ok",
     "from s", "us/row",
@@ -47,7 +47,7 @@ class ForeignScore:
 
 
 def timed(name: str, log: Log, options: Mapping[str, Any] | None = None) -> tuple[Track, float]:
-    """Run an estimator over a log; return its track and us a row, kernels compiled before."""
+    """Run an estimator over a log; return its track and the time per row, us, without compilation of kernels."""
     short = log.with_imu(np.arange(min(WARM_ROWS, len(log.stamp_ns))))
     short = replace(short.with_feet(short.foot_ns <= short.stamp_ns[-1]), rest=(0, 0))
     if not name.startswith("gtsam"):  # nothing to compile
@@ -88,14 +88,14 @@ def turned(log: Log, yaw: Array) -> Array:
 
 
 def gyro_alone(log: Log) -> tuple[float, float]:
-    """Return rms and last error of the heading by the gyro alone, deg."""
+    """Return the rms and the final error of the heading by the gyro alone, deg."""
     error = np.degrees(turned(log, gyro_yaw(log) - base_pose(log)[1]))
     return float(np.sqrt(np.mean(error**2))), float(error[-1])
 
 
 @dataclass(frozen=True)
 class LegOut:
-    """Agreement of estimates that use all legs but one; a log without truth has nothing better."""
+    """Agreement of estimates that leave out one leg each with that by all legs, for logs without truth."""
 
     difference: float = NAN  # cm/s, rms over legs and rows, of the velocity against that with all legs
     worst: float = NAN  # cm/s, the same of the worst leg
@@ -107,7 +107,7 @@ class LegOut:
 
 
 def without_leg(log: Log, leg: int) -> Log:
-    """Return the log with a foot that is never in contact."""
+    """Return the log with the contacts of one leg removed: its foot never stands."""
     contact, chance = log.contact.copy(), None if log.chance is None else log.chance.copy()
     contact[:, leg] = False
     if chance is not None:
@@ -117,7 +117,7 @@ def without_leg(log: Log, leg: int) -> Log:
 
 
 def leave_one_out(log: Log, estimate: Callable[[Log], Track], made: Array | None = None) -> LegOut:
-    """Run an estimator with all legs and without each in turn.
+    """Return how estimates that leave out one leg in turn agree with the estimate by all legs.
 
     Args:
         log: what to run over.
@@ -141,7 +141,7 @@ def leave_one_out(log: Log, estimate: Callable[[Log], Track], made: Array | None
 
 
 def goals_of(name: str, way: float) -> dict[str, tuple[float, float]]:
-    """Return the least and most of measures that are the goals of the default estimator on a log.
+    """Return the range (least, most) of each measure that is a goal of the default estimator on a log.
 
     Args:
         name: of the log.

@@ -23,11 +23,11 @@ from .foreign_scores import HEADERS, ForeignScore, LegOut, goals_of, gyro_alone,
 
 TUNED = ("inekf", "linear")
 MEASURE = "smooth"
-"""Measure for which referees are tuned: truth by motion capture is noisy row by row."""
+"""Error for which referees are tuned, over 0.5 s: truth by motion capture is noisy row by row."""
 CONTRADICTED = {"casbot_walk_b": 2.9}
-"""Time from which the feet of a log contradict its truth, s."""
+"""Time since the start, s, from which the feet of a log contradict its truth, by name of the log."""
 RATIOS = {"rpe": "RPE", "heading": "heading", "smooth": "error over 0.5 s"}
-"""Measures in which no referee may be better, and their names."""
+"""Names in tables of the errors in which no referee may have a smaller one than the default estimator, by error."""
 GYRO = "gyro alone"
 UNITS = {"rpe": "% of the way", "heading": "deg rms", "smooth": "cm/s"}
 LEFT_OUT = ("", "diff. cm/s", "worst leg", "heights cm", "ends cm", "head-gyro", "head-maker", "ok")
@@ -80,7 +80,7 @@ def print_goals(name: str, way: float, found: dict[str, ForeignScore], gyro: flo
 
 
 def contradicted(log: Log, track: Track, since_s: float) -> None:
-    """Print how `filter_ok` and the velocity fare after the first contradiction, beside the inertial unit alone."""
+    """Print `filter_ok` and velocity error after the first contradiction, beside those of the inertial unit alone."""
     first = int(np.searchsorted(log.seconds, since_s))
     after = np.flatnonzero(~track.flags["filter_ok"][first:])
     late = float(log.seconds[first + after[0]] - since_s) if len(after) else float("inf")
@@ -105,7 +105,7 @@ def agreement(name: str, log: Log, chosen: Sequence[str], data: Path) -> dict[st
 
 
 def maker_yaw(log: Log, data: Path) -> NDArray[np.float64]:
-    """Return the heading by the maker's attitude in a bag, (n,) rad."""
+    """Return the heading by the attitude that the robot's maker recorded in a bag, (n,) rad."""
     rot = go1_bag(data / FOREIGN[log.name].file)[1]
     return np.unwrap(np.arctan2(rot[:, 1, 0], rot[:, 0, 0]))
 
@@ -123,7 +123,7 @@ def summaries(kept: Mapping[str, Mapping[str, ForeignScore | LegOut]]) -> None:
 
 
 def shown(value: float) -> str:
-    """Return a number as text, a dash if it is unknown."""
+    """Return a number as text for a table; a dash stands for NaN."""
     return f"{value:.2f}" if np.isfinite(value) else "-"
 
 

@@ -32,7 +32,7 @@ from tests.processes import running
 
 BENCH = Bench("fuzz")
 HEADERS = 0.1
-"""Share of the messages whose header is read, too."""
+"""Share of the messages whose header is decoded as well, 0 to 1."""
 
 
 def models() -> dict[str, type[Wire]]:
@@ -43,7 +43,7 @@ def models() -> dict[str, type[Wire]]:
 
 
 def read_again(model: type[Wire], data: bytes, attachment: bytes | None) -> None:
-    """Decode a message; what was taken is finite and comes back from its own bytes."""
+    """Decode a message and encode it again; what the decoder accepts has to be finite and return from its own bytes."""
     message = decode(model, data, attachment)
     again = decode(model, *encode(message))
     if again != message:
@@ -81,7 +81,7 @@ def messages(tally: Tally, name: str, model: type[Wire], count: int, seed: int) 
 
 
 def frames(tally: Tally, count: int, seed: int) -> None:
-    """Take apart frames and batches of every owner, whole or with a damaged index, payload or instance."""
+    """Decode frames and batches of every owner, whole or with a damaged index, payload or instance."""
     random = Random(f"{seed} frames")
     topics = {topic.key: topic for topic in TOPICS if "*" not in topic.key}
     drawers = {key: Drawer(json_schema(topic.model), random) for key, topic in topics.items()}

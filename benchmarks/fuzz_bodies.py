@@ -27,9 +27,9 @@ from surefoot.services.stability.answers import batch_reply
 from surefoot.services.walker.messages import heights_of
 
 ODD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, -1e-38, 3.4e38, -3.4e38, 1e300, -1e300, 1e9, -1.0)
-"""Numbers that a float32 or float64 may hold, and a sender may forget to check."""
+"""Numbers that a float32 or float64 may hold and that a sender may fail to exclude."""
 SIZES = (1e-300, 1e-9, 1e-4, 0.02, 0.05, 1.0, 1e6, 1e300)
-"""Edges of a cell, m."""
+"""Values for the edge of a cell of a map, m."""
 
 
 def numbers(random: Random, count: int) -> NDArray[np.float64]:
@@ -112,7 +112,7 @@ class Readers:
                 decode(type(reply), *encode(reply))
 
     def floor(self, heights: HeightMapMessage | None, marks: LandmarkMap | None) -> None:
-        """Prepare maps for the navigator and look for a way."""
+        """Prepare maps for the navigator and plan a route on them."""
         maps = Maps(NavigatorConfig(robot="nao"))
         problems = maps.take(heights, marks)
         with suppress(Refusal):
@@ -132,7 +132,7 @@ class Readers:
 
 
 def odd_bodies(count: int, seed: int) -> dict[str, Tally]:
-    """Give each reader its share of arrays; return counts by kind."""
+    """Pass its share of arrays to each reader; return the counts of outcomes by kind of array."""
     random, readers = Random(f"{seed} bodies"), Readers()
     kinds: dict[str, tuple[Callable[[Random], Any], Callable[[Any], None]]] = {
         "map for footholds": (height_map, readers.ground),

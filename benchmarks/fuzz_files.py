@@ -22,13 +22,13 @@ class Format:
     name: str
     suffix: str
     seeds: tuple[bytes, ...]
-    """Good contents."""
+    """Valid contents of such files, which are damaged."""
     read: Callable[[Path], object]
 
 
 @contextmanager
 def beside(folder: Path) -> Iterator[Path]:
-    """Give a path below a folder that is empty again afterwards."""
+    """Yield a path in a folder, and empty the folder at the end of the context."""
     yield folder
     for path in folder.iterdir():
         path.unlink()

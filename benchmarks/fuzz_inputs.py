@@ -11,12 +11,12 @@ from typing import Any
 from surefoot.errors import SurefootError
 
 SLOW_S = 2.0
-"""Processor time that one input may take at most, s: what hangs takes more, on a slow machine as well."""
+"""Processor time of one input, s, above which it is a finding: what hangs takes more, on a slow machine as well."""
 ODD: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2**31, 2**53 + 1, 2**63, 2**64, -(2**63) - 1, 10**400, 0.5, -0.0, 1e308, 1e-320, "",
     "x", "0", "\x00", "é\ud800"[:1], "a" * 5000, [], [[]], {}, {"x": 1}, [None], [1e308, 1e308], "nan",
 )  # fmt: skip
-"""Values that a field does not expect."""
+"""Values that fields do not expect, of every JSON type and at the limits of numbers."""
 WORDS = (
     b"NaN",
     b"Infinity",
@@ -30,12 +30,12 @@ WORDS = (
     b"null",
     b'"',
 )
-"""Pieces that are put into a text."""
+"""Byte strings that are inserted into a text to damage it."""
 
 
 @dataclass
 class Tally:
-    """Counts of a fuzzing campaign: inputs taken, refused, slowest, and findings."""
+    """Counts of a fuzzing campaign: inputs accepted and refused, time of the slowest, and findings."""
 
     inputs: int = 0
     taken: int = 0
@@ -135,7 +135,7 @@ def damage(value: Any, random: Random) -> Any:
 
 
 def spoil(data: bytes, random: Random) -> bytes:
-    """Return bytes with one of them changed, a piece put in, doubled or cut off."""
+    """Return bytes of which one is changed, or a piece is inserted, doubled or cut off."""
     place, end = sorted((random.randint(0, len(data)), random.randint(0, len(data))))
     match random.randrange(5):
         case 0:
@@ -160,7 +160,7 @@ def drawn(drawer: Drawer, random: Random) -> bytes:
 
 
 def attempt(tally: Tally, what: str, data: bytes, read: Callable[[], object], slow_s: float = SLOW_S) -> None:
-    """Count one input; whatever is raised besides a typed error is a finding, and so is what takes long."""
+    """Count one input; an exception that is no typed error, or a time above `slow_s`, is a finding."""
     tally.inputs += 1
     began = time.thread_time()
     try:

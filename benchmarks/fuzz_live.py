@@ -32,9 +32,9 @@ ODD_HEADER = (0, 1, -1, 2**63, 10**30)
 SECRET = os.environ.get(VARIABLE, "")
 """Secret of the system, where it has one: then most inputs are sealed, so that they get past the seals."""
 WAIT_S = 0.002
-"""Longest wait for the answer to a query, s; what comes later is not looked at."""
+"""Longest wait for the answer to a query, s; an answer after that is ignored."""
 BLOCK = 50
-"""Inputs between two looks at the clock."""
+"""Number of inputs that are sent between two checks of the rate."""
 KINDS = ("topic", "participant", "frame", "batch", "query", "participant query", "token")
 SHARES = (4, 3, 4, 2, 0.1, 0.1, 0.05)
 
@@ -51,9 +51,9 @@ class Fuzzer:
     def __init__(self, session: zenoh.Session, namespace: str, seed: int) -> None:
         self.session, self.namespace, self.random = session, namespace, Random(seed)
         self.sent: Counter[str] = Counter()
-        """Inputs by kind."""
+        """Number of inputs sent, by kind."""
         self.codes: Counter[str] = Counter()
-        """Codes of refusals that answered queries."""
+        """Number of refusals that answered queries, by code."""
         self._drawers: dict[str, Drawer] = {}
         self._framed = {topic.key: topic for topic in TOPICS if topic.framed}
         self._owners = sorted({topic.owner for topic in self._framed.values()})
@@ -67,7 +67,7 @@ class Fuzzer:
         self.look()
 
     def look(self) -> None:
-        """Find out which process is which service from the tokens on the network."""
+        """Find the process of each service from the liveliness tokens on the network."""
         self.processes: dict[str, str] = {}
         for reply in self.session.liveliness().get(f"{self.namespace}/alive/*/*", timeout=2.0):
             if reply.ok is not None:
@@ -88,12 +88,12 @@ class Fuzzer:
         return drawn(self._drawers[name], self.random)
 
     def _parts(self, model: type[Wire]) -> tuple[bytes, bytes | None]:
-        """Return payload and attachment of a message; that of an array has a body of a length of its own."""
+        """Return payload and attachment of a random message; the body of an array has a random length."""
         data = self._drawn(model)
         return (self.random.randbytes(self.random.randint(1, 64)), data) if _is_bulk(model) else (data, None)
 
     def _refused(self, model: type[Wire]) -> tuple[bytes, bytes | None]:
-        """Return a message that the decoder refuses, under a header of the run as often as not."""
+        """Return payload and attachment of a message of a model that the decoder refuses."""
         for _ in range(20):
             payload, attachment = self._parts(model)
             if not _is_taken(model, payload, attachment):
@@ -125,7 +125,7 @@ class Fuzzer:
         self._framed_by(BATCH)
 
     def _framed_by(self, family: str) -> None:
-        """Put a frame; in the name of its owner one that is damaged or of another time."""
+        """Publish a frame or batch; under the name of its owner only one that is cut off or of another epoch."""
         random, owner = self.random, self.random.choice(self._owners)
         known = [topic for topic in self._framed.values() if topic.owner == owner]
         own = owner in self.processes and random.random() < 0.5
@@ -155,7 +155,7 @@ class Fuzzer:
         self._ask(key, query)
 
     def _ask(self, key: str, query: Query[Any, Any]) -> None:
-        """Ask and look at what answers at once; a request that acts is one that the decoder refuses."""
+        """Send a query that the decoder refuses, and count the codes of immediate refusals."""
         payload, attachment = self._refused(query.request)
         for reply in self.session.get(
             f"{self.namespace}/{key}", payload=payload, attachment=attachment, timeout=WAIT_S
@@ -170,7 +170,7 @@ class Fuzzer:
             self.codes["network"] += 1  # the router's note of a time-out
 
     def _token(self) -> None:
-        """Show a token of a stranger for a moment."""
+        """Declare the liveliness token of an unknown participant for a moment."""
         family = self.random.choice(("alive", "starts", "alive/driver", "x"))
         name = self.random.choice([*self.processes, "x", "walker/walker"])
         token = self.session.liveliness().declare_token(f"{self.namespace}/{family}/{name}/{STRANGER}")

@@ -36,15 +36,16 @@ from surefoot.services.navigator.policy.params import load
 from surefoot.services.simulator.ground.terrain import make_terrain
 
 POLICIES = {"planner-nao-four": ("nao", ()), "planner-nao-arcs": ("nao", ("use='arcs'",)), "sarsa-paper": ("paper", ())}
-"""Files that are changed, each with the model it was made for and settings of it."""
+"""Shipped policies whose files are changed: name of the file to model and settings that it was made for."""
 EPISODES = Seeds(30_000, 30_040)
 EPISODES_S = 5.0
-"""Most processor time of a policy with its episodes, s: a planner of another model is computed anew."""
+"""Largest processor time of a policy with its episodes, s: a planner of another model is computed anew."""
 WORSE = 1.02
-"""Time over that of the rule, or slip over that of nominal landings, up to which a decision is no worse."""
+"""Largest ratio at which a decision counts as no worse: time over that of the rule, or slip over that of nominal
+landings."""
 STROKE = (-0.05, 0.0, 0.0)
 PLACES = ((0.5, 0.0), (0.8, 0.2), (1.1, -0.2), (1.4, 0.1))
-"""Places of the trunk on the ground, m."""
+"""Positions (x, y) of the trunk on the ground, map frame, m."""
 GROUNDS = (("rough", 0), ("rough", 1), ("mixed", 2))
 
 
@@ -72,7 +73,7 @@ def changed(value: Any, random: Random) -> Any:
 
 
 class SlipJudge:
-    """A foothold service on known grounds, whose choices under a model the sound model values."""
+    """Foothold service on known grounds, whose choices under a changed model are rated by the unchanged model."""
 
     def __init__(self) -> None:
         self.service = Footholds(FootholdsConfig(relearn="off"))
@@ -93,7 +94,7 @@ class SlipJudge:
         return json.dumps(content).encode()
 
     def use(self, path: Path) -> None:
-        """Take a file and choose by it.
+        """Load a changed model file and choose footholds by it.
 
         Raises:
             SurefootError: the file is refused.
@@ -121,7 +122,7 @@ class SlipJudge:
         return SelectRequest(base=BasePose(position=(*place, z)), legs=legs)
 
     def _values(self, place: tuple[float, float], message: HeightMapMessage) -> list[NDArray[np.float32]]:
-        """Return the slip that the sound model predicts in the window of each leg."""
+        """Return the slip per stroke that the unchanged model predicts in the window of each leg."""
         self._take(message)
         found = []
         for leg in self._request(place).legs:
@@ -130,7 +131,7 @@ class SlipJudge:
         return found
 
     def _slip(self, *, nominal: bool = False) -> float:
-        """Return the mean slip of the choices; no foothold, where the sound model has one, counts as 1."""
+        """Return the mean slip of the choices; a leg without the foothold that the unchanged model has counts as 1."""
         slips: list[float] = []
         for message, ground in zip(self.maps, self.values, strict=True):
             self._take(message)
@@ -170,7 +171,7 @@ class PolicyJudge:
         return buffer.getvalue()
 
     def use(self, name: str, path: Path) -> None:
-        """Take a file and walk episodes by it.
+        """Load a changed policy file and run episodes by it.
 
         Raises:
             SurefootError: the file is refused.
@@ -186,7 +187,7 @@ class PolicyJudge:
 
 
 def _altered(member: str, array: NDArray[Any], random: Random) -> NDArray[Any]:
-    """Return a member of a policy file that is changed: its words, its type, its shape or its numbers."""
+    """Return a member array of a policy file with its words, type, shape or numbers changed."""
     if array.dtype.kind == "U":
         if member == "provenance":
             return np.array(json.dumps(changed(json.loads(str(array)), random)))
@@ -217,7 +218,7 @@ def _altered(member: str, array: NDArray[Any], random: Random) -> NDArray[Any]:
 
 
 def judged(count: int, seed: int, folder: Path) -> Iterator[tuple[str, Tally, float]]:
-    """Change and use as many files of each kind; yield the kind, how they ended, and the processor time, s."""
+    """Change and use `count` files of models and policies; yield the kind, the outcomes, and the processor time, s."""
     random, path = Random(f"{seed} models"), folder / "changed"
     slips, tally, began = SlipJudge(), Tally(), time.process_time()
     for _ in range(count):

@@ -35,16 +35,16 @@ ARMS = {
     "hand": ("hand", "four"), "tuned": ("tuned", "four"), "planner": ("planner", "four"), "sarsa": ("sarsa", "four"),
     "steer arcs": ("steer", "arcs"), "planner arcs": ("planner", "arcs"),
 }  # fmt: skip
-"""Policy and action set by name; the others are compared with the first."""
+"""Policy and action set of each arm by name; the first arm is the one that others are compared with."""
 LONGEST_S = 600.0
-"""Simulated time limit of a run with a goal, s: longer than any run that arrives."""
+"""Simulated time at which a run with a goal is ended, s: longer than any run that arrives."""
 GOAL = (
     "goal_time_s", "goal_error_m", "pose_nees", "pose_error_m", "max_tilt_deg", "recoveries", "fell", "goals_missed",
 )  # fmt: skip
-"""Metrics of a run with a goal; None in a line where the run has no value."""
+"""Names of the metrics of a run with a goal; None in a result where the run has no value."""
 World = Literal["hard", "easy"]
 WITHIN = 5.0
-"""Per cent of the mean time of the runs that a prediction may be off."""
+"""Largest difference of a predicted mean time from that of the live runs, %, at which the prediction meets the goal."""
 
 
 def corridor(*steps: Step, easy: bool = False) -> Scenario:
@@ -169,7 +169,7 @@ JOURNEYS: dict[str, Callable[[], Scenario]] = {
     "behind": lambda: corridor(to(-0.6, 0.3), easy=True), "behind-hard": lambda: corridor(to(-0.6, 0.3)),
     "dark": lambda: dark(easy=True), "dark-hard": lambda: dark(easy=False), "hexapod": lambda: named("ragno-goal"),
 }  # fmt: skip
-"""Scenarios with a goal besides the straight corridor, which begins at x = -1 m."""
+"""Functions that return each scenario with a goal besides the straight corridor (which begins at x = -1 m), by name."""
 
 
 def travelled(journey: str, seed: int) -> Line:
@@ -218,13 +218,13 @@ class Compared:
 
     arm: str
     times: dict[int, float]
-    """Time to the goal of live runs by seed, s."""
+    """Time to the goal of each live run, s, by seed."""
     failed: int
-    """Live runs that are left out: the goal was missed, or the robot fell."""
+    """Number of live runs that are left out because the goal was missed or the robot fell."""
     predicted: float
-    """Mean time in the environment, s."""
+    """Mean time to the goal over the episodes in the fitted environment, s."""
     success: float
-    """Share of the episodes that reach the goal."""
+    """Share of the episodes in the fitted environment that reach the goal, 0 to 1."""
 
     @property
     def live(self) -> float:
@@ -256,7 +256,7 @@ def predicted(model: NavigationModel, base: NavigationModel, arm: str, count: in
 
 
 def compare(lines: list[Line], model: NavigationModel, base: NavigationModel, count: int) -> list[Compared]:
-    """Return each arm that reached the goal in two live runs or more.
+    """Return the comparison of live and predicted times of each arm that reached the goal in two live runs or more.
 
     Live times end when the robot stands, so the closing step is added to those of the environment.
     """
@@ -275,7 +275,7 @@ def compare(lines: list[Line], model: NavigationModel, base: NavigationModel, co
 
 
 def wrong_pairs(rows: list[Compared]) -> tuple[list[tuple[str, str]], int]:
-    """Return the pairs of arms that are predicted the other way round than live, and how many differ live.
+    """Return the pairs of arms that are predicted in the opposite order to live, and how many pairs differ live.
 
     Two arms differ live if the 95 % interval of their difference over the same seeds excludes zero.
     """

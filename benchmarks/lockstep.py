@@ -28,7 +28,7 @@ SCENARIO = "rough-terrain"
 
 
 def zenoh_run(folder: Path, *flags: str, listen: str = "", shared: bool = False) -> dict[str, Any]:
-    """Return the result of one `surefoot run` as a user types it."""
+    """Return the result of `surefoot run` of the demo over Zenoh, as on the command line."""
     command = [sys.executable, "-m", "surefoot.lab.cli.main", "run", SCENARIO, "--seed", "0", "--json", *flags]
     environment = dict(os.environ, SUREFOOT_LISTEN=listen or free_address(), XDG_STATE_HOME=str(folder / "state"))
     environment["SUREFOOT_SHARED_MEMORY"] = str(int(shared))
@@ -39,7 +39,7 @@ def zenoh_run(folder: Path, *flags: str, listen: str = "", shared: bool = False)
 
 
 def local_run(strict: bool) -> dict[str, Any]:
-    """Return the result of the services in one process, in a process of its own, its collector spared as in theirs."""
+    """Return the result of a run of all services in one process, which is started for it."""
     code = (
         "import json; from surefoot.services.supervisor.scenarios.scenario import *;"
         "from surefoot.lab.runs.local import run_local;"
@@ -60,7 +60,8 @@ VARIANTS: tuple[tuple[str, Callable[[Path], dict[str, Any]]], ...] = (
     ("zenoh strict", lambda folder: zenoh_run(folder, "--strict")),
     ("one process strict", lambda folder: local_run(strict=True)),
 )
-"""Runs of a round, in this order in even rounds, in the other in odd ones; neighbours are compared."""
+"""Variants of a run by name, executed in this order in even rounds and in reverse in odd ones; neighbours are
+compared."""
 
 
 @BENCH.part()

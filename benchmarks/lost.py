@@ -22,16 +22,17 @@ from surefoot.lab.studies import Line, study
 BENCH = Bench("lost")
 
 CHI2_95 = 7.815
-"""chi^2_3(.95)."""
+"""95 % quantile of the chi-squared distribution with three degrees of freedom, for the NEES of a pose."""
 ENOUGH = 4
-"""Landmarks of another place that make an undisturbed robot lost: 8.6 nats, 1.4 to 2 each."""
+"""Number of landmarks of another place that suffice to make an undisturbed robot lost: 8.6 nats, 1.4 to 2 each."""
 NEEDED = 8.6
-"""Log likelihood ratio from which an oracle counts a robot as put down, nats: ln 9 beyond the rate of 1e-3 in 1.7 s."""
+"""Log likelihood ratio, nats, at or above which an oracle decides that a robot was put down elsewhere: ln 9 beyond the
+rate of 1e-3 in 1.7 s."""
 LONGEST_S = 20.0
-"""Time after which a robot that has not noticed is not waited for, s."""
+"""Longest wait for a robot that was put down elsewhere to notice it, s."""
 
 APART_S = 300.0
-"""Time after which a robot that has not found its pose is not waited for, s."""
+"""Longest wait for a lost robot to find its pose, s."""
 
 
 def put_down(seed: int, distance: float, turn_deg: float, walking: bool, world: World) -> Line:
@@ -93,7 +94,7 @@ def undisturbed(seed: int, minutes: float, world: World) -> Line:
 
 
 def consistency(robot: Robot) -> float:
-    """Return the NEES of the believed pose per degree of freedom."""
+    """Return the NEES of the navigator's believed pose per degree of freedom."""
     tracker = robot.navigator.localiser.tracker
     e = np.array(tracker.pose) - robot.walker.pose
     e[2] = wrapped(e[2])
@@ -103,11 +104,11 @@ def consistency(robot: Robot) -> float:
 CASES = (
     (0.35, 20.0), (0.35, 90.0), (0.7, 20.0), (0.7, 90.0), (0.7, 180.0), (1.5, 90.0), (3.0, 20.0), (3.0, 180.0),
 )  # fmt: skip
-"""Distance, m, and turn, deg, of the put-down cases."""
+"""Displacements of the robot that are tried: distance, m, and turn, deg."""
 
 
 def shares(lines: list[Line], limit: float) -> tuple[float, ...]:
-    """Return share within a limit of s, share not within the longest time, median and 95 % quantile of the rest, s."""
+    """Return share within `limit` s, share not within the longest time, median and 95 % quantile of the others, s."""
     times = times_of(lines)
     found = np.quantile(times, (0.5, 0.95), method="higher")
     return (100.0 * float((times <= limit).mean()), 100.0 * float(np.isinf(times).mean()), *map(float, found))
@@ -175,7 +176,7 @@ def put(*, robots: int = 12, world: World, processes: int = 1) -> None:
 
 
 def told_apart(seed: int, world: World) -> Line:
-    """Put a walking robot down where places look alike; return how it ended, when, and how far it walked until then."""
+    """Put a walking robot down where places look alike; return the outcome, its time, and the distance walked."""
     robot = Robot(seed, world)
     robot.step(0.3)
     robot.goto(5.0, 0.0)
@@ -212,7 +213,7 @@ def alike(*, robots: int = 40, world: World, processes: int = 1) -> None:
 
 
 def turned(seed: int, pitch: float, roll: float, aside: float, world: World) -> Line:
-    """Walk with a camera that is turned, deg; return when that was found and what is left of it after 30 s, deg."""
+    """Walk with a turned camera; return when the turn was found and what is left of it after 30 s, deg."""
     planted = (math.radians(pitch), math.radians(roll), math.radians(aside))
     robot = Robot(seed, world, turn=planted)
     localiser = robot.navigator.localiser
@@ -226,7 +227,7 @@ def turned(seed: int, pitch: float, roll: float, aside: float, world: World) -> 
 
 
 TURNS = ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (-4.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 6.0), (3.0, -3.0, -5.0))
-"""Pitch, roll and turn aside of a camera, deg."""
+"""Rotations of the camera from its assumed mount that are tried: pitch, roll and turn about the vertical, deg."""
 
 
 @BENCH.part("--robots 1")
@@ -256,7 +257,7 @@ def turns(*, robots: int = 12, world: World, processes: int = 1) -> None:
 
 @BENCH.part("--robots 1")
 def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
-    """Time and way until the navigator counts as lost with a map that does not fit the floor.
+    """Time and distance until the navigator counts as lost with a map that does not fit the floor.
 
     Args:
         robots: of each map.
@@ -275,7 +276,7 @@ def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
 
 @BENCH.part("--minutes 0.5 --robots 1")
 def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int = 1) -> None:
-    """Print how often robots that nobody disturbs report themselves lost, and the NEES of their pose.
+    """Print how often robots that are not disturbed report themselves lost, and the NEES of their pose.
 
     Args:
         minutes: of each.
@@ -291,7 +292,7 @@ def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int
 
 
 def seconds(function: Callable[[], object], times: int) -> float:
-    """Return the median processor time of a call, s, after a first one that does not count."""
+    """Return the median processor time of `times` calls, s, after one call that is not counted."""
     function()
     return median(seconds_of(function, time.process_time) for _ in range(times))
 

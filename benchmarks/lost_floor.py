@@ -7,9 +7,9 @@ import numpy as np
 from surefoot.arrays import Array
 
 LOW, HIGH = (-1.0, -1.0), (6.5, 1.0)
-"""Corners of the corridor, m."""
+"""`LOW`, `HIGH`: corners of the corridor with the least and the largest coordinates, (x, y) m, map frame."""
 MIDDLE = 0.5 * (np.array(LOW) + np.array(HIGH))
-"""Middle of the corridor, m."""
+"""Centre of the corridor, (x, y) m, map frame."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class World:
 
 
 def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tuple[Array, Array]:
-    """Return places (n, 2) m and looks (n, 8) of random landmarks; `copied` of them in groups that look the same.
+    """Return places (n, 2) m and descriptors (n, 8) of random landmarks; `copied` of them share theirs in groups.
 
     `density`: landmarks per m^2; `copied`: share, 0 to 1; `copies`: landmarks of a group.
     """
@@ -52,7 +52,7 @@ def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tupl
 
 
 def special(places: Array, looks: Array, world: World) -> tuple[Array, Array]:
-    """Return places (m, 2) m and looks (m, 8) of a floor with a hole and with landmarks that stand twice.
+    """Return places (m, 2) m and descriptors (m, 8) of a floor with a hole and with landmarks that stand twice.
 
     places, looks: landmarks of the plain floor, (n, 2) m and (n, 8), no unit.
     """
@@ -69,7 +69,7 @@ def special(places: Array, looks: Array, world: World) -> tuple[Array, Array]:
 
 
 def wrong_map(kind: str, places: Array, looks: Array, seed: int) -> tuple[Array, Array]:
-    """Return places (n, 2) m and looks (n, 8) of a map that does not fit the floor with these places and looks.
+    """Return places (n, 2) m and descriptors (n, 8) of a map that does not fit the floor of the given landmarks.
 
     `kind`: mirrored, shuffled (looks), stretched (by 15 %); any other is right.
     """

@@ -28,24 +28,26 @@ from surefoot.services.navigator.service import SERVICE, NavigatorConfig
 
 TICK = 0.01
 NEAR, FAR, HALF = 0.35, 1.18, math.radians(33)
-"""Footprint of Nao's lower camera: least and largest distance, m, and half of its angle, rad."""
+"""Footprint of Nao's lower camera: `NEAR`, `FAR`: least and largest distance on the floor, m; `HALF`: half of its
+horizontal angle, rad."""
 CELL = 0.05
 HEIGHT = 0.45
-"""Height of the camera over the floor, m."""
+"""Height of the robot's camera over the floor, m."""
 SEEN = {"walking": 0.10, "turning": 0.03, "standing": 0.45}
-"""Recognised share of the landmarks in view of a frame, measured on the simulated Nao."""
+"""Share of the landmarks in view that a frame recognises, 0 to 1, by state of the gait; measured on the simulated
+Nao."""
 HARD_SEEN = {"walking": 0.108, "turning": 0.043, "standing": 0.32}
-"""Likewise of the camera `nao_paper`."""
+"""Share of the landmarks in view that a frame of the camera `nao_paper` recognises, 0 to 1, by state of the gait."""
 STEP_S, START_S, CLOSE_S = 1.8, 1.0, 0.9
-"""Durations of an action, of starting and of coming to stand, s."""
+"""`STEP_S`: duration of an action, s; `START_S`: time to start walking, s; `CLOSE_S`: time to come to stand, s."""
 FALSE = 0.1
-"""Share of detections with the look of another landmark."""
+"""Share of detections whose descriptor is that of another landmark, 0 to 1."""
 WEIGHED_S = 3.0
-"""Time after it was put down in which frames are weighed by oracles, s."""
+"""Time after a robot was put down elsewhere in which the oracles evaluate its frames, s."""
 
 
 def wrapped(angle: float) -> float:
-    """Return the same angle in [-pi, pi), rad."""
+    """Return an angle, rad, wrapped to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
@@ -78,7 +80,7 @@ class Walker:
         self._left, self._wait, self._closing, self._rate, self._stops = 0.0, 0.0, 0.0, (0.0, 0.0), False
 
     def take(self, number: int, command: Any) -> None:
-        """Take up an order of the tick before."""
+        """Start a command that was sent in the tick before."""
         if number == self.order or command is None:
             return
         self.order = number
@@ -141,15 +143,18 @@ class Robot:
     ) -> None:  # fmt: skip
         self.turn = (-turn[0], -turn[1], -turn[2])
         self.sights: list[int] = []
-        """Tick of each landmark recognised since it was put down."""
+        """Tick of each recognition of a landmark since the robot was put down elsewhere."""
         self.before: tuple[float, float, float] | None = None
-        """Pose of the map in which it would be where it was, had it not been put down, in the map, m and rad."""
+        """Pose, relative to the robot, at which it would be, had it not been put down elsewhere: x, y m, yaw rad; None
+        = it was not."""
         self.put_at = 0
-        """Tick at which it was put down."""
+        """Tick at which the robot was put down elsewhere."""
         self.evidence: list[tuple[float, Array]] = []
-        """Of each frame since: log density at the true pose and at `others`, less that at `before`, nats."""
+        """Log densities of each frame since the robot was put down, at the true pose and at the poses `others`, less
+        that at `before`, nats."""
         self.others, self.weights = np.zeros((0, 3)), np.zeros(0)
-        """Frames like `before`, m and rad, of poses drawn at random, and the logs of their weights."""
+        """`others`: poses drawn at random in the corridor, relative to the robot like `before`, (n, 3) m and rad;
+        `weights`: logarithms of their weights, (n,)."""
         self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
         self.hole = world.hole
         self.places, self.looks = special(*corridor(seed, world.density, world.copied), world)
@@ -263,7 +268,7 @@ class Robot:
         return hard if self.hard else (0.03 * r, math.radians(1.5))
 
     def _weigh(self, seen: Array, shown: NDArray[np.int64], share: float) -> None:
-        """Note what a frame is worth to an oracle: by the model of the camera, the two poses and nothing else.
+        """Record log densities of a frame at the true pose, at `before` and at `others`, by the model of the camera.
 
         Detections come as a Poisson process. A landmark in view at h is recognised at z with density N(z - h), by its
         own look or, in the share `FALSE`, by that of any; the common tilt of the frame is left out.
@@ -278,7 +283,7 @@ class Robot:
         self.evidence.append((found[0] - found[1], np.array(found[2:]) - found[1]))
 
     def _draw(self, count: int = 400) -> None:
-        """Draw poses all over the corridor, every other one close to where it is, weighed to be even all over it."""
+        """Draw poses in the corridor, every other one near the robot, with weights that make them uniform over it."""
         rng, here = np.random.default_rng(self.tick_number), self.walker.pose.copy()
         low, high = np.array([*LOW, -math.pi]), np.array([*HIGH, math.pi])
         sds = np.array([0.12, 0.12, 0.15])
@@ -332,7 +337,7 @@ class Robot:
         return math.hypot(x - self.walker.pose[0], y - self.walker.pose[1]), abs(wrapped(yaw - self.walker.pose[2]))
 
     def until(self, done: Callable[[], bool], most: float) -> float | None:
-        """Let time pass until something is so; return the time that it took, s, None = `most` s were not enough."""
+        """Simulate until `done` returns true; return the time it took, s, None = not within `most` s."""
         for i in range(round(most / 0.1)):
             if done():
                 return 0.1 * i

@@ -23,7 +23,7 @@ SPIN = "while True: sum(range(10000))"
 
 
 class Machine:
-    """The command line with a state folder and a port of its own."""
+    """Command line of `surefoot` with a state folder and a port of its own."""
 
     def __init__(self, folder: Path, system: str = "ragno") -> None:
         self.folder, self.system, self.address = folder, system, free_address()
@@ -93,7 +93,7 @@ def up(folder: Path, *words: str, system: str = "ragno") -> Iterator[Machine]:
 
 
 class Ticks:
-    """Ticks and when they reached an observer (s of the monotonic clock)."""
+    """Ticks of a system, and when each reached an observer, s of the monotonic clock."""
 
     def __init__(self, session: zenoh.Session, namespace: str) -> None:
         self.seen: list[tuple[int, float]] = []
@@ -105,22 +105,22 @@ class Ticks:
             self.seen.append((json.loads(payload)["tick"], time.monotonic()))
 
     def between(self, begin: float, end: float) -> list[tuple[int, float]]:
-        """Return the ticks that came in a span of the monotonic clock."""
+        """Return the ticks that arrived in a span, and their times; `begin`, `end`: s of the monotonic clock."""
         return [item for item in list(self.seen) if begin <= item[1] < end]
 
     def rate(self, begin: float, end: float) -> float:
-        """Return simulated ticks per s of wall time in a span, by the numbers of the ticks."""
+        """Return simulated ticks per s of wall time in a span; `begin`, `end`: s of the monotonic clock."""
         found = self.between(begin, end)
         return (found[-1][0] - found[0][0]) / (found[-1][1] - found[0][1]) if len(found) > 1 else 0.0
 
     def gaps(self, begin: float, end: float) -> list[float]:
-        """Return the times between neighbours in a span, s, in order of size."""
+        """Return the sorted times between neighbouring ticks in a span of the monotonic clock, s."""
         times = [when for _, when in self.between(begin, end)]
         return sorted(b - a for a, b in pairwise(times))
 
 
 def resident_mb(pid: int, *, peak: bool = False) -> float:
-    """Return the memory of a process, MB; ``peak``: the most since `forget_peak`."""
+    """Return the resident memory of a process, MB; ``peak``: the largest since `forget_peak`."""
     field = "VmHWM" if peak else "VmRSS"
     text = Path(f"/proc/{pid}/status").read_text()
     return int(next(line for line in text.splitlines() if line.startswith(field)).split()[1]) / 1024.0
@@ -132,5 +132,5 @@ def forget_peak(pid: int) -> None:
 
 
 def descriptors(pid: int) -> int:
-    """Return how many descriptors a process holds."""
+    """Return the number of file descriptors that a process holds open."""
     return len(list(Path(f"/proc/{pid}/fd").iterdir()))

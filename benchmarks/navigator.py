@@ -164,7 +164,7 @@ def environments() -> None:
 
 
 CELLS, CELL = 2000, 0.05
-"""Edge of a map in cells, and of a cell in m."""
+"""`CELLS`: number of cells along each edge of a map; `CELL`: edge of a cell, m."""
 
 
 def boxes(seed: int) -> NDArray[np.int8]:
@@ -179,7 +179,7 @@ def boxes(seed: int) -> NDArray[np.int8]:
 
 
 def meander(pitch: int) -> NDArray[np.int8]:
-    """Return the occupancy of one way up and down through the whole map, (2000, 2000): 0 free, 100 occupied.
+    """Return the occupancy of one corridor up and down through the whole map, (2000, 2000): 0 free, 100 occupied.
 
     `pitch`: distance of its walls, cells.
     """

@@ -19,11 +19,11 @@ from surefoot.schemas.topics import NAVIGATOR_FEEDBACK
 BENCH = Bench("obstacles")
 
 PEOPLE, PERSON, TALL = 4, 0.2, 1.2
-"""People of a run, half of their width and their height, m."""
+"""`PEOPLE`: number of people in a run; `PERSON`: half of a person's width, m; `TALL`: a person's height, m."""
 SIDE = 0.72
-"""Largest distance of a person from the middle of the corridor, m; its walls are at 1 m."""
+"""Largest distance of a person from the middle line of the corridor, m; the walls are at 1 m."""
 OPENS_S = 60.0
-"""Time at which a door that opens does, s."""
+"""Simulated time at which the door opens in runs in which it does, s."""
 
 
 def people(seed: int) -> tuple[Obstacle, ...]:
@@ -64,7 +64,7 @@ def door(seed: int) -> tuple[Obstacle, ...]:
 
 
 WORLDS: dict[str, Callable[[int], tuple[Obstacle, ...]]] = {"people": people, "walls": walls, "door": door}
-"""Obstacles by kind, of a seed."""
+"""Functions that return the obstacles of a seed, by kind of obstacle."""
 
 
 def right_end(kind: str, seed: int) -> str:

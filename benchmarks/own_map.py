@@ -31,41 +31,42 @@ from surefoot.services.supervisor.scenarios.scenario import Scenario, load_scena
 
 BENCH = Bench("own_map")
 ARMS = ("own", "noise", "exact")
-"""The own map, and given maps."""
+"""Maps that walks use: the one that the robot measures (`own`), and given ones with `noise` and `exact`."""
 NEAR = 0.3
-"""Way from the robot within which cells are compared, m: where feet land."""
+"""Horizontal distance from the robot within which map cells are compared with the ground, m: where feet land."""
 MOST = 1.3
-"""Goal of the ratio of slides."""
+"""Goal of the ratio of sliding on the robot's own map to that on a given map: at most this."""
 FAULTY_FROM_NS = 8_000_000_000
-"""Time from which the camera of an arm ``own:FAULT`` has its fault, ns: half a metre before the end of the walk."""
+"""Simulated time from which the camera of an arm ``own:FAULT`` is faulty, ns: half a metre before the end of the
+walk."""
 
 
 class CellErrors(NamedTuple):
     """Errors of the cells near the robot in one published map."""
 
     nees: float
-    """Mean of error^2 / variance."""
+    """Mean of squared height error over stated variance, no unit; 1 = consistent."""
     inside: float
-    """Share of errors within two deviations."""
+    """Share of height errors within two stated standard deviations, 0 to 1."""
     error: float
-    """Root mean square, m."""
+    """Root mean square of the height errors, m."""
     deviation: float
-    """Root mean of the stated variances, m."""
+    """Square root of the mean stated height variance, m."""
     known: float
-    """Share of cells that are known."""
+    """Share of the cells whose height is known, 0 to 1."""
     seen: float
-    """Share of cells that the camera has measured; the others known are the plane under the feet at the start, which
-    is exact in these scenarios. Errors are those of measured cells."""
+    """Share of the cells that the camera has measured, to which the errors refer, 0 to 1; other known cells are the
+    plane under the feet at the start, which is exact in these scenarios."""
 
 
 class _BadCamera:
-    """What a depth camera with a fault publishes in place of its images."""
+    """Depth camera with a fault, which changes its images."""
 
     def __init__(self, fault: str) -> None:
         self.fault, self.frozen = fault, ""
 
     def __call__(self, image: DepthImage) -> DepthImage:
-        """Return the image as the fault leaves it."""
+        """Return the image with the camera's fault."""
         depths = np.frombuffer(b64decode(image.depths), "<f4").reshape(image.height, image.width).copy()
         self.frozen = self.frozen or image.depths
         if self.fault == "frozen":
@@ -88,7 +89,7 @@ class _BadCamera:
 
 
 def scenario_of(arm: str) -> Scenario:
-    """Return the scenario of an arm."""
+    """Return the scenario of a walk on the robot's own map (`own`), or on a given map of a profile."""
     own = load_scenario("ragno-own-map")
     if arm.startswith("own"):
         return own
@@ -97,7 +98,7 @@ def scenario_of(arm: str) -> Scenario:
 
 
 def errors_of(mapper: Mapper, odometry: Odometry, world: PhysicsWorld) -> CellErrors:
-    """Compare the map with the true ground as it lies relative to the robot.
+    """Return the errors of the map's cells against the true ground, both relative to the robot.
 
     Args:
         mapper: the map; it lies in the frame of the odometry.
@@ -126,7 +127,7 @@ def errors_of(mapper: Mapper, odometry: Odometry, world: PhysicsWorld) -> CellEr
 
 
 def walked(arm: str, seed: int) -> Line:
-    """Walk under an arm; return sliding, fall, way, and the errors of cells in the mean over the published maps."""
+    """Walk under an arm; return sliding, fall, distance, and the mean errors of cells over the published maps."""
     found: list[CellErrors] = []
     mappers: list[MapperService] = []
 

@@ -30,9 +30,10 @@ from surefoot.services.footholds.select import Foothold, Landing, SelectParams, 
 from surefoot.services.walker.outcomes import Outcomes
 
 WITHHELD = 0.3
-"""K2 / (8 cell) from which ground is withheld: edges and slopes of more than about 20 deg."""
+"""K2 / (8 cell), no unit, above which ground is withheld from the first model: edges and slopes of more than about 20
+deg."""
 LIFTED_TICKS = 5
-"""Time after the last sample with contact in which a foot may still slide, ticks."""
+"""Number of ticks after the last sample with contact in which a foot may still slide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +41,22 @@ class MeasuredStance:
     """Slip of one stance, measured and true."""
 
     leg: int
-    """Index in the robot description."""
+    """Index of the leg in the robot description."""
     own: float
-    """Slip as the robot measured it, m."""
+    """Slip of the stance as the robot measured it, m."""
     inside: float
-    """True sliding between its first and its last sample with contact, m."""
+    """True sliding between the first and the last sample with contact of the stance, m."""
     whole: float
-    """True sliding since the stance before, m; it includes that of a foot too light for its switch."""
+    """True sliding since the end of the stance before, m, with that of a foot too light to close its switch."""
     begin: tuple[float, float, float]
-    """Foot centre at the begin of the stance, frame `odom`, m."""
+    """Foot centre at the beginning of the stance, frame `odom`, (3,) m."""
     healthy: bool
-    """False: the robot has found a sensor of the leg at fault."""
+    """False if the robot has found a sensor of the leg at fault, True if it has not."""
 
 
 Spoil = Callable[[Array, NDArray[np.bool_], int], None]
-"""Changes joint angles (rad) and foot switches of a sample of a tick in place."""
+"""Function that changes joint angles (nj,), rad, and foot switches (L,) of a sample in place; its third argument is the
+tick."""
 
 
 class SlipFollower:
@@ -74,14 +76,14 @@ class SlipFollower:
         self.found: list[MeasuredStance] = []
         self._total, self._before = np.zeros(n), np.zeros(n)
         self._rows: list[Array] = []
-        """True way of each foot so far, at each sample of the joints, (L,) m."""
+        """True sliding of each foot since the start at each joint sample, (L,) m each."""
         self._trail: list[Array] = []
-        """True way of each foot so far, at each tick, (L,) m."""
+        """True sliding of each foot since the start at each tick, (L,) m each."""
         self._ticks: list[int] = []
         self._counted = np.zeros(n)
 
     def look(self) -> list[MeasuredStance]:
-        """Read the tick that has passed; returns the stances that have ended."""
+        """Process the samples of the last tick; return the stances that have ended in it."""
         world, estimator = self.joined.world, self.joined.estimator
         sliding = world.tracker.feet.sliding.copy()
         self._total += np.where(sliding >= self._before, sliding - self._before, sliding)
@@ -118,7 +120,8 @@ class SlipFollower:
 
 
 FAULTS = ("none", "frozen", "jumping", "closed", "open")
-"""Faults of a leg: an encoder that stands still, one that jumps in a fifth of the samples, a stuck switch."""
+"""Faults of a leg's sensors: `frozen`: an encoder that stands still; `jumping`: one that jumps in a fifth of the
+samples; `closed`, `open`: a stuck foot switch."""
 
 
 def faulty_walk(seed: int, fault: str, setting: Setting, rule: Rule | None) -> Line:
@@ -164,14 +167,14 @@ def rough(sample: StanceSample) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutModels:
-    """A slip model made without rough ground, one made of all samples, and the stances on which errors are taken."""
+    """Slip model made without rough ground, one made of all samples, and the stances on which errors are measured."""
 
     first: LearnedModel
-    """Model of the training data without withheld ground."""
+    """Model of the training samples without those on withheld ground."""
     full: LearnedModel
-    """Model of all training data."""
+    """Model of all training samples."""
     held: SampleSet
-    """Stances of walks that neither model was made of."""
+    """Stances of walks that were used for neither model."""
 
 
 def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> HeldOutModels:
@@ -237,7 +240,7 @@ def explored(
 
 
 def _reported(rule: Rule, listeners: Sequence[Outcomes]) -> Rule:
-    """Return the rule with its choices reported to listeners, as the walker service does."""
+    """Return the rule with its choices reported to `listeners`, as the walker service does."""
 
     def chosen(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int

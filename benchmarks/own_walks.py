@@ -21,13 +21,14 @@ from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import SelectParams
 
 RULES = ("learned", "hexapod", "hand", "nominal")
-"""Choices of footholds: by the model learned here, by that of Ragno as it is, by the hand-made score, none."""
+"""Rules of footholds: `learned`: model from the robot's own walks; `hexapod`: shipped model of Ragno; `hand`: hand-made
+score; `nominal`: no choice."""
 HEXAPOD = "ragno"
 
 
 @contextmanager
 def placed(robot: str) -> Iterator[str]:
-    """Provide the robot as a name or folder; PACKAGE/ROBOT is imported."""
+    """Yield a robot as a name or folder; a robot PACKAGE/ROBOT is imported into a folder first."""
     with tempfile.TemporaryDirectory() as folder:
         if "/" in robot:
             import_robot(source_file(PREFIX + robot), out := Path(folder) / "robot")

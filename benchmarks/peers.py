@@ -35,7 +35,7 @@ BENCH = Bench("peers")
 MU, SLOPE_DEG = 0.5, 11.5
 SHIM = Path(__file__).parent / "hpp_rays.cpp"
 TARGETS = {3: {"hpp k=4": 0.66, "hpp k=16": 0.35}, 6: {"hpp k=4": 0.60, "hpp k=16": 0.20}}
-"""Most of ours over a peer's time, by contacts and peer."""
+"""Largest ratio of this project's time to that of a peer, by number of contacts and name of the peer."""
 
 Call = Callable[[ContactSet], Any]
 
@@ -74,7 +74,7 @@ class Hpp:
         ]  # fmt: skip
 
     def solver(self, generators: int) -> Call:
-        """Return a function of 16 rays from the centroid; pyramids have so many edges, arrays pass by address."""
+        """Return a function that computes 16 rays from the centroid with friction pyramids of `generators` edges."""
         assert self._library is not None
         function, handle = self._library.hpp_region, self._library.hpp_new(generators)
         rays = np.ascontiguousarray(SIXTEEN)
@@ -91,7 +91,7 @@ class Hpp:
 
 
 def cvxpy_region() -> tuple[Call | None, str]:
-    """Return a solver of the support function of a contact set by clarabel through cvxpy, or why there is none.
+    """Return a solver of the support function of a contact set by clarabel through cvxpy, or the reason for none.
 
     It solves (23) of Walas & Belter with one cone a contact, compiled once per set; the direction is a parameter.
     """
@@ -119,7 +119,7 @@ def cvxpy_region() -> tuple[Call | None, str]:
 
 
 def pypoman_region(method: str, edges: int = 8) -> tuple[Call | None, str]:
-    """Return a function that projects the constraints of a contact set onto the CoM plane by pypoman, or why not.
+    """Return a function that projects contact constraints onto the CoM plane by pypoman, or the reason for none.
 
     `method`: of pypoman's projection; `edges`: of the pyramid inside each friction cone.
     """
@@ -155,7 +155,7 @@ def pypoman_region(method: str, edges: int = 8) -> tuple[Call | None, str]:
 
 
 def peers() -> tuple[dict[str, tuple[Call, int]], dict[str, str]]:
-    """Return the peers that are installed, with calls in a block, and why others are absent."""
+    """Return the installed peers with their calls per block, and the reasons why others are absent."""
     here: dict[str, tuple[Call, int]] = {}
     absent: dict[str, str] = {}
     hpp = Hpp()
@@ -180,7 +180,7 @@ MINE: dict[str, tuple[Call, int]] = {
 
 
 def times_of(s: ContactSet, others: dict[str, tuple[Call, int]]) -> dict[str, float]:
-    """Return the smallest mean time of each function over interleaved blocks, us; the first block warms up."""
+    """Return the smallest mean time of each function over interleaved blocks, us; the first block only warms up."""
     best = dict.fromkeys((*MINE, *others), np.inf)
     for block in range(4):
         for name, (call, calls) in (MINE | others).items():
@@ -190,7 +190,7 @@ def times_of(s: ContactSet, others: dict[str, tuple[Call, int]]) -> dict[str, fl
 
 
 def error_of(name: str, call: Call, s: ContactSet) -> float | None:
-    """Return the largest difference of a peer to our exact region, m; None where a ray misses it."""
+    """Return the largest difference of a peer's region from this project's exact one, m; None where a ray misses it."""
     whole, found = region(s, SIXTEEN), call(s)
     if name.startswith("hpp"):
         centre = s.position[:, :2].mean(axis=0)

@@ -32,13 +32,14 @@ from surefoot.services.navigator.policy.params import load
 BENCH = Bench("policies")
 
 STEER_COSTLY_ABOVE = -1.0
-"""Threshold in nats; least time of the steering controller in `paper-arcs` on stream 1, of -3 .. -0.5."""
+"""Entropy of the belief, nats, above which the steering controller stands still; the value of -3 .. -0.5 with the least
+time with `paper-arcs` on stream 1."""
 DRIFTS = (0, 1, 2, 3, 4, 5, 6, 7, 8)
 
 
 @dataclass
 class Study:
-    """Policies run on the same episodes, and the tables of their times."""
+    """Results of policies run on common episodes, and the tables of their times."""
 
     seeds: Seeds
     lines: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
@@ -71,7 +72,7 @@ class Study:
         return results
 
     def compare(self, what: str, ours: Any, other: Any, most: float) -> None:
-        """Take in a paired difference in per cent and whether it is at most `most`."""
+        """Add the paired difference of two results, %, and whether it is at most `most`, to the tables."""
         p = paired(ours, other)
         verdict = "met" if p["difference_percent"] <= most else "MISSED"
         self._compared.append((what, p["difference_percent"], *p["difference_ci95_percent"], f"<= {most:g}", verdict))
@@ -87,7 +88,7 @@ class Study:
         self._rows, self._compared = [], []
 
     def four(self, params: str, baseline: float, gap: float) -> None:
-        """Compare the controllers with the paper's four actions."""
+        """Compare the controllers that have the four actions of Osswald et al."""
         three = self.times(params, "hand", ("filter.states=3",))
         plain, tuned, limit = (self.times(params, name) for name in ("hand", "tuned", "limit"))
         ours = self.times(params, "planner")
@@ -213,12 +214,12 @@ def courses(episodes_: str = "40000:41000", /, *, drifts: str = "0,2,4,7", actio
 THRESHOLDS = (-4.0, -3.5, -3.0, -2.5, -2.0, -1.0)
 TUNING, TUNING_STREAM = Seeds(0, 4000), 1
 FASTER = {"paper": 7.0, "paper-blur": 5.0}
-"""Per cent by which trainings have to be faster in the mean, by model."""
+"""Goal of the mean saving of time by training over the 35 deg controller, %, by model: at least this."""
 
 
 @cache
 def baseline(name: str, evaluation: Seeds) -> tuple[float, Any]:
-    """Return the 35 deg controller's best threshold on the tuning episodes and its results on the others."""
+    """Return the 35 deg controller's best threshold on the tuning episodes and its results on the evaluation ones."""
     world = arrays(load(name))
     times = {
         h: episodes(world, hand(world, stand_above=h), TUNING, stream=TUNING_STREAM)["seconds"].mean()

@@ -38,7 +38,7 @@ Asked = list[tuple[Query[Any, Any], Request]]
 
 
 def requests() -> Asked:
-    """Return requests of a walking robot: check, region, what-if over stances of three to six feet."""
+    """Return typical requests of a walking robot: check, region, what-if over stances of three to six feet."""
     rng = np.random.default_rng(0)
     out: Asked = []
     for _ in range(SETS):
@@ -98,7 +98,7 @@ class Asker:
 
 
 def serve_raw(router: str, ready: Any, stop: Any, sizes: dict[str, bytes]) -> None:
-    """Answer raw queries with bytes of the right size, in a process of its own."""
+    """Answer raw queries with bytes of the sizes of real replies, in a process of its own."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE))
     work: SimpleQueue[zenoh.Query | None] = SimpleQueue()
     kept = [bus.session.declare_queryable(f"{RAW}/{name}", work.put, complete=True) for name in sizes]
@@ -140,7 +140,7 @@ def client(router: str, number: int, count: int, go: Any, out: Any) -> None:
 
 
 def start(router: str) -> tuple[subprocess.Popen[bytes], float, float]:
-    """Start the service; return the process, s to its first right answer, and s that the imports alone take."""
+    """Start the service; return the process, the time to its first right answer and that of its imports, s."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE))
     asker, (query, request) = Asker(bus.session, STABILITY_CHECK.key), requests()[0]
     payload, expected = encode(request)[0], json.loads(answers([(query, request)])[0])

@@ -30,21 +30,21 @@ PAGES = ("docs/measured.md", "docs/bipeds.md", "docs/estimator.md", *sorted(
     str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "decisions").glob("*.md")
 ))  # fmt: skip
 BESIDE = ("goal", "seeds", "command")
-"""Columns without figures."""
+"""Names of table columns that hold no figures."""
 MACHINE = re.compile(
     r"^(make |starts|bus|core|lockstep|soak|flood|queries|peers|simulator|estimator |secure|view)"
     r"|^(footholds (times|ratios)|stability speed|foothold_walks speed)"
     r"|^surefoot (render|run .*--view)"
     r"|^navigator (environments|filters|decisions|training|routes)|^lost looks"
 )
-"""Commands whose figures are times: other machines have others."""
+"""Pattern of the commands whose figures are times, which differ from machine to machine."""
 SCALES = {"%": 100.0, "mm": 1e3, "cm": 1e2, "mm/s": 1e3, "cm/s": 1e2, "ms": 1e3, "us": 1e6, "ns": 1e9, "mrad": 1e3}
-"""What a number in the unit is times the one in SI units, in which a command may print it."""
+"""Factor from the SI unit to each unit in which pages state figures; a command may print either."""
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d{1,2}(?!\d))?(?![\w]*/)")
 MADE = "--results F"
-"""Option whose file a command makes itself."""
+"""Option by which a command writes a results file for itself, so that the report supplies a file name."""
 LONGEST_S = 1e6
-"""Limit of a command without one, s."""
+"""Time limit of a command for which none is given, s."""
 UNIT = re.compile(r" ?(%|mm/s|cm/s|mm|cm|ms|us|ns|mrad)(?![\w])")
 
 
@@ -54,7 +54,7 @@ class Figure(NamedTuple):
     page: str
     what: str
     text: str
-    """Cells with figures."""
+    """Text of the row's cells that hold figures."""
     command: str
 
 
@@ -63,9 +63,9 @@ class Stated(NamedTuple):
 
     value: float
     half: float
-    """Half of its last digit."""
+    """Half of the unit of the last digit with which the number is stated, in the number's unit."""
     scale: float
-    """Of its unit over the SI unit."""
+    """Factor from the SI unit to the unit in which the number is stated."""
 
 
 def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]:
@@ -173,17 +173,17 @@ def output_of(command: str, limit_s: float = math.inf, folder: Path | None = Non
 
 
 def obstacle(command: str) -> str:
-    """Return why a command cannot be run by itself, empty when it can."""
+    """Return the reason why a command cannot be run by itself; empty = it can."""
     gap = re.search(r"(?<![\w.])(DIR|F|LOG|RUN|\w+\.jsonl?)(?![\w.])", command.replace(MADE, ""))
     return f"needs {gap[1]}" if gap is not None else ""
 
 
 SHORT = ("surefoot evaluate navigator --params paper --seeds 0:2000 --json", "stability adaptive --count 400")
-"""Commands of a few seconds whose figures are no times."""
+"""Commands of a few seconds whose figures are no times, so that they agree on every machine."""
 
 
 class Outputs:
-    """What commands printed, as lines of a results file where there is one; a command that it holds is not repeated."""
+    """Outputs of commands, kept as lines of a results file if one is given; a command in the file is not run again."""
 
     def __init__(self, results: Path | None, limit_s: float = math.inf, folder: Path | None = None) -> None:
         """Continue with a file.
@@ -197,7 +197,7 @@ class Outputs:
         self.done = {line["command"]: line for line in finished(results)}
 
     def of(self, command: str) -> tuple[str | None, str]:
-        """Return what a command prints, None and why if it did not end well; one that fails comes again next time."""
+        """Return the output of a command, or None and the reason; one that failed is run again next time."""
         line = self.done.get(command)
         if line is None or (line["output"] is None and self.limit_s > line["limit"]):
             began, output = time.monotonic(), None
@@ -221,7 +221,7 @@ def report(
     """Compare the figures of the pages with what their commands print, the short ones by default; exit code 1: some
     differ. Without --check list the commands.
 
-    Times depend on the machine: their numbers are shown, not judged.
+    Times depend on the machine: their numbers are shown, not compared.
 
     Args:
         check: run the commands.

@@ -14,7 +14,7 @@ from surefoot.services.footholds.select import Foothold, Landing, TrunkPose
 
 
 class _NoWeight(AnywhereModel):
-    """Common part of rules from the literature: a walk states the weight of the way."""
+    """Common part of rules from the literature, which state no weight of the distance: a walk states it."""
 
     @property
     def distance_weight(self) -> float:
@@ -24,7 +24,7 @@ class _NoWeight(AnywhereModel):
 
 @dataclass(frozen=True, slots=True)
 class MinK2(_NoWeight):
-    """Rule of the flattest cell: P is K2 / (8 cell), the mean rise per way."""
+    """Rule of the flattest cell: the predicted slip P is K2 / (8 cell), the mean slope, no unit."""
 
     @property
     def name(self) -> str:

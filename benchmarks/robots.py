@@ -47,23 +47,24 @@ PUBLIC = (
     ANYMAL_B,
     *(f"{LAB}/{name}" for name in ("go1", "g1")),
 )
-"""Robots by package: seventeen quadrupeds and a humanoid, MJCF and URDF."""
+"""Robots as PACKAGE/ROBOT: seventeen quadrupeds and a humanoid, from MJCF and URDF."""
 WALKERS = (
     f"{GYM}/go1", f"{GYM}/go2", f"{GYM}/aliengo", f"{GYM}/mini_cheetah", f"{GYM}/spot", ANYMAL_B, f"{DATA}/solo12",
 )  # fmt: skip
-"""Robots of the crawls."""
+"""Robots as PACKAGE/ROBOT that the crawls use by default."""
 SHOWN = (
     "distance_m", "min_margin_m", "velocity_rmse_mps", "odometry_error_percent", "max_tilt_deg", "mean_slip_mm",
     "duration_s",
 )  # fmt: skip
 FAKE = Path(__file__).parents[1] / "examples" / "unitree" / "fake.py"
 DOMAIN = 91
-"""DDS domain of the fake Go2."""
+"""DDS domain number of the fake Go2."""
 LOOPBACK = "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"
 SETTLE_S = 3.0
-"""Wall time before a load is measured."""
+"""Wall time before the load of processes is measured, s."""
 PERTURBED = 1.0
-"""Scale of the differences between the robot in the simulator and its description: masses, servos, friction."""
+"""Level of the random differences between the simulated robot and its description (masses, servos, friction), no unit;
+0 = none."""
 
 
 @BENCH.part()
@@ -174,7 +175,7 @@ def kinematics(robot: str = f"{GYM}/go2", /) -> None:
 
 
 def crawled(robot: str, ground: str, seed: int) -> Line:
-    """Let a robot crawl on the ground of a seed, with every service; return its line."""
+    """Simulate a crawl of a robot on the ground of a seed with every service; return its line of results."""
     scenario = load_scenario(f"crawl-{ground}")
     world = scenario.world.model_copy(update={"perturbation": PERTURBED})
     with placed(robot) as place:
@@ -205,7 +206,7 @@ def crawl(
 
 
 def trotted(robot: str, gait: str, seed: int, seconds: float) -> Line:
-    """Let a robot trot by the example, watched by our services; return its line."""
+    """Simulate a trot by the example, observed by this project's services; return its line of results."""
     with tempfile.TemporaryDirectory() as folder, placed(robot) as place:
         recording = Path(folder) / "trot.mcap"
         watch(place, seed, recording, seconds, PERTURBED, **GAITS[gait])
@@ -283,7 +284,7 @@ def footholds(
 
 
 def bare_reader(domain: int) -> None:
-    """Take and decode each `rt/lowstate` of a domain, looking once in a tick, until the process ends."""
+    """Take and decode the `rt/lowstate` messages of a DDS domain once in a tick, until the process ends."""
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.sub import DataReader

@@ -26,12 +26,12 @@ BENCH = Bench("secure")
 
 PING = Topic(HW_JOINTS.key, JointState, Kind.SAMPLE, "driver")
 PONG = Topic(CMD_JOINTS.key, JointState, Kind.COMMAND, "walker")
-"""The frames of the driver and of the walker, which may read each other's."""
+"""Topic of the replies: joint commands' key with a joint state, in frames of the walker, which the driver may read."""
 
 
 @contextmanager
 def certificates(namespace: str) -> Iterator[None]:
-    """Make certificates of the system `ragno`, for this process and those that it starts."""
+    """Create certificates of the system `ragno`, for this process and those that it starts, inside the context."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ["SUREFOOT_SECURITY"] = folder
         try:

@@ -57,7 +57,7 @@ def marching(robot: Robot, ticks: int) -> Array:
 
 
 def pair(kind: str, seconds: float, rounds: int) -> tuple[float, float, float]:
-    """Return the median us per tick: bare, world, bare over world."""
+    """Return the median processor time per tick of bare steps, us, of the simulated world, us, and world over bare."""
     robot = load_robot("ragno")
     terrain = make_terrain(kind, seed=1)
     world = w.PhysicsWorld(robot, terrain)
@@ -92,7 +92,7 @@ def pair(kind: str, seconds: float, rounds: int) -> tuple[float, float, float]:
 
 
 def bare_replay(commands: Array, seed: int) -> float:
-    """Return the median us per tick of bare steps over a run's commands on the demo's terrain.
+    """Return the median processor time per tick of bare steps over a run's commands on the demo's terrain, us.
 
     `commands`: joint angles of each tick, (ticks, nj) rad; `seed`: of the terrain.
     """
@@ -114,7 +114,7 @@ def bare_replay(commands: Array, seed: int) -> float:
 
 
 def in_demo(seed: int = 0) -> tuple[float, float, float]:
-    """Return us of CPU per tick: a bare replay, and in the demo the simulator's physics and all of its process."""
+    """Return processor times per tick, us: of a bare replay, of the simulator's physics in the demo, of its process."""
     endpoint = free_address()
     with tempfile.TemporaryDirectory() as folder:
         compose, scenario, booked = (Path(folder) / name for name in ("timed.yaml", "timed.toml", "physics.json"))
@@ -191,7 +191,7 @@ def steps(*, seconds: float = 10.0, rounds: int = 5, no_service: bool = False) -
 
 
 class TimedSimulator(Simulator):
-    """Simulator with a clock on its physics: s of CPU and ticks are written to a file at its end."""
+    """Simulator that writes the processor time of its physics, s, and its number of ticks to a file at its end."""
 
     spent = 0.0
 

@@ -44,7 +44,7 @@ with zenoh.open(config) as session:
         except queue.Empty:
             continue
 """
-"""Program that stops a robot and waits for `sim/status`, by Zenoh alone."""
+"""Python program that stops a robot and waits for `sim/status`, with the bare Zenoh library."""
 
 
 @contextmanager
@@ -104,7 +104,7 @@ def restarts(*, rtf: str = "1,0", seconds: float = 1800.0, nice: int = 0, proces
 
 
 def _timed(machine: Machine, commands: Sequence[str]) -> tuple[float, float, bool]:
-    """Run a command; return wall time, s, processor time, s, and whether it succeeded."""
+    """Run a command; return its wall time, s, its processor time, s, and whether it succeeded."""
     codes: list[int] = []
 
     def run() -> None:

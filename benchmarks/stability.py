@@ -28,7 +28,8 @@ BENCH = Bench("stability")
 
 SIXTEEN = equally_spaced(16)
 LEFT_OUT = 0.005
-"""Share of the area; where 16 adaptive directions leave out more, the best choice is shown."""
+"""Share of a region's area, 0 to 1, left out by 16 adaptive directions, above which the best choice of corners is
+printed."""
 
 
 def normals(slope: Array, heading: Array) -> Array:
@@ -56,12 +57,12 @@ def stance(rng: np.random.Generator, n: int, slope_deg: float = 30.0, mu: float 
 
 
 def us(function: Call, calls: int = 5, blocks: int = 3) -> float:
-    """Return the smallest mean time of a call over blocks, us."""
+    """Return the smallest mean time of a call over blocks of calls, us."""
     return 1e6 * best_of(function, blocks, calls)
 
 
 def costs(s: ContactSet) -> list[float]:
-    """Return the times of the functions for one stance, and of clarabel, us."""
+    """Return the times of the stability functions for one stance, and that of clarabel, us."""
     oracle, found = Oracle(s, *reduce(s)), region(s, limit=16)
     reference = Reference(oracle.reduced.a, oracle.reduced.c, 1e-8)
     c = s.position[:, :2].mean(axis=0)
@@ -197,7 +198,7 @@ def random_set(rng: np.random.Generator) -> ContactSet:
 
 
 def refuted(found: Region) -> str:
-    """Return what the certificates of a region do not prove; empty when all holds."""
+    """Return the claim about a region that its certificates do not prove; empty when all are proved."""
     s, support = found.contacts, found.support
     if found.status == "infeasible":
         assert found.sinking is not None

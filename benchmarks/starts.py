@@ -35,7 +35,7 @@ def shuffled(number: int) -> list[str]:
 
 
 def start_once(folder: Path, number: int) -> tuple[float, int, list[str]]:
-    """Return s from the first process to the last tick of a short run, ticks sent again, and what was wrong."""
+    """Return the time from first process to last tick of a short run, s, ticks sent again, and what was wrong."""
     wrong: list[str] = []
     again = 0
     with Live(folder, record=True) as live:

@@ -52,16 +52,16 @@ no_fall = true
 """
 KINDS = ("full", "read_only", "slow", "torn", "clock_back")
 SLOW_S = 0.02
-"""Wall time of each write to a slow disk; a recording is some hundred."""
+"""Wall time that each write to a slow disk takes, s; a recording makes some hundred writes."""
 LIMIT_S = 300
-"""Wall time after which a case is ended."""
+"""Wall time after which a case is ended, s."""
 LEARN_TICK = 60
-"""Control tick in which the model is written."""
+"""Control tick in which the slip model is written."""
 
 
 @dataclass
 class Case:
-    """What a seed draws, and what came of it.
+    """Fault of storage drawn by a seed, and its outcome.
 
     Attributes:
         seed: of the case.
@@ -139,7 +139,7 @@ def run_case(case: Case, folder: Path, scenario: Scenario, model: LearnedModel) 
 
 
 def set_back(seconds: float) -> None:
-    """Set the clock of this process back."""
+    """Set the clock of this process back by `seconds` s."""
     now, now_ns = time.time, time.time_ns
     time.time = lambda: now() - seconds
     time.time_ns = lambda: now_ns() - int(seconds * 1e9)
@@ -158,7 +158,7 @@ def make_read_only(folder: Path) -> None:
 
 
 def forked(work: Callable[[], dict[str, Any]]) -> tuple[int, str, str]:
-    """Return exit code, output and errors of work in a child process."""
+    """Run a function in a child process; return its exit code, output and errors."""
     pipes = [os.pipe(), os.pipe()]
     child = os.fork()
     if child == 0:
@@ -187,14 +187,14 @@ def forked(work: Callable[[], dict[str, Any]]) -> tuple[int, str, str]:
 
 
 def tear(path: Path, draw: Random) -> None:
-    """Leave of a file what a crash leaves: its beginning, or its size with zeros at the end."""
+    """Damage a file as a crash does: keep its beginning only, or its size with zeros at the end."""
     data = path.read_bytes()
     at = draw.randrange(len(data) + 1)
     path.write_bytes(data[:at] + (bytes(len(data) - at) if draw.random() < 0.5 else b""))
 
 
 def read_recording(path: Path, *, whole: bool, sentences: list[str]) -> str:
-    """Return what is wrong with a recording, empty where all that is sound in it can be read."""
+    """Return what is wrong with a recording; empty = all of its sound part can be read."""
     if not path.exists():
         return "" if sentences else "no recording, and no sentence about it"
     try:

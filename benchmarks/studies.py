@@ -27,12 +27,12 @@ BENCH = Bench("studies")
 
 SCENARIOS = ("rough-terrain", "flat", "rough-terrain-high")
 HIGH_M = 0.087
-"""Height of the hills of `rough-terrain-high`, m."""
+"""Height of the highest hill of `rough-terrain-high`, m."""
 SHOWN = (
     "distance_m", "max_tilt_deg", "mean_slip_mm", "velocity_rmse_mps", "odometry_error_percent", "min_margin_m",
     "duration_s",
 )  # fmt: skip
-"""Metrics of a walk in the table."""
+"""Names of the metrics of a walk that the table shows."""
 
 
 def named(name: str) -> Scenario:
@@ -44,7 +44,7 @@ def named(name: str) -> Scenario:
 
 
 def walked(scenario: str, seed: int) -> Line:
-    """Run a scenario on one seed; return its line."""
+    """Run a scenario on one seed; return its line of results."""
     return run_scenario(named(scenario), seed)
 
 
@@ -79,12 +79,12 @@ def scenarios(
 
 
 CHAOS = {"toys": "0:1700", "ragno": "0:100", "bioloid": "0:100", "nao": "0:100"}
-"""Seeds of each system of the faults."""
+"""Default range of seeds, first:end, of each system under faults."""
 EVENTS = 5
 MARKED = 1000
-"""Seeds in which new recoveries are counted."""
+"""Number of consecutive seeds over which recoveries not seen before are counted."""
 WAYS = {"ragno": (0.1, 300), "bioloid": (0.1, 600), "nao": (0.1, 400)}
-"""Way, m, and ticks over which the events are spread, by robot."""
+"""Distance walked, m, and number of ticks over which the fault events are spread, by robot."""
 SHORT_WALK = """
 description = "a short walk while things go wrong"
 compose = "{robot}"
@@ -102,7 +102,7 @@ no_fall = true
 
 
 def spoilt(what: str, seed: int) -> Line:
-    """Run the toys, or a short walk of a robot, under the faults of a seed; return what was bad."""
+    """Run the toys, or a short walk of a robot, under the faults of a seed; return the violations and counts."""
     began = time.process_time()
     if what == "toys":
         line = _toys(seed)
@@ -162,7 +162,7 @@ def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
 
 
 def _marked(name: str, lines: list[Line]) -> tuple[object, ...]:
-    """Return a row: recoveries that the seeds took, and how many were new in each thousand."""
+    """Return a row of the table: recoveries taken over the seeds, and how many were new in each thousand of them."""
     seen, new = set[str](), list[int]()
     for first in range(0, len(lines), MARKED):
         before = len(seen)

@@ -36,7 +36,7 @@ from tests.ports import free_address
 BENCH = Bench("trials")
 
 START_S = 300.0
-"""Time that a simulator has to answer its first trial, s."""
+"""Longest wait for a simulator to answer its first trial, s."""
 
 
 def simulator(folder: Path, endpoint: str, namespace: str) -> subprocess.Popen[bytes]:
@@ -67,7 +67,7 @@ def wait_for(place: str, folder: Path) -> None:
 def campaign(
     trials: list[PrimitiveTrial], out: Path, places: list[str], show: Callable[[str, int], None] = lambda n, c: None
 ) -> float:
-    """Run a campaign; return trials per second."""
+    """Run a campaign of trials on simulators; return the number of trials per second."""
     began = time.perf_counter()
     with remote_workers(places, 20.0) as workers:
         run_trials(load_robot("ragno"), trials, out, workers, show)
@@ -124,7 +124,7 @@ def primitives(*, trials: int = 60) -> None:
 
 RANDOM = "random-"
 BRANCHES = 1000
-"""Samples of one walk differ by their step: that of the request times this plus the number of the arm."""
+"""Factor that makes step numbers of samples unique: the number of the request times this plus that of the arm."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Branching:
 
 
 def pairs_of(ground: str, seed: int, how: Branching) -> tuple[list[Line], list[StanceSample]]:
-    """Return the states of one walk, a line each, and their samples."""
+    """Return the states of one walk, a line each, and the samples of their stances."""
     setting = replace(GROUNDS[ground], robot=how.robot)
     rules: dict[str, Rule] = {
         name: rule_of(name, seed, how.model, how.robot) or nominal_rule() for name in words_of(how.rules)

@@ -23,9 +23,10 @@ from surefoot.schemas.topics import SIM_RESET, STATE_ODOMETRY, STATE_STABILITY, 
 DRIVER = Path(__file__).parents[1] / "examples" / "trot" / "driver.py"
 WATCHERS = ("estimator", "stability", "recorder")
 GAITS: dict[str, dict[str, Any]] = {"trot": {}, "flying": {"duty": 0.4, "leap_m": 0.03, "speed": 0.68}}
-"""Settings of the example by name: two feet stand at all times, or there are moments without any."""
+"""Settings of the example's gait by name: in `trot` two feet stand at all times, in `flying` there are moments without
+any."""
 SETTLED_S = 2.0
-"""Time after setting off from which the speed counts, s."""
+"""Time after the start of the motion before the speed is measured, s."""
 
 
 class Watched(NamedTuple):
@@ -101,6 +102,6 @@ def measured(robot: str, recording: Path) -> Watched:
 
 
 def _turned(log: Any, yaw: Any) -> float:
-    """Return the error of the change of heading over the scored rows, deg rms."""
+    """Return the rms error of the change of heading over the scored rows, deg."""
     error = np.degrees(yaw - base_pose(log)[1])[log.scored]
     return float(np.sqrt(np.mean((error - error[0]) ** 2)))

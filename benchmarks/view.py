@@ -22,7 +22,7 @@ from tests.processes import running
 BENCH = Bench("view")
 READY = "document.body?.dataset.ready == '1'"
 SETTLE_S = 2.0
-"""Wall time before anything is measured."""
+"""Wall time before measurements begin, s."""
 
 
 class Arrivals:
@@ -85,7 +85,7 @@ def live(seconds: float = 20.0, walk: float = 3.0) -> None:
 
 
 def share_of(pid: int, seconds: float) -> float:
-    """Return processor time over wall time of a process, all its threads, for so long."""
+    """Return the processor time over wall time of a process, all its threads, during `seconds` s."""
     before, began = busy_s([pid]), time.monotonic()
     time.sleep(seconds)
     return (busy_s([pid]) - before) / (time.monotonic() - began)

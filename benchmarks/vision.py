@@ -29,17 +29,17 @@ BENCH = Bench("vision")
 
 TEXTURES = "random,carpet,tiles,parquet"
 SPEEDS = ((0.0, 0.0), (0.055, 0.0), (0.0, 0.22), (0.055, 0.22), (0.1, 0.5), (0.2, 1.0))
-"""Speeds of the camera's base, m/s, and turns, rad/s: standing, walk and turn of the Nao by plan, and faster."""
+"""Speed of the camera's base, m/s, and yaw rate, rad/s: standing, planned walk and turn of the Nao, and faster."""
 CERTAIN = 0.1
-"""m, standard deviation up to which a belief counts as certain."""
+"""Standard deviation of the position, m, below which a belief counts as certain."""
 WRONG = 0.3
-"""m, error from which on a certain belief is wrong."""
+"""Error of the position, m, above which a certain belief counts as wrong."""
 SOON = 1.0
-"""s, time in which a fault is to be flagged."""
+"""Time after which a fault should be flagged at the latest, s."""
 
 
 def grid_map(camera: StillCamera, kind: Kind = "orb", end: float = 0.9) -> FeatureMap:
-    """Return the map of the floor about a way of some metres along x."""
+    """Return the map of the floor features around a path along x, from x = -0.3 m to `end` m."""
     return map_by_grid(camera, kind, np.arange(-0.3, end + 0.05, 0.1).tolist(), (-0.25, 0.0, 0.25))
 
 
@@ -239,11 +239,12 @@ def torn(pixels: Greys) -> Greys:
 SPOILT: dict[str, Callable[[Greys], Greys]] = {
     "mirrored": lambda pixels: pixels[:, ::-1], "half dirty": dirty, "torn": torn,
 }  # fmt: skip
-"""Faults of pixels that the simulator does not have."""
+"""Functions that change greys (h, w) by a fault of the camera that the simulator does not have, by name of the
+fault."""
 
 
 def spoilt(images: Iterable[TakenAt | None], case: str, begin: int) -> Iterable[TakenAt | None]:
-    """Yield images, from a tick on with the fault of a case of `SPOILT`."""
+    """Yield images, of which those from tick `begin` on have the fault of a case of `SPOILT`."""
     for tick, taken in enumerate(images):
         if taken is None or tick < begin or case not in SPOILT:
             yield taken
@@ -257,19 +258,19 @@ class BlindRun(NamedTuple):
     """Result of one recorded walk with a camera that sees nothing useful."""
 
     wrong: int
-    """Published poses that are certain and wrong."""
+    """Number of published poses that are certain, wrong and not reported as lost."""
     alarms: int
-    """Messages with a flag before anything was wrong."""
+    """Number of messages with a flag before the fault begins."""
     time: float
-    """Time from the fault until the flag, s; NaN = no flag."""
+    """Time from the beginning of the fault to the first flag, s; NaN = no flag."""
     sd: tuple[float, float]
-    """Standard deviation of the place when the fault begins and at the end, m."""
+    """Standard deviations of the position when the fault begins and at the end, m."""
     lost: bool
-    """The robot counts as lost at the end."""
+    """True if the robot counts as lost at the end of the run, else False."""
 
 
 def blind_run(motion: RecordedMotion, replay: WalkReplay, case: str, shown: Texture, seed: int) -> BlindRun:
-    """Return what a blind case does to a recorded walk.
+    """Return the result of a recorded walk with a case of a blind camera.
 
     Args:
         motion: of the robot.

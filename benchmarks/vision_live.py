@@ -22,7 +22,7 @@ from surefoot.services.vision.features import Kind
 BENCH = Bench("vision_live")
 
 ARRIVED = 0.2
-"""m, largest true distance from the goal of a run that arrived."""
+"""Largest true distance from the goal, m, at which a run counts as arrived."""
 
 
 @BENCH.part()
@@ -41,7 +41,7 @@ def grid(out: str = "grid.npz", /, *, texture: str = "parquet", seed: int = 1, f
 
 
 STARTS = (0.3, 0.25, 0.3)
-"""Largest x, y (m) and heading (rad) of the start poses of live runs, to either side."""
+"""Largest magnitude of the random offset of start poses of live runs in x, y (m) and heading (rad)."""
 
 
 def from_elsewhere(world: Path, arm: str, texture: str, seed: int) -> Scenario:

@@ -32,7 +32,8 @@ BENCH = Bench("walker")
 
 WIDE, TIGHT = math.radians(11.5), math.radians(23.0)
 LONG, SHORT = 0.6, 0.2
-"""Ways of commands, m."""
+"""`LONG`: distance of a command that continues past the moments tried, m; `SHORT`: distance of one whose fourth step is
+the last, m."""
 ORDERS = {
     "walk": MotionCommand("walk", distance=LONG), "back": MotionCommand("walk", distance=-LONG),
     "left": MotionCommand("turn", angle=8 * TIGHT), "right": MotionCommand("turn", angle=-8 * TIGHT),
@@ -45,7 +46,8 @@ ORDERS = {
     "arc_left_end": MotionCommand("walk", distance=SHORT, angle=2 * TIGHT),
     "arc_right_end": MotionCommand("walk", distance=SHORT, angle=-2 * TIGHT),
 }  # fmt: skip
-"""Commands that are under way or come; of those with `_end` the fourth step is the last, the fifth closes."""
+"""Commands by name, used as the one under way or the new one; of those that end in `_end` the fourth step is the last,
+the fifth closes."""
 PAIRS = (
     "left:right,right:left,walk:left,walk:right,left:walk,right:walk,arc_left:arc_right,arc_right:arc_left,"
     "bend_left:arc_right,bend_right:arc_left,left:arc_right,arc_right:left,walk:arc_left,arc_left:walk,walk:stop,"
@@ -55,13 +57,14 @@ PAIRS = (
     "left_end:stop"
 )
 MOMENTS = "0,1,2,4,6,8,10,13,16,20,24,25,26,28,32,40,50,60,70,80,89"
-"""Ticks before the landing."""
+"""Default moments of the new command, in ticks before the landing of a step."""
 STEPS = (-1, 3, 4)
-"""Steps in which the new command comes, one of each foot; -1 = the shift of weight before the first."""
+"""Numbers of the steps in which the new command arrives, one of each foot; -1 = the shift of weight before the
+first."""
 AFTER_S = 4.0
-"""Simulated time for which the robot is watched after the new command, s."""
+"""Simulated time for which the robot is observed after the new command, s."""
 STEEP_DEG = 10.0
-"""Tilt above which runs are counted, deg."""
+"""Tilt of the trunk, deg, above which a run counts as steep in the table."""
 
 
 class Loop:
@@ -114,7 +117,7 @@ class Loop:
 
 
 def interrupted(seed: int, before: str, after: str, level: float, ticks: tuple[int, ...]) -> Line:
-    """Try one command at every moment of some steps of another; return fall and largest tilt of each."""
+    """Issue one command at every given moment of some steps of another; return fall and largest tilt of each trial."""
     robot, tried = Loop(seed, level), list[dict[str, Any]]()
     robot.stand()
     robot.walker.command(ORDERS[before])
@@ -184,9 +187,9 @@ ACTIONS = {
     "arc_left": MotionCommand("walk", distance=STEP_M, angle=TIGHT, learn=False),
     "arc_right": MotionCommand("walk", distance=STEP_M, angle=-TIGHT, learn=False),
 }
-"""Actions of a navigator."""
+"""Commands of a navigator's actions by name."""
 AHEAD_S = 0.3
-"""Time before the end of an action at which the next is commanded, s."""
+"""Time before the end of an action at which the next one is commanded, s."""
 STAND_S = 0.7
 
 
@@ -195,17 +198,17 @@ class Done(NamedTuple):
 
     action: str
     before: str
-    """The action before it."""
+    """Name of the action before this one."""
     seconds: float
-    """Duration, s."""
+    """Duration of the action, s."""
     forward: float
-    """Way along the heading at its begin, m."""
+    """Displacement of base_link along its heading at the beginning of the action, m."""
     left: float
-    """Way across the heading at its begin, m."""
+    """Displacement of base_link to the left of its heading at the beginning of the action, m."""
     turn: float
-    """Change of the yaw, rad."""
+    """Change of the yaw over the action, rad, left positive."""
     tilt: float
-    """Largest tilt of the trunk, rad."""
+    """Largest tilt of the trunk during the action, rad."""
 
 
 class Fell(Exception):
@@ -214,7 +217,7 @@ class Fell(Exception):
 
 @dataclass
 class Chain:
-    """A robot that carries out one action after the other, with the present one and the largest tilt in it, rad."""
+    """Robot that carries out actions one after the other, with the present action and its largest tilt, rad."""
 
     robot: Loop
     last: str = "stand"
@@ -263,7 +266,7 @@ class Chain:
 
 
 def chained(seed: int, actions: str, level: float, drift: float) -> Line:
-    """Carry out actions, by commas, one after the other; return each, and whether the robot fell."""
+    """Execute actions, comma-separated, one after the other; return each, and whether the robot fell."""
     chain, names = Chain(Loop(seed, level, drift=drift)), words_of(actions)
     chain.command(names[0])
     try:
@@ -275,7 +278,7 @@ def chained(seed: int, actions: str, level: float, drift: float) -> Line:
 
 
 def _row(name: str, by_seed: Sequence[Sequence[Done]]) -> tuple[object, ...]:
-    """Return mean, deviation between seeds, and deviation from action to action of a seed."""
+    """Return a table row: mean, standard deviation between seeds, and standard deviation between actions of a seed."""
     cells: list[str] = []
     for field, scale, form in (("seconds", 1.0, ".2f"), ("forward", 1e3, ".1f"), ("left", 1e3, ".1f"),
                                ("turn", math.degrees(1.0), ".2f")):  # fmt: skip
@@ -326,7 +329,7 @@ def actions(
 ROBOTS = ("bioloid", "nao", "ragno")
 HELD_TICKS, MOST_TICKS = 300, 3000
 HELD_M = 0.2
-"""Way of a walk in which the robot is held, m."""
+"""Distance of the walk during which the robot is held, m."""
 
 
 def moments_of(name: str, seed: int, every: int) -> Iterator[tuple[str, bool]]:

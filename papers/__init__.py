@@ -1,1 +1,2 @@
-"""The papers again: every figure and number from this code, the paper's value beside ours (`surefoot reproduce`)."""
+"""Reproduction of papers: their figures and numbers computed by this code, beside those printed (`surefoot
+reproduce`)."""

@@ -17,12 +17,13 @@ PAPERS = {
     "walas-stability": ".walas.stability",
     "wawrzynski": ".wawrzynski.velocity",
 }
-"""Name: module with `reproduce(folder, progress)`, and with `SYSTEM = None` if no system's kernels are needed."""
+"""Module of each paper by name, with `reproduce(folder, progress)`, and with `SYSTEM = None` if no system's kernels are
+needed."""
 WITH_LIVE = ("osswald",)
-"""Papers whose `reproduce` also takes `live`, a file of results."""
+"""Names of the papers whose `reproduce` also takes `live`, a results file of runs of the simulated robot."""
 
 RESUMED = ("walas-footholds",)
-"""Papers whose folder keeps what is done."""
+"""Names of the papers whose output folder keeps finished runs, so that an interrupted study is continued."""
 
 app = typer.Typer()
 

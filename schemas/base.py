@@ -20,7 +20,8 @@ from pydantic_core import CoreSchema, PydanticCustomError
 MAX_JOINTS = 64
 MAX_FEET = 8
 UNIT_WITHIN = 0.01
-"""Largest distance of the length of a quaternion from 1: beyond it, the numbers are no rotation."""
+"""Largest deviation of a quaternion's length from 1 at which it is accepted as a rotation; beyond it the message is
+refused."""
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
@@ -57,7 +58,7 @@ def _strict_numbers(schema: Any) -> Any:
 
 
 class Strict(BaseModel):
-    """A model whose numbers are numbers. Its validator is built when it is first needed: a command needs few of all."""
+    """Base of models whose number fields refuse booleans and text; the validator is built at its first use."""
 
     model_config = ConfigDict(defer_build=True)
 
@@ -73,11 +74,11 @@ class Wire(Strict):
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
     schema_version: ClassVar[str] = "1.0"
-    """major.minor: additions raise minor, everything else raises major."""
+    """Version of the model, major.minor: an addition raises minor, any other change raises major."""
 
     @classmethod
     def schema_name(cls) -> str:
-        """Name and version as they stand in the Zenoh encoding, e.g. ``surefoot/Imu/1.0``."""
+        """Name and version of the model as in the Zenoh encoding, e.g. ``surefoot/Imu/1.0``."""
         return f"surefoot/{cls.__name__}/{cls.schema_version}"
 
 
@@ -159,7 +160,7 @@ class TickRequest(Request):
 
 
 class Reply(Wire):
-    """Base of replies."""
+    """Base of replies of queryables: unknown fields are ignored."""
 
 
 class ErrorReply(Reply):

@@ -15,7 +15,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "finish": ("per_joint", "apply"),
     "cancel": (),
 }
-"""Fields that each action takes, beside ``at_tick``."""
+"""Names of the request fields that each action takes, beside ``at_tick``."""
 
 
 class CalibrationPose(Request):
@@ -54,7 +54,7 @@ class CalibrateRequest(Request):
 
 
 class CalibrateReply(Reply):
-    """Progress of a calibration, or its result."""
+    """Progress of a torque calibration, or its result."""
 
     accepted: bool = Field(description="false: nothing changes")
     reason: str = Field(default="", description="why it was refused, or what came of it, in words")

@@ -13,7 +13,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "stand": ("duration", "shift"),
     "stop": (),
 }
-"""Fields that go with each action, beside ``at_tick``."""
+"""Names of the command fields that each action takes, beside ``at_tick``."""
 
 
 class WalkCommand(Request):

@@ -12,20 +12,20 @@ from .base import MAX_FEET, Bulk, Message, QuatWxyz, Reply, Request, TickRequest
 
 MAX_WINDOW = 301
 MAX_STEPS = 64
-"""Most steps of one batch."""
+"""Largest number of steps in one batch; a longer batch is refused."""
 LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support", "clear"]
 FootholdStatus = Literal["ok", "raise_trunk", "infeasible"]
 
 
 class BasePose(Request):
-    """Pose of base_link."""
+    """Pose of base_link when the feet land, frame map."""
 
     position: Vec3 = Field(description="origin of base_link, frame map, m")
     quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to map, order w x y z")
 
 
 class LegRequest(Request):
-    """The landing of one leg."""
+    """Leg that is about to land: name, nominal foothold and stroke."""
 
     leg: str = Field(min_length=1, max_length=32, description="name of the leg in the robot description, e.g. lf")
     nominal: Vec3 = Field(
@@ -87,7 +87,7 @@ class MaskCounts(Reply):
 
 
 class LegFoothold(Reply):
-    """The foothold of one leg."""
+    """Foothold of one leg with its cost and slip, or the reason why there is none."""
 
     leg: str = Field(description="name of the leg, as asked")
     status: FootholdStatus = Field(
@@ -120,7 +120,7 @@ class LegFoothold(Reply):
 
 
 class SelectReply(Reply):
-    """Footholds in the order of the request."""
+    """Reply to `footholds/select`: footholds in the order of the legs of the request."""
 
     schema_version: ClassVar[str] = "1.2"
     legs: tuple[LegFoothold, ...] = Field(description="one answer for each leg asked about")
@@ -133,7 +133,7 @@ class SelectReply(Reply):
 
 
 class PlannedStep(Request):
-    """Legs that land together, and where the trunk is then."""
+    """Legs that land together in a planned step, and the pose of the trunk at that time."""
 
     base: BasePose = Field(description="where base_link will be when the feet land")
     legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
@@ -171,7 +171,7 @@ class StepFootholds(Reply):
 
 
 class FootholdsBatchReply(Reply):
-    """Footholds in the order of the steps."""
+    """Reply to `footholds/batch`: footholds of each step, in the order of the steps of the request."""
 
     steps: tuple[StepFootholds, ...] = Field(description="one answer for each step")
     map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
@@ -246,7 +246,7 @@ class ModelRequest(TickRequest):
 
 
 class ModelReply(Reply):
-    """The slip model in force."""
+    """Slip model in use by the foothold service, and the state of its re-learning."""
 
     schema_version: ClassVar[str] = "1.1"
     model: str = Field(description="name, as in the replies of footholds/select")
@@ -282,7 +282,7 @@ class LearnRequest(Request):
 
 
 class LearnReply(Reply):
-    """The state of the last job."""
+    """State of the last job that learned a slip model."""
 
     schema_version: ClassVar[str] = "1.1"
 

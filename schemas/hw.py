@@ -99,7 +99,7 @@ class Sighting(Wire):
 
 
 class Landmark(Sighting):
-    """A landmark that was recognised."""
+    """Landmark that a camera recognised, with its descriptor."""
 
     descriptor: Annotated[tuple[float, ...], Field(max_length=256)] = Field(
         description="what it looks like; the same landmark looks alike each time, up to noise"

@@ -19,7 +19,7 @@ GoalError = Literal[
     "walker_refused", "arrived_unsure", "blocked",
 ]  # fmt: skip
 RESULTS = 4
-"""Results that the feedback carries: those of the last goals that ended."""
+"""Number of goal results that the feedback carries: those of the last goals that ended."""
 
 
 class PoseBelief(Message):
@@ -203,7 +203,7 @@ class PolicyRequest(Request):
 
 
 class PolicyReply(Reply):
-    """The default policy and its provenance."""
+    """Default policy of the navigator and its provenance."""
 
     policy: str = Field(description="name of the default policy")
     known: tuple[str, ...] = Field(description="names that ship")

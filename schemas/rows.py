@@ -37,7 +37,7 @@ class ModelPlaces:
         self._file = file
 
     def __getattr__(self, name: str) -> ModelPlace:
-        """Return the place of a model."""
+        """Return the place of the model with the name of an attribute."""
         return ModelPlace(self._file, name)
 
 
@@ -47,7 +47,7 @@ def _imported(model: type[Wired]) -> type[Wired]:
 
 
 class Kind(Enum):
-    """Delivery of a topic; the bus maps it to Zenoh's quality of service."""
+    """Delivery of a topic, which the bus maps to Zenoh's quality of service."""
 
     SAMPLE = "sample"  # hw/*: released by the driver, listed in the tick's manifest
     STATE = "state"  # periodic output of a function service
@@ -60,33 +60,37 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Topic(Generic[M]):
-    """One row: key, model, kind, owner, rate."""
+    """Row of the table of topics: key, model of the messages, kind of delivery, owner, rate."""
 
     key: str
     carries: type[M]
-    """Model of the messages, or where it is defined; read it as `model`."""
+    """Model of the messages, or the place where it is defined, which `model` resolves."""
     kind: Kind
     owner: str
-    """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` is every service."""
+    """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` = every service publishes
+    its own."""
     rate_hz: float = TICK_HZ
-    """Messages per second of simulated time, of wall time for a STATUS topic; 0 = event."""
+    """Messages per second of simulated time, of wall time for a STATUS topic; 0 = published on events, without a
+    period."""
     own_rate: str = ""
-    """Place where a robot may state another rate; empty = no robot may."""
+    """Place where a robot may state another rate, in words; empty = the rate is the same for every robot."""
     observers_only: bool = False
     """True if the topic is published after the tick's frame and in batches: recorder and supervisor may read it,
-    services that act may not."""
+    services that act may not. False: any service may read it."""
     deterministic: bool = True
-    """True if the topic is recorded and part of the run hash: same seed, same bytes."""
+    """True if the topic is recorded and part of the run hash (same seed, same bytes), False if it is not in the
+    hash."""
     period_ns: int = field(init=False, default=0)
-    """Simulated time between two messages, ns; 0 = event or wall time."""
+    """Simulated time between two messages, ns; 0 = the topic is published on events, or its rate is in wall time."""
     period_ticks: int = field(init=False, default=0)
-    """Control ticks between two messages; 0 = samples, which the driver releases, and topics without a period."""
+    """Control ticks between two messages; 0 = a SAMPLE topic, which the driver releases, or no period in simulated
+    time."""
     wall_period_s: float = field(init=False, default=0.0)
-    """Wall time between two messages of a STATUS topic, s; 0 = event."""
+    """Wall time between two messages of a STATUS topic, s; 0 = published on events, or a topic of another kind."""
 
     @cached_property
     def model(self) -> type[M]:
-        """Model of its messages."""
+        """Model of the topic's messages."""
         return _imported(self.carries)
 
     def __post_init__(self) -> None:
@@ -115,7 +119,7 @@ class Topic(Generic[M]):
 
     @property
     def signed(self) -> bool:
-        """True if its messages name the process that published them; participants obey the one they are bound to."""
+        """True if messages name the process that published them; participants obey the one they are bound to."""
         return self.framed or self.kind is Kind.LATCHED
 
     def due(self, tick: int) -> bool:
@@ -124,33 +128,33 @@ class Topic(Generic[M]):
 
 
 TICK_KEY = "hw/tick"
-"""Key of the manifest of a tick, the one LOCKSTEP topic inside a frame."""
+"""Key of the topic with the manifest of a tick, the only LOCKSTEP topic that is part of a frame."""
 
 
 @dataclass(frozen=True)
 class Query(Generic[Req, Rep]):
-    """One row: key, request and reply models, owner."""
+    """Row of the table of queries: key, models of request and reply, owner."""
 
     key: str
     takes: type[Req]
-    """Model of the requests, or where it is defined; read it as `request`."""
+    """Model of the requests, or the place where it is defined, which `request` resolves."""
     returns: type[Rep]
-    """Model of the replies, or where it is defined; read it as `reply`."""
+    """Model of the replies, or the place where it is defined, which `reply` resolves."""
     owner: str
     timeout_s: float = 5.0
-    """Default time limit of the caller, s of wall time."""
+    """Default time after which a caller gives up waiting for the reply, s of wall time."""
     acts: bool = False
-    """True if the query changes state. Such a query refuses an empty request, because a wildcard `get` sends one to
-    every key."""
+    """True if the query changes state: it then refuses an empty request, because a wildcard `get` sends one to every
+    key. False: it only reads, and an empty request asks for its defaults."""
 
     @cached_property
     def request(self) -> type[Req]:
-        """Model of its requests."""
+        """Model of the query's requests."""
         return _imported(self.takes)
 
     @cached_property
     def reply(self) -> type[Rep]:
-        """Model of its replies."""
+        """Model of the query's replies."""
         return _imported(self.returns)
 
     def of(self, service: str) -> "Query[Req, Rep]":

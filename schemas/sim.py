@@ -155,7 +155,7 @@ class ResetRequest(Request):
         return {name: fields[name] for name in self.model_fields_set if name != "world"} | {"world": world}
 
     def over(self, before: "ResetRequest") -> "ResetRequest":
-        """Return the request that ``keep`` means after another one: the fields given here, the others as before."""
+        """Return the request with ``keep`` resolved: fields that it does not give are those of `before`."""
         if not self.keep:
             return self
         wanted = {name: getattr(self.world, name) for name in self.world.model_fields_set}
@@ -180,13 +180,13 @@ class ResetReply(Reply):
 
 
 class StepRequest(Request):
-    """Lets a paused simulation go on."""
+    """Resumes a paused simulation, for a number of ticks or without end."""
 
     ticks: int | None = Field(default=None, gt=0, description="ticks to run before pausing again; null = until paused")
 
 
 class SpeedRequest(Request):
-    """Changes the pace of a paced run."""
+    """Changes the real-time factor of a paced run."""
 
     rtf: float = Field(ge=0, le=1000, description="real-time factor, 0 = as fast as it goes")
 
@@ -199,7 +199,7 @@ class PauseRequest(Request):
 
 
 class PushRequest(Request):
-    """An external force on the trunk."""
+    """Plans a push: an external force on a link or the trunk for a time."""
 
     force: Vec3 = Field(description="N, world axes")
     duration: float = Field(gt=0, le=10, description="s")
@@ -217,7 +217,7 @@ class PlaceRequest(Request):
 
 
 class SetRequest(Request):
-    """Changes the world while it runs."""
+    """Changes friction, masses or servo gains of the world while it runs."""
 
     quantity: Literal["friction", "mass", "servo"] = Field(description="what to change")
     value: float = Field(gt=0, le=100, description="friction coefficient, or factor on mass or servo gain")
@@ -225,7 +225,7 @@ class SetRequest(Request):
 
 
 class FaultRequest(Request):
-    """Breaks something for a while."""
+    """Plans a fault of a sensor, servo, packet line or camera, which ends after its duration."""
 
     schema_version: ClassVar[str] = "1.3"
     kind: FaultKind = Field(description="which fault")
@@ -246,7 +246,7 @@ class FaultRequest(Request):
 
 
 class SimReply(Reply):
-    """Answer of sim/step, pause, push, set, fault."""
+    """Reply to sim/step, speed, pause, push, place, set and fault."""
 
     accepted: bool = Field(description="false: nothing changed")
     tick: int = Field(ge=-1, description="tick it takes effect in, or the present one")
@@ -254,19 +254,19 @@ class SimReply(Reply):
 
 
 class CheckpointRequest(Request):
-    """Stores the whole simulator under a name."""
+    """Stores the whole state of the simulator under a name."""
 
     name: str = Field(default="default", min_length=1, max_length=64, description="name of the checkpoint")
 
 
 class RestoreRequest(Request):
-    """Takes the simulator back; raises the epoch."""
+    """Restores the state of the simulator that was stored under a name; raises the epoch."""
 
     name: str = Field(default="default", min_length=1, max_length=64, description="name of the checkpoint")
 
 
 class CheckpointReply(Reply):
-    """A stored or restored checkpoint."""
+    """Reply about a stored or restored checkpoint: hash, tick and epoch."""
 
     name: str = Field(description="name of the checkpoint")
     tick: int = Field(ge=-1, description="tick it was made at")
@@ -301,7 +301,7 @@ class ExperimentRequest(Request):
 
 
 class FootOutcome(Reply):
-    """Outcome of one stance foot."""
+    """Outcome of a trial for one stance foot: whether it stayed, and how far it slid."""
 
     leg: str = Field(description="name of the leg")
     sliding: float = Field(ge=0, description="way of the contact point in the ground plane during the stroke, m")
@@ -312,7 +312,7 @@ class FootOutcome(Reply):
 
 
 class TrialOutcome(Reply):
-    """Outcome of one trial."""
+    """Outcome of one trial on a ground primitive."""
 
     status: Literal["ok", "slipped", "fallen", "impossible"] = Field(
         description="ok; slipped: a foot slid by more than a stroke before the stroke began; fallen: before or in it; "
@@ -323,7 +323,7 @@ class TrialOutcome(Reply):
 
 
 class ExperimentReply(Reply):
-    """Outcomes in the order of the request."""
+    """Reply to `sim/experiment`: outcomes in the order of the trials of the request."""
 
     robot: str = Field(description="name of the robot")
     robot_hash: str = Field(description="its hash")
@@ -331,7 +331,7 @@ class ExperimentReply(Reply):
 
 
 class FeaturesRequest(Request):
-    """Asks what this simulator can do."""
+    """Asks for the terrains, faults, map profiles and queries of this simulator."""
 
 
 class FeaturesReply(Reply):

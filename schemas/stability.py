@@ -78,14 +78,14 @@ class RegionFields(Request):
 
 
 class BasePose(Request):
-    """Pose of base_link."""
+    """Pose of base_link, frame world."""
 
     position: Vec3 = Field(default=(0.0, 0.0, 0.0), description="origin of base_link, frame world, m")
     quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to world, order w x y z")
 
 
 LEVEL = BasePose.model_construct()
-"""Default pose; made without a validator, so that an import builds none."""
+"""Default pose of base_link (at the origin, level); made without a validator, so that an import builds none."""
 
 
 class Actuation(Request):
@@ -139,7 +139,7 @@ class SupportPoint(Reply):
 
 
 class RegionReply(Reply):
-    """Where the centre of mass may be."""
+    """Region of the CoM in which the contacts can hold the robot, with its status."""
 
     schema_version: ClassVar[str] = "1.1"
     status: RegionStatus = Field(
@@ -305,7 +305,7 @@ class ComRequest(Request):
 
 
 class ComReply(Reply):
-    """The centre of mass."""
+    """Position of the centre of mass by kinematics and by forces, with the correction of torques."""
 
     schema_version: ClassVar[str] = "1.1"
     com: Vec3 = Field(description="m, frame world: by kinematics")

@@ -12,8 +12,8 @@ Covariance4 = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
 
 SURER = 0.998
-"""Part of its variance before to which that of a heading falls at least where the past is corrected; steps shrink it by
-less."""
+"""Ratio of the new to the previous heading variance below which an odometry step counts as a correction of the past;
+ordinary steps reduce the variance less."""
 
 
 def _none(value: object) -> bool:
@@ -21,7 +21,7 @@ def _none(value: object) -> bool:
 
 
 def _sound(value: object) -> bool:
-    """Return True for a sound sensor, whose health is left out of the message."""
+    """Return True if the state of a sensor is sound, so that it is left out of the message."""
     return value is True
 
 
@@ -62,7 +62,7 @@ class VelocityEstimate(Message):
 
 
 class StanceEnd(Wire):
-    """One stance of a foot that has ended, by the robot's own measurements."""
+    """Stance of a foot that has ended, by the robot's own measurements."""
 
     foot: int = Field(ge=0, lt=MAX_FEET, description="number of the foot, as in the robot description")
     slip: float = Field(ge=0, description="m, way slid from where the stance began, rolling removed")
@@ -93,7 +93,7 @@ class Odometry(Message):
     )
 
     def corrects(self, before: "Odometry") -> bool:
-        """Return whether the step from the message before is a correction of the past, and no motion.
+        """Return whether the step from the message `before` to this one is a correction of the past, and no motion.
 
         Dead reckoning never makes a heading surer. Its variance falls where a rest shows the bias of the gyro, or where
         the estimator begins anew: the pose jumps, and the robot did not move.

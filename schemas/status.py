@@ -28,4 +28,4 @@ class SimStatus(Message):
 
 
 class StatusRequest(Request):
-    """Asks the driver how time runs."""
+    """Asks the driver for the state of simulated time and of the run."""

@@ -8,7 +8,7 @@ from .base import Message, Reply, Request, Wire
 
 
 class Done(Message):
-    """A service has finished a tick; ``tick`` -1 = all its links are proved, ready to start."""
+    """Message of a service that it has finished a tick; ``tick`` -1 = all its links are proved, ready to start."""
 
     instance: str = Field(description="identity of the process: a late done of a dead one must not count")
     ready: bool = Field(default=False, description="true in the answer to PRIME")
@@ -65,7 +65,7 @@ class HealthRequest(Request):
 
 
 class HealthReply(Reply):
-    """The health of a service, now."""
+    """Reply of a service to a health request: its present health."""
 
     schema_version: ClassVar[str] = "2.2"
     health: Health = Field(description="as published on health/<service>")
@@ -86,7 +86,7 @@ class ConfigRequest(Request):
 
 
 class ConfigReply(Reply):
-    """The configuration of a service."""
+    """Reply of a service to a configuration request: its parameters."""
 
     parameters: tuple[ServiceParameter, ...] = Field(description="all of them, after the change if one was asked for")
     config_hash: str = Field(description="sha256 of the effective configuration")
@@ -138,7 +138,7 @@ class SaveReply(Reply):
 
 
 class ServiceStatus(Message):
-    """One row of the supervisor's table."""
+    """State of one service in the supervisor's status."""
 
     service: str = Field(description="name of the service")
     state: str = Field(description="stopped, starting, healthy, unhealthy, backoff, failed")

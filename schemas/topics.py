@@ -21,12 +21,12 @@ else:  # the same names at run time: a row names its model, and the first use of
         globals()[_file] = ModelPlaces(_file)
 
 EVENT = 0.0
-"""Rate of a topic that is published when something happens."""
+"""Rate that marks a topic as published on events, without a period."""
 KINEMATICS_HZ = 1000.0 / 33.0
-"""Rate of encoders and foot switches, Hz (the Bioloid bus of Wawrzynski et al.: one sample in 33 ms). Its period is
-rounded to whole ns: 33_000_000 exactly."""
+"""Rate of encoders and foot switches, Hz (Bioloid bus of Wawrzynski et al.: one sample in 33 ms); the period in ns is
+rounded to 33_000_000."""
 VARIANT_HZ = 20.0
-"""The estimators run side by side at full rate; their variants are published at this rate, Hz."""
+"""Rate at which the variants of the estimators are published, Hz; the estimators themselves run at full rate."""
 
 
 # hardware contract: a driver provides hw/*, consumes cmd/*

@@ -14,7 +14,7 @@ Contacts = Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)]
 
 
 class Variant(Reply):
-    """Answer about the stability of a contact set for a centre of mass."""
+    """Stability of one contact set for one position of the centre of mass."""
 
     status: RegionStatus = Field(description="as in RegionReply")
     margin: float | None = Field(description="m, signed distance of the CoM to the edge; null: no region, or no edge")
@@ -30,7 +30,7 @@ class WhatifRequest(Request):
 
 
 class WhatifReply(Reply):
-    """Every variant in the order of the request."""
+    """Reply to a what-if request: every variant in the order of the request."""
 
     now: Variant = Field(description="the contacts as they are")
     lifts: tuple[Variant, ...] = Field(description="for each contact: the set without it")
@@ -38,7 +38,7 @@ class WhatifReply(Reply):
 
 
 class BatchSet(Request):
-    """One contact set with its CoM."""
+    """Contact set with the position of its centre of mass."""
 
     contacts: Contacts = Field(description="contacts")
     com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
@@ -62,6 +62,6 @@ class BatchRequest(BulkRequest):
 
 
 class BatchReply(Reply):
-    """Answers in the order of the request."""
+    """Reply to a batch of contact sets: answers in the order of the request."""
 
     results: tuple[Variant, ...] = Field(description="one answer for each set")

@@ -20,8 +20,8 @@ from surefoot.services.navigator.policy.choose import choose, features, room_to_
 from surefoot.services.navigator.policy.decider import Policy
 
 Decide = Callable[[Array, Array, Record, float], int]
-"""Return the index of an action for mean (n,), covariance (n, n), status (a record STATUS) and the reward since the
-last decision."""
+"""Function that returns the index of an action for mean (n,), covariance (n, n), status (a record STATUS) and the
+reward, s, since the last decision."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Episode:
 
     @property
     def way(self) -> float:
-        """Length of the true path, m."""
+        """Length of the true path of the robot, m."""
         return float(np.hypot(*np.diff(self.truth[:, :2], axis=0).T).sum())
 
 

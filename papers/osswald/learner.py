@@ -84,7 +84,7 @@ class Learner:
         return chosen
 
     def _mark(self, mean: Array, cov: Array, chosen: int) -> None:
-        """Read Q(s, a) of the believed state and lay traces for it.
+        """Update the traces by the believed state and the chosen action, and store Q(s, a).
 
         `mean` (n,), `cov` (n, n): believed x, y (m), heading (rad) and more, frame map; `chosen`: index of a.
         """

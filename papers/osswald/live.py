@@ -12,7 +12,7 @@ from surefoot.lab.statistics import welch
 
 COMMAND = "python -m benchmarks goals --seeds 100:120 --arms hand,sarsa --results FILE"
 ARMS = {"hand": "93.16 +- 10.14", "sarsa": "86.53 +- 8.60"}
-"""Printed time to the goal on the real robot by controller, mean and standard deviation, s."""
+"""Time to the goal of the real robot as Osswald et al. print it, mean and standard deviation, s, by controller."""
 
 
 def read(path: Path) -> dict[str, list[dict[str, Any]]]:
@@ -43,7 +43,7 @@ def read(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def findings(path: Path) -> list[Finding]:
-    """Return rows with the times to the goal beside the paper's, and the gain of the learned policy with its t-test."""
+    """Return findings: times to the goal beside those of Osswald et al., and the gain of learning with its t-test."""
     runs = read(path)
     times = {arm: _times(found) for arm, found in runs.items()}
     where, rows = "VI-C, live", list[Finding]()

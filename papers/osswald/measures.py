@@ -19,7 +19,7 @@ NEAR, FAR = 1.0, 2.5  # m, from where on the goal counts as near, or far
 
 
 def moving_mean(values: Array, window: int = WINDOW) -> Array:
-    """Return the means of `window` values in a row, (n - window + 1,), of values (n,), in their unit."""
+    """Return the means of each `window` successive values, (n - window + 1,), of values (n,), in their unit."""
     return np.convolve(values, np.full(window, 1.0 / window), "valid")
 
 

@@ -32,7 +32,7 @@ from .study import PRINTED_GAMMA, NavigationStudy, Vision, study
 
 TITLE = "Osswald, Hornung & Bennewitz (2010), section VI: navigation of a humanoid"
 SYSTEM = None
-"""No system's kernels are needed."""
+"""Name of the system whose kernels have to be compiled before the reproduction; None = none is needed."""
 LEVEL = 0.05  # of the t-tests
 MATCHES = 3.25  # features per frame while moving, VI-C
 BLUR_SHARE = 0.2  # of them left in VI-D
@@ -61,7 +61,7 @@ KNOWN = {
     "VI-B: turning threshold of least time": "in this world 18.5 deg needs less time than 35 and neither oscillates "
     "nor leaves the area; the paper's motion noise, which decides it, is not printed",
 }
-"""Statements of the paper that do not come out here, and why."""
+"""Statements of Osswald et al. that this reproduction does not confirm, by the beginning of their rows, and why."""
 LIVE_NOTE = f"VI-C, the robot: `{live_runs.COMMAND}`, then `surefoot reproduce osswald --live FILE` compares its runs."
 
 
@@ -111,7 +111,7 @@ def _training(s: NavigationStudy) -> list[Finding]:
 
 
 def _against(where: str, v: Vision, printed: tuple[str, str, str], least: float) -> list[Finding]:
-    """Return the rows of 100 + 100 episodes, of 1000 pairs, and of all trainings."""
+    """Return the findings over 100 + 100 episodes, over 1000 pairs, and over all trainings."""
     h, ours = summary(v.hand), summary(v.learned)
     gain = 100.0 * (1.0 - ours["mean_s"] / h["mean_s"])
     p = welch(v.hand["seconds"], v.learned["seconds"])
@@ -236,7 +236,7 @@ def _time(s: dict[str, float]) -> str:
 
 
 def _least_runs(mean_a: float, sd_a: float, mean_b: float, sd_b: float) -> int:
-    """Return the least number of runs of each of two kinds for which Welch's t-test finds a difference."""
+    """Return the least number of runs per controller with which Welch's t-test finds the difference of their means."""
     n = 2
     while welch_of(mean_a, sd_a, mean_b, sd_b, n) >= LEVEL:
         n += 1

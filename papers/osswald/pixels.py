@@ -18,9 +18,9 @@ from surefoot.lab.vision.replay import floor
 from surefoot.services.vision.feature_map import FeatureMap
 
 WALK_FLOW = 48.0
-"""px/s, median image flow of a walking Nao: 1.6 px in an exposure of 33 ms."""
+"""Median image flow of a walking Nao, px/s: 1.6 px in an exposure of 33 ms."""
 LOSS = 0.8
-"""Share of the features that the paper's blur takes away."""
+"""Share of the features lost to motion blur that Osswald et al. report, 0 to 1."""
 EXPOSURES = (0.033, 0.066, 0.1, 0.15, 0.2)
 """Exposure times of the images of the study, s."""
 TRIALS = 12
@@ -36,9 +36,9 @@ class KeptFeatures(NamedTuple):
     """Numbers of features in view and recognised at one exposure time, standing and walking."""
 
     exposure: float
-    """s."""
+    """Exposure time of the images, s."""
     stands: tuple[int, int]
-    """Recognised and in view, standing."""
+    """Numbers of features recognised and in view when the robot stands."""
     walks: tuple[int, int]
 
     @property
@@ -86,7 +86,7 @@ def reproduced(out: Path | None) -> tuple[list[Finding], tuple[Path, ...]]:
 
 
 def _figure(found: list[KeptFeatures]) -> Figure:
-    """Return what standing still is worth: shares of the landmarks in view that are recognised, with 95 % intervals."""
+    """Return a figure of the shares of landmarks in view that are recognised, standing and walking, with intervals."""
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot(1, 1, 1)
     for name, color, part in (("standing", GREEN, "stands"), ("walking", BLUE, "walks")):

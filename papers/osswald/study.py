@@ -22,15 +22,15 @@ from .episode import Episode, drift_of, follow_all
 from .learner import paths
 
 THREE_STATES = "filter.states=3"
-"""The paper's filter: pose only, the drift is noise."""
+"""Setting of the filter of Osswald et al.: its state is the pose only, and drift is noise."""
 AS_PRINTED = Schedule(alpha=(0.2, 0.2), eps=(0.1, 0.1), trace=0.85, episodes=1500, average_from=1.0)
-"""VI-A, with eps taken as the share of exploring actions. gamma is the model's, .99; the grid is ours."""
+"""Schedule of training of Osswald et al., section VI-A, with eps taken as the share of exploring actions."""
 SETTLING = Schedule()
-"""The schedule of this project: step size and exploration fall, tables are averaged at the end."""
+"""Schedule of training of this project: step size and exploration fall, tables are averaged at the end."""
 PRINTED_GAMMA = 0.95
 TRAININGS = range(5000, 5010)
 HAND_EPISODES, LEARNED_EPISODES = Seeds(50_000, 50_100), Seeds(50_100, 50_200)
-"""100 and 100, drawn independently of each other as in the paper."""
+"""Seeds of the 100 episodes of the hand-made and of the learned controller, drawn independently as by Osswald et al."""
 PAIRED_EPISODES = Seeds(51_000, 52_000)
 TUNING_STREAM, TUNING_EPISODES = 1, Seeds(0, 1000)
 THRESHOLDS = (-4.5, -4.0, -3.5, -3.0, -2.5, -2.0, -1.0)  # nats
@@ -39,7 +39,7 @@ EVERY = 10  # training episodes from one drawn path to the next, Fig. 3
 TURNING_WALKS = 50  # of them are walked step by step
 BRIEF = 500  # training episodes of the errata
 TRAINED = 0.8
-"""Share of `compare` that trains."""
+"""Share of the progress of `compare`, 0 to 1, that training takes."""
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from surefoot.arrays import Array, Ints
 
 POWER, SINE, DECAY = 0, 1, 2
 MAX_POWER = 4
-"""Largest n of (11), on scaled inputs."""
+"""Largest exponent n in equation (11) of Walas & Belter, of scaled inputs."""
 LARGEST = 1e12
-"""Largest value of a term: a power far outside its data is cut, so that it does not end a search."""
+"""Largest magnitude of a term: a larger power, far outside its data, is clipped, so that it does not end a search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +22,14 @@ class Elementary:
     """
 
     kinds: Ints
-    """Kind of each function, `POWER`, `SINE` or `DECAY`, (m, d)."""
+    """Kind of each function, `POWER`, `SINE` or `DECAY`, for m terms of d inputs, (m, d)."""
     centres: Array
-    """Centres a, (m, d)."""
+    """Centres a of each function, in scaled inputs (phase of a sine, rad), for m terms of d inputs, (m, d)."""
     rates: Array
-    """Rates lambda, (m, d)."""
+    """Rates lambda of each function (rounded: exponent of a power), for m terms of d inputs, (m, d), no unit."""
 
     def columns(self, u: Array) -> Array:
-        """Return the m terms phi_q at inputs u (n, d), each cut at +-LARGEST, (n, m), no unit."""
+        """Return the m terms phi_q at inputs u (n, d), each clipped to +-LARGEST, (n, m), no unit."""
         x, a, rate = u[:, None, :], self.centres[None], self.rates[None]
         n = np.clip(np.rint(rate), 0.0, MAX_POWER)
         with np.errstate(over="ignore", invalid="ignore"):

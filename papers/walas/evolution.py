@@ -15,9 +15,9 @@ from .searches import Cost, Searched
 
 POPULATION = 30
 CROSSED = 0.7
-"""Share of children of two parents; the others are mutated copies."""
+"""Share of children that are made from two parents by crossover; the others are mutated copies of one parent."""
 NEAR = 0.5
-"""Share of mutations that move a gene a little; the others draw it again."""
+"""Probability that a mutation moves a gene a little; otherwise it replaces the gene by a random one."""
 
 
 def evolve(
@@ -74,7 +74,7 @@ def basis_of(genes: Array, family: str) -> Basis:
 def _drawn(
     rng: np.random.Generator, family: str, m: int, d: int, centres: tuple[float, float], rates: tuple[float, float]
 ) -> Array:
-    """Draw m genes, (m, 3, d)."""
+    """Return m random genes: kind, centre and rate of each of m terms by each of d inputs, (m, 3, d), no unit."""
     genes = np.empty((m, 3, d))
     genes[:, 0] = rng.choice((POWER, SINE, DECAY), (m, d))
     genes[:, 1] = rng.uniform(*centres, (m, d))
@@ -94,7 +94,7 @@ def _tournament(rng: np.random.Generator, costs: list[float]) -> int:
 def _mutate(
     rng: np.random.Generator, genes: Array, family: str, centres: tuple[float, float], rates: tuple[float, float]
 ) -> None:
-    """Change one gene of genes (m, 3, d), as `_drawn` makes them, in place: move it a little, or draw it again."""
+    """Mutate one gene of genes (m, 3, d), as `_drawn` makes them, in place: move it a little, or draw it again."""
     m, _, d = genes.shape
     gene = int(rng.integers(m))
     if rng.random() < NEAR:

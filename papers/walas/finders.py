@@ -17,7 +17,7 @@ from .searches import cost
 from .swarm import swarm
 
 WIDEST = 3.0
-"""Largest lambda of a search, on inputs divided by their deviation."""
+"""Largest rate lambda that a search tries, on inputs divided by their standard deviation, no unit."""
 
 
 def finder(family: str, terms: int, evaluations: int, blind: bool = False) -> Finder:
@@ -46,7 +46,7 @@ def finder(family: str, terms: int, evaluations: int, blind: bool = False) -> Fi
 
 
 def _blind(basis: Basis) -> Basis:
-    """Return the terms of a basis with the third input left out."""
+    """Return the Gaussian or elementary terms of a basis over two inputs as terms that ignore the third one."""
     if isinstance(basis, Gaussians):
         return replace(basis, widths=basis.widths * np.array([1.0, 1.0, 0.0]))
     assert isinstance(basis, Elementary)

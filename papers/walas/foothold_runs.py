@@ -29,7 +29,7 @@ ROBOT = "ragno"
 GROUND = Setting("mixed", 0.9, None, 0.5, profile="exact")
 FLAT = replace(GROUND, terrain="flat")
 NOISE = 0.003
-"""Deviation of the heights of the primitives of Fig. 9, m."""
+"""Standard deviation of the noise on the heights of the ground primitives of Fig. 9 of Walas & Belter, m."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,10 @@ class WalkKey:
     seed: int
     setting: Setting = GROUND
     model: str = ""
-    """File of the model that chooses; empty: `random` draws, any other case lands on nominal footholds."""
+    """Path of the file of the slip model that chooses; empty: random cells in the case `random`, else nominal
+    footholds."""
     weight: float | None = None
-    """k of Q = P + k K4, 1/m; None = that of the model."""
+    """Weight k of the distance K4 in the cost Q = P + k K4, 1/m; None = that of the model."""
 
     def rule(self) -> Rule | None:
         """Return the rule that chooses footholds: least Q of single cells, random draws, or None for nominal ones."""
@@ -59,7 +60,8 @@ class WalkResult:
     seed: int
     fell: bool
     rows: tuple[tuple[int, float, float], ...]
-    """Step, r = sliding / |f| and d / |f| of the paper for each stance."""
+    """For each stance: number of the step, sliding over stroke length, and displacement d over stroke length, no
+    unit."""
     samples: tuple[StanceSample, ...]
 
     def accumulated(self, steps: int, column: int = 1) -> np.ndarray:
@@ -75,7 +77,7 @@ class WalkResult:
 
     @property
     def steps(self) -> int:
-        """Number of steps of the walk with a finished stance."""
+        """Number of the last step of the walk with a finished stance; 0 without any."""
         return max((row[0] for row in self.rows), default=0)
 
 

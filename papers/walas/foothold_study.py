@@ -16,19 +16,19 @@ class FootholdStudy:
     """Results of the study of Walas & Belter, section 3: trials, learned models and walks."""
 
     exact: list[StanceSample]
-    """Stances on exact primitives."""
+    """Stances of trials on ground primitives without noise."""
     noisy: list[StanceSample]
-    """Stances on primitives with noise."""
+    """Stances of trials on ground primitives with noise on their heights."""
     models: dict[str, LearnedModel]
     walks: dict[str, list[WalkResult]]
-    """Walks of each case of Fig. 11."""
+    """Walks of each case of Fig. 11 of Walas & Belter, by name of the case."""
     window: tuple[Array, Array, Array]
-    """Heights (m), Q and mask of a 15 x 15 window, (15, 15) each."""
+    """Heights (m), cost Q and mask (0 = free) of a window of 15 x 15 cells, (15, 15) each."""
     relearned: dict[str, list[WalkResult]]
-    """Walks of each case of Fig. 12."""
+    """Walks of each case of Fig. 12 of Walas & Belter, by name of the case."""
 
 
 def predicted(model: LearnedModel, a: float, b: float) -> float:
-    """Return the slip P of a model at K1 = 8 cell a, K2 = 8 cell b, cos K3 = 0, cut to its learned ranges."""
+    """Return the slip P of a model at K1 = 8 cell a, K2 = 8 cell b, cos K3 = 0, clipped to its learned ranges."""
     low, high = np.array(model.ranges).T
     return float(model.terms.values(np.clip(np.array([[a, b, 0.0]]), low, high))[0])

@@ -34,15 +34,17 @@ TITLE = "Walas & Belter (2011), section 3: adaptive foothold selection"
 SYSTEM = None
 SEEDS = 10
 SETS, COLLECTED, CASES = 2, 4, 11
-"""Sets of primitives, walks that are collected from, and walks of each seed."""
+"""`SETS`: number of sets of primitive trials; `COLLECTED`: number of walks that collect samples; `CASES`: number of
+walks for each seed."""
 COLLECTION, WALKS = 900, 950
-"""First seed of the walks that collect, and of those that are compared."""
+"""`COLLECTION`: first seed of the walks that collect samples; `WALKS`: first seed of the walks that are compared."""
 EDGE = 0.3
-"""K2 / (8 cell) from which ground counts as an edge and is withheld in Fig. 12."""
+"""K2 / (8 cell), no unit, above which ground counts as an edge and is withheld from learning in Fig. 12 of Walas &
+Belter."""
 WEIGHT = 0.5
-"""k of Q = P + k K4 for the learned models, 1/m."""
+"""Weight k of the distance K4 in the cost Q = P + k K4 of the learned models, 1/m."""
 PRINTED_WEIGHT = 8.0
-"""k as printed in the paper, 1/m: one case walks with it."""
+"""Weight k of the distance K4 as Walas & Belter print it, 1/m, with which one case of walks is done."""
 TERMS = 12
 EVALUATIONS = 1500
 ELEMENTARY = Candidate(TERMS, 0.0, 1e-5, find=finder("elementary", TERMS, EVALUATIONS))
@@ -75,7 +77,7 @@ KNOWN = {
     "3.5, Fig. 12: slip without edges over random": "ground without edges teaches most of what edges need",
     "3.5, Fig. 12: slip of re-learned, c = 0.5": "the drop is within the spread of ten walks; little is left to learn",
 }
-"""Statements of the paper that do not come out here, by the beginning of their rows, and why."""
+"""Statements of Walas & Belter that this reproduction does not confirm, by the beginning of their rows, and why."""
 
 
 def study(
@@ -115,7 +117,7 @@ def study(
 
 
 def _relearning(runs: Runs, walked: Sequence[StanceSample], numbers: Sequence[int]) -> dict[str, list[WalkResult]]:
-    """Return the walks of Fig. 12: without edges, re-learned with c = 1, and again with c = .5."""
+    """Return the walks of Fig. 12 of Walas & Belter: without edges, re-learned with c = 1, and again with c = .5."""
     model = _learned("no edges", [s for s in walked if s.k2 / (8.0 * s.cell) < EDGE], WALKED)
     out: dict[str, list[WalkResult]] = {}
     for name, weight in (("without edges", None), ("re-learned, c = 1", 1.0), ("re-learned, c = 0.5", 0.5)):
@@ -137,7 +139,7 @@ def _plain(name: str) -> str:
 
 
 def _window(model: LearnedModel) -> tuple[Array, Array, Array]:
-    """Return heights, Q and mask of Fig. 10: ground of 3.4 about a place with all kinds of cells."""
+    """Return heights, Q and mask of Fig. 10 of Walas & Belter: a window of ground 3.4 with all kinds of cells."""
     ground = build_ground(make_terrain("mixed", seed=WALKS).map, model.conditions.foot_radius)
     at = (0.45, 0.1)
     found = assess(
@@ -212,7 +214,7 @@ def _figure_10(s: FootholdStudy) -> list[Finding]:
 
 
 def _ratio(s: dict[str, list[WalkResult]], one: str, other: str) -> tuple[float, float, float]:
-    """Return the geometric mean of paired ratios of S at the last common step, and its interval; NaN without steps."""
+    """Return the geometric mean of paired ratios of accumulated slip S at the last common step, and its interval."""
     steps = min(each.steps for name in (one, other) for each in s[name])
     if steps == 0:
         return float("nan"), float("nan"), float("nan")

@@ -119,23 +119,23 @@ class Sweep:
     calibration: Calibration
 
     def ways(self, path: Array) -> tuple[float, float]:
-        """Return the distances moved forward and backward along x from the start to the ends, m, of a path (k, 2) m."""
+        """Return the distances from the start to the foremost and the rearmost point of a path (k, 2) m along x, m."""
         return float(path[:, 0].max() - path[0, 0]), float(path[0, 0] - path[:, 0].min())
 
     @property
     def gain_by_trunk(self) -> float:
-        """Return the torque gain by section 4.7 as printed: the trunk's travel (20 cm) over that of the printed CoM."""
+        """Return the torque gain by 4.7 of Walas & Belter as printed: travel of trunk (20 cm) over printed CoM's."""
         moved = self.ways(np.array([r.trunk - self.readings[0].trunk for r in self.readings]))
         return gain_of_47(sum(moved), self.ways(self.printed))
 
     @property
     def gain_by_com(self) -> float:
-        """Return the torque gain by section 4.7, with the CoM's travel by kinematics in place of the trunk's."""
+        """Return the torque gain by 4.7 of Walas & Belter, by the travel of the CoM by kinematics, not of the trunk."""
         return gain_of_47(sum(self.ways(self.kinematic)), self.ways(self.printed))
 
 
 def sweep(robot: Robot, seed: int = 0, reach: float = 0.10, stops: int = 4) -> Sweep:
-    """Do the calibration of section 4.7: move the trunk to +reach and -reach m over the feet, and return readings.
+    """Move the trunk to +reach and -reach m over the feet, as in section 4.7 of Walas & Belter, and return readings.
 
     `stops`: number of stops on the way to each end; `seed`: of the sensors.
     """
@@ -160,7 +160,7 @@ def sweep(robot: Robot, seed: int = 0, reach: float = 0.10, stops: int = 4) -> S
 
 
 TILTS = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15), (0.1, 0.1))
-"""Roll and pitch of the trunk in the postures of the measured CoM, rad."""
+"""Roll and pitch of the trunk in the postures in which the CoM is measured, rad."""
 
 
 @dataclass(frozen=True)

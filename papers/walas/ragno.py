@@ -23,7 +23,8 @@ SLOPE_DEG, SLOPE_X, TRUNK_Z = 30.0, -0.05, 0.12
 MOVE = np.array([0.043, 0.0, 0.0])
 DEMO_MU = 0.45
 SLOPE_TABLE = {0.25: (0.473, 0.5), 0.35: (0.658, 6.5), 0.45: (0.826, 11.6), 0.55: (0.967, 15.8), 0.578: (1.0, 16.75)}
-"""mu: area over hull area, and largest x of the region in cm, by the feasibility study of this project."""
+"""Results of this project's feasibility study by friction coefficient: region area over hull area (no unit), largest x
+of the region (cm)."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +54,11 @@ class Slope:
     region: Region
     hull: Array
     plain: Check
-    """Without kinematic correction."""
+    """Check of the movement without the shift of the CoM by the moving legs (r_KIN)."""
     corrected: Check
     printed: float
-    """Stability by (28) as it is printed, m: a norm, from the support point."""
+    """Stability by equation (28) of Walas & Belter as printed, m: the norm of the distance from the support point,
+    never < 0."""
     printed_plain: float
 
     @property

@@ -10,7 +10,7 @@ from surefoot.services.footholds.learning.solve import stack
 from surefoot.services.footholds.models.bases import Basis
 
 Cost = Callable[[Basis], float]
-"""Returns the weighted residual norm of a basis with its best weights."""
+"""Function that returns the cost of a basis with its best weights, the least weighted sum of squares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +19,9 @@ class Searched:
 
     basis: Basis
     cost: float
-    """Weighted residual norm of the basis."""
+    """Cost of the best basis: weighted sum of squares with its best weights."""
     evaluations: int
-    """Number of costs that were computed."""
+    """Number of evaluations of the cost."""
 
 
 def cost(columns: Array, y: Array, w: Array, ridge: float) -> float:

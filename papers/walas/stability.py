@@ -128,6 +128,6 @@ def _both(ways: tuple[float, float]) -> str:
 
 
 def reproduce(out: Path | None, progress: Callable[[float, str], None] = lambda share, step: None) -> Reproduction:
-    """Repeat the paper's results about static stability; figures go into the folder `out`, if there is one."""
+    """Repeat the results of Walas & Belter on static stability; figures go into the folder `out`, if there is one."""
     done = study(progress)
     return Reproduction(TITLE, findings(done), draw(done, out), NOTES)

@@ -13,7 +13,7 @@ from .searches import Cost, Searched
 PARTICLES = 30
 INERTIA = 0.729
 PULL = 1.49
-"""Factor c1 = c2 of the pull towards either best place."""
+"""Acceleration factors c1 = c2 towards a particle's own best place and the best place of all, no unit."""
 
 
 def swarm(

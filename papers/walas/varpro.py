@@ -15,7 +15,7 @@ from surefoot.services.footholds.learning.solve import stack
 from surefoot.services.footholds.models.bases import Gaussians
 
 RIDGE = 1e-12
-"""Ridge that keeps two terms that have become equal from ending the search."""
+"""Ridge rho of the least squares, which keeps the search from ending when two terms become equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +23,11 @@ class Bounds:
     """Bounds of centres and widths in a search."""
 
     low: float = -3.0
-    """Smallest centre a, in scaled inputs."""
+    """Smallest centre a of a Gaussian, in scaled inputs, no unit."""
     high: float = 3.0
-    """Largest centre a, in scaled inputs."""
+    """Largest centre a of a Gaussian, in scaled inputs, no unit."""
     width: float = 10.0
-    """Largest rate lambda; the smallest is 0, below which a term grows outside the data."""
+    """Largest rate lambda of a Gaussian, no unit; the smallest is 0, below which a term grows outside the data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,9 @@ class RefinedTerms:
 
     basis: Gaussians
     weights: Array
-    """Weights c, (m,) or (m + 1,)."""
+    """Weights c of the m Gaussians, (m,), or (m + 1,) with that of the constant."""
     cost: float
-    """Cost |W (V c - y)|^2 + rho |c|^2."""
+    """Cost |W (V c - y)|^2 + rho |c|^2 at the minimum, in the unit of y squared."""
     evaluations: int
 
 

@@ -19,11 +19,12 @@ from surefoot.services.estimator import stream as service
 from .synthetic import KINDS, synthesize
 
 TUNING_SEEDS = range(100, 106)
-"""Seeds for tuning, which are never scored."""
+"""Seeds of the logs on which referees are tuned; no score uses them."""
 REFERENCES = ("inekf", "linear", "ekf", "paper", "kinematics", "kinematics_gyro")
-"""Estimators with which an estimator is compared."""
+"""Names of the reference estimators (referees) with which an estimator is compared."""
 PAPER_SOURCES = ("params.py", "feet/mount.py", "paper/*.py")
-"""Files of the estimator service on which the velocity of the paper's filters depends."""
+"""Files of the estimator service that the filters of Wawrzynski et al. consist of; a change makes their tuned noise
+stale."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False)
 
 
 def _sources(name: str) -> list[Path]:
-    """Return the files on which the noise of a reference depends."""
+    """Return the files on which the tuned noise of a reference estimator depends."""
     room = Path(str(tuning.__file__)).parent
     files = [room / f"{module}.py" for module in ("tune", "scores", "log")]
     if name in PEERS:

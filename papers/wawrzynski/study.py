@@ -23,13 +23,14 @@ from .chain import chain_angles, chain_from_robot, descend
 
 SEEDS = range(12)
 PAPER = ("imu", "kinematics", "kinematics_gyro", "paper")
-"""The four estimates of Fig. 3."""
+"""Names of the four velocity estimates of Fig. 3 of Wawrzynski et al."""
 BRIEF = "paper, bias of half a second"
 AT_LEAST = 0.01  # m/s, of base_link over 2 s: it walks
 MEAN_S = 2.0
 SMOOTH_S = 0.3
 REST_S = 6.0
-"""Time of standing before the walk, s: half a second of gyro leaves a bias of 1e-3 rad/s, which decides (38)."""
+"""Time of standing before the walk, s; it decides the result of (38), as the mean gyro over 0.5 s leaves a bias of 1e-3
+rad/s."""
 LOST = 0.0357  # m/s: an estimate that is off by the walking speed is useless
 
 
@@ -74,7 +75,7 @@ class Experiment:
 
 
 def estimators() -> tuple[str, ...]:
-    """Return the names of the estimators that are compared: the paper's four, and those of this project."""
+    """Return the names of the compared estimators: the four of Wawrzynski et al., and those of this project."""
     return (*PAPER, "ekf", *(("best",) if "best" in names() else ()))
 
 
@@ -114,7 +115,7 @@ def evaluate(seed: int, ok: bool, columns: Columns, robot: str) -> Experiment:
 
 
 def _walking(log: Log) -> NDArray[np.bool_]:
-    """Return a flag for each inertial row (n,), true from the first to the last at which the robot moves on."""
+    """Return a flag for each inertial row (n,), true from the first to the last row at which the robot advances."""
     rows = round(MEAN_S / float(np.median(np.diff(log.seconds))))
     at = log.position
     ahead = np.zeros(len(at))
@@ -196,7 +197,7 @@ def errata(draws: int = 200, step: float = 1e-6) -> Errata:
 
 
 def _as_printed(chain, theta: Array, rate: Array, w: Array) -> tuple[Array, Array]:
-    """Return (8) with p_i x z theta' and (12) with the IMU's z axis w^z_i."""
+    """Return (8) with p_i x z theta' and (12) with the IMU's z axis w^z_i, as Wawrzynski et al. print them."""
     p, v, axes = np.zeros(3), np.zeros(3), chain.imu_axes.copy()
     omega = axes @ w
     for i in range(theta.size - 1, -1, -1):

@@ -1,4 +1,4 @@
-"""Seeded synthetic walks with exact truth, for tests, studies and the reproduction of the paper's experiment.
+"""Seeded synthetic walks with exact truth, for tests, studies and the reproduction of Wawrzynski et al.
 
 The paper's robot: a biped of 35 cm that walks 3.57 cm/s with steps of 0.5 s, IMU at 100 Hz, servo encoders of
 0.293 deg and foot switches at 30 Hz. Its Table I is not public: the legs are the six-joint chain of `bioloid_chains`.
@@ -70,10 +70,11 @@ KINDS: dict[str, WalkParams] = {
     ),
     "false": WalkParams(twist_deg=(3.0, 10.0), false_share=0.2),
 }  # fmt: skip
-"""Kinds of walks: `edges` is `slip` with backlash and rolling over the edges of the soles, `false` is `twist` with
-false contacts of 0.13 s in a fifth of the swings."""
+"""Settings of synthetic walks by name: `edges` is `slip` with backlash and rolling over the edges of the soles, `false`
+is `twist` with false contacts of 0.13 s in a fifth of the swings."""
 SOLE = np.array([[0.0, 0.028, 0.055], [0.0, -0.028, 0.055], [0.0, 0.028, -0.035], [0.0, -0.028, -0.035]])
-"""Corners of the sole from the ankle, axes of frame 1 (x up, z forward), m; x is minus the ankle's height."""
+"""Corners of the sole relative to the ankle, axes of frame 1 (x up, z forward), (4, 3) m; x is minus the ankle's
+height."""
 SOLE[:, 0] = -ANKLE
 
 
@@ -139,7 +140,7 @@ def _smooth(u: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """Course of the walk on the fine grid."""
+    """Path of the walk, sampled on the fine time grid."""
 
     t: Array
     way: Array  # (N,) m
@@ -162,7 +163,7 @@ def _path(walk: WalkParams, rng: np.random.Generator) -> _Path:
 
 
 def _body(walk: WalkParams, path: _Path, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return IMU position (N, 3) m, world, and rot_world_from_imu (N, 3, 3)."""
+    """Return the true IMU position (N, 3) m, world, and rot_world_from_imu (N, 3, 3) of a walk."""
     t, stride = path.t, 2.0 * walk.step_s
     go = _smooth((t - walk.rest_s) / stride)
     phase = 2.0 * math.pi * (t - walk.rest_s) / stride
@@ -195,7 +196,7 @@ class _Ankles:
 
 
 def _feet(walk: WalkParams, path: _Path, rng: np.random.Generator) -> _Ankles:
-    """Return feet that swing in two alternating groups and stand still, but for twist and slip, in between."""
+    """Return ankles that swing in two alternating groups and stand still in between, but for twist and slip."""
     t, count = path.t, walk.feet
     n = len(t)
     out = _Ankles(
@@ -265,7 +266,7 @@ def _stances(feet: _Ankles) -> list[tuple[int, int, int]]:
 
 
 def _lie_of_joints(feet: _Ankles) -> None:
-    """Lay the play to one side while the leg is loaded and to the other in the air, 40 ms in between, in place."""
+    """Set the side to which joint play lies, in place: one for a loaded leg, the other in the air, 40 ms in between."""
     for f, contact in enumerate(feet.contact):
         side = np.where(contact, 1.0, -1.0)
         width = round(0.04 / FINE)
@@ -285,12 +286,12 @@ def _false_contacts(walk: WalkParams, feet: _Ankles, rng: np.random.Generator) -
 
 
 def _group(foot: int, count: int) -> int:
-    """Return the group of a foot: neighbours on one side and opposite feet swing in turn."""
+    """Return the group, 0 or 1, that a foot swings with: neighbours on a side and opposite feet alternate."""
     return foot % 2 if count == 2 else (foot // 2 + foot % 2) % 2
 
 
 def _foot_offset(walk: WalkParams, foot: int) -> Array:
-    """Return the place of a foot under the body, (2,) m: pairs left and right, front to back."""
+    """Return the horizontal position of a foot under the body, (2,) m: pairs left and right, front to back."""
     pairs = (walk.feet + 1) // 2
     x = 0.0 if pairs == 1 else 0.1 * (1.0 - 2.0 * (foot // 2) / (pairs - 1))
     half = HIP_Y if walk.feet == 2 else 0.12

@@ -1,4 +1,4 @@
-"""Layers of a terrain map by which footholds are chosen (slip, cost, reasons), for people and planners."""
+"""Layers of a terrain map by which footholds are chosen: ground coefficients, slip, cost, reasons against cells."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from .models.protocol import SlipModel
 from .select import SelectParams, window_costs
 
 LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support", "clear")
-"""Layers that can be asked for: height z and foot-centre height (m), coefficients of 3 x 3 cells k1, k2 (m), cos_k3,
-distance k4 from the nominal foothold (m), mean predicted slip p, cost q, bits of reasons against a cell, deviation of
-single slips, share of p that was learned, radius of free cells (m).
-"""
+"""Names of the layers that a request may ask for: ground height `z` and foot-centre height `centre` (m), coefficients
+`k1`, `k2` (m), `cos_k3`, distance `k4` from the nominal foothold (m), mean predicted slip `p`, cost `q`, bits of
+reasons against a cell `mask`, standard deviation of single slips `spread`, share of p that was learned `support`,
+radius of the free disc `clear` (m)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class Window:
     """Rectangle of cells of a height map, by its first row and column and its size; it may reach beyond the map."""
 
     row: int
-    """First row; may lie outside the map."""
+    """First row of the window on the map; may lie outside the map."""
     col: int
-    """First column; may lie outside the map."""
+    """First column of the window on the map; may lie outside the map."""
     rows: int
     cols: int
 
@@ -37,9 +37,10 @@ class Assessment:
     """Layers of one window, and counts of its cells."""
 
     layers: Layer
-    """Layers in the order of the request, (number of layers, rows, cols) float32."""
+    """Requested layers of the window in the order of their names, (number of layers, rows, cols) float32."""
     counts: tuple[int, ...]
-    """Cells excluded per reason, then free cells."""
+    """Number of cells excluded per reason (reach, collision, unknown, steep, slip, unlearned), then of free cells,
+    (7,)."""
 
 
 def window_about(ground: FootholdGround, x: float, y: float, size: int) -> Window:

@@ -24,11 +24,13 @@ class Features(NamedTuple):
     """
 
     k1: Layer
-    """K1, (ny, nx) m: of 3 x 3 cells > 0 on a top edge, < 0 in a hole, 0 on a plane; of fitted planes >= 0."""
+    """Convexity K1, (ny, nx) m. By 3 x 3 cells: > 0 on a top edge, < 0 in a hole, 0 on a plane; by fitted planes: >=
+    0."""
     k2: Layer
-    """K2, (ny, nx) m: steepness and roughness, |K1| <= K2."""
+    """Steepness and roughness K2, (ny, nx) m; |K1| <= K2."""
     cos_k3: Layer
-    """Cosine of the angle between ground normal and push, (ny, nx): < 0 faces the push, > 0 slips."""
+    """Cosine of the angle between ground normal and stroke, (ny, nx): < 0 on ground that faces the push, > 0 where it
+    slips."""
 
 
 def push_direction(stroke: Vector) -> tuple[float, float, float]:
@@ -77,30 +79,30 @@ class _Rows(NamedTuple):
     """Heights that one row of coefficients is made of, (nx,) m each."""
 
     up: Layer
-    """Heights of the row y - 1."""
+    """Heights of row y - 1 of the map, (nx,) m."""
     mid: Layer
-    """Heights of the row y itself."""
+    """Heights of row y of the map, for which the coefficients are made, (nx,) m."""
     down: Layer
-    """Heights of the row y + 1."""
+    """Heights of row y + 1 of the map, (nx,) m."""
     near: Layer
-    """Row on the side that the push points to."""
+    """Heights of the neighbour row (y - 1 or y + 1) on the side that the push points to, (nx,) m."""
     far: Layer
-    """Row on the side that the push points away from."""
+    """Heights of the neighbour row (y - 1 or y + 1) on the side that the push points away from, (nx,) m."""
 
 
 class _PushTerms(NamedTuple):
-    """Direction of the push (the stroke of the foot), and products of it, for one pass over the cells."""
+    """Direction of the push (unit vector of the foot's stroke), and products of it, for one pass over the cells."""
 
     fx: np.float32
-    """x of the unit vector, map axes."""
+    """x of the push's unit vector, map axes, no unit."""
     fy: np.float32
-    """y of the push's unit vector, map axes."""
+    """y of the push's unit vector, map axes, no unit."""
     n_z: np.float32
-    """z of the ground's normal, not of unit length: four edges of a cell, m."""
+    """z of the ground normal before it is scaled to unit length: four times the edge of a cell, m."""
     lift: np.float32
-    """n_z times z of the push's unit vector, m."""
+    """Product of `n_z` and the z component of the push's unit vector, m."""
     ahead: bool
-    """True if the push points to +x."""
+    """True if the push points to +x, False if it points to -x."""
     sx: np.float32
     """Sign of `fx`, 1 or -1."""
     sy: np.float32

@@ -13,7 +13,7 @@ from .relief import Relief, blur_relief, relief_features, relief_of, scale_of, u
 
 Layer = NDArray[np.float32]
 MOST_CHANGED = 0.5
-"""Share of the map in the changed rectangle above which all layers are made again."""
+"""Share of the map in the rectangle of changed cells, 0 to 1, above which all layers are computed again, not a part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,17 +21,18 @@ class FootholdGround:
     """Layers over one grid on which footholds are chosen, map frame, (ny, nx) each."""
 
     surface: HeightMap
-    """Heights of the ground, filtered, m."""
+    """Heights of the ground after the median filter, m, map frame."""
     centres: HeightMap
-    """Heights of a foot CENTRE whose sphere rests on the surface, m; a foot is sent there."""
+    """Heights of the centre of a foot whose sphere rests on the surface, m, map frame; legs are sent to these
+    points."""
     foot_radius: float
     """Radius of the foot sphere, m."""
     smooth: bool
-    """True if the surface went through the 3 x 3 median."""
+    """True if the heights went through the 3 x 3 median filter, False if they are as received."""
     relief: Relief
-    """Planes fitted to the cells about every cell."""
+    """Planes fitted to the cells around every cell."""
     scale: int
-    """Cells on each side of a plane, 1 to 4, by the noise of the map."""
+    """Cells on each side of the middle of a fitted plane, 1 to 4; the noisier the map, the larger."""
 
     @property
     def version(self) -> int:

@@ -35,7 +35,7 @@ class LatchedGround:
         self._message: HeightMapMessage | ElevationMap | None = None
 
     def take(self, message: HeightMapMessage | ElevationMap | None) -> bool:
-        """Prepare the ground of a new map and return True; False: `message` is the last one again, or None.
+        """Prepare the ground of a new map and return True; return False for None or the map that is prepared already.
 
         Raises:
             HeightMapError: the message holds no map; then there is no ground.

@@ -20,28 +20,28 @@ from .rolled_reach import LEG_NUMBERS, LegTable
 Mask = NDArray[np.uint8]
 Vector = tuple[float, float, float]
 Rotation = tuple[float, float, float, float, float, float, float, float, float]
-"""rot_map_from_base row by row: kernels handle numbers faster than arrays."""
+"""Elements of the rotation matrix rot_map_from_base, row by row: a tuple, which kernels handle faster than arrays."""
 
 
 class Reason(IntFlag):
     """Reasons why a cell is no foothold, as bits of a mask; replies use the same names."""
 
     REACH = 1
-    """The leg does not reach the cell with margin, at landing or at the end of the stroke."""
+    """Bit 1: the leg does not reach the cell with the required margin, at landing or at the end of the stroke."""
     COLLISION = 2
-    """The foot sphere would wedge against an edge, or the leg would cut the ground."""
+    """Bit 2: the foot sphere would wedge against an edge, or the leg would cut the ground."""
     UNKNOWN = 4
-    """The 3 x 3 window is not fully known, or the slip model has no valid prediction."""
+    """Bit 4: the 3 x 3 cells around the cell are not all known, or the slip model has no valid prediction."""
     STEEP = 8
-    """The ground is steeper than the limit."""
+    """Bit 8: the slope of the ground is above `Limits.slope`."""
     SLIP = 16
-    """The predicted slip is over the limit."""
+    """Bit 16: the predicted slip per stroke is above `Limits.slip`."""
     UNLEARNED = 32
-    """The cell lies outside what the slip model has learned."""
+    """Bit 32: the ground coefficients of the cell lie outside what the slip model has learned."""
 
 
 REASONS: tuple[str, ...] = tuple(str(reason.name).lower() for reason in Reason)
-"""Names of the bits, lowest first."""
+"""Names of the bits of a mask of `Reason`, lowest first."""
 
 _REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP, _UNLEARNED = (int(reason) for reason in Reason)
 
@@ -51,23 +51,25 @@ class Limits:
     """Limits that a foothold must keep; a cell beyond one is excluded."""
 
     slip: float = 0.4
-    """Largest predicted slip, way per stroke; a guess, not measured."""
+    """Largest predicted slip, distance slid per length of stroke (no unit); a guess, not measured."""
     slope: float = 0.9
-    """Largest slope, rise per way; 42 deg. Above the friction angle of most ground (mu 0.35 to 0.7) on a plane; a
-    foot that faces the push still stands. A vertical step of 10 mm has slope 1 in 5 mm cells."""
+    """Largest slope of the ground, dz/dx, no unit; 0.9 = 42 deg. Above the friction angle of most ground (mu 0.35 to
+    0.7) on a plane; a foot that faces the push still stands. A vertical step of 10 mm has slope 1 in 5 mm cells."""
     wedge: float = 0.5
-    """Share of the foot radius by which a neighbour may lift the foot off its own cell. More: it hangs on an edge."""
+    """Largest height by which a neighbour cell may lift the foot off its own cell, as a share of the foot radius; above
+    it the cell is excluded, since the foot would hang on an edge."""
     reach_margin: float = 0.010
-    """Distance from the edge of the leg's workspace at landing and lift-off, m: body error plus one cell."""
+    """Least distance of the foot from the edge of the leg's workspace at landing and lift-off, m: body error plus one
+    cell."""
     leg_radius: float = 0.005
-    """Radius of the leg about its centre line, m; kept off the ground."""
+    """Radius of the leg around its centre line, m; ground closer than this to the centre line counts as a collision."""
 
 
 class _HeightGrid(NamedTuple):
-    """A map of ground heights, and where its cells lie, for kernels."""
+    """Map of ground heights and the position of its cells, for kernels."""
 
     z: Layer
-    """Ground heights, (ny, nx) m."""
+    """Ground heights, row along y, column along x, (ny, nx) m."""
     cell: float
     """Edge of a cell, m."""
     x0: float
@@ -80,11 +82,11 @@ class Placement(NamedTuple):
     """A leg about to land, for the tests of reach and collision."""
 
     leg: LegTable
-    """32 numbers of the leg (hip, lengths, limits of joints) for kernels; NaN = a leg without closed form."""
+    """The leg as 32 numbers (hip, lengths, joint limits) for kernels; NaN = a leg without closed form."""
     base: Array
     """Position of base_link at landing, map frame, (3,) m."""
     rot: Array
-    """rot_map_from_base at landing, (3, 3)."""
+    """Rotation matrix rot_map_from_base at landing, (3, 3)."""
     stroke: Array
     """Movement of the foot relative to the body while it stands, map axes, (3,) m."""
 
@@ -140,7 +142,7 @@ def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
 
 @row_kernel
 def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
-    """Return the slope along x and y, rise per way, of the plane through the 3 x 3 cells about a cell; NaN = unknown.
+    """Return the slope dz/dx and dz/dy, no unit, of the plane through the 3 x 3 cells around a cell; NaN = unknown.
 
     Args:
         z: heights, (ny, nx) m, row along y, column along x, NaN = unknown.

@@ -28,9 +28,9 @@ def sample_at(
         planned: x, y of the foothold that was chosen, map frame, m.
         nominal: x, y of the nominal foothold, map frame, m.
         stroke: f, movement of the foot relative to the body while it stands, map axes, m.
-        sliding: way of the contact point while the foot stands, m.
+        sliding: distance that the contact point slides while the foot stands, m.
         name: trial, leg and step, which name the stance.
-        displacement: horizontal way of the foot centre, m; None = not known, the sliding stands for it.
+        displacement: horizontal displacement of the foot centre, m; None = not known, `sliding` is stored instead.
         load: mean normal force, N; NaN = not known.
     """
     surface = ground.surface

@@ -23,7 +23,7 @@ from .rectangles import in_metres, largest_rectangle
 from .select import SelectParams, best_cell, window_costs
 
 MAX_SIDE = 301
-"""Largest number of cells along an edge of a patch."""
+"""Largest number of cells along an edge of a patch; a larger patch is refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +31,14 @@ class PatchFoothold:
     """A foothold on a patch; lengths in m, in the frame of the patch."""
 
     foothold: tuple[float, float, float] | None
-    """Centre of the foot; None when no cell is free."""
+    """Foot centre, (x, y, z) m from the middle of the patch; None when no cell is free."""
     slip: float
     """Predicted slip per stroke, no unit; NaN without a foothold."""
     spread: float
-    """Standard deviation of the slip of single steps, per stroke; NaN = not known."""
+    """Standard deviation of the slip of single steps, per stroke, no unit; NaN = not known."""
     rectangle: tuple[float, float, float, float] | None
-    """x_min, y_min, x_max, y_max of the largest rectangle of free cells that holds the foothold."""
+    """Largest rectangle of free cells that holds the foothold, (x_min, y_min, x_max, y_max) m; None without a
+    foothold."""
     counts: dict[str, int]
     """Number of cells excluded per reason (reach, collision, unknown, steep, slip, unlearned), and `free`."""
 

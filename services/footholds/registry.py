@@ -31,15 +31,15 @@ class SlipModels:
         self.learner = config.relearner(lambda text: log("warning", text))
         self.job = LearnJob()
         self.refused: Counter[str] = Counter()
-        """Model files that were asked for and not used, by reason."""
+        """Number of model files that were requested and not used, by reason."""
         self.chosen = self._kept() or self.find(config.slip_model)
-        """Model that was asked for."""
+        """Model that was requested by configuration or query."""
         self.active: SlipModel = self.chosen
-        """Model in force: the hand-made score where the chosen one does not hold on the map."""
+        """Model in use: `chosen`, or the hand-made score where that does not apply to the map."""
         self.unfit = ""
-        """Reason why the chosen model is not in force; empty = it is."""
+        """Reason in words why the model `chosen` is not in use; empty = it is."""
         self.ground: FootholdGround | None = None
-        """Map that the model in force has to hold on; None before the first one."""
+        """Prepared map on which the model in use has to apply; None before the first map."""
 
     def find(self, name: str) -> SlipModel:
         """Return the model of a name (`shipped`, `hand-made`) or of a file's path.
@@ -94,7 +94,7 @@ class SlipModels:
             self._use(made)
 
     def reset(self) -> None:
-        """Drop the map and models of jobs before the reset; finish re-learning under way and use its model."""
+        """Drop the map and models of jobs before the reset; finish re-learning that is running and use its model."""
         self.ground = None
         self.job.forget()
         made = None if self.learner is None else self.learner.close()
@@ -102,7 +102,7 @@ class SlipModels:
             self._use(made)
 
     def close(self) -> None:
-        """Cancel the learning job, and wait for re-learning that is under way."""
+        """Cancel the learning job, and wait for re-learning that is running."""
         self.job.close()
         if self.learner is not None:
             self.learner.close()

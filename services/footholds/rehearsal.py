@@ -10,11 +10,11 @@ from surefoot.schemas.footholds import AssessRequest, BasePose, LegRequest, Sele
 from .ground import FootholdGround, build_ground, updated_ground
 
 MAP_CELL = 0.005
-"""Edge of a cell of the map that is rehearsed with, m."""
+"""Edge of a cell of the made-up map that requests are rehearsed on, m."""
 HEIGHT = 0.1
-"""Height of base_link over the ground, m."""
+"""Height of base_link over the ground in rehearsed requests, m."""
 STROKE = (-0.03, 0.0, 0.0)
-"""Movement of the feet relative to the body in stance, m."""
+"""Movement of the feet relative to the body in stance in rehearsed requests, map axes, (3,) m."""
 
 
 def made_up_map(robot: Robot) -> HeightMap:

@@ -29,13 +29,16 @@ from surefoot.kernels.jit import row_kernel
 from .features import Features, Layer, push_direction
 
 SCALES = (1, 2, 3, 4)
-"""Cells on each side of a plane. The first whose slope the noise of the map moves by less than `SURE` is taken."""
+"""Candidate numbers of cells on each side of a fitted plane, tried in order: the first at which map noise gives the
+slope a standard deviation below `SURE` is used."""
 SURE = 0.06
-"""Deviation of a slope by the noise of the map, rise per way."""
+"""Standard deviation of a fitted plane's slope by map noise, no unit, below which the size of the plane is
+sufficient."""
 FAINT = 0.15
-"""Steepness that noise explains where one cell on each side was not enough, two and a half deviations, rise per way."""
+"""Steepness attributed to noise on maps that need planes of more than one cell on each side, 2.5 standard deviations,
+no unit (slope)."""
 LEAST_KNOWN = 0.4
-"""Share of known cells of a plane below which it counts as unknown."""
+"""Share of known cells of a plane, 0 to 1, below which the plane counts as unknown."""
 
 
 class Relief(NamedTuple):
@@ -45,13 +48,13 @@ class Relief(NamedTuple):
     """
 
     slope_x: Layer
-    """Rise per way along x."""
+    """Slope dz/dx of the fitted plane, no unit, (ny, nx)."""
     slope_y: Layer
-    """Rise per way along y."""
+    """Slope dz/dy of the fitted plane, no unit, (ny, nx)."""
     rough: Layer
-    """Deviation of the heights from the plane, m."""
+    """Standard deviation of the heights from the fitted plane, (ny, nx) m."""
     unsure: Layer
-    """Standard deviation u of the slope, rise per way."""
+    """Standard deviation u of the slope, no unit, (ny, nx)."""
 
 
 def scale_of(raw: HeightMap, surface: HeightMap) -> int:
@@ -177,7 +180,7 @@ def _coefficients(
         window: slopes along x and y, deviation of the heights (m), deviation of the slope, (rows, cols) each.
         push: direction of the stroke, unit vector or zero, map axes.
         cell: edge of a cell, m.
-        faint: steepness that noise explains, rise per way; 0 = a map without noise.
+        faint: slope attributed to noise, no unit; 0 = a map without noise.
         k1: written, (rows, cols) m.
         k2: written, (rows, cols) m.
         cos_k3: written, (rows, cols), no unit.

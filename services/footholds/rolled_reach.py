@@ -13,15 +13,16 @@ from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel
 
 LegTable = tuple[float, ...]
-"""One leg as 32 numbers: hip, lengths, limits of joints; a tuple, as kernels handle numbers faster than arrays."""
+"""Leg as 32 numbers (hip, lengths, joint limits) for kernels; a tuple, which kernels handle faster than arrays."""
 LEG_NUMBERS = 32
-"""Length of the tuple of numbers of a leg."""
+"""Length of the tuple of numbers that describes a leg for kernels."""
 OUTSIDE = -1.0
-"""Margin of a point that cannot be reached, m."""
+"""Value returned in place of the distance to the edge of the workspace for a point that cannot be reached."""
 SLACK = 1e-9
-"""Tolerance in m and in cosines: a point on the edge counts as inside, as in the closed-form solution."""
+"""Tolerance, in m and in cosines, up to which a point beyond an edge counts as inside, as in the closed-form
+solution."""
 ALONG = 21
-"""Index in a leg's numbers of the side on which the foot lies along z, 1 or -1; 0 = not a roll-pitch-pitch leg."""
+"""Index in a leg's 32 numbers of the side on which the foot lies along z, 1 or -1; 0 = not a roll-pitch-pitch leg."""
 
 
 def rolled_table(model: KinematicModel, leg: int) -> LegTable:
@@ -78,8 +79,8 @@ def _to_limit(cos: float, sin: float, w: float, beside: float) -> float:
     Args:
         cos: of the angle d from the joint to its limit.
         sin: of d.
-        w: |w|, way of the foot from the first axis along the leg, m.
-        beside: |b|, way of the foot beside the first axis, m.
+        w: |w|, distance of the foot from the first axis along the leg, m.
+        beside: |b|, offset of the foot to the side of the first axis, m.
     """
     if sin < 0.0:
         return math.inf
@@ -119,7 +120,7 @@ def _to_edges(
         leg: 32 numbers of the leg.
         foot: u (along the first axis) and v (across it) from the femur joint, m.
         first: cos and sin of the first joint's angle.
-        w: way of the foot from the first axis along the leg, m, >= 0.
+        w: distance of the foot from the first axis along the leg, m, >= 0.
         rho: distance of the foot from the first axis, m.
         ring: distance in the plane of femur and tibia from the limits of the knee, m.
     """

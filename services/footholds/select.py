@@ -39,11 +39,11 @@ Point = tuple[float, float, float]
 Flat = tuple[float, float]
 Status = Literal["ok", "raise_trunk", "infeasible"]
 BY_MODEL = np.uint8(Reason.SLIP | Reason.UNLEARNED)
-"""Bits of a mask that the slip model alone sets."""
+"""Bits of a mask that only the slip model sets: slip over the limit, and ground outside what was learned."""
 TIE = 1e-7
 """Difference of the cost Q (no unit), and of the distance K4 (m), below which two cells count as equal."""
 MAX_BORDER = 6
-"""Largest number of cells on each side over which the predicted slip is averaged."""
+"""Largest number of cells on each side of a cell over which the predicted slip is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,21 +51,21 @@ class SelectParams:
     """Parameters of the choice of footholds."""
 
     size: int = 15
-    """Number of cells along an edge of the window, odd (paper 3.4)."""
+    """Number of cells along an edge of the search window, odd (Walas & Belter 2011, 3.4)."""
     distance_weight: float | None = None
-    """Weight k, 1/m, of the distance K4 from the nominal place in Q = P + k K4 (paper 3.3); None = the model's."""
+    """Weight k, 1/m, of the distance K4 from the nominal place in the cost Q = P + k K4; None = the model's."""
     robust: bool = True
-    """Average over the model's landing error, or over the free cells of 3 x 3; False: single cells, as in the paper."""
+    """True: average P over the model's landing error, or Q over free cells of 3 x 3; False: take single cells."""
     seed: int | None = None
-    """Seed of a random cell for every leg, to collect samples; None = the best cell. Masks by the slip model do not
-    count then, or nothing could be learned where it is wrong; all others do."""
+    """Seed of a random choice of cell for every leg, to collect samples; None = the best cell. With a seed the slip
+    model excludes no cell, or nothing could be learned where it is wrong; all other reasons do."""
     trunk_step: float = 0.005
-    """Step of the search for a trunk height that makes a cell reachable, m."""
+    """Step between trunk heights that are tried to make a cell reachable, m."""
     trunk_range: float = 0.040
-    """Largest change of trunk height that is proposed, m."""
+    """Largest change of trunk height that is proposed, either way, m."""
     limits: Limits = field(default_factory=Limits)
     region: bool = False
-    """Find also the largest rectangle of free cells that holds the foothold."""
+    """True: also return the largest rectangle of free cells that holds the foothold; False: the foothold only."""
 
     def weight(self, model: SlipModel) -> float:
         """Return the weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = P + k K4."""
@@ -77,9 +77,9 @@ class TrunkPose:
     """Pose of base_link when the feet land, map frame."""
 
     position: Point
-    """Origin of base_link, m."""
+    """Origin of base_link, map frame, (3,) m."""
     quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    """Rotation from base_link to map."""
+    """Rotation from base_link to map as a unit quaternion w, x, y, z."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class Landing:
     """One leg about to land."""
 
     leg: int
-    """Index in the robot description."""
+    """Index of the leg in the robot description."""
     nominal: Point
     """Foot centre the gait would land on, map frame, m; the height is not used."""
     stroke: Point
@@ -102,24 +102,24 @@ class Foothold:
     foothold: Point | None = None
     """Centre of the foot on landing, map frame, m; None = infeasible."""
     contact: Point | None = None
-    """Contact point on the ground, map frame, m."""
+    """Point where the foot touches the ground, map frame, m; None = infeasible."""
     normal: Point | None = None
-    """Unit normal of the ground, map axes."""
+    """Unit normal of the ground under the foothold, map axes; None = infeasible."""
     trunk_shift: float = 0.0
-    """Signed change of trunk height that makes the foothold reachable, m."""
+    """Change of trunk height that makes the foothold reachable, m, up positive; 0 = none is needed."""
     score: float = math.nan
-    """Q of the chosen cell, no unit."""
+    """Cost Q = P + k K4 of the chosen cell, no unit; NaN = infeasible."""
     slip: float = math.nan
-    """P of the chosen cell, slip per stroke."""
+    """Predicted slip P of the chosen cell per stroke, no unit; NaN = infeasible."""
     spread: float = math.nan
-    """Standard deviation of the slip of single stances there, per stroke; NaN = not known."""
+    """Standard deviation of the slip of single stances in the chosen cell, per stroke, no unit; NaN = not known."""
     counts: tuple[int, ...] = (0,) * (len(REASONS) + 1)
-    """Cells excluded per reason, then free cells."""
+    """Number of cells excluded per reason (in the order of `REASONS`), then of free cells."""
     reason: str = ""
-    """Reason why the status is not ok, in words."""
+    """Reason in words why the foothold is not ok; empty = it is."""
     region: tuple[Flat, ...] = ()
     """Corners of the largest rectangle of free cells that holds the foothold, counterclockwise, map frame, m; empty:
-    infeasible or not asked for."""
+    infeasible or not requested."""
 
 
 def select(
@@ -186,15 +186,15 @@ class WindowCosts(NamedTuple):
     """Values that the choice in a window rests on: predicted slip P, distance K4, and how they make the cost Q."""
 
     slip: Layer
-    """P of the cell itself, slip per stroke, (rows, cols), which the masks use."""
+    """Predicted slip P of each single cell per stroke, no unit, (rows, cols); the masks are made from it."""
     mean: Layer
-    """Mean of P over the cells on which the foot may land, (rows, cols); P of the cell where landings have no error."""
+    """Mean of P over the cells on which the foot may land, no unit, (rows, cols); P itself without landing error."""
     away: Layer
-    """K4, distance from the nominal foothold, (rows, cols) m."""
+    """Distance K4 of each cell from the nominal foothold, (rows, cols) m."""
     weight: float
-    """k of Q = P + k K4, 1/m."""
+    """Weight k of the distance in the cost Q = P + k K4, 1/m."""
     block: bool
-    """True if Q is the mean of P + k K4 over the free cells of 3 x 3."""
+    """True if Q is the mean of P + k K4 over the free cells of 3 x 3, False if it is that of the single cell."""
 
     def q(self, mask: Mask) -> Layer:
         """Return the cost Q of every cell, no unit, (rows, cols): the choice is the free cell of the least one.
@@ -307,7 +307,7 @@ def _least(mask: Mask, q: Layer, away: Layer) -> int:
 
 
 ALONE = np.ones((1, 1))
-"""Weights of landings without error, (1, 1)."""
+"""Weights of the cells that a foot lands on if landings have no error: only the chosen one, (1, 1)."""
 
 
 @lru_cache(maxsize=64)

@@ -56,9 +56,10 @@ class Footholds(Service[FootholdsConfig]):
         self.params = self.config.params()
         self.steps = PlannedSteps(self.robot)
         self._choices, self._named = 0, ""
-        """Requests of this epoch, and name of the model that answered the last one."""
+        """`_choices`: number of requests since the last reset; `_named`: name of the model that answered the last
+        one."""
         self._since: int | None = None
-        """Tick of the first request that the model in force answered."""
+        """Tick of the first request that the model in use answered; None before it."""
         self._now: Tick | None = None
         self.latched = LatchedGround(self._maps.key, self.robot.foot_radius, self.config.smooth, self.config.unsure_m)
         self.handle(topics.FOOTHOLDS_SELECT, self.choose)
@@ -68,12 +69,12 @@ class Footholds(Service[FootholdsConfig]):
         self.handle(topics.FOOTHOLDS_LEARN, self.models.job.answer)
 
     def on_stop(self) -> None:
-        """End the learning that is under way, and the thread of batches."""
+        """End the running learning jobs, and the thread of batches."""
         self.models.close()
         self.steps.stop()
 
     def rehearse(self) -> None:
-        """Answer made-up requests on a made-up map, as another service of the same configuration."""
+        """Answer made-up requests on a made-up map, in a copy of the service with this configuration."""
         other = Footholds(self.config.model_copy(update={"relearn": "off"}))
         other.on_start()
         other.latched.ground = made_up_ground(other.robot, self.config.smooth)
@@ -92,7 +93,7 @@ class Footholds(Service[FootholdsConfig]):
         self.models.reset()
 
     def on_config(self) -> None:
-        """Take parameters that were changed in the running service."""
+        """Apply parameters that were changed while the service runs."""
         self.params = self.config.params()
 
     def on_tick(self, inputs: TickInputs) -> None:

@@ -24,11 +24,11 @@ class BuiltWorld(NamedTuple):
     """Request that the world was built from."""
     world: PhysicsWorld
     heights: HeightMapMessage | None
-    """Height map that the robot gets; None = it gets none."""
+    """Height map that is sent to the robot; None = it gets none."""
     landmarks: LandmarkMap | None
-    """Landmarks that the robot's camera recognises; None = the robot has no camera."""
+    """Landmarks on the floor that the robot's camera recognises; None = the robot has no such camera."""
     lacking: tuple[Topic[Any], ...]
-    """Topics that this robot never publishes."""
+    """Topics that this robot never publishes, for want of a sensor or map."""
 
 
 def build_world(robot: Robot, request: ResetRequest) -> BuiltWorld:

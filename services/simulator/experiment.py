@@ -128,7 +128,7 @@ def _tripod(robot: Robot) -> list[int]:
 def _move(
     world: PhysicsWorld, robot: Robot, targets: Array, legs: list[int], way: Array, ticks: int
 ) -> NDArray[np.float64]:
-    """Move feet of `legs` evenly by `way` (3,) m, base_link, over some ticks and rest; return mean loads, (L,) N.
+    """Move feet of `legs` evenly by `way` (3,) m, base_link, in `ticks` ticks, then rest; return mean loads, (L,) N.
 
     `targets` (L, 3) m: places of all feet in base_link, changed. The loads are normal forces.
     """

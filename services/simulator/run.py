@@ -34,16 +34,16 @@ class SimulatedRun:
         self.driver, self.robot = driver, robot
         self.guard = CommandGuard(robot.joint_lower, robot.joint_upper)
         self.planned: list[tuple[int, Callable[[], None]]] = []
-        """Actions that wait for the end of their tick."""
+        """Planned actions, each with the tick at whose end it is to run."""
         self._clear()
         self.build(request)
 
     def _clear(self) -> None:
         self.planned.clear()
         self.stopped = ""
-        """Reason of the emergency stop in force; empty = none."""
+        """Reason of the emergency stop in force; empty = no stop is in force."""
         self.failed = ""
-        """Reason why the physics cannot go on; empty = it does."""
+        """Reason why the physics cannot continue; empty = it continues."""
         self._wall, self._rtf, self._late = (time.perf_counter(), 0), 0.0, False
 
     @property

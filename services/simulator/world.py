@@ -64,25 +64,25 @@ class WorldConfig:
 
     physics: Physics = field(default_factory=Physics)
     perturbation: Perturbation = field(default_factory=Perturbation)
-    """Differences of the simulated robot from its description."""
+    """Differences of the simulated robot and floor from the robot description."""
     imu_profile: ImuProfile | str | None = None
-    """A profile or its name; None = the robot's own; "ideal" = exact."""
+    """Profile of the inertial unit, or its name; None = the robot's own; "ideal" = a sensor without errors."""
     torque_per_ampere: float | None = None
-    """True constant of the servo motors, Nm/A; None = as described."""
+    """True torque constant of the servo motors, Nm/A; None = that of the robot description."""
     floor: Floor = field(default_factory=Floor)
-    """Landmarks and marker on the ground."""
+    """Landmarks, goal marker, texture and light of the floor."""
     camera: str | None = None
-    """Name of a camera profile; None = the robot's own, if it has one."""
+    """Name of a camera profile; None = the robot's own camera, if it has one."""
     depth_camera: str | None = None
-    """Name of a depth camera's profile; None = none."""
+    """Name of a depth camera's profile; None = no depth camera."""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """x, y in m and yaw in rad of the trunk before it settles."""
+    """Pose of the trunk before it settles: x, y in m and yaw in rad, frame `map`."""
     drift: float = 0.0
-    """Turn of a biped's walk by way walked, because its legs are unequal, rad/m, left positive; 0 = straight."""
+    """Turn of a biped's straight walk because of unequal legs, rad per m walked, left positive; 0 = straight."""
     obstacles: tuple[Obstacle, ...] = ()
-    """Boxes on the floor that no map shows."""
+    """Boxes on the floor that are missing in every map."""
     must_rest: bool = True
-    """False: a robot that does not come to rest at the start is no error, for trials on slippery ground end so."""
+    """True: a robot that does not come to rest at the start is an error; False: it is accepted, for slippery ground."""
 
 
 class PhysicsWorld:
@@ -96,13 +96,13 @@ class PhysicsWorld:
     """
 
     tick: int
-    """Control ticks since the reset."""
+    """Number of control ticks since the reset."""
     samples: Samples
     """Samples that the hardware releases in this tick."""
     command: Array
     """Joint positions the servos follow, (nj,), rad."""
     torque_limit: Array | None
-    """Torque limit of the servos under the present command, (nj,), Nm; None = their own."""
+    """Torque limits of the servos under the present command, (nj,), Nm; None = the servos' own limits."""
 
     def __init__(self, robot: Robot, terrain: Terrain, seed: int = 0, config: WorldConfig | None = None) -> None:
         self.robot, self.terrain, self.seed = robot, terrain, seed
@@ -194,7 +194,7 @@ class PhysicsWorld:
         self._release()
 
     def _run_to(self, step: int) -> None:
-        """Advance the physics up to a step; set-points that arrive on the way take effect at their time."""
+        """Advance the physics up to a step; set-points that arrive before take effect at their step."""
         while (arrival := self._line.arrival(step)) is not None:
             at, (position, limit) = arrival
             if at > self.steps:

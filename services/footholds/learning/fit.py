@@ -1,4 +1,5 @@
-"""From samples to a slip model: bins, terms fitted to their means, and cross-validation of the settings of the fit."""
+"""Fit of a slip model to samples: bins, terms fitted to their means, and cross-validation of the settings of the
+fit."""
 
 import hashlib
 import math
@@ -19,7 +20,7 @@ from .samples import SampleSet, StanceSample
 from .solve import weights
 
 Report = Callable[[float], bool]
-"""Receives the share of the work that is done; returns whether to continue."""
+"""Callback that receives the share of the work that is done, 0 to 1; it returns True to continue, False to cancel."""
 
 
 class LearnError(SurefootError):
@@ -27,11 +28,11 @@ class LearnError(SurefootError):
 
 
 IDENTITY = 12
-"""Hexadecimal digits of the identity of a trial."""
+"""Length of the identity of a trial, a hash, in hexadecimal digits."""
 LEAST_SLIP = 0.01
-"""Slip below which errors count as those of this slip, strokes."""
+"""Slip per stroke (no unit) below which relative errors are divided by this slip instead of the measured one."""
 Finder = Callable[[Array, Array, Array, float, int], Basis]
-"""Finds terms from inputs (n, 3), targets (n,), weights (n,), ridge and seed."""
+"""Function that finds terms from inputs (n, 3), targets (n,), weights (n,), ridge and seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +40,18 @@ class Candidate:
     """Settings of one fit of a slip model that cross-validation tries."""
 
     terms: int
-    """Number of Gaussians of the sum."""
+    """Number of Gaussian terms."""
     width: float
-    """Rate lambda of the Gaussians, on inputs divided by their deviation."""
+    """Rate lambda of the Gaussians, on inputs divided by their standard deviation, no unit."""
     ridge: float
-    """Ridge rho per sample."""
+    """Ridge rho of the least squares per sample, no unit."""
     warp: Warp = "identity"
-    """Map of the inputs: identity, log or asinh."""
+    """Map that each input goes through before the Gaussians: identity, log or asinh."""
     enough: float = math.inf
-    """Samples about a point at which terms and simple rule weigh alike; infinite: the rule alone."""
+    """Number of samples near a point at which terms and simple rule have equal weights; infinite: the rule alone."""
     find: Finder | None = None
-    """Search for the terms; None: Gaussians about bins drawn at random. Models of a search are not learned again."""
+    """Search for the terms; None: Gaussians about random bins. A model with terms of a search cannot be learned
+    again."""
 
 
 CANDIDATES = (
@@ -58,11 +60,12 @@ CANDIDATES = (
     Candidate(30, 0.1, 1e-5, enough=30.0),
     Candidate(60, 0.1, 1e-4, "asinh", enough=100.0),
 )
-"""The simple rule alone, and sums of terms that it goes over into where samples are few."""
+"""Settings that cross-validation compares: the simple rule alone, and Gaussian terms that give way to it where samples
+are few."""
 
 
 def candidates(terms: int | None = None) -> tuple[Candidate, ...]:
-    """Return the settings that cross-validation compares, with `terms` terms each; None = of several numbers."""
+    """Return the settings that cross-validation compares, all with `terms` Gaussians; None = various numbers."""
     return CANDIDATES if terms is None else tuple(replace(each, terms=terms) for each in CANDIDATES[1:])
 
 
@@ -73,17 +76,19 @@ class LearnOptions:
     title: str = "learned"
     candidates: Sequence[Candidate] = CANDIDATES
     folds: int = 5
-    """Number of folds, of whole terrains each, or of whole trials where there is but one terrain."""
+    """Number of folds of the cross-validation, made of whole terrains, or of whole trials if there is only one
+    terrain."""
     seed: int = 0
     distance_weight: float = 2.0
-    """Weight k of Q = P + k K4, 1/m; chosen by whole walks, not by the fit."""
+    """Weight k, 1/m, of the distance K4 in the cost Q = P + k K4, P the slip; chosen by whole walks, not by the fit."""
     landing_error: float = 0.005
-    """Standard deviation of landings, m."""
+    """Standard deviation of the landing of a foot around the chosen cell, along each axis, m."""
     support: int = 0
-    """Number of samples that a cell's bin needs; 0: only the ranges count."""
+    """Number of samples that a cell's bin needs for a prediction; 0: a cell only has to lie in the ranges of the
+    inputs."""
     lattice: Lattice = field(default_factory=Lattice)
     relief: bool = True
-    """True: coefficients of fitted planes, False: of 3 x 3 cells; `learn` takes it from the samples."""
+    """True: ground coefficients of fitted planes, False: of 3 x 3 cells; `learn` takes this from the samples."""
     trials: tuple[str, ...] = ()
     """Identities (hashes of robot and trial) of the trials; `learn` takes them from the samples."""
 

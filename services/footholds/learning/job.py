@@ -13,7 +13,7 @@ from .fit import LearnOptions, candidates, learn_and_compare
 from .samples import SampleSet, gather, read_lines
 
 MAX_SAMPLE_BYTES = 2_000_000_000
-"""Largest file of samples, bytes."""
+"""Largest size of a file of samples, bytes; a larger file is refused."""
 
 
 @dataclass(eq=False)
@@ -27,7 +27,7 @@ class LearnJob:
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _finished: LearnedModel | None = None
     _past: int = 0
-    """Number of the last job whose model is no longer wanted in force."""
+    """Number of the last job before a reset: models of jobs up to this one are not put into use."""
 
     def answer(self, request: LearnRequest) -> LearnReply:
         """Start or cancel the job if the request asks for it; return the state of the job.
@@ -56,7 +56,7 @@ class LearnJob:
         return found
 
     def forget(self) -> None:
-        """Drop the models of all jobs started so far, as after a reset; jobs under way still write their files."""
+        """Drop the models of all jobs started so far, as after a reset; jobs that still run write their files."""
         with self._lock:
             self._past, self._finished = self.number, None
 

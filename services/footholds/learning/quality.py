@@ -17,12 +17,12 @@ from ..select import landing_weights
 from .samples import SampleSet, StanceSample, gather
 
 FLAT = 0.05
-"""K2 / (8 cell) below which ground counts as flat."""
+"""K2 / (8 cell), no unit, below which ground counts as flat."""
 LEAST = 0.003
-"""Least slip of a stance per stroke: contacts creep on flat ground, too. 99 % of 3363 stances (seeds 1100 to 1107)
-slid more."""
+"""Least slip of a stance per stroke, no unit: contacts creep on flat ground, too. 99 % of 3363 stances (seeds 1100 to
+1107) slid more."""
 SHARE = 0.8
-"""Share of the stances that an interval should hold."""
+"""Share of the stances that an interval of predicted slip should hold, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,15 @@ class PredictionQuality:
 
     stances: int
     spearman: float
-    """Rank correlation of the predicted and the measured slip."""
+    """Rank correlation of predicted and measured slip, -1 to 1."""
     warned: float
-    """Area under the ROC curve of the predicted slip, for slips of more than twice the mean on flat ground."""
+    """Area under the ROC curve of the predicted slip, 0 to 1, for stances whose slip exceeds twice the mean on flat
+    ground."""
     held: float
-    """Share of slips within the interval that should hold 80 % of them."""
+    """Share of measured slips inside the interval that should hold 80 % of them, 0 to 1."""
     ceiling: float
-    """Rank correlation of slip and the mean slip of stances with equal inputs: the best that any model of these inputs
-    can reach on these stances; 1 where no two inputs are equal."""
+    """Rank correlation of slip and the mean slip of stances with equal inputs: the highest that any model of these
+    inputs can reach on these stances; 1 where no two inputs are equal."""
 
 
 def prediction_quality(model: LearnedModel, samples: Sequence[StanceSample]) -> PredictionQuality:
@@ -138,13 +139,14 @@ class PredictorFigures:
 
     name: str
     r2: float
-    """Share of the variance of slips that is explained; 0: as the mean of the other grounds does."""
+    """Share of the variance of slips that the predictor explains; 0: no better than the mean slip of the other
+    folds."""
     rank: float
-    """Mean over trials of the rank correlation of prediction and slip."""
+    """Mean over trials of the rank correlation of predicted and measured slip, -1 to 1."""
     auc: float
-    """Area under the curve for slips of more than twice the median of their trial."""
+    """Area under the ROC curve, 0 to 1, for stances whose slip exceeds twice the median of their trial."""
     held: float
-    """Share of slips within the 80 % interval; NaN: the predictor has none."""
+    """Share of measured slips inside the predictor's 80 % interval, 0 to 1; NaN: the predictor has no interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,11 +154,12 @@ class HeldOutFigures:
     """Figures of a learned model, the hand-made score, the flattest cell and nominal landings, on ground held back."""
 
     rows: tuple[PredictorFigures, ...]
-    """Figures of the learned model, the hand-made score, the rule of the flattest cell, and nominal landings."""
+    """Figures of the learned model, the hand-made score, the rule of the flattest cell, and nominal landings, in this
+    order."""
     by: str
-    """Parts that were held back: terrains, or trials where there is but one terrain."""
+    """Parts that folds were made of: `terrains`, or `trials` if there is only one terrain."""
     warning: str
-    """Why the model is not better than the others, in words; empty = it is."""
+    """Reason in words why the learned model is not better than the simple rules; empty = it is better."""
 
 
 def folds_of(samples: SampleSet, count: int) -> tuple[NDArray[np.int64], str]:

@@ -67,7 +67,7 @@ def _check(model: LearnedModel, found: SampleSet) -> None:
 
 
 def _with(provenance: Sequence[str], how: str, found: SampleSet) -> list[str]:
-    """Return the sources of a model with a line, `how` it was made, for each new one of the samples `found`.
+    """Return the provenance of a model with a line, which begins with `how`, for each source of samples `found`.
 
     A source that comes round after round keeps its line.
     """

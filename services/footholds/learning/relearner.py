@@ -17,9 +17,11 @@ from .relearn import Form, relearned
 from .samples import StanceSample
 
 MOST = 100_000
-"""Most outcomes that wait for a round of learning, and most taken ones that are kept in mind: none counts twice."""
+"""Largest number of outcomes that wait for a round of learning, and of recent outcomes remembered so that none counts
+twice."""
 LAG = 4
-"""Number of choices from the begin of a round of learning to the first by its model: two seconds of a tripod gait."""
+"""Number of choices of footholds from the start of a round of learning to the first by its model: 2 s of a tripod
+gait."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +30,11 @@ class RelearnParams:
 
     form: Form = "counted"
     weight: float = 1.0
-    """Weight c of new outcomes, 0 to 1."""
+    """Weight c of new outcomes against those already learned, 0 to 1; 1 = equal."""
     every: int = 60
-    """Number of outcomes of a round."""
+    """Number of outcomes that complete a round, after which a new model is fitted."""
     path: str = ""
-    """Path of the file that keeps the model; empty = none."""
+    """Path of the file that keeps the re-learned model; empty = it is not kept."""
 
 
 @dataclass(eq=False)
@@ -42,12 +44,13 @@ class Relearner:
     params: RelearnParams
     log: Callable[[str], None]
     taken: int = 0
-    """Number of outcomes taken."""
+    """Number of outcomes that re-learning has accepted."""
     refused: dict[str, int] = field(default_factory=dict)
-    """Number of outcomes left out and of rounds that failed, by reason."""
+    """Number of outcomes rejected and of rounds that failed, by reason."""
     _waiting: list[StanceSample] = field(default_factory=list)
     _known: dict[str, None] = field(default_factory=dict)
-    """Trials of the last outcomes taken, one each, at most 100 000."""
+    """Trials of the last outcomes accepted, at most 100 000, oldest first; another outcome of one is refused as
+    `twice`."""
     _due: int = 0
     _thread: threading.Thread | None = None
     _made: LearnedModel | None = None
@@ -88,7 +91,7 @@ class Relearner:
         return None
 
     def close(self) -> LearnedModel | None:
-        """Wait for a fit that is under way and drop waiting outcomes; return the model of the fit, or None."""
+        """Wait for a running fit and drop waiting outcomes; return the model of the fit, or None."""
         self._waiting.clear()
         return None if self._thread is None else self._finish()
 

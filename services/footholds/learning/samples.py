@@ -17,9 +17,9 @@ from ..models.lattice import LARGEST, coordinates
 from ..relief import SCALES, patch_features
 
 PATCH = 13
-"""Number of cells along an edge of the heights that a sample keeps."""
+"""Number of cells along an edge of the square of heights that a sample keeps."""
 UNKNOWN_UM = -(2**31)
-"""Number that stands for the height of an unknown cell in a sample, micrometres."""
+"""Value that stands for the height of an unknown cell in a sample, micrometres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +27,10 @@ class StanceSample:
     """One step of a foot (a stance) as a sample for learning: ground, chosen foothold, stroke and measured slip."""
 
     trial: str
-    """Name of the walk or trial; folds of the cross-validation are made of whole trials."""
+    """Name of the walk or trial; folds of the cross-validation hold whole trials."""
     leg: int
     step: int
-    """Number of the choice in the trial; trial, leg and step together name the stance."""
+    """Number of the choice of footholds in the trial; trial, leg and step together name the stance."""
     k1: float
     """Coefficient K1 of the chosen cell on the map of the choice, m: > 0 on a top edge, < 0 in a hole."""
     k2: float
@@ -42,27 +42,28 @@ class StanceSample:
     stroke: tuple[float, float, float]
     """Movement f of the foot relative to the body while it stands, map axes, m."""
     sliding: float
-    """Way of the contact point in the ground plane, m."""
+    """Distance that the contact point slid in the ground plane during the stance, m."""
     displacement: float
-    """Horizontal way of the foot centre, m; d in the paper."""
+    """Horizontal displacement of the foot centre during the stance, m; d of Walas & Belter."""
     load: float
-    """Mean normal force, N; NaN = not known."""
+    """Mean normal force on the foot in the stance, N; NaN = not known."""
     friction: float
-    """Coefficient of friction, in simulation; NaN = not known."""
+    """Coefficient of friction of the ground, in simulation, no unit; NaN = not known."""
     cell: float
     """Edge of a cell of the map that the coefficients come from, m."""
     smooth: bool
-    """True if the map went through the 3 x 3 median."""
+    """True if the map went through the 3 x 3 median filter, False if its heights are as received."""
     foot_radius: float
     """Radius of the foot sphere, m."""
     robot: str
     robot_hash: str
     source: str
-    """Origin of the sample: ground, map, rule."""
+    """Origin of the sample in words: ground, map and rule that chose the foothold."""
     scale: int = SCALES[0]
-    """Cells on each side of the planes of the map, by its noise."""
+    """Cells on each side of the middle of the fitted planes, 1 to 4; the noisier the map, the larger."""
     heights_um: tuple[int, ...] = ()
-    """Heights about the chosen cell relative to it, row by row, micrometres; -2^31 = unknown."""
+    """Heights around the chosen cell relative to it, 13 x 13 cells row by row, micrometres; -2^31 = unknown; empty =
+    not kept."""
 
     def around(self) -> Layer | None:
         """Return the heights about the chosen cell relative to it, (n, n) m, NaN = unknown; None if there are none."""
@@ -79,7 +80,7 @@ class StanceSample:
 
     @property
     def slip(self) -> float:
-        """Slip per stroke of the stance: way slid over the length of the stroke f, no unit."""
+        """Slip per stroke of the stance: distance slid by the contact point over the length of f, no unit."""
         return self.sliding / self.length
 
     @property
@@ -104,13 +105,13 @@ class SampleSet:
     r: Array
     """Slip per stroke of each stance, (n,), no unit."""
     trial: NDArray[np.int64]
-    """Number of each sample's trial, (n,)."""
+    """Index of each sample's trial, (n,)."""
     kept: tuple[StanceSample, ...]
     refused: dict[str, int]
-    """Number of samples left out, by reason: not_finite, no_stroke, negative, huge, twice, no_heights, unknown_ground,
+    """Number of samples rejected, by reason: not_finite, no_stroke, negative, huge, twice, no_heights, unknown_ground,
     unhealthy."""
     relief: bool = True
-    """True if the points are coefficients of planes, False if those of Walas & Belter."""
+    """True if the points `x` come from fitted planes, False if from the 3 x 3 cells of Walas & Belter."""
 
     def __len__(self) -> int:
         return len(self.r)

@@ -30,11 +30,11 @@ class Gaussians:
     """
 
     centres: Array
-    """Centres of the Gaussians in the space of the inputs, (m, d)."""
+    """Centres a of m Gaussians over d scaled inputs, (m, d), no unit."""
     widths: Array
-    """Rates lambda >= 0, (m, d); 0 takes an input out of a term."""
+    """Rates lambda >= 0 of m Gaussians over d scaled inputs, (m, d); with 0 a term ignores that input."""
     constant: bool = False
-    """True adds a last column of ones."""
+    """True appends a column of ones to the values of the Gaussians, False does not."""
 
     def columns(self, u: Array) -> Array:
         """Return the values of the m Gaussians at inputs u (n, d), (n, m), or (n, m + 1) with a constant, no unit."""

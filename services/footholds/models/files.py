@@ -18,23 +18,27 @@ from .shipped import shipped as shipped
 
 SCHEMA = "surefoot.slip/2"
 OLD = "surefoot.slip/1"
-"""Files of coefficients of 3 x 3 cells, without identities of trials; they are read."""
+"""Format name of older model files, which hold coefficients of 3 x 3 cells and no identities of trials; still
+readable."""
 MAX_BYTES = 16_000_000
-"""Largest file that is read, bytes."""
+"""Largest size of a model file, bytes; a larger file is refused."""
 MAX_TERMS = 1000
 MAX_BINS = 200_000
 MAX_TRIALS = 500_000
-"""Most identities of trials: one for each outcome that a walking robot has learned from."""
+"""Largest number of trial identities in a model file: one for each outcome that a walking robot has learned from."""
 MAX_SUM = 10**40
-"""Largest whole number of a bin: no sum of squares is larger, and floats still hold it."""
+"""Largest integer sum of a bin in a model file (slips in 1e-9, squares in 1e-18): valid sums are smaller, and a float
+holds it."""
 MAX_COUNT = 1e9
-"""Most samples of a bin."""
+"""Largest number of samples of a bin in a model file."""
 LEAST_ERROR = 1e-4
-"""Mean square error below which predictions of own bins are good enough, whatever the bins."""
+"""Mean square error of slip per stroke below which a model's predictions of its own bins are accepted
+unconditionally."""
 MAX_SPAN = 2_000_000
-"""Largest number of bins in the box from the smallest to the largest index on all axes: it is a dense array, 8 MB."""
+"""Largest number of bins in the box from the smallest to the largest index on all axes: it becomes a dense array, 8
+MB."""
 DIGITS = 10
-"""Digits of every number of a fit that is written."""
+"""Number of significant digits with which the numbers of a fit are written to a model file."""
 
 Whole = Annotated[int, Field(ge=-MAX_SUM, le=MAX_SUM)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]

@@ -17,13 +17,13 @@ from surefoot.errors import InvalidField
 Key = tuple[int, int, int]
 
 UNIT = 1e-9
-"""Unit of the sums of slips, in strokes; sums of squares are in its square."""
+"""Unit of the integer sums of slips per stroke; sums of squares are in units of its square."""
 FLAT = 1e-6
-"""Value of K2 / (8 cell) below which ground is flat: K1 / K2 is 0 there."""
+"""Value of K2 / (8 cell), no unit, below which ground is flat: K1 / K2 is set to 0 there."""
 ROUGHEST = 4.0
-"""Largest K2 / (8 cell) of a sample; that of a cliff has no upper end and is cut."""
+"""Largest K2 / (8 cell) of a sample, no unit; larger values, as at a cliff, are clipped to it."""
 LARGEST = 20.0
-"""Largest slip of a sample, in strokes: a foot that slides farther was carried, not placed."""
+"""Largest slip of a sample, in strokes; a sample above it is rejected: the foot was carried, not placed."""
 
 
 class LatticeError(InvalidField):
@@ -58,15 +58,15 @@ class Bin:
     """Count, sum and sum of squares of the slips (per stroke) of samples whose ground lies in one bin of a lattice."""
 
     count: float
-    """Number of samples; a weighted re-learning makes it a fraction."""
+    """Number of samples in the bin; a fraction after weighted re-learning."""
     total: int
     """Sum of the slips r per stroke, in units of 1e-9."""
     squares: int
-    """Sum of r^2, in units of 1e-18."""
+    """Sum of the squares r^2 of the slips per stroke, in units of 1e-18."""
 
     @property
     def mean(self) -> float:
-        """Mean slip in the bin, way of the contact point per way of the stroke."""
+        """Mean slip in the bin: distance slid by the contact point per length of the stroke, no unit."""
         return self.total * UNIT / self.count
 
     @property

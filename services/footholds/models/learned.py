@@ -21,19 +21,19 @@ from .lattice import FLAT, Bin, Key, Lattice, coordinates, inputs
 from .protocol import UNLEARNED
 
 NODES = (17, 65, 33)
-"""Number of nodes of the table of predictions along K1 / K2, K2 / (8 cell), cos K3."""
+"""Number of nodes of the table of predictions along K1 / K2, K2 / (8 cell) and cos K3."""
 CELL_TOLERANCE = 0.01
-"""Largest relative difference of cell and foot radius at which a model still holds."""
+"""Largest relative difference of cell edge and of foot radius from those learned with, up to which a model applies."""
 ROUNDS = "rounds"
-"""Entry of `LearnedModel.choice` that counts rounds of re-learning."""
+"""Key of `LearnedModel.choice` under which rounds of re-learning are counted."""
 HALF_SUPPORT = 10.0
-"""Number of samples about a point with which its support is one half."""
+"""Number n of samples near a point at which its support n / (n + 10) is one half."""
 KNOTS = (0.0, 0.1, 0.2, 0.3, 0.5)
-"""K2 / (8 cell) where the simple rule may bend."""
+"""Values of K2 / (8 cell), no unit, at which the slope of the simple rule of slip may change."""
 BROAD = 10
-"""Weight, in samples, of the spread of all bins beside that of one bin."""
+"""Weight, in samples, of the variance pooled over all bins in the variance of one bin."""
 LEAST_RANGE = 1e-3
-"""Least range of an axis of the table, for samples that are all alike."""
+"""Least width of the range of a table axis, no unit, for samples that are all alike."""
 
 
 Table = tuple[Layer, Layer, Layer, float]
@@ -50,11 +50,11 @@ class Conditions:
     """Map, foot and robot that a model was learned with."""
 
     cell: float
-    """Edge of a cell, m."""
+    """Edge of a cell of the maps that the model was learned on, m."""
     smooth: bool
-    """True if the map went through the 3 x 3 median."""
+    """True if the map went through the 3 x 3 median filter, False if its heights are as received."""
     foot_radius: float
-    """Radius of the foot sphere, m."""
+    """Radius of the foot sphere of the robot that the model was learned with, m."""
     robot: str = ""
     robot_hash: str = ""
 
@@ -65,11 +65,11 @@ class Terms:
 
     basis: Basis
     weights: Array
-    """Weights c, (m,)."""
+    """Weights c of the m terms, (m,), slip per stroke."""
     warps: tuple[Warp, ...]
     """Map of each of the three inputs: identity, log or asinh."""
     scales: Array
-    """Numbers that the inputs are divided by before they are warped, (3,)."""
+    """Divisors s of the three inputs before they are warped, (3,), no unit."""
 
     def values(self, u: Array) -> Array:
         """Return P, the expected slip per stroke, (n,), of inputs u (n, 3): K1 / (8 cell), K2 / (8 cell), cos K3."""
@@ -91,30 +91,32 @@ class LearnedModel:
     """Slip model learned from the steps of one robot: terms fitted to bins of slips, a simple rule beside them."""
 
     title: str
-    """Name without the version."""
+    """Name of the model without its version."""
     conditions: Conditions
     terms: Terms
     lattice: Lattice
     bins: dict[Key, Bin]
     ranges: tuple[tuple[float, float], ...]
-    """Smallest and largest K1 / (8 cell), K2 / (8 cell), cos K3 that were learned."""
+    """Smallest and largest K1 / (8 cell), K2 / (8 cell) and cos K3 of the samples, no unit; P is not predicted
+    outside."""
     distance_weight: float
     landing_error: float
     support: int = 0
-    """Number of samples that a cell's bin needs; 0: only the ranges count."""
+    """Number of samples that a cell's bin needs for a prediction; 0: a cell only has to lie in `ranges`."""
     relief: bool = False
-    """True: the coefficients are those of planes, and P goes over into `base` where there are few samples or none."""
+    """True: coefficients come from fitted planes, and P blends into the rule `base` where samples are few; False: from
+    3 x 3 cells."""
     enough: float = math.inf
-    """Number of samples about a point at which terms and simple rule weigh alike; infinite: the rule alone."""
+    """Number of samples near a point at which terms and simple rule have equal weights; infinite: the rule alone."""
     base: tuple[float, ...] = ()
     """Weights >= 0 of the simple rule: of 1 and of max(K2 / (8 cell) - knot, 0) for five knots."""
     trials: tuple[str, ...] = ()
-    """Identities of the trials that the samples are from, sorted."""
+    """Identities (hashes) of the trials that the samples are from, sorted."""
     seed: int = 0
     choice: dict[str, float] = field(default_factory=dict)
-    """Numbers of the fit: terms, ridge, error of the folds."""
+    """Numbers of the fit by name: terms, ridge, error of the folds."""
     provenance: tuple[str, ...] = ()
-    """Sources of the samples, one line each."""
+    """Sources of the samples that the model was learned from, one line each."""
 
     @property
     def name(self) -> str:

@@ -5,12 +5,12 @@ from typing import Protocol
 from ..features import Features, Layer
 
 UNLEARNED = -1.0
-"""Predicted slip P of a cell outside the inputs that a model has learned; other values outside [0, 1] are artefacts of
-a fit."""
+"""Value that marks a cell whose ground lies outside what a model has learned, in place of its predicted slip P; other
+values outside [0, 1] are artefacts of a fit."""
 
 
 class SlipModel(Protocol):
-    """Predictor of the slip of a foothold: way of the contact point per way of the stroke, by the ground."""
+    """Predictor of the slip of a foothold from the ground: distance slid by the contact per length of stroke."""
 
     @property
     def name(self) -> str:
@@ -24,7 +24,7 @@ class SlipModel(Protocol):
 
     @property
     def landing_error(self) -> float:
-        """Standard deviation of landings about the chosen cell, m.
+        """Standard deviation of landings around the chosen cell along each axis, m.
 
         The predicted slip P is averaged over landings of this error; where it is 0, over the free cells of 3 x 3.
         """
@@ -32,7 +32,7 @@ class SlipModel(Protocol):
 
     @property
     def relief(self) -> bool:
-        """True if the coefficients are those of planes at the scale of the map, False for the paper's 3 x 3 cells."""
+        """True if coefficients come from fitted planes, False if from 3 x 3 cells as by Walas & Belter."""
         ...
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:

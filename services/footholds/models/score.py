@@ -59,23 +59,25 @@ class HandScore(AnywhereModel):
     """
 
     flat: float = 0.04
-    """Slip on flat ground: servo and body errors drag a foot by about 4 % of a stroke (single-foot trials, mu 0.4)."""
+    """Slip per stroke on flat ground, no unit: servo and body errors drag a foot by 4 % of a stroke (single-foot
+    trials, mu 0.4)."""
     peak: float = 0.70
-    """Weight of peaks and top edges, which hold on one side only. A top edge of 10 mm in 5 mm cells costs 0.26, six
-    cells of way; one of 25 mm exceeds the slip limit."""
+    """Weight of peaks and top edges, which hold on one side only. A top edge of 10 mm in 5 mm cells costs 0.26, as much
+    as six cells of distance; one of 25 mm exceeds the slip limit."""
     hole: float = 0.05
-    """Gain of a hole or the foot of a wall, which hold on all sides. Small: no more than the flat slip can be
-    gained, and in a walk, other than under a single foot, holes were not better than flat ground."""
+    """Weight by which a hole or the foot of a wall, which hold on all sides, lowers the slip. Small: no more than the
+    flat slip can be gained, and in walks, other than in single-foot trials, holes were not better than flat ground."""
     face: float = 0.30
-    """Weight of ground that falls away from the push and slips: 30 deg cost 0.15."""
+    """Weight of ground that falls away in the push direction, where a foot slips: a slope of 30 deg costs 0.15."""
     lean: float = 0.10
-    """Gain of ground that faces the push, a third of `face`: it slips less than other slopes, more than flat ground."""
+    """Weight by which ground that faces the push lowers the slip, a third of `face`: less slip than other slopes, not
+    than flat ground."""
     rough: float = 0.70
-    """Weight of slopes of any direction and broken ground: stances on the steepest fourth slid twice
-    as far as on the flat."""
+    """Weight of slopes in any direction and of broken ground: stances on the steepest fourth slid twice as far as on
+    flat ground."""
     dead: float = 0.15
-    """Convexity and roughness taken for noise of the map: 3 mm per cell leave about this much of a and b
-    behind the filter."""
+    """Dead zone of convexity and roughness, no unit, taken for map noise: 3 mm of noise per cell leave about this much
+    of a and b after the median filter."""
 
     def __post_init__(self) -> None:
         for field, value in zip(fields(self), astuple(self), strict=True):

@@ -20,11 +20,11 @@ class TerrainBox:
     """One solid box of the ground."""
 
     position: tuple[float, float, float]
-    """Centre, (x, y, z) m, frame `map`."""
+    """Centre of the box, (x, y, z) m, frame `map`."""
     half_size: tuple[float, float, float]
-    """Half edges along the box's own x, y, z, m."""
+    """Half lengths of the edges along the box's own x, y, z, m."""
     quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    """Rotation from the box's axes to map as a quaternion w, x, y, z."""
+    """Rotation from the box's axes to frame `map` as a unit quaternion w, x, y, z."""
 
 
 class Shape(NamedTuple):
@@ -32,10 +32,10 @@ class Shape(NamedTuple):
 
     surface: Array
     ground: Array | None = None
-    """Height field of the physics; None = the plane."""
+    """Height field on which the physics stands, (ny, nx) m; None = the plane through the origin."""
     boxes: tuple[TerrainBox, ...] = ()
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Unit normal of the plane."""
+    """Unit normal of the plane on which the physics stands, frame `map`; used without a height field."""
 
 
 def random_stream(seed: int, name: str) -> np.random.Generator:

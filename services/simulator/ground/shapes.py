@@ -36,8 +36,8 @@ DEMO_STEPS_AT = 0.95  # m, the first riser
 ROOM = ((-1.0, -1.0), (1.5, -1.0), (1.5, 1.0), (-1.0, 1.0))  # m, corners of the floor, counter-clockwise
 CORRIDOR_FLOOR = ((-1.0, -1.0), (6.5, -1.0), (6.5, 1.0), (-1.0, 1.0))  # m: 7.5 x 2 m, that of Osswald et al.
 CORNER_FLOOR = ((-1.0, -1.0), (5.0, -1.0), (5.0, 5.0), (3.0, 5.0), (3.0, 1.0), (-1.0, 1.0))
-"""Corners of an L-shaped floor, m: 2 m wide, 4 m along x from (0, 0) to (4, 0), then 4 m along y to (4, 4), a good
-goal."""
+"""Corners of an L-shaped floor, (x, y) m, map frame: 2 m wide, 4 m along x from (0, 0) to (4, 0), then 4 m along y to
+(4, 4)."""
 WALL = 0.05  # m, thickness of the walls
 WALLED_CELL = 0.01  # m, of the maps of corridor and corner
 
@@ -233,14 +233,16 @@ class TerrainKind(NamedTuple):
     """One kind of terrain that a scenario may name: default amplitude, maker and least extent."""
 
     amp: float
-    """Default amplitude, m (slope: rise per metre)."""
+    """Default amplitude, m; for kind `slope` the slope dz/dx, no unit."""
     least_end: float
-    """Least x that the map must reach, m."""
+    """Least x up to which the map must reach, m; a shorter map is refused."""
     make: Callable[[ShapeSpec], Shape]
     floor: Outline = ()
-    """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
+    """Corners of the floor between walls, (x, y) m, frame `map`, counter-clockwise; empty = open ground without
+    walls."""
     whole: bool = False
-    """True if the map reaches to the outer faces of the walls, in cells of `WALLED_CELL`, unless a size is given."""
+    """True: without a given size the map reaches to the outer faces of the walls, in cells of `WALLED_CELL`; False: it
+    has the default size."""
 
 
 SHAPES: dict[str, TerrainKind] = {

@@ -57,16 +57,17 @@ class Terrain:
     kind: str
     seed: int
     amp: float
-    """Height that the kind scales with, m (slope: rise per metre)."""
+    """Amplitude with which all heights of the kind scale, m; for kind `slope` the slope dz/dx, no unit."""
     map: HeightMap
-    """Whole surface, exact at the cell centres."""
+    """Heights of the whole surface, exact at the cell centres, m, frame `map`."""
     ground: HeightMap | None = None
-    """Height field of the physics; None: the endless plane through the origin with `normal`."""
+    """Height field on which the physics stands; None: the endless plane through the origin with `normal`."""
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Unit normal of the plane where there is no height field."""
+    """Unit normal of the plane on which the physics stands, frame `map`; used without a height field."""
     boxes: tuple[TerrainBox, ...] = ()
     floor: Outline = ()
-    """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
+    """Corners of the floor between walls, (x, y) m, frame `map`, counter-clockwise; empty = open ground without
+    walls."""
 
     def on_floor(self, points: Array) -> NDArray[np.bool_]:
         """Return True for the points (n, 2) m, map, that are not in or behind a wall, (n,)."""

@@ -10,7 +10,8 @@ COMMAND_SLACK = 1e-6  # rad, rounding of a command at the limit
 
 
 class CommandGuard:
-    """Check of joint commands, which refuses those that the servos must not follow; joint limits in rad, (nj,)."""
+    """Check of joint commands against the joint limits (nj,), rad, which refuses those that the servos must not
+    follow."""
 
     def __init__(self, lower: Array, upper: Array) -> None:
         self._lower: list[float] = (lower - COMMAND_SLACK).tolist()  # plain floats: quicker than numpy for a few joints

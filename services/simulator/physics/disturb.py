@@ -32,7 +32,8 @@ from .samples import (
 QUANTITIES = ("friction", "mass", "servo")
 MAX_VALUE = 100.0
 MOST_WEIGHTS = 100.0
-"""Largest force of a push that a user may ask for, in weights of the robot: the physics diverge far beyond it."""
+"""Largest force of a push in multiples of the robot's weight; a stronger push is refused, as the physics would
+diverge."""
 
 
 class WorldError(InvalidField):
@@ -55,7 +56,7 @@ class Push:
     end: int
     body: int
     force: tuple[float, float, float]
-    """Force of the push, (3,) N, world axes."""
+    """Force at the centre of mass of the pushed body, (3,) N, world axes."""
 
 
 class Disturbances:
@@ -199,7 +200,7 @@ class Disturbances:
         return Samples(*arrived)
 
     def _failed(self, tick: int, sample: ContactSample, touch: NDArray[np.bool_]) -> ContactSample | None:
-        """Return the sample of foot sensors that fail as a whole, None if lost; `touch` (P,): switches before that."""
+        """Return the foot sensors' sample after whole-sensor faults, None if lost; `touch` (P,): switches before."""
         force = np.zeros(0) if sample.normal_force is None else sample.normal_force
         x = self.faults.fail(tick, "contacts", np.concatenate((np.where(touch, 1.0, -1.0), force)))
         if x is None:
@@ -246,7 +247,7 @@ class Disturbances:
         }  # fmt: skip
 
     def restore(self, tick: int, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier; `tick`: now."""
+        """Set planned pushes, faults and settings to a `state` that was returned earlier; `tick`: now."""
         self.pushes = [Push(start, end, body, (f[0], f[1], f[2])) for start, end, body, f in state["pushes"]]
         self.settings = dict(state["settings"])
         self._limit = None if state["torque_limit"] is None else np.array(state["torque_limit"])

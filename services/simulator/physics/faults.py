@@ -20,13 +20,14 @@ IMU_AXES = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
 CHANNELS = ("imu", "joints", "contacts", "command")
 MAX_DELAY_TICKS = 100
 SENSORS = ("imu", "joints", "contacts", "landmarks", "range")
-"""Sensors that fail as a whole, in the seven ways of PX4's failure injection (`sensor_*`)."""
+"""Sensors that can fail as a whole, by the seven `sensor_*` faults, which are those of PX4's failure injection."""
 IMAGE = "image"
-"""Camera that takes images; only `camera_*` break it."""
+"""Name of the camera that takes images, which only `camera_*` faults affect."""
 STAMPED = SENSORS[:3]
-"""Sensors whose samples keep their stamp when they are delayed."""
+"""Sensors whose samples carry a stamp, so that they can be delayed by `sensor_delayed`."""
 GARBAGE = {"imu": np.repeat((160.0, 35.0), 3), "joints": math.pi, "contacts": 100.0, "landmarks": math.pi, "range": 5.0}
-"""Largest number of a sensor's garbage: m/s2 and rad/s, rad (A, Nm), N, m or rad, m."""
+"""Largest magnitude of the random values that each sensor reports under the garbage fault: IMU m/s^2, rad/s; joints
+rad, A, Nm; contacts N; landmarks m or rad; range m."""
 
 
 class FaultError(InvalidField):
@@ -40,12 +41,14 @@ class Fault:
     kind: str
     start_tick: int
     duration: float
-    """Time that the fault lasts, s of simulated time."""
+    """Duration of the fault, s of simulated time."""
     target: str = ""
-    """Joint, leg, IMU axis (or `acc`, `gyro`), channel or sensor; "" = all."""
+    """Name of the joint, leg, IMU axis (or `acc`, `gyro`), channel or sensor that is affected; "" = all of the fault's
+    kind."""
     value: float = 0.0
-    """Bias or saturation (m/s2, rad/s), servo strength 0..1, delay or jitter in ticks, probability of loss, share of
-    the recognised landmarks 0..1."""
+    """Size of the fault by kind: bias or saturation limit (m/s^2, rad/s), servo strength 0..1, delay or jitter in
+    ticks, probability of loss, share of the recognised landmarks 0..1, relative error of the focal length, factor of
+    `sensor_wrong`, n of `sensor_slow`, which delivers each n-th sample."""
     seed: int = 0
 
     @property
@@ -312,7 +315,7 @@ class FaultBank:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier."""
+        """Set faults, random streams, stored values and queues to a `state` that was returned earlier."""
         self.faults = [Fault(**f) for f in state["faults"]]
         self._random = [np.random.default_rng() for _ in self.faults]
         for rng, saved in zip(self._random, state["random"], strict=True):
@@ -323,7 +326,7 @@ class FaultBank:
 
 
 def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detection:
-    """Return a landmark with the looks of another one of the map, whose descriptors are `looks` (n, d); noise stays."""
+    """Return a landmark with the descriptor of another one, drawn from `looks` (n, d); its noise is kept."""
     if len(looks) < 2 or mark.landmark < 0:
         return mark
     other = int(rng.integers(len(looks) - 1))
@@ -332,13 +335,13 @@ def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detect
 
 
 def _packed(marks: list[Detection]) -> Array:
-    """Return recognised landmarks as numbers: their count, then range (m), bearing (rad), index, descriptor of each."""
+    """Return recognised landmarks as an array: count, then range (m), bearing (rad), index, descriptor of each."""
     rows = [np.array([mark.range, mark.bearing, mark.landmark, *mark.descriptor]) for mark in marks]
     return np.concatenate((np.array([float(len(rows))]), *rows))
 
 
 def _unpacked(numbers: Array) -> list[Detection]:
-    """Return the landmarks of numbers: their count, then range (m), bearing (rad), index and descriptor of each."""
+    """Return the landmarks of an array: count, then range (m), bearing (rad), index, descriptor of each."""
     count = int(numbers[0])
     rows = numbers[1:].reshape(count, -1) if count else ()
     return [Detection(float(row[0]), float(row[1]), row[3:].copy(), int(row[2])) for row in rows]

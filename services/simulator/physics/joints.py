@@ -19,7 +19,7 @@ BACKLASH_SOLREF = (0.004, 1.0)  # s, damping ratio, of the ends of the play
 
 
 def coupled_links(robot: Robot) -> list[int]:
-    """Return the indices of the links that are turned by a motor which another link already has."""
+    """Return the indices of the links that are turned by a motor which already turns another link."""
     return [i for i, link in enumerate(robot.links) if link.joint >= 0 and robot.joints[link.joint].link != i]
 
 

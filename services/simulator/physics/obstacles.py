@@ -22,9 +22,9 @@ from .addresses import Addresses
 from .model import TERRAIN_BIT, Physics
 
 AWAY = -50.0
-"""Height of an obstacle that is not there, m."""
+"""z at which an obstacle is kept, far below the floor, while it is not present, m."""
 UPRIGHT = 0.5
-"""A contact whose normal rises less than this is one with a wall or a side."""
+"""Magnitude of the z component of a contact's unit normal below which the contact is with a side or wall, not a top."""
 
 
 class Obstacles:

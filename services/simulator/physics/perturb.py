@@ -26,7 +26,7 @@ MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
 
 
 def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
-    """Return the terrain of a kind, or of a file, by its name in a scenario.
+    """Return the terrain of a generated kind or of a map file, by its name in a scenario.
 
     Args:
         name: kind of a generated terrain, or path of a height map with a known suffix.

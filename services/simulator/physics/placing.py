@@ -87,11 +87,11 @@ class Displacement(NamedTuple):
     """Rigid motion of the robot over the floor, of points p (3,) m: p' = Rz(turn) (p - centre) + centre + move."""
 
     centre: NDArray[np.float64]
-    """Origin of base_link before the motion, x and y, (2,) m, map axes."""
+    """Point about which the robot turns, the origin of base_link before the motion: x, y, (2,) m, map axes."""
     move: NDArray[np.float64]
-    """Shift of the robot, (3,) m, map axes."""
+    """Translation of the robot, (3,) m, map axes."""
     turn: float
-    """Turn of the robot about the vertical, rad, left positive."""
+    """Rotation of the robot about the vertical, rad, left positive."""
 
     def of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the places (n, 3) m to which the motion takes points (n, 3) m."""

@@ -16,7 +16,7 @@ class ServoCommand(NamedTuple):
     position: Array
     """Commanded joint angles, (nj,) rad."""
     torque_limit: Array | None = None
-    """Largest torque that each servo may give, (nj,) Nm; None = what it can."""
+    """Torque limit of each servo under this command, (nj,) Nm; None = the servos' own limits."""
 
 
 class ImuSample(NamedTuple):
@@ -41,7 +41,7 @@ class JointSample(NamedTuple):
     current: Array
     """Measured currents of the servos, (nj,) A."""
     torque: Array
-    """Torques of the servos by their currents, (nj,) Nm."""
+    """Torques of the servos computed from the measured currents, (nj,) Nm."""
 
 
 class ContactSample(NamedTuple):
@@ -50,7 +50,7 @@ class ContactSample(NamedTuple):
     stamp_ns: int
     seq: int
     touch: tuple[tuple[bool, ...], ...]
-    """States of the one to four switches of each foot."""
+    """States of the one to four switches of each foot, True = closed."""
     normal_force: Array | None
     """Measured normal forces of the feet, (L,) N; None = the feet have switches only."""
 
@@ -89,9 +89,9 @@ class Reach(NamedTuple):
 
     seq: int
     distance: float | None
-    """Distance of the nearest echo, m; None = no echo."""
+    """Distance of the nearest ultrasonic echo, m; None = no echo."""
     bump: tuple[bool, ...]
-    """Touch of each foot's bumper since the last sample, (L,)."""
+    """True for each foot whose bumper was touched since the last sample, (L,)."""
 
 
 _ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "torque_limit", "normal_force"})
@@ -115,43 +115,44 @@ class ExactState(NamedTuple):
 
     stamp_ns: int
     position: Array
-    """Origin of base_link in the world, (3,) m."""
+    """Origin of base_link, world frame, (3,) m."""
     quat_wxyz: Array
-    """Rotation from base_link to the world as a quaternion w, x, y, z, (4,)."""
+    """Rotation from base_link to the world as a unit quaternion w, x, y, z, (4,)."""
     velocity: Array
     """Velocity of the origin of base_link, world axes, (3,) m/s."""
     angular_velocity: Array
     """Angular velocity of the trunk, base_link axes, (3,) rad/s."""
     com: Array
-    """Centre of mass in the world, (3,) m."""
+    """Centre of mass of the whole robot, world frame, (3,) m."""
     joints: Array
     """True joint angles, (nj,) rad."""
     foot_position: Array
-    """Foot centres in the world, (L, 3) m."""
+    """Centres of the feet, world frame, (L, 3) m."""
     foot_force: Array
     """Contact force of the ground on each foot, world axes, (L, 3) N."""
     foot_force_n: Array
     """True normal forces of the feet, (L,) N."""
     foot_displacement: Array
-    """Horizontal way of each foot centre since touch-down, (L,) m."""
+    """Horizontal displacement of each foot centre since its touch-down, (L,) m."""
     contact_sliding: Array
-    """Way slid by the contact point of each foot in this stance, (L,) m."""
+    """Distance that the contact point of each foot has slid in the present stance, (L,) m."""
     stance_sliding: Array
-    """Way slid by the contact point of each foot in its last finished stance, (L,) m."""
+    """Distance that the contact point of each foot slid in its last finished stance, (L,) m."""
     stance_displacement: Array
-    """Horizontal way of each foot centre in its last finished stance, (L,) m."""
+    """Horizontal displacement of each foot centre over its last finished stance, (L,) m."""
     stances: NDArray[np.int64]
-    """Number of finished stances of each foot, (L,)."""
+    """Number of finished stances of each foot since the reset, (L,)."""
     tilt: float
     """Angle between the trunk's z axis and the vertical, rad."""
     fallen: bool
-    """True if the tilt was above 45 deg or the trunk touched the ground, now or earlier."""
+    """True if the tilt exceeded 45 deg or the trunk touched the ground at any time since the reset, else False."""
     foot_twist: Array
-    """Turn of each sole about the vertical since its touch-down, (L,) rad; empty for point feet."""
+    """Rotation of each sole about the vertical since its touch-down, (L,) rad; empty for point feet."""
     stance_twist: Array
-    """Turn of each sole in its last finished stance, (L,) rad; empty for point feet."""
+    """Rotation of each sole about the vertical in its last finished stance, (L,) rad; empty for point feet."""
     touching: bool | None
-    """True if a foot or the trunk presses the side of an obstacle; None = the world has none."""
+    """True if a foot or the trunk presses the side of an obstacle, False if none does; None = the world has no
+    obstacles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +160,9 @@ class Checkpoint:
     """Everything that decides the future of a simulated world: state of the physics, sensors and faults."""
 
     physics: Array
-    """Integration state of MuJoCo, as `mj_getState` returns it."""
+    """Integration state of MuJoCo's physics, 1-D, as `mj_getState` returns it."""
     meta: str
-    """JSON: random streams, biases, dividers, faults, pushes, changes to the model."""
+    """Random streams, biases, dividers, faults, pushes and changes to the model, as JSON."""
 
     @property
     def sha256(self) -> str:

@@ -16,7 +16,7 @@ class Arrival(NamedTuple):
     """Command that arrives at the servos in a physics step, with set-points rounded to their resolution."""
 
     step: int
-    """Physics step in which the command takes effect."""
+    """Number of the physics step in which the command takes effect, counted from the reset."""
     command: ServoCommand
 
 
@@ -40,7 +40,7 @@ class ServoLine:
         self._coming: list[Arrival] = []
 
     def heard(self, set_points: Array) -> Array:
-        """Return set-points (nj,) rad as the servos receive them: rounded to the resolution of each, (nj,) rad."""
+        """Return set-points (nj,) rad rounded to the resolution of each servo, as the servos receive them."""
         if self.resolution is None:
             return set_points
         return self.resolution * np.rint(set_points / self.resolution)
@@ -55,9 +55,9 @@ class ServoLine:
         return self._coming.pop(0) if self._coming and self._coming[0].step <= until else None
 
     def state(self, step: int) -> list[Any]:
-        """Return the commands under way, their steps counted from `step`, as plain JSON values."""
+        """Return the commands that have not arrived, their steps counted from `step`, as plain JSON values."""
         return [[at - step, pack(command)] for at, command in self._coming]
 
     def restore(self, step: int, state: list[Any]) -> None:
-        """Set the commands under way to a `state` that was returned earlier, its steps counted from `step`."""
+        """Set the commands that have not arrived to an earlier returned `state`, its steps counted from `step`."""
         self._coming = [Arrival(step + ahead, unpack(ServoCommand, command)) for ahead, command in state]

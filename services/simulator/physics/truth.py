@@ -196,7 +196,7 @@ class TruthTracker:
         return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier."""
+        """Set the tracked state of the feet to a `state` that was returned earlier."""
         self.fallen = bool(state["fallen"])
         for key, array in self.feet._asdict().items():
             array[:] = state[key]
@@ -292,7 +292,7 @@ def _feet(
 
 @kernel
 def _slid(steps: SphereSteps, normal: Array, radius: float, foot: int) -> tuple[bool, float]:
-    """Return True if a foot stood in any physics step of a tick, and the way its contact slid then, m.
+    """Return True if a foot stood in any physics step of a tick, and the distance its contact slid in those steps, m.
 
     `normal` (3,): unit normal of the ground, world; `radius` of the foot, m; `foot`: its index.
     """
@@ -353,7 +353,7 @@ def _window(model: mujoco.MjModel, data: mujoco.MjData, sensor: int, count: int)
 
 
 def _feet_at_rest(n: int) -> tuple[Array, Ints]:
-    """Return the two tables of n feet in swing: (n, 17) forces, places and ways, (n, 2) counts, -1 = in swing."""
+    """Return the two tables of n feet in swing: (n, 17) forces, places and distances, (n, 2) counts, -1 = in swing."""
     table, counts = np.zeros((n, 17)), np.zeros((n, 2), dtype=np.int64)
     feet = feet_of(table, counts)
     feet.normal[:, 2], feet.below[:] = 1.0, -1

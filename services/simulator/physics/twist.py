@@ -10,7 +10,8 @@ from surefoot.arrays import Array
 
 
 class TwistTracker:
-    """Turn of each sole about the vertical since its touch-down, rad; only for robots whose feet are soles.
+    """Tracker of the turn of each sole about the vertical since its touch-down, rad; only for robots whose feet are
+    soles.
 
     Args:
         bodies: MuJoCo ids of the bodies of the feet, (L,).

@@ -58,7 +58,7 @@ class DepthFrame(NamedTuple):
 
     seq: int
     depths: NDArray[np.float32]
-    """Depths along the optical axis, (height, width) m; NaN = none."""
+    """Depth of each pixel along the optical axis, (height, width) m; NaN = no depth measured."""
 
 
 class DepthSensor:

@@ -21,21 +21,22 @@ from ..ground.shapes import inside
 from ..ground.terrain import Terrain, TerrainError
 
 Array = NDArray[Any]
-"""Greys as float32, (rows, cols), 0 = black, 1 = white; rows along y, columns along x."""
+"""Grey values as float32, (rows, cols), 0 = black, 1 = white; rows along y, columns along x."""
 Painter = Callable[[tuple[int, int], np.random.Generator], Array]
 
 TEXEL = 0.0015
-"""Edge of a pixel of a texture, m."""
+"""Edge of a pixel of a floor texture at full size, m."""
 MARGIN = 1.5
-"""Floor around the map of open ground that has a texture of its own, m; beyond it the texture repeats."""
+"""Width of the strip around the map of open ground that the texture covers too, m; beyond it the texture repeats."""
 LEVELS = 6
-"""Sizes of a texture, each half of the one before."""
+"""Number of sizes in which a texture is stored, each half as wide as the one before."""
 WALL_GREY, LAMP_GREY = 0.62, 0.25
-"""Grey of walls, and part of the light that comes from lamps, 0..1; the rest is the same everywhere."""
+"""`WALL_GREY`: grey of walls, 0 = black, 1 = white; `LAMP_GREY`: share of the light that comes from lamps, 0..1, the
+rest is uniform."""
 LAMP_HEIGHT, LAMP_SPACING = 2.4, 3.0
-"""Lamps over the floor, m."""
+"""`LAMP_HEIGHT`: height of the lamps over the floor, m; `LAMP_SPACING`: distance between neighbouring lamps, m."""
 LARGEST_LEVEL = 0.002
-"""Largest unevenness of a floor that counts as a plane, m."""
+"""Largest absolute height of a floor, m, up to which it counts as a plane; a texture on a rougher floor is refused."""
 MOST_PIXELS = 64_000_000
 
 
@@ -43,16 +44,16 @@ class Texture(NamedTuple):
     """Grey picture of the floor from above in several sizes, as arrays for kernels."""
 
     texels: NDArray[np.uint8]
-    """Greys of all sizes one after the other, (n,)."""
+    """Grey values of the pixels of all sizes one after the other, (n,), 0..255."""
     levels: NDArray[np.int64]
-    """First element, rows and columns of each size, (LEVELS, 3)."""
+    """Index of the first element in `texels`, rows and columns of each size, (LEVELS, 3)."""
     place: NDArray[np.float64]
-    """x and y of the lower-left corner, m, edge of a pixel of the first size, m, and 1 if the texture repeats beyond
-    its edges, 0 if there are walls, (4,)."""
+    """x and y of the lower-left corner, frame `map`, m; edge of a pixel of the first size, m; 1 if the texture repeats
+    beyond its edges, 0 if there are walls; (4,)."""
 
 
 def _noise(shape: tuple[int, int], cell: tuple[float, float], rng: np.random.Generator) -> Array:
-    """Return smooth noise of about unit deviation, of a shape (rows, cols), with features of `cell` pixels each way."""
+    """Return smooth noise of unit standard deviation, (rows, cols), with features of `cell` pixels (rows, cols)."""
     size = [max(2, math.ceil(n / c) + 2) for n, c in zip(shape, cell, strict=True)]
     grid = rng.standard_normal(size).astype(np.float32)
     for axis, (n, c) in enumerate(zip(shape, cell, strict=True)):
@@ -117,7 +118,8 @@ PAINTERS: dict[str, Painter] = {
     "parquet": lambda shape, rng: _boards(shape, rng, 0),
     "laminate": lambda shape, rng: _boards(shape, rng, 4),
 }
-"""Procedural textures; the boards of laminate are prints of four, so that many places look the same."""
+"""Functions that paint each procedural texture; laminate repeats four printed boards, so that many places look
+alike."""
 
 
 def _photograph(path: Path, width: float, shape: tuple[int, int]) -> Array:

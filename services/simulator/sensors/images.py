@@ -29,11 +29,11 @@ from .landmarks import CameraPose
 from .rate import period_ms
 
 SUBFRAMES = 8
-"""Number of moments of an exposure whose pictures are averaged."""
+"""Number of instants of an exposure whose pictures are averaged into one blurred image."""
 JPEG_QUALITY = 85
 WHITE = 255.0
 SOFT_HORIZON = -1e-3
-"""Rays that sink less than this see no floor."""
+"""z of a ray's direction in the map, no unit, above which the ray is too close to the horizon to meet the floor."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,11 @@ class View(NamedTuple):
     """Times and focal length of one exposure, for the kernel."""
 
     numbers: Array
-    """Focal length px, exposure s, readout s, time of the middle since the first pose s, time between poses s, (5,)."""
+    """Focal length px; exposure s; readout s; time from the first pose to the middle of the exposure s; time between
+    poses s; (5,)."""
     poses: Array
-    """Poses of the camera on its path: position m (3), rotation from camera to map row by row (9), (k, 12)."""
+    """Poses of the camera along its path: position m (3), rotation from camera to map row by row (9), frame `map`, (k,
+    12)."""
 
 
 class TakenImage(NamedTuple):
@@ -76,19 +78,19 @@ class TakenImage(NamedTuple):
 
     seq: int
     stamp_ns: int
-    """Time of the middle of the exposure, simulated, ns."""
+    """Simulated time of the middle of the exposure, ns."""
     pixels: NDArray[np.uint8]
     """Grey values of the pixels, (height, width)."""
     position: Array
-    """Position of the camera in base_link by kinematics, (3,) m."""
+    """Position of the camera in base_link by kinematics from joint angles, (3,) m."""
     look: Array
-    """Rotation from the camera to base_link by kinematics, (3, 3)."""
+    """Rotation matrix from the camera to base_link by kinematics from joint angles, (3, 3)."""
     focal: float
-    """Focal length that the driver states, px."""
+    """Focal length that the camera driver reports, px."""
     exposure: float
-    """Exposure time, s."""
+    """Exposure time of each row of the image, s."""
     readout: float
-    """Time between the reading of the first and of the last row, s."""
+    """Time between the readout of the first and of the last row of a rolling shutter, s."""
     format: Literal["gray8", "jpeg"]
 
 
@@ -173,7 +175,7 @@ PIXEL_FAULTS: dict[str, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
     "camera_flip": lambda pixels: pixels[::-1, ::-1].copy(),
     "camera_cover": _covered,
 }
-"""Faults that change pixels, by kind."""
+"""Functions that change the pixels of an image, (height, width), by kind of fault."""
 SPOILT = (*PIXEL_FAULTS, "camera_freeze", "camera_repeat", "camera_late", "camera_zoom")
 
 
@@ -194,7 +196,7 @@ class ImageSensor:
         kept = math.ceil((optics.exposure + optics.readout) / TICK_S) + 2
         self.path: deque[CameraPose] = deque(maxlen=kept)
         self.waiting: list[tuple[int, TakenImage]] = []
-        """Images under way, each with the tick in which it arrives."""
+        """Images not yet released, each with the tick in which it is released."""
         self._ticks, self._delayed = 0, -1
         self._held: TakenImage | None = None
         x, y = (np.arange(n) + 0.5 - 0.5 * n for n in (optics.width, optics.height))
@@ -262,7 +264,7 @@ class ImageSensor:
         return {"rng": self.rng.bit_generator.state, "path": [[part.tolist() for part in pose] for pose in self.path]}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier."""
+        """Set random stream and stored poses to a `state` that was returned earlier."""
         self.rng.bit_generator.state = state["rng"]
         self.path.clear()
         self.path.extend(CameraPose(*(np.array(part) for part in pose)) for pose in state["path"])

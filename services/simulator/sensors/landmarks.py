@@ -61,11 +61,12 @@ class Camera:
     bearing_sigma: float  # rad
     descriptor_sigma: float
     range_noise: float = 0.0
-    """Constant part of the standard deviation of a range, m, beside `range_sigma`."""
+    """Standard deviation of a range that does not grow with the range, m; added to the part by `range_sigma`."""
     still: float = 1.0
-    """Part of the noise of range and bearing that a sharp image has; blur brings the rest."""
+    """Share of the noise of range and bearing that remains in a sharp image, 0..1; the rest comes with motion blur."""
     tilt_blind: bool = False
-    """True if places on the floor are computed as if the trunk were level and at its height in the neutral stance."""
+    """True if positions are computed as if the trunk were level and at its height in the neutral stance, False if its
+    true pose is used."""
 
 
 class Landmarks(NamedTuple):
@@ -262,7 +263,7 @@ class LandmarkSensor:
         self.rng = random_stream(seed, "landmark sensor")
         self.visible = 0
         self.height = -float(foot_positions(robot.model, robot.neutral)[:, 2].min())
-        """Height of base_link over the floor in the neutral stance, m."""
+        """Height of base_link above the lowest foot in the neutral stance, m."""
 
     def look(self, before: CameraPose, now: CameraPose, dt: float) -> tuple[list[Detection], Detection | None]:
         """Return one frame: recognised landmarks, at most `camera.most`, and the goal marker if it is seen.
@@ -312,5 +313,5 @@ class LandmarkSensor:
         return {"rng": self.rng.bit_generator.state}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier."""
+        """Set the random stream to a `state` that was returned earlier."""
         self.rng.bit_generator.state = state["rng"]

@@ -106,7 +106,7 @@ class ImuSensor:
         return {"turn_on": self.turn_on.tolist(), "b": self.gauss_markov.tolist(), "normal": self.normal.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier."""
+        """Set biases and random stream to a `state` that was returned earlier."""
         if self.profile is not None:
             self.turn_on, self.gauss_markov = np.array(state["turn_on"]), np.array(state["b"])
             self.normal.restore(state["normal"])
@@ -176,7 +176,7 @@ class JointSensor:
         return {"zero": self.zero.tolist(), "normal": self.normal.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier."""
+        """Set zero errors and random stream to a `state` that was returned earlier."""
         self.zero = np.array(state["zero"])
         self.normal.restore(state["normal"])
 

@@ -6,5 +6,5 @@ from surefoot.schemas.topics import Topic
 
 
 def period_ms(own: int | None, topic: Topic[Any]) -> int:
-    """Return the period of a sensor, ms: `own`, that of its profile, if it has one, else that of its topic."""
+    """Return the period of a sensor, ms: `own`, from its profile, if given, else that of its topic."""
     return topic.period_ns // 1_000_000 if own is None else own

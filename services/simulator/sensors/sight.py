@@ -41,23 +41,24 @@ class Floor:
     """Settings of the floor: landmarks, marker of the goal, texture and light, format of the images."""
 
     landmarks: float = 60.0
-    """Density of the landmarks, 1/m2."""
+    """Density of the landmarks on the floor, 1/m^2."""
     goal: tuple[float, float] | None = None
-    """Marker of the goal, m; None = none."""
+    """Position (x, y) of the marker of the goal, frame `map`, m; None = no marker."""
     copied: float = 0.0
-    """Share of the landmarks whose look is that of others, 0..1."""
+    """Share of the landmarks that share their descriptor with other landmarks, 0..1."""
     copies: int = 10
-    """Landmarks that share one such look."""
+    """Number of landmarks that share one descriptor."""
     texture: str | None = None
-    """Name of a procedural texture or a picture, for a camera that takes images; None = it recognises landmarks."""
+    """Name of a procedural texture, or path of a picture, for a camera that takes images; None = the camera recognises
+    landmarks."""
     texture_width: float = 2.0
-    """Width of a picture on the floor, m."""
+    """Width on the floor that a picture used as texture covers, m."""
     texture_seed: int | None = None
-    """Seed of the texture; None = that of the run."""
+    """Seed of a procedural texture; None = the seed of the run."""
     light: float = 1.0
-    """Brightness of the floor in images."""
+    """Factor on the brightness of the floor in images; 1 = normal light."""
     image_format: Literal["gray8", "jpeg"] = "gray8"
-    """Format of the images."""
+    """Format of the camera's images: raw 8-bit grey or JPEG."""
 
 
 def sight_of(
@@ -107,9 +108,9 @@ class Senses:
         self.camera = None if file is None else camera_of(file)
         self.ranger = None if robot.ranger is None else read_ranger(robot.ranger)
         self.landmarks: Landmarks | None = None
-        """Landmarks that the camera may recognise; None without a camera, or if it takes images."""
+        """Landmarks that the camera may recognise; None if there is no camera or it takes images."""
         self.eye: ImageSensor | None = None
-        """Camera that takes images; None = it recognises landmarks, or there is none."""
+        """Camera that takes images; None if the camera recognises landmarks or there is none."""
         self.image: TakenImage | None = None
         if self.camera is not None:
             link_of(robot, self.camera)

@@ -44,7 +44,7 @@ class SensorSuite:
             profile = known_imu(profile)
         self._points = tuple(len(leg.foot.points) for leg in robot.legs)
         self.limit = np.full(6, NO_LIMIT)
-        """Range of the inertial unit, (6,): m/s2, rad/s."""
+        """Largest magnitude that each axis of the inertial unit reports, (6,): accelerometer m/s^2, gyro rad/s."""
         if profile is not None:
             self.limit = np.repeat([profile.accel.limit, profile.gyro.limit], 3)
         self.profile_name = profile.name if profile is not None else "ideal"
@@ -55,7 +55,7 @@ class SensorSuite:
 
     @property
     def zero(self) -> Array:
-        """Zero errors of the servos, (nj,), rad."""
+        """Zero errors of the servos' encoders, (nj,), rad."""
         return self._joints.zero
 
     def take_kinematics(self, stamp_ns: int, seq: int, q: Array, torque: Array, sphere_force: Array) -> None:
@@ -87,14 +87,14 @@ class SensorSuite:
         return {"imu": self._imu.state(), "joints": self._joints.state(), "feet": self._feet.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set everything that changes in a run to a `state` that was returned earlier."""
+        """Set random streams and biases of all sensors to a `state` that was returned earlier."""
         self._imu.restore(state["imu"])
         self._joints.restore(state["joints"])
         self._feet.restore(state["feet"])
 
 
 def known_imu(name: str) -> ImuProfile | None:
-    """Return the inertial unit of that name, None = exact (raises WorldError)."""
+    """Return the inertial unit of a name, None = a sensor without errors (raises WorldError: unknown name)."""
     if name == "ideal":
         return None
     if name not in imu_profile_names():
