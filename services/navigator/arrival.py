@@ -8,8 +8,8 @@ from .belief.ukf import wrap
 from .goals import End, NavigationGoal
 
 REACH = (0.5, 0.75)
-"""Parts of the tolerance within which the estimate ends the walk: of an unsure and of a sure robot. Nearer than half of
-0.2 m steps of 0.1 m overshoot; beyond three quarters the closing step may lead out again."""
+"""Distance from the last waypoint at which a walk ends, as parts of the goal's position tolerance: for an uncertain and
+for a certain pose. Below 0.5 steps of 0.1 m overshoot; above 0.75 the closing step may leave the tolerance."""
 
 
 def spread(cov: Array) -> float:

@@ -18,13 +18,14 @@ from .planning.grid import Point
 from .searching import Aside
 
 ENOUGH = 8.0
-"""Landmarks around its end that make a way no better than a shorter one."""
+"""Number of distinguishing landmarks around the end of a walk above which more do not count: the shortest such walk
+wins."""
 LENGTHS = tuple(0.4 * k for k in range(1, 9))
 """Lengths of the straight walks that are compared, m."""
 BEARINGS = tuple(math.radians(22.5 * k) for k in range(-8, 8))
 """Directions of the straight walks that are compared, rad from the robot's heading, left positive."""
 FROM = 0.2
-"""Length of the begin of a way on which a robot may stand beside an obstacle, m."""
+"""Length of the first part of a straight walk that is not checked for obstacles, m: the robot may stand beside one."""
 
 
 def leading(localiser: Localiser, maps: Maps) -> Aside:

@@ -11,7 +11,7 @@ from .belief.tracker import Motion
 from .policy.settings import Conduct
 
 LANDING_S = 0.9
-"""Longest time from a stop to the landing of the step under way, s: that of a step."""
+"""Longest time from a stop order to the landing of the swinging foot, s: the duration of one step."""
 
 
 @dataclass
@@ -19,13 +19,13 @@ class Piece:
     """One motion that the walker carries out, evenly from its start to its end."""
 
     motion: Motion
-    """Motion of the whole action."""
+    """Expected motion of the whole action."""
     start: float
-    """Simulated time of its begin, s."""
+    """Simulated time at which the action begins, s."""
     end: float
-    """Simulated time of its end, s."""
+    """Simulated time at which the action ends, s."""
     done: float = 0.0
-    """Share of the motion, 0 to 1, that the belief has been moved by."""
+    """Share of the action's motion, 0 to 1, that the belief has already been predicted over."""
 
 
 class Execution:

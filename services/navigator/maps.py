@@ -20,9 +20,9 @@ from .planning.seen import Pose, SeenObstacles
 from .policy.settings import Conduct
 
 FARTHEST = 1e4
-"""Largest distance of a goal from the origin of the map, m."""
+"""Largest distance of a goal from the origin of the map, m; a farther one is refused."""
 INSIDE = 0.8
-"""Part of the robot's radius within which a mark closes a route; less than 1, for routes pass at the radius."""
+"""Part of the robot's radius within which a marked cell blocks a route; below 1, as routes pass at that radius."""
 
 
 class Maps:
@@ -53,7 +53,7 @@ class Maps:
         self._marks: LandmarkMapMessage | None = None
         self._seen: SeenObstacles | None = None
         self._joined: tuple[int, Costs] | None = None
-        """Version of the local map, and the costs of both maps."""
+        """Version of the local map, and the walking costs of global and local map together; None = not computed."""
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
         """Use the latched maps of the bus, unless files replace them; return a text for each map that cannot be used.

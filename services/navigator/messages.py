@@ -17,14 +17,14 @@ class LostView:
     """Verdict whether the robot is lost: whether its believed pose fits the landmarks that its camera recognised."""
 
     lost: bool = False
-    """True if the belief is wrong."""
+    """True if the believed pose is wrong; False if it fits or is only suspected."""
     probability: float = 0.0
-    """Probability that the belief is wrong, 0 to 1."""
+    """Probability that the believed pose is wrong, 0 to 1."""
     reason: str = ""
-    """Reason why the belief may be wrong, in words; empty = none."""
+    """Reason why the believed pose may be wrong, in words; empty = none."""
     suspected_until: float = -math.inf
-    """Simulated time until which what was seen last may not fit the belief, s; a camera that sees nothing is no
-    reason."""
+    """Simulated time until which the pose counts as suspected, s, as recent detections may not fit it; -inf = no
+    suspicion. A camera that sees nothing raises none."""
 
 
 def order_message(pilot: Pilot) -> MotionOrder:

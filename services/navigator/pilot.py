@@ -24,7 +24,8 @@ from .policy.settings import Conduct
 from .searching import Aside, Search, no_way
 
 BLOCKED_SHARE = 0.25
-"""Part of the decisions without progress that an echo forbade to walk, from which on the goal ends as blocked."""
+"""Share of the decisions without progress at which a near echo forbade walking, from which on a stuck goal ends as
+blocked."""
 
 
 class Pilot:
@@ -61,13 +62,13 @@ class Pilot:
         self.ended, self._now = 0.0, 0.0
         self._stand_until = -1.0
         self._frames: int | None = None
-        """Number of frames at the begin of a look at the goal."""
+        """Number of camera frames so far when the present stand for one began; None = no such stand."""
         self._halting: End | None = None
         self._search = Search(self, self.conduct, aside)
         self._since = [0, 0]
-        """Decisions without progress: those that an echo restricted to turns, and all."""
+        """Number of decisions without progress: those that a near echo restricted to turns, and all."""
         self._waiting: float | None = None
-        """Simulated time of the last decision that no way leads around an obstacle, s; None = one does."""
+        """Simulated time of the last decision at which no path led around an obstacle, s; None = the path is open."""
 
     # -- goals -------------------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from .planning.grid import OCCUPIED, FloorGrid
 from .planning.route import RouteError, plan
 
 LARGE_SIDE = 560
-"""Cells along an edge of a floor that is large enough for all parts of the route search to be used."""
+"""Number of cells along an edge of a rehearsal floor large enough to exercise every part of the route search."""
 
 
 def rehearse(config: NavigatorConfig) -> None:

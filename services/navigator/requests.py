@@ -39,10 +39,10 @@ class Requests:
         self.catalogue, self.maps, self.localiser, self.pilot = catalogue, maps, localiser, pilot
         self.log, self._keep = log, keep
         self.tick, self.now = -1, 0.0
-        """Number of the last tick, and its simulated time, s."""
+        """`tick`: number of the last tick, -1 before the first; `now`: simulated time of that tick, s."""
         self.gait = GaitView("waiting")
         self.planned: list[tuple[int, NavigationGoal]] = []
-        """Goals that wait, with the tick that they begin in."""
+        """Goals that wait for their start, each with the number of the tick at which it begins."""
         self._later: list[tuple[int, Callable[[], object]]] = []
         self._names = itertools.count(1)
 

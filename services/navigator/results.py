@@ -18,9 +18,9 @@ class Results:
         self.now = 0.0
         """Simulated time, s."""
         self.count = 0
-        """Number of goals that ended."""
+        """Number of goals that have ended."""
         self.last: tuple[GoalResult, ...] = ()
-        """Results of the last goals, the last one last."""
+        """Results of the most recent goals, the latest last."""
 
     def record(self, goal: NavigationGoal, end: End) -> None:
         """Keep the result of a goal that ends now: its end (state, error code, message), pose, time, recoveries."""

@@ -11,7 +11,8 @@ from .goals import GaitView, NavigationGoal, Point
 from .policy.settings import Conduct
 
 Aside = Callable[[], Point | None]
-"""Returns the straight way to where the places differ that the sights fit, x and y in the robot's axes, m."""
+"""Function that returns the end of a straight walk which distinguishes a lost robot's candidate poses, x, y in robot
+axes, m; None = no such walk."""
 
 
 def no_way() -> Point | None:
@@ -51,15 +52,15 @@ class Look:
     """State of a search for the robot's pose: stands for camera frames, turns and walks so far."""
 
     until: float = math.inf
-    """End of the present look at the surroundings, s; inf = the look has not begun."""
+    """Simulated time at which the present stand for camera frames ends, s; inf = not begun."""
     lost: bool = True
-    """True if the robot is lost, False if it may be."""
+    """True if the robot is lost, False if its pose is only suspected to be wrong."""
     turns: int = 0
-    """Number of turns since it began, or walked aside last."""
+    """Number of turns since the search began or the last walk aside."""
     walks: int = 0
-    """Number of walks aside."""
+    """Number of walks aside since the search began."""
     left: float = 0.0
-    """Way that it still walks aside, m."""
+    """Remaining distance of the walk aside, m."""
 
 
 class Search:
@@ -79,7 +80,7 @@ class Search:
         """Drop the search of an earlier goal; no search is under way."""
         self.look: Look | None = None
         self._suspects_from = -math.inf
-        """Simulated time from which a suspicion makes the robot look, s."""
+        """Simulated time from which on a suspected pose makes the robot stand and look, s."""
 
     def tick(
         self, goal: NavigationGoal, now: float, gait: GaitView, here: Point, *, blocked: bool, lost: bool,

@@ -21,11 +21,12 @@ from .matching import SightNoise
 from .ukf import NUISANCE
 
 TYPICAL = 0.75
-"""Typical distance of a landmark, m, at which a tilt is taken to act."""
+"""Typical distance of a landmark along the floor, m, for which the effect of a camera tilt on a sighting is
+computed."""
 ERRORS = 3
-"""Number of states of the errors: pitch, roll, sway."""
+"""Number of filter states for errors that all landmarks of a frame share: pitch and roll of the camera, sway."""
 NEAREST = 0.1
-"""Least distance, m; nearer landmarks count as this far."""
+"""Least distance of a landmark in the error model, m; nearer landmarks count as this far, as bearings diverge at 0."""
 
 
 @dataclass(frozen=True)
@@ -35,17 +36,17 @@ class CommonErrors:
     tilt: float = 0.0
     """Standard deviation of the unknown pitch and of the unknown roll of the camera, rad; 0 = the tilt is known."""
     pitch: float = 0.0
-    """Mean error of pitch, rad: a walking robot leans."""
+    """Mean pitch error of the camera, rad: a walking robot leans."""
     sway: float = 0.0
-    """Standard deviation of the body beside its path, m; 0 where it is measured."""
+    """Standard deviation of the body's sideways distance from its path, m; 0 = the sway is measured."""
     tilt_fade: float = 0.3
-    """Time constant of the tilt, s."""
+    """Time constant with which the camera's pitch and roll error decays, s."""
     sway_fade: float = 0.3
-    """Time constant of the sway, s."""
+    """Time constant with which the body's sideways distance from its path decays, s."""
     height: float = 0.45
-    """Height of the camera over the floor, m."""
+    """Height of the camera above the floor, m."""
     standing_tilt_fade: float | None = None
-    """Time constant of the tilt of a robot that stands, s; None = that of one that moves."""
+    """Time constant of the camera's pitch and roll error while the robot stands, s; None = that of a moving robot."""
 
     @property
     def any(self) -> bool:

@@ -19,9 +19,10 @@ class Matched(NamedTuple):
     """Matched detections of one frame and their landmarks in the map, a match a row."""
 
     places: Array
-    """Places of the landmarks, (k, 2) m, frame map."""
+    """Positions of the matched landmarks, (k, 2) m, frame map."""
     rays: Record
-    """Distance (m), cosine and sine of the bearing, bearing (rad) of the detections, records RAY, (k,)."""
+    """Rays from base_link to the matched detections, (k,) records: distance (m), cosine, sine of the bearing, bearing
+    (rad)."""
 
 
 @row_kernel

@@ -27,15 +27,15 @@ from .ukf import Pose
 _ORIGIN: Pose = (0.0, 0.0, 0.0)
 
 KEPT_S = 10.0
-"""Longest time between the first frame and the last of those that are searched together, s."""
+"""Longest time between the first and the last frame that are searched together for another pose, s."""
 LARGEST = 32_000
-"""Largest work of one search: sightings compared with a pose or pairs of candidates; about 1 ms. A search that needs
-more is no evidence."""
+"""Largest work of one search for another pose, in sightings compared with a pose or pairs of candidates: about 1 ms. A
+search that needs more counts as no evidence."""
 LEAST_FALSE = 0.005
-"""Least odds that a sighting is false, however large the map is."""
+"""Lower bound of the odds that a sighting is false, however few landmarks look like it."""
 RATE = 1e-4
-"""Rate at which a robot gets to another place unnoticed, 1/s: rarer than for a landmark alone, as a false alarm costs a
-goal and frames of a displaced robot soon have the evidence."""
+"""Rate at which a robot is moved to another place unnoticed, 1/s: low, as a false alarm costs a goal and a few frames
+of a displaced robot soon supply the evidence."""
 
 
 class OtherPlaces:

@@ -20,22 +20,24 @@ from .landmarks import FloorLandmarks
 from .matching import FATES, Detections, Matches, MatchLimits, SightNoise
 
 AFTER_S = 1.0
-"""Least time between the first sight of a landmark at another place and the one that shows that it has moved, s."""
+"""Least time between the first and the confirming sighting of a landmark at another place, s; then it counts as
+moved."""
 HERE = 2
-"""Least matches of a frame in which a robot is sure of its pose; they outnumber the landmarks elsewhere, too."""
+"""Least number of matches of a frame at which landmarks seen elsewhere count as moved, given a certain pose; they must
+also outnumber these landmarks."""
 NEAR_SDS = 3.0
-"""Standard deviations of the way between two sights within which they show one place."""
+"""Distance between two sightings of a landmark, in standard deviations, within which they show one place."""
 
 
 class Sight(NamedTuple):
     """Believed pose, its covariance, noise of the camera and time at one frame of detections."""
 
     pose: tuple[float, float, float]
-    """Believed x, y, m, and heading, rad, frame map."""
+    """Believed x, y (m) and heading (rad) of base_link, frame map."""
     cov: Array
-    """Covariance of the pose, (3, 3) or larger."""
+    """Covariance of the believed x, y (m) and heading (rad), (3, 3) or larger."""
     noise: SightNoise
-    """Noise of the camera."""
+    """Range, bearing and descriptor noise of the camera."""
     time: float
     """Time of the frame, s."""
 
@@ -52,7 +54,7 @@ class SeenElsewhere(NamedTuple):
     y: float
     """y of the place where the landmark is seen, m, frame map."""
     slack: float
-    """Largest distance of two sights of one landmark that show one place, m."""
+    """Largest distance between two sightings of one landmark that show the same place, m."""
 
 
 class MovedLandmarks:

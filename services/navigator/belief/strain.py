@@ -41,13 +41,14 @@ from .ukf import Pose
 Turn = tuple[float, float, float]
 
 STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12
-"""First states of the strain, the turn, the errors that fade, the pose; number of states."""
+"""Index in the state u of the first element of map strain, of camera turn, of the fading errors and of the pose;
+`STATES`: length of u."""
 RIGHT, STRAINED, TILTED, ASIDE, DISPLACED = 0, 1, 2, 3, 4
 NOTABLE = 2.0
-"""Least turn that is corrected, in standard deviations of a camera that looks where it should: a precise camera shows
-less than that with certainty."""
+"""Least camera turn that is corrected, in standard deviations of an aligned camera; a smaller one is left."""
 LEAST, MOST = 2, 20
-"""Least matches of a frame that is looked at, and most that count."""
+"""`LEAST`: number of matches below which a frame is ignored; `MOST`: largest number of matches of a frame that are
+used."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +59,18 @@ class StrainModel:
     """
 
     small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
-    """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are right."""
+    """Standard deviations if map and camera are right: of the elements of E (no unit), of p and q (rad), of s (rad)."""
     large: tuple[float, float, float] = (0.10, math.radians(4.0), math.radians(5.0))
-    """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are wrong."""
+    """Standard deviations if map or camera is wrong: of the elements of E (no unit), of p and q (rad), of s (rad)."""
     prior: float = 0.02
-    """Probability of each wrong case before anything was seen."""
+    """Prior probability of each case in which map, camera or pose is wrong."""
     wrong: float = 0.05
-    """Share of the matches of landmarks that are wrong."""
+    """Share of the matches of detections with landmarks that are false."""
     width: float = 0.6
-    """Width of the strip in which wrong matches lie, m."""
+    """Width of the strip in which the residuals of false matches are uniformly distributed, m."""
     wider: tuple[float, float] = (0.10, 0.05)
-    """Deviations added to the noise of matching, so that landmarks of a strained map match: part of the range, rad."""
+    """Standard deviations added to the matching noise, so that landmarks of a strained map match: of the range, as a
+    part of it, and of the bearing, rad."""
     displaced: tuple[float, float] = (0.4, math.radians(25.0))
     """Standard deviations of x and y, m, and of the heading, rad, of a robot that was put down elsewhere."""
     displacement_rate: float = 1e-3
@@ -76,13 +78,13 @@ class StrainModel:
     displaced_fade_s: float = 20.0
     """Time constant with which the evidence for a displaced robot fades to what its rate gives, s."""
     fade_s: float = 60.0
-    """Time constant with which what was learned fades, s."""
+    """Time constant with which learned strain and camera turn fade, s."""
     known_sd: float = math.radians(2.0)
-    """Largest standard deviation of a turn that is corrected, rad."""
+    """Standard deviation of a camera turn, rad, above which it is not corrected."""
     sure: float = 0.9
-    """Probability from which a map counts as strained."""
+    """Probability from which on a map counts as strained or a robot as displaced."""
     turn_sure: float = 0.99
-    """Probability from which a turn is corrected: a wrong correction would hide a strained map."""
+    """Probability from which on a camera turn is corrected: a false correction would hide a strained map."""
 
 
 class Case(NamedTuple):
@@ -93,9 +95,9 @@ class Case(NamedTuple):
     """
 
     mean: Array
-    """Mean of u, (12,)."""
+    """Mean of the 12 states u (strain, turn, fading errors, pose), (12,)."""
     cov: Array
-    """Covariance of u, (12, 12)."""
+    """Covariance of the 12 states u (strain, turn, fading errors, pose), (12, 12)."""
 
 
 class FrameLines(NamedTuple):
@@ -104,9 +106,9 @@ class FrameLines(NamedTuple):
     rows: Array
     """Effect of the 12 states u on each equation, (n, 12)."""
     off: Array
-    """Landmark in the map less where it is seen, m, along the ray (even rows) or across it (odd), (n,)."""
+    """Mapped landmark minus its detected position, (n,) m, along the ray (even rows) or across it (odd rows)."""
     variance: Array
-    """Variance of their noise, (n,) m^2."""
+    """Noise variance of each equation, (n,) m^2."""
 
 
 @row_kernel

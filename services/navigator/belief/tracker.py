@@ -22,9 +22,9 @@ Control = Literal["commands", "odometry"]
 
 STATES = 4
 USED_S = 30.0
-"""Time constant with which the use of a landmark is forgotten, s."""
+"""Time constant with which previous uses of a landmark stop lowering its weight in the filter, s."""
 ALL = 50.0
-"""Growth of a log variance that leaves nothing of the information before, nats."""
+"""Growth of a log variance, nats, from which on nothing of the earlier information counts as left."""
 
 
 @dataclass(frozen=True)
@@ -32,21 +32,21 @@ class Motion:
     """Motion of the body over one step of prediction, with the variances that it adds to the belief."""
 
     forward: float = 0.0
-    """Way ahead, along the heading half-way through the turn, m."""
+    """Distance forward, along the heading half-way through the turn, m."""
     left: float = 0.0
-    """Way to the left of that heading, m."""
+    """Distance to the left of the heading half-way through the turn, m."""
     turn: float = 0.0
-    """Turn, rad, left positive."""
+    """Change of heading, rad, left positive."""
     walked: float = 0.0
-    """Way over which the drift acts, m."""
+    """Distance over which the heading drift per metre acts, m."""
     along: float = 0.0
-    """Variance along the heading, m^2."""
+    """Variance of the position along the heading that the motion adds, m^2."""
     across: float = 0.0
-    """Variance across the heading, m^2."""
+    """Variance of the position across the heading that the motion adds, m^2."""
     heading: float = 0.0
-    """Variance of the heading, rad^2."""
+    """Variance of the heading that the motion adds, rad^2."""
     drifting: float = 0.0
-    """Variance of the drift, rad^2 per m^2."""
+    """Variance of the heading drift per metre that the motion adds, rad^2 per m^2."""
 
     def part(self, share: float) -> "Motion":
         """Return a share of the motion (1 = all of it), with variances in proportion."""
@@ -62,7 +62,7 @@ class StartUncertainty:
     heading: float = math.radians(5.0)
     """Standard deviation of the heading, rad."""
     drift: float = 0.76
-    """Standard deviation of the drift of the heading by the way walked, rad/m."""
+    """Standard deviation of the heading drift per metre walked, rad/m."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class FrameResult:
     seen: int
     """Number of landmarks that the camera detected in the frame."""
     matched: int
-    """Number of matched detections."""
+    """Number of detections of the frame matched with landmarks of the map."""
     nis: float
     """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
     matches: Matches | None = None
@@ -112,13 +112,13 @@ class PoseTracker:
         self.world: FloorLandmarks | None = None
         self._used_of: FloorLandmarks | None = None
         self._used = np.zeros((0, 5))
-        """Of each landmark of `_used_of`: uses of its range and of its bearing that the belief still holds, time of the
-        last one, s, and `_lost` then."""
+        """Use of each landmark, (n, 5): number of range and of bearing uses that the belief still holds, time of the
+        last use, s, and `_lost` at that time (2)."""
         self._lost = np.zeros(2)
-        """Information on position and on pose that motion and `loosen` took from the belief so far: growth of the log
-        variance, nats."""
+        """Information on position and on pose that the belief has lost to motion and `loosen` so far, (2,): growth of
+        the log variance, nats."""
         self.strain: MapStrain | None = None
-        """Check of map and camera; None = there is none."""
+        """Check whether the map is strained or the camera turned; None = no check."""
         self.frames = 0
         self.place((0.0, 0.0, 0.0))
 

@@ -43,13 +43,13 @@ class LandmarkSighting(NamedTuple):
     y: float
     """y of the landmark, m, frame map."""
     range: float
-    """Distance seen, m."""
+    """Measured distance of the landmark, m."""
     bearing: float
-    """Direction seen, rad, left of the heading positive."""
+    """Measured bearing of the landmark, rad, left of the heading positive."""
     var_range: float
-    """Variance of the range, m^2."""
+    """Variance of the measured range, m^2."""
     var_bearing: float
-    """Variance of the bearing, rad^2."""
+    """Variance of the measured bearing, rad^2."""
 
 
 @row_kernel

@@ -30,25 +30,25 @@ Ints32 = NDArray[np.int32]
 
 STRAIGHT, DIAGONAL = 12, 17
 UNIT = 4
-"""Weight of a cell far from all obstacles."""
+"""Cost factor of a cell far from all obstacles, no unit."""
 HEAVIEST = 16
-"""Largest weight of a cell, the one nearest to an obstacle."""
+"""Cost factor of a cell nearest to an obstacle, the largest, no unit."""
 RUN = 32
 """Largest number of cells of a straight run that one step of the search takes."""
 BUCKETS = 8192
-"""Number of buckets of the queue of open cells: a power of two above twice the cost of the dearest step and run,
-4 DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN."""
+"""Number of buckets of the queue of open cells: a power of two above twice the largest cost of one step and one run, 4
+DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN."""
 NOWHERE = -1
-"""Goal of a search that settles every cell in reach."""
+"""Goal index of a search without a goal, which settles every cell in reach."""
 EVEN = 128
-"""Bit of a weight: the cell and its eight neighbours weigh the same."""
+"""Bit of a cell's weight that is set if all eight neighbours weigh as much as the cell."""
 FACTOR = 127
-"""Bits of a weight that hold the cost factor."""
+"""Bit mask of the cost factor in a cell's weight."""
 ANY = 8
-"""Direction of a cell that was reached by no step."""
+"""Direction number of a cell that no step led to, as the start: all eight directions are expanded."""
 UNSEEN = 2**31 - 1
 GROWTH = 65_536
-"""Number of entries that the pool of the queue holds at the beginning."""
+"""Initial number of entries in the pool of the queue of open cells."""
 
 
 @row_kernel
@@ -95,32 +95,33 @@ class SearchMap(NamedTuple):
     """Costs, goal and neighbours of one A* search, constant while it runs; cells are indices of the flattened array."""
 
     weight: Bytes
-    """Cost factors, padded and flattened, (cells,): 0 = blocked; bit 128: all eight neighbours weigh the same."""
+    """Cost factors of the padded, flattened cells, (cells,): 0 = blocked; bit 128 set = all eight neighbours weigh as
+    much."""
     wide: int
-    """Cells of a padded row."""
+    """Number of cells in a padded row."""
     marks: Ints32
     """Costs between marks (chosen cells) and all cells, (cells, marks), no unit."""
     goal: int
-    """Index of the goal in the flattened array, or -1 = none."""
+    """Index of the goal in the flattened array; -1 = no goal."""
     goal_row: int
     """Row of the goal in the padded array."""
     goal_col: int
     """Column of the goal in the padded array."""
     offsets: Ints
-    """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
+    """Index offset of the neighbour in each direction in the flattened array, (8,): edges first, then corners."""
     onward: Ints
-    """Directions in which the search goes on after a step in each, where all cells around weigh the same, (8, 3)."""
+    """Directions to expand after a step in each direction if all cells around weigh the same, (8, 3)."""
 
 
 class Successors(NamedTuple):
     """Ends of the steps from one cell, at most eight."""
 
     entry: Ints
-    """Index of the cell << 4 | direction of the step to it, (8,)."""
+    """Queue entries of the successors, (8,): index of the cell << 4 | direction of the step to it."""
     f: Ints
-    """Cost from the start to each end, plus the bound on the rest of the way, (8,)."""
+    """Cost from the start to each successor, plus the lower bound on the cost from there to the goal, (8,)."""
     h: Ints
-    """Lower bound on the cost of the rest of the way, (8,)."""
+    """Lower bound on the cost from each successor to the goal, (8,)."""
 
 
 @row_kernel

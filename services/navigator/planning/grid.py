@@ -16,9 +16,9 @@ Point = tuple[float, float]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 LARGEST_CELL = 10.0
-"""Largest edge of a cell, m."""
+"""Largest edge of a grid cell, m; larger ones are refused."""
 STEP = 0.04
-"""Height over or depth under the floor from which ground is an obstacle, m: feet of a biped are lifted less."""
+"""Height above or depth below the floor, m, beyond which ground is an obstacle: a biped lifts its feet less."""
 
 
 class GridError(Refusal):
@@ -34,9 +34,9 @@ class FloorGrid:
     """
 
     cells: Cells
-    """Occupancy, (rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown."""
+    """Occupancy of the cells in percent, (rows, cols), row 0 = least y: 0 free to 100 occupied, -1 unknown."""
     cell: float
-    """Edge of a cell, m."""
+    """Edge length of a cell, m."""
     origin: tuple[float, float] = (0.0, 0.0)
     """x, y of the lower-left corner of cell [0, 0], m, frame map."""
     source: str = ""

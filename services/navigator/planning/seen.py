@@ -16,19 +16,20 @@ from .grid import OCCUPIED, FloorGrid, Point
 Pose = tuple[float, float, float]
 
 FARTHEST = 1.0
-"""Farthest echo that marks cells, m: the arc of a farther one is wider than a door."""
+"""Largest distance of a ranger echo that marks cells, m: the arc of a farther one is wider than a door."""
 SLACK = 0.15
-"""Difference of an echo from the map that is no difference, m: half a cell, the trunk's sway, the ranger's noise."""
+"""Difference between echo and mapped distance that counts as agreement, m: half a cell, the trunk's sway, ranger
+noise."""
 EDGE = 0.1
-"""Angle by which the cone is wider for the map, rad: cells at its edge."""
+"""Angle by which the ranger's cone is widened to compare it with the map, rad, for cells at its edge."""
 WIDTH = 0.5
-"""Length of the arc that an echo marks, m: what stands there may be narrower than the cone, or wider."""
+"""Length of the arc of cells that a ranger echo marks, m: the object may be narrower than the cone, or wider."""
 CLOSE = 0.5
-"""Distance, m, within which marks at the edge of the cone do not explain an echo: the robot is about to touch it."""
+"""Distance of an echo, m, below which marks at the cone's edge do not explain it, as the robot is about to collide."""
 MOST = 4096
-"""Largest number of marked cells; the oldest are dropped."""
+"""Largest number of cells marked by ranger echoes; the oldest are dropped."""
 AHEAD = 2.0
-"""Length of the route that is checked, m: farther marks are planned around when they come near."""
+"""Length of route ahead of the robot that is checked for marked cells, m; farther marks count when they come near."""
 
 
 def expected_echo(
@@ -75,9 +76,9 @@ class SeenObstacles:
     def __init__(self, grid: FloorGrid, obstacle: int, keep: float) -> None:
         self.grid, self.obstacle, self.keep = grid, obstacle, keep
         self.marks: dict[tuple[int, int], float] = {}
-        """Times at which cells (row, column) were last seen occupied, s."""
+        """Simulated time, s, at which each marked cell (row, column) was last seen occupied."""
         self.version = 0
-        """Number that changes with the set of marked cells."""
+        """Number that changes whenever the set of marked cells does."""
 
     def take(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
         """Update the marked cells with one reading of the ranger.

@@ -30,17 +30,18 @@ class PolicyTables(NamedTuple):
     """Arrays of a policy (the rule that chooses the next action) that kernels read."""
 
     kind: int
-    """0 = HAND (thresholds), 1 = STEER (thresholds and arcs), 2 = PLANNER (value iteration), 3 = SARSA (learned)."""
+    """Kind of policy: 0 = HAND (thresholds), 1 = STEER (thresholds and arcs), 2 = PLANNER (value iteration), 3 = SARSA
+    (learned)."""
     numbers: Array
-    """Parameters, (8,).
+    """Parameters of the policy by kind, (8,).
 
     HAND and STEER: entropy (nats) above which it stands, its growth by distance (nats per m), bearing (rad) beyond
     which it turns, share of the bearing that an arc takes out. PLANNER: shares of the belief's standard deviations in
     position, heading and drift over which values are averaged, weight of the gain of a stand. The rest is 0."""
     table: Array
-    """Action values by drift (PLANNER) or entropy (SARSA), distance, bearing, action, (layers, nd, nphi, A) s."""
+    """Action values, s, by layer (drift: PLANNER; entropy: SARSA), distance, bearing, action, (layers, nd, nphi, A)."""
     grid: Array
-    """Axes of the table, (6,).
+    """Axes of the table of action values, (6,).
 
     Distance of its first and last row (m), value of its first and last layer, mirrored (1 layers, -1 bearings), value
     that each m beyond the last row adds."""
@@ -54,9 +55,9 @@ class ChoiceRoom(NamedTuple):
     values: Array
     """Value of each action, (A,), larger is better: s, or no unit by the rules of HAND and STEER."""
     mask: Flags
-    """Actions that are allowed, (A,)."""
+    """True for each action that is allowed, False for others, (A,)."""
     work: Array
-    """Scratch, (40 + 2 n, max(n, 4, A)) for n states."""
+    """Scratch array, (40 + 2 n, max(n, 4, A)) for n filter states and A actions."""
 
 
 def room_to_choose(states: int, actions: int) -> ChoiceRoom:

@@ -51,15 +51,15 @@ class Policy:
     """A policy (the rule that chooses the next action) as arrays, with the names of its actions and its origin."""
 
     name: str
-    """Name of the policy."""
+    """Name of the policy, by which goals request it."""
     actions: tuple[str, ...]
-    """Names of the actions, in the order of the table."""
+    """Names of the actions, in the order of the action axis of the table."""
     tables: PolicyTables
-    """Arrays that kernels read."""
+    """Kind, parameters and action values of the policy as arrays for compiled kernels."""
     provenance: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Origin: model, hash, seed, version."""
+    """Origin of the policy: model, hash, seed, version."""
     sha256: str = ""
-    """Digest of the file; empty = from no file."""
+    """SHA-256 digest of the policy's file; empty = not from a file."""
 
 
 class Decider:

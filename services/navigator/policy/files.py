@@ -21,7 +21,7 @@ from .decider import KIND_NAMES, Policy
 from .grids import D_MIN, GRID, LAYER_MIN
 
 VERSION = 2
-"""Version of the format; others are refused."""
+"""Version of the policy file format; files of another version are refused."""
 MAX_BYTES = 64 * 1024 * 1024
 MEMBERS = ("version", "kind", "actions", "numbers", "table", "grid", "shown", "provenance", "digest")
 KINDS_BY_NAME = {name: kind for kind, name in KIND_NAMES.items()}

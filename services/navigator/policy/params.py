@@ -27,7 +27,8 @@ Kind = Literal["stand", "turn", "walk"]
 
 KINDS: tuple[Kind, ...] = ("stand", "turn", "walk")
 DETOUR = 1.16
-"""Actions to a goal per straight step: 58 for 5 m in 10 cm steps, rotations included (paper's robot)."""
+"""Number of actions to a goal per step of a straight walk there, rotations included: 58 for 5 m in 10 cm steps (robot
+of Osswald et al.)."""
 
 
 class Scene(ModelPart):

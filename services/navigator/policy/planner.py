@@ -41,18 +41,18 @@ class PlanRoom(NamedTuple):
     """Constants of the value iteration that computes a planner's table."""
 
     groups: Ints
-    """Index of the values to use after an action of kind 0 stand, 1 turn, 2 walk, (3,); kinds alike in costs share one.
-    """
+    """Index of the value table to use after an action of kind 0 stand, 1 turn, 2 walk, (3,); kinds with equal switching
+    times share one."""
     samples: Array
-    """Standard normal samples of the motion noise: along, across, heading, (k, 3)."""
+    """Standard normal samples of the motion noise: along, across, heading, (k, 3), no unit."""
     drifts: Array
-    """Layers of drift, rad per m, (nb,)."""
+    """Heading drift of each layer of the value table, rad per m, (nb,)."""
     radius: float
-    """Radius of the goal, m."""
+    """Distance from the goal within which it counts as reached, m."""
     d_max: float
-    """Largest distance of the goal in the table, m."""
+    """Largest distance to the goal in the value table, m."""
     per_m: float
-    """Seconds that a metre beyond the largest distance takes."""
+    """Time that each metre beyond the table's largest distance adds, s."""
 
 
 @free_kernel
