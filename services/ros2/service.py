@@ -29,7 +29,7 @@ from .continuous import ContinuousOdometry
 from .steering import Steering
 
 MAP_TICKS = 100
-"""Ticks after which the same map is published again, for subscribers that come later."""
+"""Number of ticks after which an unchanged map is published again, for subscribers that join later."""
 
 
 class Ros2Config(ServiceConfig):

@@ -17,7 +17,7 @@ from surefoot.record.fields import FieldPath
 from surefoot.robot.names import joint_columns, leg_columns
 
 MOST = 10_000
-"""Most received messages that wait to be read; above it, before the run begins, the oldest are left out."""
+"""Largest number of received messages that wait to be read; beyond it the oldest are dropped."""
 
 
 class RosRobotConfig(SensedConfig):

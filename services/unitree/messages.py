@@ -13,16 +13,17 @@ from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, float32, int16, int32, uint8, uint16, uint32
 
 LOW_STATE, SPORT_STATE = "rt/lowstate", "rt/sportmodestate"
-"""Topics."""
+"""DDS topics: `LOW_STATE`: sensors of the robot; `SPORT_STATE`: state estimate of the maker's controller."""
 BATTERY_AND_REST = "4BiH4B15H" + "8hI41B3xf2B2x2f4H2I"
 PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + BATTERY_AND_REST
-"""Layout of a LowState in the memory of the robot, over which its check sum is taken."""
+"""Format of `struct` for a LowState as it lies in the robot's memory, over which its check sum is computed."""
 SENT, SENT_AS = struct.Struct("<4x4B4IH2x" + "13fB" + "B2x7fB3x3I" + "B3x7fB3x3I" * 19 + BATTERY_AND_REST), b"\0\1"
-"""Layout of a LowState as DDS carries it with these first two bytes: XCDR1, the lower byte first."""
+"""`SENT`: format of `struct` for a LowState as DDS carries it; `SENT_AS`: first two bytes of such a message: XCDR1,
+little-endian."""
 MOTOR_WORDS, MOTORS = 12, 20
-"""Numbers of a motor, and motors of a LowState."""
+"""`MOTOR_WORDS`: length of one motor's part of the numbers of a LowState; `MOTORS`: number of motors in a LowState."""
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-"""Bytes with their bits in reverse order."""
+"""Table of all 256 bytes with their bits in reverse order, by index."""
 
 
 @dataclass
@@ -185,7 +186,7 @@ class Sensors(NamedTuple):
 
 
 IMU_AT, MOTORS_AT, FEET_AT, TICK_AT = 9, 23, 288, 296
-"""Places of the first number of these parts among the numbers of a LowState."""
+"""Indices of the first number of the inertial unit, motors, foot forces and tick among the numbers of a LowState."""
 
 
 def sensors_of(n: Numbers) -> Sensors:

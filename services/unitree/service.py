@@ -13,14 +13,14 @@ from surefoot.schemas.hw import MakerMotion
 from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, HW_MAKER, SIM_STATUS, TICK_NS
 
 INSTALL = "pip install 'surefoot[unitree]'"
-"""Command that adds DDS."""
+"""Command that installs the optional DDS library."""
 MS = 1_000_000
 WRAP = 2**32
-"""Size of the robot's `tick`, ms: it begins again after 49.7 days."""
+"""Number of milliseconds after which the robot's counter `tick` restarts at 0: 49.7 days."""
 MOST = 64
-"""Most received messages that wait to be read."""
+"""Largest number of received messages that wait to be read."""
 MOTORS = 20
-"""Motors of a message; a quadruped has twelve."""
+"""Number of motors in a LowState message; a quadruped has twelve."""
 LEGS = ("fr", "fl", "rr", "rl")
 
 

@@ -23,15 +23,15 @@ from .features import KINDS, MOST_COMPARED, Kind, distances, nothing
 
 SCHEMA, CONTENT = "surefoot.landmarks/1", "surefoot.features/1"
 CODE = 8
-"""Numbers of the code (unit vector) by which the navigator knows a landmark."""
+"""Length of the code (unit vector) by which the navigator identifies a landmark."""
 SAME_PLACE = 0.03
-"""Distance, m, within which features of two maps that look alike are one."""
+"""Distance within which features of two maps with similar descriptors are merged into one, m."""
 DENSITY_CELL = 0.25
 """Edge of the cells in which the density of features is limited, m."""
 NUMBERS = {"positions": 2, "seen": 1, "sd": 1, "pixel": 0, "version": 0, "drift": 0}
-"""Arrays of numbers in a file, and their axes."""
+"""Numeric arrays of a map file by name, each with its number of axes."""
 PLACE_GRID = 1e-4
-"""Step, m, to which the places that a code is drawn from are rounded."""
+"""Step to which positions are rounded before a landmark's code is drawn from them, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +40,24 @@ class FeatureMap:
 
     kind: Kind
     positions: Array
-    """Places of the features on the floor, (n, 2) m, frame map."""
+    """Positions of the features on the floor, (n, 2) m, frame map."""
     descriptors: NDArray[Any]
     """Descriptors of the features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
     seen: NDArray[np.int64]
-    """Images that each was seen in, (n,)."""
+    """Number of images in which each feature was found, (n,)."""
     sd: Array
-    """Standard deviation of each place along one axis, (n,) m."""
+    """Standard deviation of each feature's position along one axis relative to its neighbours, (n,) m."""
     pixel: float
-    """Edge of a pixel of the picture from above that the features are of, m."""
+    """Edge length on the floor of a pixel of the view from above in which the features were found, m."""
     camera: str
-    """Camera: width, height and focal length, in words."""
+    """Width, height and focal length of the camera, in words."""
     version: int = 1
     source: str = ""
     opencv: str = ""
     """Version of OpenCV that made the descriptors."""
     drift: float = 0.0
-    """Largest distance of a place from where it is against the first pose of the walk, one standard deviation, m; 0 =
-    the poses were known. Places beside each other are known by `sd`."""
+    """Standard deviation of the position farthest off, relative to the first pose of the mapping walk, m; 0 = the poses
+    were known. `sd` covers neighbouring positions."""
 
     def __len__(self) -> int:
         return len(self.positions)

@@ -16,7 +16,8 @@ from .motion import OdometryAt
 from .recognise import Believed
 
 UNSURE = (0.5, 0.6)
-"""Standard deviations of a belief, position (m) and heading (rad), from which on it restricts no search."""
+"""Standard deviations of position, m, and heading, rad, above which a believed pose is ignored and the whole map is
+searched."""
 
 
 def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:

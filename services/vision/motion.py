@@ -21,20 +21,20 @@ from .view import FloorPose
 T = TypeVar("T")
 
 KEPT = 300
-"""Odometry messages that are kept, one each 10 ms."""
+"""Largest number of odometry messages kept, one every 10 ms; the oldest are dropped."""
 READ_WITHIN_NS = 100_000_000
-"""Largest time between an image and the odometry and joints that it is read with, ns."""
+"""Largest time between an image and the odometry and joint angles used with it, ns; beyond it the image is not used."""
 
 
 class OdometryAt(NamedTuple):
     """Pose of the odometry and attitude of the trunk at one time."""
 
     stamp_ns: int
-    """Simulated time, ns."""
+    """Simulated time of the odometry, ns."""
     pose: tuple[float, float, float]
-    """x, y in m and heading in rad, frame odom."""
+    """Pose of base_link, x, y in m and heading in rad, frame odom."""
     rot: Array
-    """Roll and pitch: rotation from base_link to the level axes along its heading, (3, 3)."""
+    """Rotation by roll and pitch, from base_link to the level axes along its heading, (3, 3)."""
 
 
 @dataclass

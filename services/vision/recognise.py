@@ -24,9 +24,10 @@ Index = NDArray[np.int64]
 
 
 FEWEST_AGREE = 3
-"""Matches that agree on a motion, at least: two always do."""
+"""Least number of matches that must agree on a motion; two always do."""
 PLACE, PITCHED = 0.005, 0.03
-"""Noise of a place, m, and stretch across the heading by a pitch of 1 deg, one standard deviation."""
+"""Standard deviations for the estimate of the floor's scale. `PLACE`: of a feature's position, m; `PITCHED`: of the
+stretch across the heading, no unit, as by a camera pitch of 1 deg."""
 
 
 @dataclass(frozen=True)
@@ -34,37 +35,39 @@ class RecogniseParams:
     """Limits within which the floor of an image is recognised on the map."""
 
     chi2: float = 9.21
-    """Square of the gate in standard deviations, chi^2_2(.99)."""
+    """Squared normalised distance, chi^2_2(.99), within which a map feature is a candidate."""
     slack: float = 0.04
-    """Gate of an exact pose, m: noise of a place and tilt."""
+    """Radius of the gate around a feature's place if the pose is exact, m: noise of places and tilt."""
     ratio: float = 0.85
-    """Largest distance to the nearest candidate over that to the second."""
+    """Descriptor distance to the nearest candidate over that to the second above which a match is rejected."""
     beside: float = 0.02
-    """Distance below which two features of the map count as one, m."""
+    """Distance below which two map features count as one in the ratio test, m."""
     alone: float = 0.8
-    """Part of the largest distance that a match without a second candidate may have."""
+    """Largest descriptor distance of a match without a second candidate, as a part of the usual limit, 0 to 1."""
     apart: float = 0.1
-    """Least distance of the pairs that motions are drawn from, m."""
+    """Least distance between the two features of a pair from which a motion is computed, m."""
     turn: float = 0.15
-    """Largest deviation from the heading of an exact pose, rad: noise of places that lie near each other."""
+    """Largest deviation of a motion's heading from that of an exact pose, rad: features close together determine it
+    poorly."""
     inlier: float = 0.025
-    """Largest residual of a match under the common motion, m."""
+    """Largest residual of a match that agrees with the common motion, m."""
     pairs: int = 300
-    """Number of pairs of matches from each of which a motion is tried."""
+    """Number of pairs of matches from which a motion is computed and tested."""
     fewest_anywhere: int = 8
     """Least number of matches that agree on a motion found without a belief."""
     share_compared: float = 0.08
-    """Least share of the compared features that agree on a motion found without a belief.
+    """Least share of the compared features that agree on a motion found without a believed pose.
 
     The middle of an image upside down brings 0.044."""
     share_here: float = 0.02
     """Least share of the compared features that agree on a motion at the believed place; chance brings 0.008."""
     share_alone: float = 0.05
-    """Least share of the compared features that are matched where too few agree; chance brings 0.04."""
+    """Share of matched among compared features from which on all matches count although too few agree; chance brings
+    0.04."""
     share_anywhere: float = 0.3
     """Least share of the matches that agree on a motion found without a belief."""
     most: int = 20
-    """Landmarks of one image, the likest."""
+    """Largest number of landmarks reported for one image; those with the most similar descriptors are kept."""
 
 
 class Believed(NamedTuple):
@@ -80,17 +83,18 @@ class Recognised(NamedTuple):
     """Map features found in one picture."""
 
     features: Index
-    """Indices of the features of the picture, those first that look most like the map's, (k,)."""
+    """Indices of the recognised features of the picture, most similar to the map's first, (k,)."""
     landmarks: Index
-    """Index in the map of the feature that each shows, (k,)."""
+    """Index in the map of the landmark that each recognised feature shows, (k,)."""
     anywhere: bool
-    """True if no belief restricted the search."""
+    """True if the whole map was searched, False if a believed pose restricted the search."""
     agreed: int
-    """Number of map features found, of which `features` are the likest."""
+    """Number of map features found; `features` holds those with the most similar descriptors."""
     compared: int
     """Number of features of the picture that had a candidate in the map."""
     scale: float
-    """Scale of the motion that explains the matches best, 1 = the picture's is right; 1 for fewer than three."""
+    """Scale of the picture by the motion that explains the matches best, 1 = correct; also 1 for fewer than three
+    matches."""
 
 
 def recognise(

@@ -10,7 +10,7 @@ from .eye import Eye
 from .view import FloorPose
 
 DOWN = (0.27059805, -0.65328148, 0.65328148, -0.27059805)
-"""quat_wxyz of a camera that looks ahead and 45 deg down."""
+"""Rotation of a camera that looks ahead and 45 deg down, quaternion w, x, y, z."""
 
 
 def rehearse(eye: Eye) -> None:

@@ -24,7 +24,7 @@ from .rehearsal import rehearse
 from .view import Patch
 
 SILENT_NS = 900_000_000
-"""Time without an image after which the camera is silent, ns."""
+"""Time without an image after which the camera counts as silent, ns."""
 
 
 class ImageJob(NamedTuple):

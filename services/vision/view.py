@@ -24,16 +24,17 @@ from .opencv import opencv
 Greys = NDArray[np.uint8]
 
 EDGE = 9
-"""Border, in pixels, of the visible floor in which no feature is looked for."""
+"""Edge of the square, px of the view from above, by which the visible floor is eroded: no features are searched within
+4 px of its border."""
 
 
 class FloorPose(NamedTuple):
     """Roll, pitch and height of base_link over the floor."""
 
     rot: Array
-    """Roll and pitch: rotation from base_link to the level axes along its heading, (3, 3)."""
+    """Rotation by roll and pitch, from base_link to the level axes along its heading, (3, 3)."""
     height: float
-    """Height of base_link over the floor, m."""
+    """Height of base_link above the floor, m."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Patch:
     farthest: float = 1.1
     beside: float = 0.55
     pixel: float = 0.003
-    """Edge of a pixel of the picture from above, m."""
+    """Edge length on the floor of a pixel of the view from above, m."""
 
     @property
     def size(self) -> tuple[int, int]:
