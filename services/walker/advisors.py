@@ -19,9 +19,10 @@ from .legged.standins import HullCheck, nominal_footholds
 from .outcomes import Outcomes
 
 ANSWER_S = 1.0
-"""Wall time in paced mode after which the walker's own stand-in replaces a reply, s; in lockstep time waits for it."""
+"""Wall time in paced mode after which the walker uses its own stand-in for a missing reply, s; lockstep waits for the
+reply."""
 REGION_TOLERANCE_M = 1e-3
-"""Accuracy of the region in the reply, m; its margins are exact."""
+"""Requested accuracy of the support region in a stability reply, m; the margins in the reply are exact."""
 
 
 class Call(Protocol):
@@ -50,7 +51,7 @@ class Advisors:
         """Begin a tick: set the epoch and the tick that its requests carry."""
         self._epoch, self._tick = epoch, tick
         self.missing = ""
-        """Reason why a reply of this tick is missing, in words; empty = none is."""
+        """Reason why an advisor's reply is missing in this tick, in words; empty = none is missing."""
 
     def select(self, step: LandingRequest) -> Sequence[FootholdReply]:
         """Return the footholds of all legs of a step, from one request; without a reply nominal ones (`no_answer`)."""

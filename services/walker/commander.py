@@ -26,9 +26,9 @@ class Commander:
         self.gait, self._memory, self._log = gait, memory, log
         self.order = TakenOrder()
         self.stopped = ""
-        """Reason of an emergency stop, which only a new run releases; empty = none."""
+        """Reason of an emergency stop, in words; empty = none. Only a new run releases the stop."""
         self.refused = ""
-        """Reason why a planned command was refused in this tick; empty = none was."""
+        """Reason why a planned command was refused in this tick, in words; empty = none was."""
         self._planned: list[tuple[int, int, WalkCommand]] = []  # tick, number, command
         self._tick, self._epoch = -1, 0
 

@@ -22,17 +22,17 @@ class WalkMemory:
 
     walk_id: int
     command: MotionCommand | None
-    """Command under way, of a biped the rest of it; None = none is."""
+    """Command under way (of a biped its remaining part); None = none is."""
     start: BodyPose | None
-    """Pose at which the command began, map frame; None: it has not, or `command` is a rest."""
+    """Pose of the trunk at which the command began, map frame; None = not begun, or `command` is a remaining part."""
     began: float | None
-    """Simulated time at which the command began, s."""
+    """Simulated time at which the command began, s; None = not begun."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Pose of odom in the map, m and rad."""
+    """Pose of frame odom in frame map: x, y (m), heading (rad)."""
     planned: tuple[Mapping[str, Any], ...] = ()
-    """Commands that wait for their tick, as received."""
+    """Commands that wait for the tick at which they begin, as received."""
     order: int = 0
-    """Number of the navigator's last order that was taken up, 0 = none yet."""
+    """Number of the last navigator order that the walker took up; 0 = none yet."""
 
 
 class _StoredWalk(Stored):

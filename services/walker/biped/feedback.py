@@ -17,12 +17,12 @@ from .state import BipedState, Mode
 REST_TICKS = 100  # of standing, after which the tilt counts as that of the quiet stance
 REST_GAIN = 0.02
 STRIDES = 1.0
-"""Time constant of the tilt that counts as usual while walking, in strides: the sway of a stride passes to a sixth,
-and floor, servos and the estimate's own bias are followed while the robot turns by 23 deg an action."""
+"""Time constant of the mean tilt that counts as usual while walking, in strides: the sway within a stride is damped to
+a sixth, while floor, servos and the estimate's bias are followed while the robot turns by 23 deg an action."""
 QUIET_RAD_S = 0.02
-"""Rate that the ankles of a standing robot do not answer, five times the noise of Nao's gyro. Answering to all, 4 of 62
-Naos trembled by 0.01 to 0.02 rad/s for good: servo, delay and gain swung by themselves, and no rest showed the gyro's
-bias."""
+"""Angular rate of a standing robot's trunk up to which the ankles do not react, rad/s: five times the noise of Nao's
+gyro. Without it 4 of 62 Naos kept trembling at 0.01 to 0.02 rad/s by servo, delay and gain, so that the gyro's bias was
+never measured."""
 FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot that gives up
 
 

@@ -32,8 +32,8 @@ from .servos import SetPoints
 from .state import AcceptedCommand, BipedState, Mode
 
 LATE_TICKS = 25
-"""A command that comes later than this before the last landing does not begin until the robot stands: one in the last
-0.1 s that was laid into the plan at once toppled Nao."""
+"""Number of ticks before the last landing within which a new command waits until the robot stands: one in the last 0.1
+s that was laid into the plan at once toppled Nao."""
 STALE = "the estimate is stale or absent: the walk waits for it"
 
 

@@ -37,20 +37,20 @@ class BipedRoute:
     """Remaining part of a walk command: straight line, arc or turn on the spot, with the size of a step."""
 
     forward: float
-    """Way still to go, m, negative = backward; inf = until another command."""
+    """Remaining distance, m, negative = backward; inf = until another command."""
     turn: float
-    """Angle still to turn, rad."""
+    """Remaining change of heading, rad, left positive."""
     step: float
-    """Signed advance of a full step, m."""
+    """Advance of the body in a full step, m, negative = backward."""
     step_turn: float
-    """Turn of a full step, rad."""
+    """Change of heading in a full step, rad, left positive."""
     walk_id: int
     turning: bool
-    """True if the robot turns on the spot."""
+    """True if the robot turns on the spot, False if it walks straight or along an arc."""
     longest: float = math.inf
-    """Largest advance of a step, m."""
+    """Largest advance of the body in one step, m."""
     widest: float = math.inf
-    """Largest turn of a step, rad."""
+    """Largest change of heading in one step, rad."""
 
     @property
     def remaining(self) -> float:

@@ -115,9 +115,9 @@ class Ground:
     """Height layers of the terrain for the walker: filtered ground and foot centres; built once per map version."""
 
     surface: HeightMap
-    """Filtered ground heights."""
+    """Filtered heights of the ground, m, map frame."""
     centres: HeightMap
-    """Heights of a foot centre whose sphere rests on the ground."""
+    """Heights of the foot centre where the foot sphere rests on the ground, m, map frame."""
     version: int
 
     @classmethod

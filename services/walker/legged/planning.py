@@ -30,7 +30,7 @@ class PlanningContext:
     params: WalkerParams
     ground: Ground | None
     neutral: Array
-    """Feet of the neutral posture relative to the trunk, heading axes, (L, 2) m."""
+    """Positions of the feet in the neutral posture relative to the trunk, heading axes, (L, 2) m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,28 +38,29 @@ class StepPlan:
     """A planned step: swinging feet, their paths, and the motion of the trunk from one pose to another."""
 
     swing: Flags
-    """Legs that swing in the step, (L,)."""
+    """True for each leg that swings in the step, False for each that stands, (L,)."""
     begin: BodyPose
     end: BodyPose
     feet_from: Array
-    """Foot centres at lift-off, (L, 3) m, map."""
+    """Positions of the foot centres at lift-off, (L, 3) m, map frame."""
     feet_to: Array
-    """Foot centres at touch-down, (L, 3) m, map; standing feet stay where they are."""
+    """Positions of the foot centres at touch-down, (L, 3) m, map frame; standing feet stay where they are."""
     deepest: Array
-    """Height down to which each foot looks for the ground, (L,) m, map."""
+    """Least height to which each foot centre searches for the ground, (L,) m, map frame."""
     top: Array
-    """Height of the foot centre on the level part of each swing, (L,) m, map."""
+    """Height of the foot centre on the level part of each swing, (L,) m, map frame."""
     go: Array
     arrive: Array
     """Phases between which each foot moves sideways, (L,)."""
     status: tuple[str, ...]
     """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     duration: float
-    """Duration of the step, s; longer than half a period when a foot has far to fall."""
+    """Duration of the step, s: half a gait period, or longer when a foot has far to descend."""
     shape: SwingShape
-    """Phases of the swings, with the height of the slow part."""
+    """Phases of the swings, and height of the slow approach."""
     lean: float = 0.0
-    """Time before the swing in which the trunk moves to its end while all feet stand, s; 0 = it moves all the time."""
+    """Time before the swing in which the trunk moves to its end pose on all feet, s; 0 = it moves during the whole
+    step."""
 
 
 def rotated(yaw: float, vectors: Array) -> Array:

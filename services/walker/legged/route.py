@@ -15,7 +15,7 @@ class LeggedRoute:
     start: BodyPose | None
     walk_id: int
     began: float | None = None
-    """Simulated time of its first step, s."""
+    """Simulated time of the command's first step, s; None = it has not begun."""
 
     def begun(self, pose: BodyPose, now: float) -> "LeggedRoute":
         """Return the route with its start: `pose` at the time `now`, s, if it has not begun yet."""

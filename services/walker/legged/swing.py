@@ -31,7 +31,8 @@ class SwingShape(NamedTuple):
 
 
 WINDOWS = ((0.10, 0.66), (0.15, 0.60), (0.20, 0.56), (0.25, 0.52))
-"""Phases between which the foot moves sideways, (go, arrive): the first that clears the ground is taken."""
+"""Pairs of swing phases (go, arrive), 0..1, between which the foot moves sideways; the first pair whose path clears the
+ground is used."""
 
 
 @kernel
