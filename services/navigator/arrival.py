@@ -47,7 +47,7 @@ def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
 
 
 def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return True if the position lies within the goal's tolerance with `sure` standard deviations to spare.
+    """Return True if the position lies within the goal's tolerance by at least `sure` standard deviations.
 
     `mean`, `cov`: believed x, y (m), heading (rad), frame map, (n,), n >= 3, and their covariance, (n, n).
     """
@@ -55,7 +55,7 @@ def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> 
 
 
 def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return True if the heading lies within the goal's tolerance with `sure` standard deviations to spare.
+    """Return True if the heading lies within the goal's tolerance by at least `sure` standard deviations.
 
     It is True for a goal that asks for no heading.
 

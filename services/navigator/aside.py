@@ -29,7 +29,7 @@ FROM = 0.2
 
 
 def leading(localiser: Localiser, maps: Maps) -> Aside:
-    """Return a function without arguments that returns a walk which helps a lost robot to single out one pose.
+    """Return a function that finds a short walk by which a lost robot can single out one of its candidate poses.
 
     It takes candidate poses and maps as they are at the call, and returns x, y of the walk's end in the robot's axes,
     m, or None.

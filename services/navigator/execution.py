@@ -1,4 +1,4 @@
-"""Execution of the ordered actions by the walker, as motions in time: the control of a robot without odometry.
+"""Ordered actions as motions in time, predicted for a robot without odometry.
 
 The way of an action counts as walked evenly from the landing of the last step before it to the landing of its own last
 step; both times come from `state/gait`. The trunk follows the feet by a lag.
@@ -16,7 +16,7 @@ LANDING_S = 0.9
 
 @dataclass
 class Piece:
-    """One motion that the walker carries out, evenly from its start to its end."""
+    """Motion of one action that the walker carries out, at constant rate from start to end."""
 
     motion: Motion
     """Expected motion of the whole action."""
@@ -97,7 +97,7 @@ class Execution:
         return moved
 
     def rest(self) -> list[Motion]:
-        """Return the remaining motions of the actions under way."""
+        """Return the motions of the actions under way that are still to come."""
         return [piece.motion.part(1.0 - piece.done) for piece in self.pieces]
 
     def stop(self) -> None:

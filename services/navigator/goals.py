@@ -19,7 +19,7 @@ End = tuple[GoalState, str, str]
 
 @dataclass(frozen=True)
 class GaitView:
-    """State of the walker as the topic `state/gait` reports it, as far as goals need it."""
+    """State of the walker from the topic `state/gait`, reduced to what goals need."""
 
     state: str
     """State of the gait: standing, walking, waiting (the estimator calibrates), refused (the robot fell), ..."""
@@ -42,7 +42,7 @@ class GaitView:
 
 @dataclass(frozen=True)
 class Act:
-    """One action of the robot, with the motion that is expected of it."""
+    """Action of the robot, with its expected motion."""
 
     name: str
     kind: Literal["stand", "turn", "walk"]
@@ -65,7 +65,7 @@ jumps by one such step."""
 
 @dataclass
 class NavigationGoal:
-    """One goal of the navigator, with its route and its progress."""
+    """Goal of the navigator, with its route and its progress."""
 
     id: str
     route: tuple[Point, ...]
@@ -125,7 +125,7 @@ class NavigationGoal:
 
     @property
     def place(self) -> int:
-        """Index of the goal's place that the present waypoint leads to; after the last place the number of places."""
+        """Index of the goal's place that the present waypoint leads to; past the last one the number of places."""
         return sum(end < self.index for end in self.ends)
 
     def give_up(self, now: float) -> None:
@@ -136,7 +136,7 @@ class NavigationGoal:
         self.go_on(now)
 
     def lead(self, ways: tuple[tuple[Point, ...], ...], now: float) -> None:
-        """Replace the waypoints that are left by new ones.
+        """Replace the remaining waypoints by new ones.
 
         Args:
             ways: waypoints to each place that is left, the place last, m, frame map.
@@ -149,7 +149,7 @@ class NavigationGoal:
         self.nearest, self.nearest_at = math.inf, now
 
     def stalled(self, left: float, now: float, progress: float) -> float:
-        """Return the time without progress, s: since the way left was last shortened, less that of detours.
+        """Return the time without progress, s: since the remaining path last shrank, less an allowance for detours.
 
         The time of a detour is its additional way divided by 0.04 m/s. The least way so far is kept in the goal.
 
@@ -188,11 +188,11 @@ class NavigationGoal:
             raise ValueError(f"it is at waypoint {self.index}, allowed are 0 to {last + 1}")
 
     def kept(self) -> dict[str, Any]:
-        """Return the fields as plain values of JSON; an infinite `nearest` becomes 1e9 m."""
+        """Return the fields of the goal as JSON values; an infinite `nearest` becomes 1e9 m."""
         return {**asdict(self), "nearest": min(self.nearest, FAR), "recoveries": dict(self.recoveries)}
 
     def go_on(self, now: float) -> None:
-        """Make the next waypoint the present one, from the time `now`, s, on."""
+        """Advance to the next waypoint, from the time `now`, s, on."""
         self.index += 1
         self.nearest, self.nearest_at, self.looks = math.inf, now, 0
 
@@ -202,7 +202,7 @@ class NavigationGoal:
         return self.route[min(self.index, len(self.route) - 1)]
 
     def left(self, x: float, y: float) -> float:
-        """Return the length of the way from a place (x, y in m, frame map) over the waypoints that are left, m."""
+        """Return the path length from a place (x, y in m, frame map) over the remaining waypoints, m."""
         total = 0.0
         for px, py in self.route[self.index :]:
             total += math.hypot(px - x, py - y)

@@ -252,7 +252,7 @@ class Localiser:
                 self._log("warning", camera_words(self.camera_turn))
 
     def _check_time(self, time: float, now: float) -> None:
-        """Check that a frame of `time`, s, is of now and new.
+        """Refuse a frame that is too old, in the future, or not newer than the last; its time: `time`, s.
 
         Raises:
             DetectionError: the frame is of the future, late, or was used before.
@@ -317,7 +317,7 @@ class Localiser:
             self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), until)
 
     def echo(self, distance: float, expected: tuple[float, float], slack: float, now: float) -> None:
-        """Check the belief by an echo of the ranger.
+        """Check the believed pose with one echo of the ranger.
 
         Args:
             distance: of the echo, or the end of the reach, m.

@@ -111,14 +111,14 @@ class Maps:
         self._seen.take(seen, at, unsure, now)
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return True if the ranger saw no obstacle that the map does not know on the next 2 m of a route from `here`.
+        """Return True if no obstacle unknown to the map was seen by the ranger on the next 2 m of a route from `here`.
 
         here, route: x, y in m, frame map.
         """
         return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius)
 
     def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
-        """Return the waypoints to each place, around obstacles of map and ranger; straight ways where there is no map.
+        """Return waypoints to each place around obstacles of map and ranger, or straight lines without a map.
 
         Args:
             here: where the robot is, x, y in m, frame map.
@@ -161,7 +161,7 @@ class Maps:
         return self._joined[1]
 
     def refuse_blocked(self, place: Point, field: str) -> None:
-        """Raise a refusal if a place, x, y in m, frame map, is outside of the map or in an obstacle.
+        """Raise a refusal if a place, x, y in m, frame map, is outside the map or in an obstacle.
 
         Raises:
             Refusal: `outside` or `blocked`; names `field`.

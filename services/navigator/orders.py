@@ -10,7 +10,7 @@ REMIND_S = 1.0
 
 
 class Orders:
-    """Orders of the navigator to the walker between two resets, and the actions that the walker has started by them.
+    """Sender of numbered orders to the walker, which records the actions that the walker has started.
 
     Args:
         lag: delay between a foot's landing and the trunk reaching its place, s.

@@ -1,4 +1,4 @@
-"""Use of ranger readings: an obstacle close ahead allows only turns, and one that is not in the map is remembered."""
+"""Use of ranger readings: an obstacle close ahead allows only turns, and one that the map lacks is remembered."""
 
 import math
 

@@ -33,7 +33,7 @@ MAP_TICKS = 100
 
 
 class Ros2Config(ServiceConfig):
-    """Settings of the bridge: names on ROS 2; an empty name = that topic is left out."""
+    """Settings of the bridge: names on ROS 2; a topic with an empty name is left out."""
 
     router: str = Field(default="tcp/127.0.0.1:7447", description="endpoint of rmw_zenohd, or of our own router")
     domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID")

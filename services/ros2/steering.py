@@ -33,7 +33,7 @@ class Steering:
         answered."""
 
     def take(self, now_s: float, forward: float, turn: float) -> None:
-        """Take a velocity command, m/s and rad/s; one that is not finite lets the robot stand."""
+        """Store a velocity command, m/s and rad/s; one that is not finite makes the robot stand."""
         if not (math.isfinite(forward) and math.isfinite(turn)):
             forward = turn = 0.0
         forward = min(max(forward, -FASTEST_MPS), FASTEST_MPS)

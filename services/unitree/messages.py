@@ -30,7 +30,7 @@ REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 @final
 @autoid("sequential")
 class ImuState(idl.IdlStruct, typename="unitree_go.msg.dds_.IMUState_"):
-    """Inertial unit: quaternion w x y z, rad/s, m/s^2, rad."""
+    """Inertial unit: quaternion w, x, y, z; angular velocity, rad/s; acceleration, m/s^2; roll, pitch, yaw, rad."""
 
     quaternion: array[float32, 4]
     gyroscope: array[float32, 3]
@@ -43,7 +43,7 @@ class ImuState(idl.IdlStruct, typename="unitree_go.msg.dds_.IMUState_"):
 @final
 @autoid("sequential")
 class MotorState(idl.IdlStruct, typename="unitree_go.msg.dds_.MotorState_"):
-    """Motor: rad, rad/s, Nm at the joint; `lost` counts its missing answers."""
+    """State of one motor: angle, rad, speed, rad/s, torque at the joint, Nm; `lost` counts missing answers."""
 
     mode: uint8
     q: float32
@@ -79,7 +79,7 @@ class BatteryState(idl.IdlStruct, typename="unitree_go.msg.dds_.BmsState_"):
 @final
 @autoid("sequential")
 class LowState(idl.IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
-    """Sensors at 500 Hz; motors and feet in the maker's order, `tick` in ms."""
+    """Sensor message at 500 Hz; motors and feet in the manufacturer's order, `tick` in ms."""
 
     head: array[uint8, 2]
     level_flag: uint8
@@ -109,7 +109,7 @@ class LowState(idl.IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
 @final
 @autoid("sequential")
 class TimeSpec(idl.IdlStruct, typename="unitree_go.msg.dds_.TimeSpec_"):
-    """Time stamp of the maker's estimate: seconds and nanoseconds."""
+    """Time stamp of the manufacturer's state estimate: seconds and nanoseconds."""
 
     sec: int32
     nanosec: uint32
@@ -119,7 +119,7 @@ class TimeSpec(idl.IdlStruct, typename="unitree_go.msg.dds_.TimeSpec_"):
 @final
 @autoid("sequential")
 class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
-    """Point of a path that the maker's software has planned: s, m, rad, m/s, rad/s."""
+    """Point of a path planned by the manufacturer's software: time, s; position, m; heading, rad; their rates."""
 
     t_from_start: float32
     x: float32
@@ -134,7 +134,7 @@ class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
 @final
 @autoid("sequential")
 class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState_"):
-    """The maker's own estimate: m, m/s, rad/s."""
+    """State estimate of the manufacturer's controller: m, m/s, rad/s."""
 
     stamp: TimeSpec
     error_code: uint32
@@ -155,7 +155,7 @@ class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState
 
 
 class Numbers(tuple[float, ...]):
-    """All numbers of a LowState, in the order of its fields."""
+    """All numbers of a LowState message, in the order of its fields."""
 
 
 class NumbersAsSent:
@@ -172,7 +172,7 @@ class NumbersAsSent:
 
 
 class Sensors(NamedTuple):
-    """Numbers of a LowState that a driver reads: rad, rad/s, Nm, m/s^2; motors and feet in the maker's order."""
+    """Numbers of a LowState that a driver reads: rad, rad/s, Nm, m/s^2; motors and feet in the manufacturer's order."""
 
     tick: int  # ms
     crc: int
@@ -212,7 +212,7 @@ def numbers_of(state: LowState) -> Numbers:
 
 
 def check_sum(numbers: Numbers) -> int:
-    """Return the check sum of a LowState: CRC-32/MPEG-2 over its words but the last."""
+    """Return the check sum of a LowState: CRC-32/MPEG-2 over all its words but the last."""
     words = np.frombuffer(struct.pack(PACKED, *numbers)[:-4], dtype="<u4").byteswap().tobytes()
     reflected = zlib.crc32(words.translate(REVERSED)) ^ 0xFFFFFFFF
     return int(f"{reflected:032b}"[::-1], 2)

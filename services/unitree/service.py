@@ -88,7 +88,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         return made[0], made[1]
 
     def poll(self) -> None:
-        """Read the messages that have come, for release tick by tick."""
+        """Read the received messages, for release tick by tick."""
         for state in self._readers[0].take(N=MOST):
             if isinstance(state, tuple):  # else: the writer has gone
                 self.take(state)
@@ -97,7 +97,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
                 self._maker = state
 
     def take(self, numbers: Any) -> None:
-        """Take the numbers of a LowState message of the robot: joints, inertial unit, foot forces."""
+        """Store the numbers of a LowState message: joints, inertial unit, foot forces."""
         from .messages import check_sum, sensors_of
 
         m = sensors_of(numbers)
@@ -118,7 +118,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         self.intake.joints(stamp, *([part[i] for i in self._joints] for part in (m.q, m.dq, m.tau_est)))
 
     def release(self, tick: int) -> list[DueSample]:
-        """Return the samples of a tick, and the maker's estimate if there is a new one."""
+        """Return the samples of a tick, and the manufacturer's state estimate if there is a new one."""
         out, maker, self._maker = self.intake.release(tick), self._maker, None
         if maker is None:
             return out
@@ -134,7 +134,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         return [*out, DueSample(HW_MAKER, message, tick * TICK_NS, tick)]
 
     def _time(self, tick_ms: int) -> int:
-        """Return the time of the robot, ms, without the wrap of its counter."""
+        """Return the time of the robot, ms, with its counter unwrapped."""
         if self._now_ms is None:
             self._now_ms = tick_ms
         self._now_ms += (tick_ms - self._now_ms + WRAP // 2) % WRAP - WRAP // 2

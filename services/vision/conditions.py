@@ -1,4 +1,4 @@
-"""Conditions under which an image shows nothing that can be trusted, found in its pixels."""
+"""Conditions under which an image shows nothing reliable, found in its pixels."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -66,7 +66,7 @@ class Seen(NamedTuple):
 
 @dataclass
 class Eye:
-    """Recogniser of landmarks in the images of one camera, with a memory of the last images to detect faults.
+    """Recogniser of map landmarks in the images of one camera, with a memory of the last images to detect faults.
 
     Attributes:
         extractor: finds features in a picture.
@@ -194,7 +194,7 @@ class Eye:
 
 
 def _by_half(image: CameraImage, pixels: Array) -> Counts:
-    """Return how many of the places (n, 2) px in an image lie in its left, right, upper and lower half, (4,)."""
+    """Return the number of places, (n, 2) px, in the left, right, upper and lower half of an image, (4,)."""
     u, v = pixels.T
     inside = (u >= 0.0) & (u < image.width) & (v >= 0.0) & (v < image.height)
     left, upper = u < 0.5 * image.width, v < 0.5 * image.height

@@ -1,4 +1,4 @@
-"""Map of the features of a floor: place, descriptor, and number of images that showed each.
+"""Map of the features of a floor: position, descriptor, and number of images that showed each.
 
 The file is a landmark map of the navigator (`.npz`, places and descriptors) with further arrays. The navigator
 identifies a landmark by its *code*, a unit vector drawn at random from the place of the feature, so that equal maps
@@ -36,7 +36,7 @@ PLACE_GRID = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
-    """Map of the features on the floor by their places, frame map, and descriptors; immutable."""
+    """Map of the features on the floor: positions, frame map, and descriptors; immutable."""
 
     kind: Kind
     positions: Array
@@ -64,7 +64,7 @@ class FeatureMap:
 
     @property
     def codes(self) -> Array:
-        """Unit vectors by which the navigator knows the features, drawn at random from their places, (n, 8)."""
+        """Unit vectors by which the navigator identifies the features, drawn at random from their positions, (n, 8)."""
         found = np.empty((len(self), CODE))
         for row, place in zip(found, np.rint(self.positions / PLACE_GRID).astype("<i8"), strict=True):
             seed = int.from_bytes(hashlib.sha256(place.tobytes()).digest()[:8], "little")
@@ -72,20 +72,20 @@ class FeatureMap:
         return found / np.sqrt(np.add.reduce(found * found, axis=1, keepdims=True))
 
     def chosen(self, which: NDArray[Any]) -> "FeatureMap":
-        """Return the map of some features, by index (k,) or flag (n,)."""
+        """Return the map reduced to some features, by index (k,) or flag (n,)."""
         return replace(
             self, positions=self.positions[which], descriptors=self.descriptors[which], seen=self.seen[which],
             sd=self.sd[which],
         )  # fmt: skip
 
     def pruned(self, least: int, per_m2: float) -> "FeatureMap":
-        """Return the map of features seen in `least` images or more, of these the most seen, about `per_m2` per m^2."""
+        """Return the map of features seen in at least `least` images, the most seen up to about `per_m2` per m^2."""
         kept = np.flatnonzero(self.seen >= least)
         return self.chosen(kept[spread(self.positions[kept], self.seen[kept], per_m2)])
 
 
 def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[np.int64]:
-    """Return rising indices, (k,), of the features to keep: in each square of 0.25 m those seen in most images.
+    """Return ascending indices, (k,), of the features to keep: in each square of 0.25 m those seen in most images.
 
     Args:
         positions: on the floor, (n, 2) m.

@@ -28,7 +28,7 @@ class FoundFeatures(NamedTuple):
 
 @dataclass(frozen=True)
 class FeatureKind:
-    """One kind of feature: length of its descriptor, and the distance up to which two are alike."""
+    """Kind of feature: length of its descriptor, and the distance up to which two descriptors are alike."""
 
     length: int
     """Number of elements of a descriptor of this kind."""
@@ -69,7 +69,7 @@ class Extractor:
 
 
 def nothing(kind: Kind) -> FoundFeatures:
-    """Return an empty set of features of a kind."""
+    """Return an empty set of features of a kind (ORB or SIFT)."""
     return FoundFeatures(np.zeros((0, 2)), np.zeros((0, KINDS[kind].length), np.uint8 if kind == "orb" else np.float32))
 
 

@@ -71,7 +71,7 @@ class RecogniseParams:
 
 
 class Believed(NamedTuple):
-    """Belief of the robot's pose at the time of an image."""
+    """Believed pose of the robot at the time of an image."""
 
     pose: Array
     """x, y (m) and heading (rad) of base_link, frame map, (3,)."""
@@ -100,7 +100,7 @@ class Recognised(NamedTuple):
 def recognise(
     places: Array, descriptors: NDArray[Any], world: FeatureMap, belief: Believed | None, params: RecogniseParams
 ) -> Recognised:
-    """Return the features of the map that are recognised in a picture.
+    """Return the map features that are recognised in a picture.
 
     Args:
         places: of the picture's n features, forward and left of base_link, (n, 2) m.
@@ -134,13 +134,13 @@ def recognise(
 
 
 def seen_from(positions: Array, pose: Array) -> Array:
-    """Return places of the map, (n, 2) m, forward and left of a pose x, y (m), heading (rad), (3,), as (n, 2) m."""
+    """Return map positions, (n, 2) m, forward and left of a pose x, y (m), heading (rad), (3,), as (n, 2) m."""
     away, c, s = positions - pose[:2], math.cos(pose[2]), math.sin(pose[2])
     return np.stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]), axis=1)
 
 
 def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
-    """Return the distance from each place within which features of the map are candidates for it, (n,) m.
+    """Return the distance from each place within which map features are candidates for it, (n,) m.
 
     Args:
         places: of features, forward and left of base_link, (n, 2) m.
@@ -155,7 +155,7 @@ def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
 def _gate(
     places: Array, world: FeatureMap, belief: Believed | None, params: RecogniseParams
 ) -> tuple[NDArray[np.bool_], Index]:
-    """Return which features of the map may be which feature of the picture by their place.
+    """Return the map features that each feature of the picture may show by its position.
 
     Args:
         places: of the picture's n features, forward and left of base_link, (n, 2) m.
@@ -183,7 +183,7 @@ def _gate(
 def _likest(
     apart: Array, gate: NDArray[np.bool_], near: Index, world: FeatureMap, params: RecogniseParams
 ) -> tuple[Index, Index, Array]:
-    """Return the k matches that pass the ratio test, each feature of the map once, those most alike first.
+    """Return the k matches that pass the ratio test, each map feature once, the most similar first.
 
     Args:
         apart: distance of the descriptors of each feature and each map feature near the picture, (n, m).
@@ -220,7 +220,7 @@ def _likest(
 def consensus(
     here: Array, there: Array, params: RecogniseParams, bend: tuple[float, float] | None = None
 ) -> tuple[NDArray[np.bool_], float]:
-    """Return which matches one rigid motion explains, (n,), and the scale that would explain these best.
+    """Return the matches that one rigid motion explains, (n,), and the scale that would explain these best.
 
     Args:
         here: places of the matched features in the picture, forward and left of base_link, (n, 2) m.
@@ -258,7 +258,7 @@ def consensus(
 
 
 def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: Array) -> tuple[Array, Array]:
-    """Return the residuals x and y, (k, n) m, of n points under k motions, each a turn that takes `middle` to `goal`.
+    """Return the residuals x and y, (k, n) m, of n points under k motions, each a turn that maps `middle` to `goal`.
 
     Args:
         here: points before the motion, (n, 2) m.
@@ -274,7 +274,7 @@ def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: A
 
 
 def _fit(here: Array, there: Array) -> tuple[float, float, float]:
-    """Return cosine and sine of the turn that fits `here` onto `there`, (n, 2) m, best, and the scale (1 for n < 3).
+    """Return cosine and sine of the least-squares turn from `here` onto `there`, (n, 2) m, and the scale (1 for n < 3).
 
     A camera at height h, pitched by p rad too far, stretches the floor about the distance x ahead by 2 x p / h along
     the heading and by x p / h across it. Such a stretch is found beside the scale, so that a robot whose tilt is

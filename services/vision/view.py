@@ -1,4 +1,4 @@
-"""Picture of the floor from straight above, computed from a camera image.
+"""View of the floor from straight above, computed from a camera image.
 
 With p and R the camera's pose over the floor (position m and rot_floor_from_camera in heading axes below base_link,
 origin on the floor) a point of the floor (x, y, 0) is seen at K R^T ((x, y, 0) - p): a homography, linear in (x, y, 1).
@@ -29,7 +29,7 @@ EDGE = 9
 
 
 class FloorPose(NamedTuple):
-    """Roll, pitch and height of base_link over the floor."""
+    """Roll, pitch and height of base_link above the floor."""
 
     rot: Array
     """Rotation by roll and pitch, from base_link to the level axes along its heading, (3, 3)."""
@@ -62,7 +62,7 @@ class Patch:
 
 
 def greys(image: CameraImage) -> Greys:
-    """Return the pixels of an image message, greys 0 to 255, (height, width).
+    """Return the pixels of an image message as grey levels 0 to 255, (height, width).
 
     Raises:
         Refusal: what came is no such image.
@@ -135,7 +135,7 @@ def in_image(image: CameraImage, base: FloorPose, patch: Patch, places: Array) -
 
 
 def from_above(image: CameraImage, pixels: Greys, base: FloorPose, patch: Patch) -> tuple[Greys, Greys]:
-    """Return the picture of the floor from above, (rows, cols) greys, and a mask of it: 255 where it shows the floor.
+    """Return the view of the floor from above, (rows, cols) greys, and its mask: 255 where it shows the floor.
 
     Args:
         image: message of the image, with the camera's place.

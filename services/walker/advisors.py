@@ -54,7 +54,7 @@ class Advisors:
         """Reason why an advisor's reply is missing in this tick, in words; empty = none is missing."""
 
     def select(self, step: LandingRequest) -> Sequence[FootholdReply]:
-        """Return the footholds of all legs of a step, from one request; without a reply nominal ones (`no_answer`)."""
+        """Return the footholds of all legs of a step by one request; without a reply nominal ones (`no_answer`)."""
         if not self._footholds:
             return nominal_footholds(step)
         quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
@@ -78,7 +78,7 @@ class Advisors:
         return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
 
     def check(self, step: StanceCheck) -> StanceVerdict:
-        """Return the verdict on a planned step; without a reply by the hull of the standing feet."""
+        """Return the verdict on a planned step; without a reply that of the hull of the standing feet."""
         if not self._stability:
             return self._own_check(step)
         request = CheckRequest(

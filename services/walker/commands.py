@@ -1,4 +1,4 @@
-"""Checks of commands before they are obeyed, for every kind of robot."""
+"""Checks of walk commands before they are carried out, for every kind of robot."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class ArcLimits:
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
-    """Abilities of a gait by which a command is checked."""
+    """Abilities of a gait against which a command is checked."""
 
     gaits: tuple[str, ...]
     """Names of the gaits that a command may request."""

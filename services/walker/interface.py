@@ -100,7 +100,7 @@ class MotionCommand:
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """Answer to a command, at once."""
+    """Immediate reply to a command: accepted, or refused with a code and a reason."""
 
     accepted: bool
     walk_id: int = 0
@@ -120,7 +120,7 @@ def refused(code: str, field: str | None, reason: str) -> CommandReply:
 
 @dataclass(frozen=True, slots=True)
 class FootholdRequest:
-    """Part of a request for footholds that belongs to one leg."""
+    """Part of a foothold request that belongs to one leg."""
 
     leg: int
     nominal: Vec3
@@ -131,7 +131,7 @@ class FootholdRequest:
 
 @dataclass(frozen=True, slots=True)
 class LandingRequest:
-    """Request for the footholds of all legs that swing together, with the pose of the trunk when they land."""
+    """Request for the footholds of all legs that swing together, with the trunk pose at their landing."""
 
     body: Vec3
     """Planned base_link position at touch-down, map frame, m."""
@@ -142,7 +142,7 @@ class LandingRequest:
 
 @dataclass(frozen=True, slots=True)
 class FootholdReply:
-    """Foothold that was chosen for one leg, or the reason why there is none."""
+    """Foothold chosen for one leg, or the reason why there is none."""
 
     status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
     foothold: Vec3 | None = None
@@ -175,7 +175,7 @@ class StanceCheck:
 
 @dataclass(frozen=True, slots=True)
 class StanceVerdict:
-    """Result of the check of a planned step: whether the robot stays stable, and with which margin."""
+    """Result of the stability check of a planned step: whether the robot stays stable, and its margin."""
 
     stable: bool
     margin: float | None = None

@@ -18,7 +18,7 @@ from .interface import BodyPose, MotionCommand
 
 @dataclass(frozen=True)
 class WalkMemory:
-    """State that a walker needs to go on after a restart."""
+    """State that a walker needs to resume after a restart."""
 
     walk_id: int
     command: MotionCommand | None
@@ -36,7 +36,7 @@ class WalkMemory:
 
 
 class _StoredWalk(Stored):
-    """Content of the file: the state that a walker needs to go on after a restart, checked when it is read."""
+    """Content of the memory file: the state that a walker needs to resume, checked when it is read."""
 
     walk_id: int = Field(ge=0, le=MOST_ID)
     command: MotionCommand | None
@@ -61,7 +61,7 @@ class _StoredWalk(Stored):
 
 
 class MemoryFile(RunMemory):
-    """File that keeps the command under way.
+    """File that stores the command under way.
 
     Args:
         path: None = nothing is kept.
@@ -78,11 +78,11 @@ class MemoryFile(RunMemory):
             self.write(epoch, tick, asdict(kept))
 
     def forget(self) -> None:
-        """Remove the file of an earlier run; the first state of the new run is written even if it is equal."""
+        """Remove the file of an earlier run; the first state of the new run is written even if it is equal to it."""
         self._last = None
         super().forget()
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
-        """Return the state that was kept in `epoch` at or before `tick`, None if there is none."""
+        """Return the state stored in `epoch` at or before `tick`; None = there is none."""
         found = self.read(_StoredWalk, epoch, tick)
         return found and WalkMemory(**{field.name: getattr(found, field.name) for field in fields(WalkMemory)})

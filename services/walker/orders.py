@@ -1,4 +1,4 @@
-"""Record of the navigator's last order, by which none is obeyed twice, not even after a restart of the walker."""
+"""Record of the navigator's last order, so that no order is obeyed twice, not even after a walker restart."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class TakenOrder:
     """Number of the order ignored by a walker started in mid-run without its memory; it counts as taken."""
 
     def after(self, order: MotionOrder) -> "TakenOrder":
-        """Return the record after a message with `order`, with another `number` if the order is to be obeyed."""
+        """Return the record after a message with `order`; its `number` changes if the order is to be obeyed."""
         if not self.known:
             return TakenOrder(self.number, seen=order.number)
         if order.number in (0, self.number, self.seen):

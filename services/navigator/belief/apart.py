@@ -59,7 +59,7 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
 
 
 def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
-    """Return the number of landmarks around each end of a walk from one pose that another pose would not have, (k,).
+    """Return the number of landmarks around each end of a walk that one pose predicts and another does not, (k,).
 
     Args:
         pose: x, y (m), heading (rad), frame map, (3,), from which the landmarks are taken.

@@ -40,7 +40,7 @@ class Fates(NamedTuple):
 
 @row_kernel
 def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
-    """Sort the indices `chosen` in place by rising keys of the elements they point at, equal keys by rising ties.
+    """Sort the indices `chosen` in place by ascending keys of the elements they point at, ties by ascending `ties`.
 
     Args:
         chosen: indices into the other two, (n,), reordered.
@@ -151,7 +151,7 @@ def match(
 
 @row_kernel
 def likeness(look: Array, columns: Array, out: Array) -> None:
-    """Write the squared distances of a descriptor to those of n landmarks to `out`; each sum runs in index order.
+    """Write the squared distances between a descriptor and those of n landmarks to `out`, summed in index order.
 
     Args:
         look: descriptor, (k,), no unit.

@@ -50,7 +50,7 @@ class CommonErrors:
 
     @property
     def any(self) -> bool:
-        """True if the landmarks of a frame share any error."""
+        """True if any error common to the landmarks of a frame is modelled, False if all deviations are 0."""
         return self.tilt > 0.0 or self.sway > 0.0
 
     def array(self) -> Array:
@@ -75,7 +75,7 @@ class CommonErrors:
 
 @row_kernel
 def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> None:
-    """Let the errors that sightings share fade: a share of each stays, noise makes up; `mean` and `cov` are changed.
+    """Predict the errors common to all sightings of a frame: a share of each stays, noise is added; changed in place.
 
     Args:
         mean: x, y (m), heading (rad), drift (rad per m), pitch, roll (rad), sway (m), (n,), n = 7.

@@ -136,7 +136,7 @@ def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide
 
 @row_kernel
 def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: SightNoise) -> Array:
-    """Return the pose of least squares by the inliers and the belief, (3,): x and y in m, heading in rad, frame map.
+    """Return the least-squares pose by inliers and belief, (3,): x and y in m, heading in rad, frame map.
 
     Three steps of Gauss and Newton.
 

@@ -52,7 +52,7 @@ class OtherPlaces:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all frames, because the pose was stated by a user or found anew."""
+        """Discard all frames, because the pose was stated by a user or found again."""
         self._log, self._first, self._last = 0.0, -math.inf, -math.inf
         self._frames: Relocaliser | None = None
         self._moved = _ORIGIN  # map, as believed now, in the map as believed at the first sight
@@ -61,7 +61,7 @@ class OtherPlaces:
 
     @property
     def probability(self) -> float:
-        """Probability that the robot is at another place; 0 where nothing favours it."""
+        """Probability that the robot is at another place than believed; 0 while no frame favours one."""
         odds = math.exp(min(50.0, self._log)) * RATE * self._apart if self._log > 0.0 else 0.0
         return odds / (1.0 + odds)
 
@@ -124,7 +124,7 @@ def _square(cov: Array, off: Array) -> tuple[Array, Array]:
 
 
 def _one_by_one(seen: Evidence, prior: Sight) -> float:
-    """Return the log evidence, nats, of the sightings at the believed pose, each widened by that pose's covariance."""
+    """Return the log evidence, nats, of the sightings one by one at the believed pose, widened by its covariance."""
     n, (c, s) = len(seen.place), (math.cos(prior.pose[2]), math.sin(prior.pose[2]))
     by_pose = np.zeros((n, 2, 3))  # of a sighting in heading axes
     by_pose[:, 0, :2], by_pose[:, 1, :2] = (c, s), (-s, c)

@@ -23,7 +23,7 @@ MATCHED, INVALID, FAR, UNLIKE, AMBIGUOUS, DOUBLED, OUTLIER, SURPLUS = 0, 1, 2, 3
 
 
 class DetectionError(Refusal):
-    """Detections that cannot be used; `field` names what is wrong with them."""
+    """Error for detections that cannot be used; `field` names the wrong one."""
 
 
 class _Deviations(NamedTuple):
@@ -61,7 +61,7 @@ class SightNoise(_Deviations):
         return self
 
     def wider(self, factor: float) -> "SightNoise":
-        """Return the noise with every standard deviation of range and bearing times a factor.
+        """Return the noise with the standard deviations of range and bearing multiplied by a factor.
 
         Raises:
             DetectionError: the factor is negative, 0 or not finite.

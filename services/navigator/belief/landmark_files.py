@@ -25,7 +25,7 @@ SD = "sd"
 
 
 def save(world: FloorLandmarks, path: str | Path) -> Path:
-    """Write a landmark map, whole or not at all; return the path, which ends in `.npz`."""
+    """Write a landmark map atomically; return the path, which ends in `.npz`."""
     target = Path(path).with_suffix(".npz")
     with whole(target) as part, part.open("wb") as file:
         np.savez_compressed(

@@ -23,7 +23,7 @@ PER_BUCKET = 4.0
 
 
 class LandmarkMapError(Refusal):
-    """A landmark map that cannot be used; `field` names what is wrong with it."""
+    """Error for a landmark map that cannot be used; `field` names what is wrong with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class FloorLandmarks:
 
     @cached_property
     def sha256(self) -> str:
-        """Digest of positions and descriptors, not of version and source."""
+        """SHA-256 digest of positions and descriptors; version and source do not count."""
         return hashlib.sha256(f"{self.descriptors.shape} ".encode() + self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:

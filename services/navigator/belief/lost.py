@@ -167,7 +167,7 @@ class LostState:
 
     @property
     def words(self) -> str:
-        """Text on the likeliest of the hypotheses that the belief is wrong, whatever its probability."""
+        """Text on the most probable hypothesis under which the believed pose is wrong, whatever its probability."""
         here, elsewhere, strange = (round(value) for value in self.recent)
         total = here + elsewhere + strange
         texts = {
@@ -291,7 +291,7 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
 
 
 def shares_of(state: LostState, model: LostModel) -> Shares:
-    """Return the shares of detections here, elsewhere and strange that a right pose leads to.
+    """Return the expected shares of detections here, elsewhere and strange if the believed pose is right.
 
     Here: a landmark in the gate looks like the detection; elsewhere: only landmarks out of it do; strange: none does.
     The last two are the model's shares, or less where detections of a right pose have shown less.
@@ -346,7 +346,7 @@ def normalised(state: LostState) -> LostState:
 
 
 def _displaced_log(frame: FrameEvidence, model: LostModel) -> float:
-    """Return the log likelihood, nats, of what the detections of a frame show, for a displaced robot."""
+    """Return the log likelihood, nats, of the detections of a frame for a displaced robot."""
     if not frame.chances[0] and not frame.chances[1]:
         return _log_likelihood(model.displaced, frame)
     least, _, strange = model.displaced

@@ -110,7 +110,7 @@ def match(
 
 
 def check_length(seen: Detections, world: FloorLandmarks) -> None:
-    """Refuse descriptors of another length than the map's (raises DetectionError); no detections have none."""
+    """Raise DetectionError for descriptors of another length than the map's; an empty set passes."""
     if len(seen) and seen.looks.shape[1] != world.descriptor_length:
         text = f"the map's descriptors have {world.descriptor_length} numbers, got {seen.looks.shape[1]}"
         raise DetectionError("bad_descriptor", text, "descriptor")
@@ -135,7 +135,7 @@ def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise
 
 
 def gate_areas(cov: Array, seen: Detections, noise: SightNoise) -> Array:
-    """Return the area of the floor that the gate of each detection covers, about, (m,) m^2.
+    """Return the approximate area of floor that the gate of each detection covers, (m,) m^2.
 
     Args:
         cov: covariance of believed x, y (m) and heading (rad), (3, 3) or larger.

@@ -43,7 +43,7 @@ class Sight(NamedTuple):
 
 
 class SeenElsewhere(NamedTuple):
-    """Detection of a landmark of the map at another place than its own."""
+    """Detection of a landmark away from its place in the map."""
 
     detection: int
     """Index of the detection in its frame."""
@@ -89,7 +89,7 @@ class MovedLandmarks:
         return replace(matches, fates=fates, counts=dict(zip(FATES, counts, strict=True)))
 
     def _place(self, seen: Detections, d: int, sight: Sight) -> SeenElsewhere | None:
-        """Return where detection d shows the landmark that it looks like; None = it looks like none."""
+        """Return the place at which detection d shows a known landmark; None = it resembles no landmark."""
         noise, (x, y, heading) = sight.noise, sight.pose
         association.likeness(seen.looks[d], self.world.columns, self._gaps)
         landmark = int(self._gaps.argmin())

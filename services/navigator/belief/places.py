@@ -117,7 +117,7 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
 
 @row_kernel
 def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
-    """Take one step of least squares of a pose over the explained sightings; `pose` is changed in place.
+    """Do one least-squares step of a pose over the explained sightings; `pose` is changed in place.
 
     Args:
         pose: x, y (m), heading (rad) of the robot's reference frame in the map, (3,).
@@ -176,7 +176,7 @@ def evidence(seen: Evidence, to: Assignment) -> float:
 
 @row_kernel
 def agree(one: Array, other: Array) -> bool:
-    """Return True if two places are one within their covariances: no coordinate is 4 standard deviations off.
+    """Return True if two candidate poses are one: each coordinate differs by at most 4 standard deviations.
 
     one, other: (14,): x, y (m), heading (rad), log evidence, explained sightings, covariance (9, row by row).
     """
@@ -189,7 +189,7 @@ def agree(one: Array, other: Array) -> bool:
 
 @row_kernel
 def keep(found: PlaceList, filled: int, row: Array, chosen: Ints) -> int:
-    """Enter a place into the list of the best; return how many are filled.
+    """Enter a candidate pose into the list of the best; return the number of rows in use.
 
     A place that explains more than half of its sightings by the landmarks of another, and agrees with it within the
     covariances, is the same place: the one with more evidence stays. A full list loses the place with the least
@@ -264,7 +264,7 @@ def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p
 
 @row_kernel
 def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Array) -> bool:
-    """Refine a pose by all sightings and write its place; return True if at least two sightings determine one.
+    """Refine a pose by all sightings and write it to `row`; return True if at least two sightings determine it.
 
     Args:
         seen: sightings and their candidates.
@@ -350,7 +350,7 @@ def _advance(cursor: Ints, few: Ints, starts: Ints) -> None:
 
 @row_kernel
 def search(seen: Evidence, found: PlaceList, cursor: Ints, tries: int, work: int) -> bool:
-    """Continue the search for the places of a map that explain the sightings, by a bounded amount of work.
+    """Continue the search for poses that explain the sightings of a lost robot, by a bounded amount of work.
 
     Args:
         seen: sightings and their candidates.

@@ -42,7 +42,7 @@ sightings, or too uncertain a heading."""
 
 @dataclass(frozen=True)
 class RelocaliseLimits:
-    """Conditions under which the search for a lost robot's pose returns one."""
+    """Conditions under which the search for a lost robot's pose returns a pose."""
 
     sure: float = 0.999
     """Least probability of the best pose at which it is returned."""
@@ -211,7 +211,7 @@ class PlaceSearch:
 
 
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:
-    """Return the result of a search: the best place if it has nearly all of the evidence, else the reason for none.
+    """Return the result of a search: the best pose if it holds nearly all evidence, else the reason for none.
 
     Args:
         places: found by the search, (p, 14): x, y (m), heading (rad), log evidence, explained sightings, covariance

@@ -1,4 +1,4 @@
-"""Sightings of a robot that stands or turns on the spot: what several frames show alike, in a memory of bounded size.
+"""Sightings of a robot that stands or turns on the spot: detections averaged over frames, in a memory of bounded size.
 
 Detections that look alike and lie alike are one sighting, a running mean over at most `LONGEST` detections. A sighting
 that was not seen for `FORGET_S` is dropped, and a full memory replaces the one seen least.
@@ -176,7 +176,7 @@ class SightingMemory:
     def add(
         self, seen: Detections, pose: tuple[float, float, float], time: float, noise: SightNoise | None = None
     ) -> None:
-        """Enter a frame; detections that are not finite or out of range are left out.
+        """Enter the detections of a frame; those that are not finite or out of range are left out.
 
         Args:
             seen: its detections.

@@ -1,4 +1,4 @@
-"""Strain of the map, turn of the camera, displacement of the robot, by how landmarks of a frame lie to each other.
+"""Strain of the map, turn of the camera, displacement of the robot, estimated from the landmarks of each frame.
 
 Five cases are weighed,
 
@@ -155,7 +155,7 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height:
 
 @row_kernel
 def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> None:
-    """Let the states `mean` and their covariance `cov` fade, in place, towards their long-run values.
+    """Let the states `mean` and their covariance `cov` decay, in place, towards their long-run values.
 
     Args:
         mean: strain (3, no unit), turn of the camera (3, rad), errors that fade (rad, rad, m), pose (m, m, rad), (12,).
@@ -222,7 +222,7 @@ def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float
 
 @dataclass
 class MapStrain:
-    """Check by probabilities whether the map is strained, the camera tilted or aside, the robot displaced, or none.
+    """Check whether the map is strained, the camera tilted or turned aside, the robot displaced, or none of these.
 
     `shared`: errors that the landmarks of a frame share, whose tilt fades; `model`: what the cases expect.
     """
@@ -243,7 +243,7 @@ class MapStrain:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all frames of landmarks: every case begins with its prior again."""
+        """Discard all frames of landmarks: every case restarts from its prior."""
         self._cases = [Case(self._centre.copy(), np.diag(sds * sds)) for sds in self._sds]
         self._logs, self._at, self._placed = np.array([0.0] * 4 + [-math.inf]), 0.0, False
 
@@ -316,7 +316,7 @@ class MapStrain:
         return math.log(self.model.displacement_rate * min(max(dt, 0.01), 10.0))
 
     def _displace(self, dt: float) -> None:
-        """Let the case of a displaced robot begin now if that is likelier than that it began before."""
+        """Let the case of a displaced robot begin now if that is more probable than an earlier begin."""
         now = self._logs[RIGHT] + self._rare(dt)
         if now > self._logs[DISPLACED]:
             place, heading = self.model.displaced
@@ -335,13 +335,13 @@ class MapStrain:
 
     @property
     def strain(self) -> tuple[float, float, float]:
-        """Strain E_xx, E_yy, E_xy of the map, no unit, in the case that it is strained: 0.1 = a tenth too long."""
+        """Strain E_xx, E_yy, E_xy of the map, no unit, given that it is strained: 0.1 = 10 % too long."""
         xx, yy, xy = self._cases[STRAINED].mean[:TURN].tolist()
         return (xx, yy, xy)
 
     @property
     def sure_turn(self) -> Turn | None:
-        """Pitch, roll and sideways turn of the camera, rad, 0 for each small or uncertain one; None = all are."""
+        """Pitch, roll and sideways turn of the camera, rad, 0 for each that is small or uncertain; None = all are."""
         probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
         for number, parts, small in ((TILTED, (0, 1), self.model.small[1]), (ASIDE, (2,), self.model.small[2])):
             case = self._cases[number]
@@ -378,7 +378,7 @@ class MapStrain:
 
 
 def turned_back(seen: Detections, turn: Turn, height: float) -> Detections:
-    """Return the detections of a turned camera as they would be without its turn.
+    """Return the detections of a turned camera as they would be with the camera at its stated mounting.
 
     `turn`: its pitch, roll and sideways turn, rad; `height`: of the camera above the floor, m.
     """

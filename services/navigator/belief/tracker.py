@@ -55,7 +55,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class StartUncertainty:
-    """Standard deviations of a pose that a user states."""
+    """Standard deviations of a pose stated by a user, and of the drift."""
 
     position: float = 0.05
     """Standard deviation of x and of y, m."""
@@ -163,7 +163,7 @@ class PoseTracker:
         self._lose(before)
 
     def _lose(self, before: tuple[float, float]) -> None:
-        """Count the information lost since the log variances of position and pose, nats, were `before`."""
+        """Add the information lost since the log variances of position and pose, nats, were `before`."""
         now = log_variances(self.cov)
         for i in range(2):
             if before[i] < now[i]:
@@ -175,7 +175,7 @@ class PoseTracker:
         return (float(self.mean[0]), float(self.mean[1]), float(self.mean[2]))
 
     def body_covariance(self) -> Array:
-        """Return the covariance of base_link, (3, 3) in m and rad: the pose's, and the sway across the heading."""
+        """Return the covariance of base_link, (3, 3) in m and rad: the pose's and that of the sway."""
         cov = self.cov[:3, :3].copy()
         c, s, variance = math.cos(float(self.mean[2])), math.sin(float(self.mean[2])), self.shared.sway**2
         cov[0, 0] += s * s * variance
@@ -200,7 +200,7 @@ class PoseTracker:
             self.strain.moved(way, max(motion.along, motion.across), heading)
 
     def after(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the belief as it would be after a motion; the tracker does not change.
+        """Return the belief predicted over a motion; the tracker does not change.
 
         Returns:
             Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).
@@ -214,7 +214,7 @@ class PoseTracker:
         ukf.predict(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
 
     def look(self, seen: Detections, time: float, *, standing: bool, trusted: bool = True) -> FrameResult:
-        """Correct the belief with the landmarks of one frame.
+        """Correct the belief with the landmarks detected in one camera frame.
 
         Args:
             seen: landmarks detected in the frame.
@@ -305,7 +305,7 @@ def of_sight(variance: float, common: float, n: float) -> float:
 
 
 def held(n: float, ratio: float, lost: float) -> float:
-    """Return the number of sights with as much information as the belief still has of n sights of a landmark.
+    """Return the number of sightings that hold the information that the belief still has of n sightings of a landmark.
 
     n sights have n / (1 + n c) in units of one sight, c = `ratio` the variance in common over that of one sight. Growth
     of the belief's variance by a factor leaves 1 / factor of it: for one landmark alone, a variance q added between two

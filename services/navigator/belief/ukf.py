@@ -36,7 +36,7 @@ ENTROPY_OF_UNIT = 1.5 * math.log(2.0 * math.pi * math.e)  # nats, of three indep
 
 
 class LandmarkSighting(NamedTuple):
-    """A landmark of the map as a camera sees it."""
+    """Landmark of the map with the range and bearing that a camera measured."""
 
     x: float
     """x of the landmark, m, frame map."""
@@ -54,7 +54,7 @@ class LandmarkSighting(NamedTuple):
 
 @row_kernel
 def wrap(angle: float) -> float:
-    """Return the same angle in [-pi, pi), rad."""
+    """Return an angle wrapped to [-pi, pi), rad."""
     return angle - TURN * math.floor((angle + math.pi) / TURN)
 
 
@@ -144,7 +144,7 @@ def _offsets(work: Array, n: int, i: int, j: int, mean: float) -> tuple[float, f
 def predict(
     mean: Array, cov: Array, forward: float, left: float, turn: float, walked: float, noise: Array, work: Array
 ) -> None:
-    """Carry the belief over a motion: `mean` and `cov` are replaced.
+    """Predict the belief over a motion: `mean` and `cov` are replaced.
 
     Args:
         mean: x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m walked), then other states, (n,).
@@ -250,7 +250,7 @@ def innovation(
 
 @row_kernel
 def update(mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array) -> float:
-    """Correct the belief with one sighted landmark: `mean` and `cov` are replaced.
+    """Correct the belief with one detected landmark: `mean` and `cov` are replaced.
 
     Args:
         mean: x, y (m), heading (rad), frame map, drift (rad per m), errors z that sightings share, (n,).

@@ -1,4 +1,4 @@
-"""Whole episodes of a policy, one after the other in a kernel."""
+"""Simulation of whole episodes of a policy, one after the other, in a kernel."""
 
 import math
 

@@ -50,7 +50,7 @@ class EpisodeState(NamedTuple):
 
 
 class EpisodeRoom(NamedTuple):
-    """Scratch of the kernels of an episode; nothing in it outlives a call."""
+    """Scratch arrays of an episode's kernels; their contents do not outlive a call."""
 
     noise: Array
     """Variances that a motion adds along and across the heading (m^2), to heading (rad^2) and drift (rad^2 per m^2),

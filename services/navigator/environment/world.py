@@ -1,4 +1,4 @@
-"""The world of an episode as kernels: floor of landmarks, motion with drift and noise, frames, walls, goal, belief.
+"""Simulated world of an episode as kernels: landmarks, motion with drift and noise, frames, walls, goal, belief.
 
 The arrays of an episode are changed in place. The policy sees the belief and whether the robot is blocked; the truth
 decides about walls, landmarks in view and the arrival at the goal, as in the paper.
@@ -106,7 +106,7 @@ def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
 
 @row_kernel
 def drift_at(scene: Record, began: float, way: float) -> float:
-    """Return the drift, rad per m, after a way, by the course that the scene names.
+    """Return the drift, rad per m, after a distance, by the course that the scene names.
 
     Args:
         scene: record of the scene; course: 0 constant, 1 other sign from half of the way on, 2 none before half of the
@@ -154,7 +154,7 @@ def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None
 
 @row_kernel
 def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None:
-    """Let the errors of roll and pitch that sightings share change: z' = keep z + noise, in `mean` and `cov`, in place.
+    """Predict the roll and pitch error common to sightings: z' = keep z + noise, in `mean` and `cov`, in place.
 
     Args:
         mean: belief, (n,): four states of pose and drift, then these errors (rad).
@@ -206,7 +206,7 @@ def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array)
 
 @row_kernel
 def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) -> int:
-    """Take one frame of the camera: correct the belief with each landmark that is recognised; return their number.
+    """Take one camera frame: correct the belief with each landmark that is recognised; return their number.
 
     Args:
         scene: record of the scene: camera, most landmarks of a frame.

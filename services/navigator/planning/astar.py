@@ -55,7 +55,7 @@ GROWTH = 65_536
 def enter(
     entry: int, f: int, heads: Ints32, cell_of: Ints32, next_of: Ints32, spare: int, used: int
 ) -> tuple[int, int]:
-    """Put an entry into the queue of open cells, the bucket of its f; the three arrays are changed in place.
+    """Enter an open cell into the bucket of its cost f in the queue; the three arrays are changed in place.
 
     Args:
         entry: index of a cell << 4 | direction of the step to it, 0 to 7, or 8 for none.
@@ -84,7 +84,7 @@ def enter(
 
 @row_kernel
 def doubled(entries: Ints32) -> Ints32:
-    """Return an array of twice the length, (2 n,), that begins with `entries` (n,), no unit; the rest is not set."""
+    """Return an array of twice the length, (2 n,), that begins with `entries` (n,); the rest is uninitialised."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
         out[i] = entries[i]
@@ -114,7 +114,7 @@ class SearchMap(NamedTuple):
 
 
 class Successors(NamedTuple):
-    """Ends of the steps from one cell, at most eight."""
+    """Successors of one cell in the search, at most eight."""
 
     entry: Ints
     """Queue entries of the successors, (8,): index of the cell << 4 | direction of the step to it."""
@@ -149,7 +149,7 @@ def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
 
 @row_kernel
 def bound(floor: SearchMap, cell: int) -> int:
-    """Return a lower bound of the cost from a cell to the goal; 0 without a goal.
+    """Return a lower bound of the cost from a cell to the goal, no unit; 0 without a goal.
 
     A step over an edge costs 96 between two cells far from obstacles, up to 384 near them.
 
@@ -192,7 +192,7 @@ def _run(floor: SearchMap, g: Ints32, n: int, step: int, cost: int) -> tuple[int
 
 @inner_kernel
 def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: Successors) -> int:
-    """Write the ends of the steps from a cell that become cheaper; return their number.
+    """Write the successors of a cell that become cheaper; return their number.
 
     Args:
         floor: constants of the search.
@@ -232,7 +232,7 @@ def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: S
 
 @row_kernel
 def _settle_rest(g: Ints32) -> int:
-    """Settle the cells that were only seen by a search, in place; return their number.
+    """Mark the cells that a search reached but did not settle as settled, in place; return their number.
 
     `g`: cost c from the start, (cells,), no unit: -c - 1 of settled cells, c of seen ones, 2^31 - 1 of others.
     """
@@ -303,7 +303,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
 
 @row_kernel
 def cost_of(entry: int) -> int:
-    """Return the cost c of a cell from its entry after a search: -c - 1 if settled, c if seen; 2^31 - 1 of others."""
+    """Return the cost c of a cell from its entry after a search: -c - 1 if settled, c if reached, 2^31 - 1 if not."""
     return -entry - 1 if entry < 0 else entry
 
 

@@ -1,4 +1,4 @@
-"""Cost of walking over each cell of a floor: none within the robot's radius of an obstacle, dearer near it.
+"""Cost of walking over each cell of a floor: blocked within the robot's radius of an obstacle, raised near it.
 
 Kernels work on padded arrays: a frame of one blocked cell around the grid spares every neighbour its test of the
 borders.
@@ -88,7 +88,7 @@ class Costs:
 
     @cached_property
     def scratch(self) -> Ints32:
-        """Room for the costs from the start that a search writes, (cells,), no unit; every search overwrites it."""
+        """Array for the costs from the start that a search writes, (cells,), no unit; every search overwrites it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
     def clearance_of(self, path: Ints32) -> float:
@@ -206,7 +206,7 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
 
 @row_kernel
 def root(parent: Ints32, i: int) -> int:
-    """Return the label that stands for all labels joined with label i, and shorten the way to it, in place.
+    """Return the label that represents all labels joined with label i, and compress its path, in place.
 
     `parent`: of each label, the label it was joined to, itself if none, (labels,).
     """
@@ -252,7 +252,7 @@ def regions(weight: Bytes) -> Ints32:
 
 @row_kernel
 def nearest_free(free: Flags, row: float, col: float) -> tuple[int, int, float]:
-    """Return the free cell nearest to a place.
+    """Return row and column of the free cell nearest to a given cell.
 
     Args:
         free: True where a cell may be taken, (rows, cols).

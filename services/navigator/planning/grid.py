@@ -22,7 +22,7 @@ STEP = 0.04
 
 
 class GridError(Refusal):
-    """An occupancy grid that cannot be; `field` names what is wrong with it."""
+    """Error for an invalid occupancy grid; `field` names what is wrong with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class FloorGrid:
         return (math.floor((y - self.origin[1]) / self.cell), math.floor((x - self.origin[0]) / self.cell))
 
     def inside(self, row: int, col: int) -> bool:
-        """Return whether the cell belongs to the grid."""
+        """Return True if a cell (row, col) lies inside the grid."""
         return 0 <= row < self.cells.shape[0] and 0 <= col < self.cells.shape[1]
 
     def centre(self, row: int, col: int) -> tuple[float, float]:
@@ -112,7 +112,7 @@ class FloorGrid:
 
 
 def grid_of(ground: HeightMap) -> FloorGrid:
-    """Return the occupancy of a height map: ground more than 4 cm over or under the median height is occupied.
+    """Return the occupancy of a height map: ground more than 4 cm above or below the median height is occupied.
 
     Cells without a height are unknown.
 

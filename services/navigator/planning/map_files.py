@@ -46,7 +46,7 @@ Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 class MapFileError(Refusal):
-    """A map file that cannot be used; `field` names the key or file."""
+    """Error for a map file that cannot be used; `field` names the key or file."""
 
 
 def _malformed(text: str, field: str = "image") -> MapFileError:
@@ -101,7 +101,7 @@ def load(path: str | Path) -> FloorGrid:
 
 
 def parse(text: str, path: Path) -> MapInfo:
-    """Return the contents of a YAML; the image is searched beside `path`.
+    """Return the contents of a map's YAML text; the image is searched beside `path`.
 
     Raises:
         MapFileError: it is no YAML of a map, uses anchors or aliases, or names an image outside of its folder.

@@ -28,7 +28,7 @@ class RouteError(Refusal):
 
 @dataclass(frozen=True)
 class RouteLimits:
-    """Limits of a route, positive numbers."""
+    """Limits of route planning, positive numbers."""
 
     leg: float = 1.0
     """Largest distance between consecutive waypoints, m: the viewing distance of the camera."""
@@ -95,7 +95,7 @@ def _checked(point: Point, field: str) -> Point:
 
 
 def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
-    """Return padded cell (row, column) and place (m, frame map) at which the path begins.
+    """Return padded cell (row, column) and position (m, frame map) at which a route begins.
 
     It is the start, or the nearest free cell if that is within `limits.slack` m of it.
 
@@ -164,7 +164,7 @@ def _shown(point: Point) -> str:
 
 
 def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
-    """Return waypoints along the lines through points, at most `leg` m apart, (n, 2) m, and the length of the lines, m.
+    """Return waypoints on the lines through points, at most `leg` m apart, (n, 2) m, and the length of the lines, m.
 
     The first of the points, m, frame map, is where the robot is and no waypoint.
     """

@@ -1,4 +1,4 @@
-"""Local map beside the static one: obstacles that a ranger sees and the map does not know; they fade.
+"""Local map of obstacles that a ranger detects and the static map does not hold; they expire.
 
 An echo at r m in a cone is explained if the map, or a mark, has an obstacle in the cone no farther than r and a slack.
 One that is not marks the cells of its arc; an empty cone clears the cells in it, and a mark that is not seen again is
@@ -65,7 +65,7 @@ def expected_echo(
 
 
 class SeenObstacles:
-    """Memory of the cells that a ranger saw occupied and the static map has free: marks, which fade.
+    """Memory of cells that a ranger saw occupied but the static map has free; marks expire.
 
     Args:
         grid: static map.
@@ -105,7 +105,7 @@ class SeenObstacles:
         self.version += before != set(self.marks)
 
     def _seen_again(self, at: Pose, half: float, distance: float, now: float) -> bool:
-        """Return True if marked cells explain an echo, and renew the times of these.
+        """Return True if marked cells explain an echo, and renew the times of these cells.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
@@ -152,7 +152,7 @@ class SeenObstacles:
         return found
 
     def free(self, here: Point, route: tuple[Point, ...], radius: float) -> bool:
-        """Return True if no marked obstacle is near the next 2 m of a route.
+        """Return True if no marked cell lies near the next 2 m of a route.
 
         Args:
             here: where the robot is, x, y in m, frame map.
@@ -177,7 +177,7 @@ class SeenObstacles:
         return True
 
     def joined(self) -> FloorGrid:
-        """Return a copy of the static map in which cells with obstacles that sensors saw are occupied, too."""
+        """Return a copy of the static map in which marked cells are occupied, too."""
         cells = self.grid.cells.copy()
         for cell in self.marks:
             cells[cell] = OCCUPIED

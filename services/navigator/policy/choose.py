@@ -50,7 +50,7 @@ class PolicyTables(NamedTuple):
 
 
 class ChoiceRoom(NamedTuple):
-    """Results of a decision, and scratch for it."""
+    """Arrays for the results of a decision, and its scratch."""
 
     values: Array
     """Value of each action, (A,), larger is better: s, or no unit by the rules of HAND and STEER."""
@@ -121,7 +121,7 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 def _by_hand(
     policy: PolicyTables, actions: Record, d: float, phi: float, h: float, drift: float, values: Array
 ) -> None:
-    """Write the values of a controller of rules: it stands when unsure, turns to a goal far aside, else walks.
+    """Write the values of a rule-based controller: it stands when uncertain, turns to a goal far aside, else walks.
 
     The choice of the rules has the largest value, the other actions have less, in the order of the rules. A policy of
     the kind STEER takes the arc that comes nearest to a share of the bearing after the turn by the drift.
@@ -154,7 +154,7 @@ def _by_hand(
 
 @row_kernel
 def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy: float, out: Array) -> None:
-    """Write the action values of a known state, by the policy's table, to `out` (A,), s.
+    """Write the action values of a state by the policy's table to `out` (A,), s.
 
     Args:
         policy: table and its axes.
@@ -259,7 +259,7 @@ def after_sight(heading: float, shown: Array, work: Array) -> None:
 def _gain_of_sight(
     policy: PolicyTables, model: ModelTables, mean: Array, gx: float, gy: float, room: ChoiceRoom
 ) -> float:
-    """Return the seconds that deciding after a stand (pause for the camera) saves; > 0 where it can change the choice.
+    """Return the time that deciding after a stand (pause for the camera) saves, s; > 0 where it changes the choice.
 
     That is the mean, over the places where the estimate may then be, of the best value there, less the best of the
     actions' means over the same places.

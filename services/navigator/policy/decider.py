@@ -76,12 +76,12 @@ class Decider:
         self.begin()
 
     def begin(self) -> None:
-        """Forget the actions so far, for a new goal."""
+        """Discard the counts of past actions, for a new goal."""
         self.status = record(STATUS)
         self.status.last = slots.NO_ACTION
 
     def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> Decision:
-        """Return the next action, with values and a reason, for the belief as it will be when the action begins.
+        """Return the next action, with values and a reason, for the belief predicted to when the action begins.
 
         Args:
             mean: x, y (m), heading (rad), and from n = 4 on the drift (rad per m), frame map, (n,).
@@ -103,7 +103,7 @@ class Decider:
         return decision
 
     def did(self, index: int) -> None:
-        """Record that the action with this index was done; `decide` does so for the one it returns."""
+        """Record that the action of this index was executed; `decide` does so for the action it returns."""
         kind, status = self.world.tables.actions[index].kind, self.status
         status.last = index
         status.stands = status.stands + 1.0 if kind == slots.STAND else 0.0
@@ -147,7 +147,7 @@ def hand(
     slope: float = 0.0,
     steer: float = 0.0,
 ) -> Policy:
-    """Return a controller made by hand: it stands while unsure, turns to a goal far aside, else walks.
+    """Return a hand-made controller: it stands while uncertain, turns to a goal far aside, else walks.
 
     Args:
         world: the model's arrays.

@@ -58,14 +58,14 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
 
 
 def felt_rate(s: BipedState) -> Array:
-    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s; at a stand nearer to 0 by 0.02."""
+    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s, with a dead zone at a stand."""
     if s.mode is not Mode.STAND:
         return s.rate
     return np.sign(s.rate) * np.maximum(0.0, np.abs(s.rate) - QUIET_RAD_S)
 
 
 def learn(s: BipedState, p: BipedParams, body: Array) -> None:
-    """Correct the gain of planned steps, `s.gain`, by the quotient of measured and planned way of the whole walk.
+    """Update the gain of planned steps, `s.gain`, by the ratio of measured to planned distance of the whole walk.
 
     Args:
         s: state; its body pose is still that before the step; sums of ways and gains are changed in place.
@@ -86,7 +86,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 
 
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
-    """Bend the knees of a falling robot by one more tick with its feet where they are: it falls from less height.
+    """Bend the knees of a falling robot by one more tick, feet in place, so that it falls from less height.
 
     Args:
         s: state; clock and command are changed, and at the end the mode.

@@ -28,7 +28,7 @@ floor."""
 
 
 def set_down(s: BipedState, p: BipedParams, soles: Array, double: int) -> tuple[Array, Array]:
-    """Return the soles of this tick, the swinging or landed one corrected for the tilt of the trunk, and their turns.
+    """Return the soles of this tick, the swinging or landed one corrected for trunk tilt, and their turns.
 
     Args:
         s: state; its landing is updated.

@@ -14,7 +14,7 @@ GAITS = ("zmp", "quick")
 
 @dataclass(frozen=True, kw_only=True)
 class BipedParams:
-    """Gait, limits and reactions of the walker.
+    """Gait, limits and reactions of the biped walker.
 
     Fields without a default come from `[gait]` of the robot description, which may also change those with one.
     """
@@ -80,11 +80,11 @@ class BipedParams:
 
     @classmethod
     def for_robot(cls, robot: Robot, **changes: object) -> "BipedParams":
-        """Return the robot's own settings with some changed (raises RobotError)."""
+        """Return the robot's own settings with the stated ones changed (raises RobotError)."""
         return settings_of(cls, robot, changes)
 
 
 def abilities(params: BipedParams) -> Abilities:
-    """Return what a biped can do with these settings of a gait."""
+    """Return the abilities of a biped with these settings of a gait."""
     arcs = ArcLimits(params.step_m, params.step_s, params.max_turn_rad)
     return Abilities(GAITS, params.max_step_m / params.step_s, arcs=arcs)

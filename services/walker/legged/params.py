@@ -12,7 +12,7 @@ from .swing import SwingShape
 
 @dataclass(frozen=True, kw_only=True)
 class WalkerParams:
-    """Gait, limits and reactions of the walker.
+    """Gait, limits and reactions of the walker with four or six legs.
 
     Fields without a default come from `[gait]` of the robot description, which may also change those with one. The
     walker's configuration may change `period_s`, `stride_m`, `hip_height_m` and `clearance_m`.
@@ -108,12 +108,12 @@ class WalkerParams:
 
     @classmethod
     def for_robot(cls, robot: Robot, **changes: object) -> "WalkerParams":
-        """Return the robot's own settings with some changed (raises RobotError)."""
+        """Return the robot's own settings with the stated ones changed (raises RobotError)."""
         return settings_of(cls, robot, changes)
 
 
 def abilities(params: WalkerParams, gaits: dict[str, GaitPattern]) -> Abilities:
-    """Return what a robot can do with these settings and gaits."""
+    """Return the abilities of a robot with these settings and gaits."""
     cycles = [
         0.5 * gait.steps_per_cycle * params.period_s + gait.steps_per_cycle * params.lean_s
         if gait.leans

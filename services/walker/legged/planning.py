@@ -171,7 +171,7 @@ def end_pose(
     shift: float,
     leans: bool,
 ) -> BodyPose | None:
-    """Return the trunk at the end of the step at the wanted height, or the nearest at which all legs reach, or None.
+    """Return the trunk pose at the end of the step, at the wanted or the nearest reachable height; None = no such.
 
     A height at which the swings reach their tops too is preferred.
 
@@ -257,7 +257,7 @@ def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:
 
 
 def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Array) -> StanceCheck:
-    """Return the request to the stability service: the standing feet and the way of the trunk over them.
+    """Return the request to the stability service: the standing feet and the trunk's movement over them.
 
     `joints`: angles before the step, (nj,) rad; `rot`: rotation from base_link to map, (3, 3).
     """
@@ -276,7 +276,7 @@ def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Ar
 
 
 def leant_request(frame: PlanningContext, plan: StepPlan, level: Array) -> StanceCheck:
-    """Return the request to the stability service for a step whose trunk has moved to its end before a foot lifts.
+    """Return the request to the stability service for a step whose trunk moves to its end before a foot lifts.
 
     Args:
         frame: robot, settings, ground.

@@ -1,4 +1,4 @@
-"""Swing paths: up, across at a height that clears the whole swept ground, quickly down, slowly on to the ground.
+"""Swing paths: up, across at a height that clears all ground below, quickly down, slowly on to the ground.
 
 With s(a) = 3 a^2 - 2 a^3 (0 below 0, 1 above 1) and the swing phase v in [0, 1]:
 
@@ -44,7 +44,7 @@ def smooth(a: float) -> float:
 
 @kernel
 def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> float:
-    """Return the height of the foot centre at swing phase v, m; v > 1 goes on down at the speed of the last part.
+    """Return the foot-centre height at swing phase v, m, map; beyond v = 1 it descends at the speed of the last part.
 
     z0, top, z1: heights of the foot centre at lift-off, on the level part and at landing, m, map.
     """
@@ -63,7 +63,7 @@ def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> flo
 
 @kernel
 def progress(go: float, arrive: float, v: float) -> float:
-    """Return the part of the horizontal way covered at swing phase v, 0..1; it lasts from phase `go` to `arrive`."""
+    """Return the part of the horizontal movement covered at swing phase v, 0..1, between phases `go` and `arrive`."""
     return smooth((v - go) / (arrive - go))
 
 
@@ -92,7 +92,7 @@ def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive
 def clears(
     shape: SwingShape, z0: float, z1: float, top: float, go: float, arrive: float, ground: Array, margin: float
 ) -> bool:
-    """Return True if the path of the foot centre stays over the swept ground.
+    """Return True if the path of the foot centre stays above the ground below it.
 
     Args:
         shape: phases of the swing.
@@ -121,7 +121,7 @@ def clears(
 
 
 def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> Array:
-    """Return the lowest admissible foot-centre heights along the way from p0 to p1, (13,) m, map, NaN where unknown.
+    """Return the lowest admissible foot-centre heights along the path from p0 to p1, (13,) m, map, NaN where unknown.
 
     Args:
         centres: map of foot centres (ground dilated by the foot sphere).
@@ -138,7 +138,7 @@ def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> 
 def _swept(
     z: NDArray[np.float32], cell: float, x0: float, y0: float, p0: Array, p1: Array, halfwidth: float, out: Array
 ) -> None:
-    """Write the highest cell, m, per piece of the way from p0 to p1 into `out` (13,), NaN where all are unknown.
+    """Write the highest cell, m, per section of the path from p0 to p1 into `out` (13,), NaN where all are unknown.
 
     A cell counts one cell's width around its centre, so no height slips by. z (ny, nx) m: heights of foot centres,
     cells of edge `cell` m, the first one's centre at x0, y0 m; p0, p1 (3,) m, map; `halfwidth` of the way, m.
@@ -177,7 +177,7 @@ def _swept(
 
 
 def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
-    """Return the height of the level part of a swing, m: `clearance`, m, over both ends and the highest swept ground.
+    """Return the height of a swing's level part, m, map: `clearance`, m, above both ends and the highest ground below.
 
     p0, p1: foot centres at lift-off and landing, (3,) m; ground: heights of the foot centre along the way, (k,) m.
     """
