@@ -85,7 +85,7 @@ class NavigationGoal:
     nearest: float = math.inf
     """Least distance of the estimate to the present waypoint so far, m."""
     nearest_at: float = 0.0
-    """Simulated time at which the robot was nearest to the present waypoint, s."""
+    """Simulated time of the least distance to the present waypoint so far, s."""
     least: float = FAR
     """Least remaining path length over the waypoints so far, m; a new route does not reset it."""
     least_at: float = 0.0
@@ -151,12 +151,12 @@ class NavigationGoal:
     def stalled(self, left: float, now: float, progress: float) -> float:
         """Return the time without progress, s: since the remaining path last shrank, less an allowance for detours.
 
-        The time of a detour is its additional way divided by 0.04 m/s. The least way so far is kept in the goal.
+        The time of a detour is its additional length divided by 0.04 m/s. The least length so far is kept in the goal.
 
         Args:
-            left: way over the waypoints that are left, m.
+            left: path length over the remaining waypoints, m.
             now: simulated time, s.
-            progress: way that counts as progress towards a waypoint, m; three of it shorten the way.
+            progress: distance that counts as progress towards a waypoint, m; three of it shorten the path.
         """
         if left < self.least - NEARER * progress:
             self.least, self.least_at, self.detour = left, now, 0.0

@@ -95,12 +95,12 @@ class Localiser:
         """Estimated pitch, roll and sideways turn of the camera from its stated mounting, rad; frames are turned back
         by it."""
         self._world: FloorLandmarks | None = None
-        """Landmarks that the last frame was compared with."""
+        """Landmark map that the last frame was matched with; None = no frame yet."""
         self.control: Control = config.control
         self._odometry = model.odometry
         self._message: Odometry | None = None
         self.odom: Pose | None = None
-        """Last odometry, x, y (m) and yaw (rad), frame odom."""
+        """Last odometry pose, x, y (m) and yaw (rad), frame odom; None = none received."""
         self._taken: Pose | None = None
         self._taken_at = 0.0
         self.matched, self.nis = 0, None
@@ -121,7 +121,7 @@ class Localiser:
         """Number of times that a lost pose was found again."""
 
     def place(self, pose: Pose, cov: Array | None = None) -> None:
-        """Restart the estimate at a stated pose; the estimated drift, heading error per way walked, stays.
+        """Restart the estimate at a stated pose; the estimated drift (heading error per metre walked) stays.
 
         `pose`: x, y (m), heading (rad), frame map; `cov`: its covariance, (3, 3); None = that of the start.
         """

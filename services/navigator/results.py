@@ -16,7 +16,7 @@ class Results:
     def __init__(self, localiser: Localiser) -> None:
         self.localiser = localiser
         self.now = 0.0
-        """Simulated time, s."""
+        """Simulated time of the present tick, s."""
         self.count = 0
         """Number of goals that have ended."""
         self.last: tuple[GoalResult, ...] = ()

@@ -13,7 +13,7 @@ from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, float32, int16, int32, uint8, uint16, uint32
 
 LOW_STATE, SPORT_STATE = "rt/lowstate", "rt/sportmodestate"
-"""DDS topics: `LOW_STATE`: sensors of the robot; `SPORT_STATE`: state estimate of the maker's controller."""
+"""DDS topics: `LOW_STATE`: sensors of the robot; `SPORT_STATE`: state estimate of the manufacturer's controller."""
 BATTERY_AND_REST = "4BiH4B15H" + "8hI41B3xf2B2x2f4H2I"
 PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + BATTERY_AND_REST
 """Format of `struct` for a LowState as it lies in the robot's memory, over which its check sum is computed."""

@@ -1,4 +1,4 @@
-"""Unitree's quadrupeds (Go1, Go2, B2) over DDS, beside the maker's own controller: `rt/lowstate` in, nothing out."""
+"""Unitree's quadrupeds (Go1, Go2, B2) over DDS, beside the manufacturer's controller: `rt/lowstate` in, nothing out."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ LEGS = ("fr", "fl", "rr", "rl")
 
 
 class UnitreeConfig(SensedConfig):
-    """Settings of the Unitree driver: network of the robot, and the maker's order of joints and feet."""
+    """Settings of the Unitree driver: network of the robot, and the manufacturer's order of joints and feet."""
 
     interface: str = Field(default="lo", description="network interface of the robot, e.g. eth0")
     domain: int = Field(default=0, ge=0, le=230, description="DDS domain")
@@ -41,7 +41,7 @@ class UnitreeConfig(SensedConfig):
 class Unitree(SensedDriver[UnitreeConfig]):
     """Driver that watches a Unitree robot over DDS; its ticks follow the robot's own counter.
 
-    The maker's own estimate is recorded as `hw/maker`.
+    The manufacturer's own estimate is recorded as `hw/maker`.
     """
 
     name = "unitree"

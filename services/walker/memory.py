@@ -78,7 +78,7 @@ class MemoryFile(RunMemory):
             self.write(epoch, tick, asdict(kept))
 
     def forget(self) -> None:
-        """Remove the file of an earlier run; the first state of the new run is written even if it is equal to it."""
+        """Remove the file of an earlier run; the first state of the new run is written even if it has not changed."""
         self._last = None
         super().forget()
 

@@ -43,7 +43,7 @@ def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
     """Sort the indices `chosen` in place by ascending keys of the elements they point at, ties by ascending `ties`.
 
     Args:
-        chosen: indices into the other two, (n,), reordered.
+        chosen: indices into `keys` and `ties`, (n,), reordered.
         keys: of all elements, (m,), any unit.
         ties: of all elements, (m,), no unit.
     """

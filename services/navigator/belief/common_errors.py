@@ -82,7 +82,7 @@ def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> Non
         cov: covariance, (n, n).
         keeps: shares of pitch, roll and sway that stay, (3,), 0 to 1.
         sds: standard deviations that they tend to, (3,), rad, rad, m.
-        pitch: mean error of pitch, rad; the others are 0 in the mean.
+        pitch: mean error of pitch, rad; the means of roll and sway are 0.
     """
     n = mean.size
     for i in range(NUISANCE, n):

@@ -113,7 +113,7 @@ class MapTables(NamedTuple):
     """Landmarks of a map as arrays for kernels, with an index: a grid of cells that lists the landmarks in each."""
 
     positions: Array
-    """Places of the landmarks, (n, 2) m, frame map."""
+    """Positions of the landmarks, (n, 2) m, frame map."""
     looks: Array
     """Descriptors (numbers that describe how a landmark looks) of the landmarks, (n, k), no unit."""
     grid: Array

@@ -15,7 +15,7 @@ from .gate import MapTables
 MOST_LANDMARKS = 100_000
 LONGEST_DESCRIPTOR = 256
 FARTHEST = 1e5
-"""Largest coordinate of a landmark, m; beyond it float32 no longer resolves a centimetre."""
+"""Largest coordinate of a landmark, m; a larger one is refused, as float32 no longer resolves a centimetre there."""
 SMALLEST_SPREAD = 0.01
 """Least extent of a landmark map, m; a smaller one is refused, as landmarks in one point determine no heading."""
 PER_BUCKET = 4.0

@@ -44,7 +44,7 @@ class FrameEvidence:
     nis: tuple[float, ...] = ()
     """Normalised innovation squared of each matched detection, 2 degrees of freedom."""
     expected: float = 0.0
-    """Expected number of recognised landmarks if the pose is right; 0 = not known."""
+    """Expected number of recognised landmarks if the pose is right; 0 = unknown."""
     chances: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
     """Probabilities that chance puts a similar landmark into a displaced robot's gate: of detections in the gate, of
     those outside; empty = the model's share for all."""
@@ -93,13 +93,13 @@ class LostModel:
     """Shares of detections (in the gate, only outside, unlike any landmark) if the robot is off the map: floors look
     alike somewhere."""
     displacement_rate: float = 1e-3
-    """Rate at which a right pose becomes wrong, 1/s."""
+    """Rate at which a robot with a right pose is displaced to elsewhere on the map, 1/s."""
     misfit_rate: float = 1e-3
-    """Rate at which a map, or the size of the belief, stops fitting, 1/s."""
+    """Rate at which the map, or the covariance of the belief, stops fitting, 1/s."""
     leaving_rate: float = 3e-5
     """Rate at which the robot leaves the map, 1/s."""
     blinding_rate: float = 1e-3
-    """Rate at which the robot stops seeing anything, 1/s."""
+    """Rate at which the camera stops seeing anything, 1/s."""
     trust: float = 0.5
     """Factor t in P(no landmark recognised | right pose) = exp(-t E) for E expected landmarks, no unit."""
     recovery_rate: float = 1e-3
@@ -107,9 +107,9 @@ class LostModel:
     gate: float = 9.21
     """Largest normalised innovation squared of a match, 2 degrees of freedom: chi^2_2(.99)."""
     scale: float = 1.2
-    """Mean of half the normalised innovation squared of a right pose."""
+    """Mean of half the normalised innovation squared of matches if the pose is right, no unit."""
     misfit_scale: float = 4.0
-    """Mean of half the normalised innovation squared where the map does not fit."""
+    """Mean of half the normalised innovation squared of matches if the map does not fit, no unit."""
     most: float = 4.0
     """Bound on the log likelihood ratio of a frame 0.1 s after the last one, nats: frames so close share errors."""
     most_apart: float = 8.0
@@ -135,7 +135,7 @@ class LostState:
     """State of the check whether the believed pose is wrong: probabilities of its hypotheses, counts of detections."""
 
     right: float = 1.0
-    """Probability that the robot is at its believed place."""
+    """Probability that the robot is where it is believed to be."""
     displaced: float = 0.0
     """Probability that the robot is elsewhere on the map than believed."""
     off_map: float = 0.0
@@ -149,7 +149,7 @@ class LostState:
     missed: float = 0.0
     """Number of landmarks that were expected recently and not recognised; older ones count less."""
     apart: float = 0.0
-    """Time since the last frame, s."""
+    """Time since the last frame of detections, s."""
     usual: Shares = (0.0, 0.0, 0.0)
     """Detections of a right pose in the gate, only like landmarks outside it, unlike any; older ones count less."""
     echo: tuple[float, float] = (0.0, math.inf)

@@ -39,7 +39,7 @@ class Sight(NamedTuple):
     noise: SightNoise
     """Range, bearing and descriptor noise of the camera."""
     time: float
-    """Time of the frame, s."""
+    """Time of the camera frame, s."""
 
 
 class SeenElsewhere(NamedTuple):
@@ -50,9 +50,9 @@ class SeenElsewhere(NamedTuple):
     landmark: int
     """Index of the landmark in the map."""
     x: float
-    """x of the place where the landmark is seen, m, frame map."""
+    """x of the place at which the landmark was detected, m, frame map."""
     y: float
-    """y of the place where the landmark is seen, m, frame map."""
+    """y of the place at which the landmark was detected, m, frame map."""
     slack: float
     """Largest distance between two sightings of one landmark that show the same place, m."""
 

@@ -85,7 +85,8 @@ class Relocation:
     sightings: int
     """Number of different sightings that resemble landmarks of the map."""
     reference: Pose = (0.0, 0.0, 0.0)
-    """Pose that was searched for, x, y (m), heading (rad), in the frame of the poses that came with the frames."""
+    """Pose of the robot that was searched for, x, y (m), heading (rad), in the frame of the poses given with the camera
+    frames."""
     alike: tuple[Pose, ...] = ()
     """Candidate poses x, y (m), heading (rad), frame map, that explain the sightings about equally well; empty = none
     stands out."""
@@ -198,8 +199,8 @@ class PlaceSearch:
     """Search for the pose of a lost robot that is under way, a part of it in each tick."""
 
     here: Pose
-    """Pose that is searched for, x, y in m and heading in rad, in the frame in which the poses of the frames are given.
-    """
+    """Pose of the robot that is searched for, x, y (m), heading (rad), in the frame of the poses given with the camera
+    frames."""
     evidence: Evidence
     """Sightings of the search, and the landmarks that each may be (its candidates)."""
     places: PlaceList | None

@@ -18,7 +18,7 @@ both in heading axes, and g the gains of `common_errors`,
 
     d - z = R^T (E R d + (x, y)) + theta J d - (g_r, r g_a) (p + p', q + q', w) - (0, r s) + noise
 
-along the ray and across it. A way v that the robot believes to have gone adds theta J v to (x, y): that separates
+along the ray and across it. A believed displacement v of the robot adds theta J v to (x, y): that separates
 theta from s. The probability of a case grows by the likelihood of what is seen; a share of wrong matches is part of it.
 What was learned fades, so that an error heals.
 """
@@ -76,7 +76,7 @@ class StrainModel:
     displacement_rate: float = 1e-3
     """Rate at which a robot is put down elsewhere, 1/s."""
     displaced_fade_s: float = 20.0
-    """Time constant with which the evidence for a displaced robot fades to what its rate gives, s."""
+    """Time constant with which the log odds of a displaced robot decay to their long-run value, s."""
     fade_s: float = 60.0
     """Time constant with which learned strain and camera turn fade, s."""
     known_sd: float = math.radians(2.0)
@@ -104,7 +104,7 @@ class FrameLines(NamedTuple):
     """Linear equations off = rows u + noise by which the matches of one frame show strain, turn, displacement (u)."""
 
     rows: Array
-    """Effect of the 12 states u on each equation, (n, 12)."""
+    """Coefficients of the 12 states u in each equation, (n, 12)."""
     off: Array
     """Mapped landmark minus its detected position, (n,) m, along the ray (even rows) or across it (odd rows)."""
     variance: Array
@@ -173,7 +173,7 @@ def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> 
 
 @row_kernel
 def carried(mean: Array, cov: Array, x: float, y: float) -> None:
-    """Add what an error of heading does to the position over a way x, y m (frame map) to `mean` and `cov`, in place.
+    """Add what an error of heading does to the position over a motion x, y m (frame map) to `mean` and `cov`, in place.
 
     `mean` (12,), `cov` (12, 12): the last three states are x, y, m, and heading, rad, of the true less the believed
     pose.
@@ -255,8 +255,8 @@ class MapStrain:
         """Predict all cases over a motion of the robot.
 
         Args:
-            way: along x and y, m, frame map.
-            along, heading: variances that the motion adds: of the way along each axis, m^2; of the heading, rad^2.
+            way: displacement along x and y, m, frame map.
+            along, heading: variances that the motion adds: of the position along each axis, m^2; of the heading, rad^2.
         """
         for case in self._cases:
             carried(case.mean, case.cov, way[0], way[1])

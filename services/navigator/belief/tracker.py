@@ -58,9 +58,9 @@ class StartUncertainty:
     """Standard deviations of a pose stated by a user, and of the drift."""
 
     position: float = 0.05
-    """Standard deviation of x and of y, m."""
+    """Standard deviation of x and of y of a stated pose, m."""
     heading: float = math.radians(5.0)
-    """Standard deviation of the heading, rad."""
+    """Standard deviation of the heading of a stated pose, rad."""
     drift: float = 0.76
     """Standard deviation of the heading drift per metre walked, rad/m."""
 
@@ -74,7 +74,7 @@ class FrameResult:
     matched: int
     """Number of detections of the frame matched with landmarks of the map."""
     nis: float
-    """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
+    """Mean normalised innovation squared of the matched landmarks, per degree of freedom; 0 without matches."""
     matches: Matches | None = None
     """Match of each detection with a landmark; None without a map or detections."""
 
@@ -260,8 +260,8 @@ class PoseTracker:
             world: landmarks; those of another map begin without uses.
             landmark: row of `world`.
             time: of the frame, s.
-            own: variances of range and bearing in one sight by itself, m^2 and rad^2.
-            common: variances by the error of the landmark's place in the map, alike in every sight, m^2 and rad^2.
+            own: variances of range and bearing in one sighting by itself, m^2 and rad^2.
+            common: variances by the error of the landmark's place in the map, equal in every sighting, m^2 and rad^2.
         """
         if world is not self._used_of:
             self._used_of, self._used = world, np.zeros((len(world), 5))
@@ -289,15 +289,15 @@ class PoseTracker:
 
 
 def of_sight(variance: float, common: float, n: float) -> float:
-    """Return the measurement variance of the n-th sight of a landmark, whose error in the map is common to all sights.
+    """Return the measurement variance of the n-th sighting of a landmark whose map error is common to all sightings.
 
     n sights with a variance v each and c in common have the variance v / n + c: the newest adds the information n / (v
     + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
 
     Args:
-        variance: v, of one sight by itself, m^2 or rad^2.
+        variance: v, of one sighting by itself, m^2 or rad^2.
         common: c, by the error in the map, in the unit of v.
-        n: number of sights, this one included.
+        n: number of sightings, this one included.
     """
     if common == 0.0 or variance == 0.0:
         return variance + common
@@ -312,7 +312,7 @@ def held(n: float, ratio: float, lost: float) -> float:
     sights leaves 1 / (1 / n + q), as exact.
 
     Args:
-        n: sights.
+        n: number of sightings.
         ratio: c.
         lost: growth of the log variance of the belief since, nats.
     """

@@ -95,9 +95,9 @@ def _displace(
     Args:
         mean: x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m walked), then other states, (n,).
         change: change of the mean's heading over the motion, drift included, rad.
-        forward: way along the heading half-way through the turn, m.
-        left: way to the left of that heading, m.
-        walked: way over which the drift acts, m.
+        forward: distance along the heading half-way through the turn, m.
+        left: distance to the left of that heading, m.
+        walked: distance over which the drift acts, m.
         work: (3 n, max(n, 4)). Read: rows 0 .. n - 1, the lower triangle L with L L^T = n cov. Written: new x and y
             less their old means, m, of the points mean + column of L (rows n .. 2 n - 1) and mean - column (the last n
             rows); row 2 of L, the heading, gets the turn that the column's drift adds.
@@ -149,12 +149,12 @@ def predict(
     Args:
         mean: x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m walked), then other states, (n,).
         cov: covariance, (n, n).
-        forward: way ahead, m, along the heading half-way through the turn.
-        left: way to the left of that heading, m.
+        forward: distance ahead, m, along the heading half-way through the turn.
+        left: distance to the left of that heading, m.
         turn: commanded or measured change of heading, rad.
-        walked: way over which the drift acts, m; 0 where the heading is measured.
-        noise: variances (4,) of the way along (m^2) and across (m^2) the heading half-way, of the heading (rad^2) and
-            of the drift (rad^2 per m^2), added after the transform.
+        walked: distance over which the drift acts, m; 0 where the heading is measured.
+        noise: variances (4,) of the motion along and across (m^2) the heading half-way, of the heading (rad^2) and of
+            the drift (rad^2 per m^2), added after the transform.
         work: scratch, (3 n, max(n, 4)).
     """
     n = mean.size

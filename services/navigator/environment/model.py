@@ -25,9 +25,10 @@ class EpisodeState(NamedTuple):
     rng: Stream
     """State of the random stream, (4,) uint64."""
     marks: Array
-    """Landmarks on the floor, x and y, (M, 2) m, frame map, square by square of 0.25 m."""
+    """Positions of the landmarks on the floor, (M, 2) m, frame map, sorted by squares of 0.25 m."""
     first: Ints
-    """Index of the first landmark of each square of 0.25 m, and the number of landmarks at the end, (squares + 1,)."""
+    """Index in `marks` of the first landmark of each square of 0.25 m, and the number of landmarks last, (squares +
+    1,)."""
     truth: Array
     """True state of the robot, (7,).
 

@@ -1,7 +1,7 @@
 """Simulated world of an episode as kernels: landmarks, motion with drift and noise, frames, walls, goal, belief.
 
 The arrays of an episode are changed in place. The policy sees the belief and whether the robot is blocked; the truth
-decides about walls, landmarks in view and the arrival at the goal, as in the paper.
+decides about walls, landmarks in view and the arrival at the goal, as in Osswald et al..
 """
 
 import math
@@ -112,7 +112,7 @@ def drift_at(scene: Record, began: float, way: float) -> float:
         scene: record of the scene; course: 0 constant, 1 other sign from half of the way on, 2 none before half of the
             way, 3 evenly to the opposite; start and goal, m.
         began: drift at the start, rad per m.
-        way: walked so far, m.
+        way: distance walked so far, m.
     """
     course = int(scene.course)
     dx, dy = scene.goal_x - scene.start_x, scene.goal_y - scene.start_y
@@ -250,7 +250,7 @@ def move(scene: Record, action: Record, share: float, rng: Stream, truth: Array)
 
     Args:
         scene: record of the scene: walls and radius of the robot, m.
-        action: record of the action: way (m), turn (rad), variances of the motion.
+        action: record of the action: distance (m), turn (rad), variances of the motion.
         share: part of the action, 0 to 1.
         rng: random stream of the motion noise, (4,) uint64, advanced.
         truth: true x, y (m), heading (rad), frame map, drift (rad per m) and more, (7,).

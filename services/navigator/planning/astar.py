@@ -59,7 +59,7 @@ def enter(
 
     Args:
         entry: index of a cell << 4 | direction of the step to it, 0 to 7, or 8 for none.
-        f: cost from the start plus bound on the rest of the way, no unit.
+        f: cost from the start plus bound on the rest of the path, no unit.
         heads: first place of each bucket in the pool, (buckets,), -1 = empty.
         cell_of: entry at each place of the pool, (places,).
         next_of: place after each, in a bucket or in the list of spare places, -1 = last, (places,).
@@ -100,13 +100,13 @@ class SearchMap(NamedTuple):
     wide: int
     """Number of cells in a padded row."""
     marks: Ints32
-    """Costs between marks (chosen cells) and all cells, (cells, marks), no unit."""
+    """Costs between marks (cells with stored costs) and all cells, (cells, marks), no unit."""
     goal: int
     """Index of the goal in the flattened array; -1 = no goal."""
     goal_row: int
-    """Row of the goal in the padded array."""
+    """Row of the goal in the padded array of cells."""
     goal_col: int
-    """Column of the goal in the padded array."""
+    """Column of the goal in the padded array of cells."""
     offsets: Ints
     """Index offset of the neighbour in each direction in the flattened array, (8,): edges first, then corners."""
     onward: Ints

@@ -82,7 +82,7 @@ class Costs:
     marks: Ints32
     """Costs from each mark to every padded cell, (cells, marks); no marks in a small map.
 
-    A mark is a cell far from the other marks: costs to it bound the rest of a way and speed up a search."""
+    A mark is a cell far from the other marks: costs to it bound the rest of a path and speed up a search."""
     marked: int
     """Number of the connected region that holds the marks."""
 

@@ -60,7 +60,7 @@ class MapInfo:
     image: Path
     """Path of the map's image file; `load` checks that it exists."""
     resolution: Annotated[Number, Field(ge=1e-4, le=10.0)]
-    """Edge of a pixel of the map's image, m."""
+    """Edge length on the floor of a pixel of the map's image, m."""
     origin: tuple[Coordinate, Coordinate]
     """Lower-left corner of the lower-left pixel, x and y in m, frame map."""
     occupied_thresh: Annotated[Number, Field(ge=0.0, le=1.0)]

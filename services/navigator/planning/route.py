@@ -33,7 +33,8 @@ class RouteLimits:
     leg: float = 1.0
     """Largest distance between consecutive waypoints, m: the viewing distance of the camera."""
     slack: float = 0.3
-    """Largest distance of the start from a free cell, m: a robot beside a wall may go away from it."""
+    """Largest distance of the start from a free cell, m; beyond it no route is planned. A robot beside a wall may leave
+    it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ ACTION = named(
 )
 """Fields of an action record, SI units, angles in rad.
 
-kind: 0 stand, 1 turn, 2 walk; forward, turn, seconds: expected way, turn, duration; frames: of the camera; match:
+kind: 0 stand, 1 turn, 2 walk; forward, turn, seconds: expected distance, turn, duration; frames: of the camera; match:
 probability that a landmark in view is recognised; var_*: variances of the motion, of the drift (rad per m) and of the
 heading in the filter; range_min, range_max, cos_half: sector in view; box_at, box_half: circle ahead that holds it;
 sd_*: noise of range (constant, share) and bearing; tilt_keep: share of the tilt error that the next frame has again;
@@ -33,7 +33,7 @@ SCENE = named(
 )
 """Fields of the scene record (floor, start, goal, noises, limits), SI units, angles in rad.
 
-Walls; radius of the robot, and way ahead that a wall blocks; start, goal, limit of time; landmarks per m^2, most used
+Walls; radius of the robot, and distance ahead that a wall blocks; start, goal, time limit; landmarks per m^2, most used
 of a frame; drift per m: size, 1 = normally distributed, deviation that the filter expects; deviations of the start and
 of the camera's tilt; its height; largest numbers of stands and of turns in a row; reward at the goal, discount per
 action; course of the drift: 0 constant, 1 flip, 2 step, 3 ramp.
@@ -42,7 +42,7 @@ STATUS = named("time last stands turns blocked outcome steps way")  # of an epis
 """Fields of the counters of a simulated episode or a live navigator.
 
 time (s), index of the last action (-1 = none), stands and turns in a row, blocked (1 = a wall is close ahead), outcome
-(0 running, 1 goal reached, 2 cut off), number of actions, way (m).
+(0 running, 1 goal reached, 2 cut off), number of actions, distance (m).
 """
 STAND, TURNING, WALK = 0, 1, 2  # kinds
 
@@ -75,7 +75,7 @@ class Arrays:
     states: int
     """Number of filter states: 3 (pose), 4 (and drift), or 6 (and pitch and roll error of the camera)."""
     names: tuple[str, ...]
-    """Names of the actions, (A,)."""
+    """Names of the actions, in the order of the action axis, (A,)."""
 
 
 def arrays(model: NavigationModel) -> Arrays:

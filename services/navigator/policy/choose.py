@@ -36,7 +36,7 @@ class PolicyTables(NamedTuple):
     """Parameters of the policy by kind, (8,).
 
     HAND and STEER: entropy (nats) above which it stands, its growth by distance (nats per m), bearing (rad) beyond
-    which it turns, share of the bearing that an arc takes out. PLANNER: shares of the belief's standard deviations in
+    which it turns, share of the bearing that an arc corrects. PLANNER: shares of the belief's standard deviations in
     position, heading and drift over which values are averaged, weight of the gain of a stand. The rest is 0."""
     table: Array
     """Action values, s, by layer (drift: PLANNER; entropy: SARSA), distance, bearing, action, (layers, nd, nphi, A)."""
@@ -132,7 +132,7 @@ def _by_hand(
         d: distance of the goal, m.
         phi: its bearing, rad, left positive.
         h: entropy of the belief, nats.
-        drift: believed turn per way, rad/m.
+        drift: believed turn per distance walked, rad/m.
         values: written, (A,), no unit.
     """
     numbers = policy.numbers

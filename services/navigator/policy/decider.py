@@ -155,7 +155,7 @@ def hand(
         turn_deg: deg, it turns to a goal farther aside than this.
         stand_above: nats, it stands while the entropy of the belief is above this.
         slope: nats per m of distance to the goal, added to `stand_above`.
-        steer: share of the bearing that an arc should take out; 0 = it walks straight, as in the paper.
+        steer: share of the bearing that an arc corrects; 0 = it walks straight, as in Osswald et al.
     """
     numbers = np.zeros(NUMBERS)
     numbers[STAND_ABOVE], numbers[STAND_SLOPE] = stand_above, slope

@@ -60,8 +60,8 @@ def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> Non
     """Write the motion of each action and noise sample: forward and left, m, and turn, rad, into `moved` (A, k, 3).
 
     Args:
-        actions: of the model, a record each: way, turn and variances of the motion are read, (A,).
-        drift: turn per way, rad per m.
+        actions: of the model, a record each: distance, turn and variances of the motion are read, (A,).
+        drift: turn per distance walked, rad per m.
         samples: standard normal deviations along, across and of the heading, (k, 3).
         moved: written, in the axes of the robot before the action.
     """

@@ -68,7 +68,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
     """Update the gain of planned steps, `s.gain`, by the ratio of measured to planned distance of the whole walk.
 
     Args:
-        s: state; its body pose is still that before the step; sums of ways and gains are changed in place.
+        s: state; its body pose is still that before the step; sums of distances and gains are changed in place.
         p: settings.
         body: x, y (m) and yaw (rad) of the body at the end of the step by plan, odom, (3,).
     """

@@ -20,7 +20,7 @@ class BipedParams:
     """
 
     step_s: float
-    """Duration of a step of the biped, s."""
+    """Duration of a step of the default gait, s."""
     step_m: float
     """Advance of the body in one step at the gait's own speed, m; a foot moves twice as far."""
     lift_m: float
@@ -36,7 +36,7 @@ class BipedParams:
     quick_m: float = 0.030
     """Advance of the body in one step of the gait `quick`, m."""
     max_step_m: float = 0.060
-    """Longest advance of the body in one step, m."""
+    """Largest advance of the body in one step, m."""
     turn_step_rad: float = math.radians(11.5)
     """Change of heading in one step at the gait's own speed, rad."""
     max_turn_rad: float = math.radians(15.0)

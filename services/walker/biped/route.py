@@ -146,7 +146,7 @@ def upcoming(
         params: settings.
         width: half distance of the feet, m.
         scale: shortens the first step, 0..1.
-        gain: (2,) quotient of measured and planned way, and of measured and planned turn: the plan is divided by it.
+        gain: (2,) ratio of measured to planned distance, and of measured to planned turn: the plan is divided by it.
         ticks: length of the preview.
     """
     steps: list[Footstep] = []

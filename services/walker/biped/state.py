@@ -75,7 +75,7 @@ class BipedState:
     """Present step; None between steps."""
     next_swing: int = 0
     progress: float = 0.0
-    """Phase of the present swing, 0..1."""
+    """Phase of the present swing, 0 at lift-off to 1 at the planned landing."""
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     """Roll and pitch of the trunk beyond the planned ones, (2,) rad."""
     landing: Touchdown = field(default_factory=Touchdown)
@@ -98,7 +98,7 @@ class BipedState:
     trunk: Array = field(default_factory=lambda: np.zeros(4))
     """Planned pose of base_link, (4,) x, y, yaw, height, m and rad, odom."""
     q: Array = field(default_factory=lambda: np.zeros(0))
-    """Planned joint angles, (nj,) rad."""
+    """Planned joint angles without compensation of the servos' sag and lag, (nj,) rad."""
     rate: Array = field(default_factory=lambda: np.zeros(2))
     """Smoothed roll and pitch rate of the trunk, (2,) rad/s."""
     rest: Array = field(default_factory=lambda: np.zeros(2))

@@ -50,7 +50,7 @@ def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, in
     """Align planned trunk and feet with the estimated pose and tilt, and in part with the heights of the map.
 
     Trunk and feet move together, so the feet keep their place in the trunk frame. `state` is changed in place; `ground`
-    None: no heights are taken out.
+    None: no height errors are corrected.
     """
     s, limit = state, params.level_limit_rad
     old = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)

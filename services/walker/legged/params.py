@@ -53,7 +53,7 @@ class WalkerParams:
     sag: float = 1.0
     """Part of the servos' compliance (torque / stiffness) that the set-points compensate, 0..1."""
     belly_m: float = 0.012
-    """Least distance of the trunk's underside from the highest ground under it, m."""
+    """Least distance of the trunk's underside above the highest ground under it, m."""
     trunk_step_m: float = 0.030
     """Largest change of trunk height in one step, m."""
     trunk_speed: float = 0.030

@@ -51,7 +51,7 @@ class StepPlan:
     """Height of the foot centre on the level part of each swing, (L,) m, map frame."""
     go: Array
     arrive: Array
-    """Phases between which each foot moves sideways, (L,)."""
+    """Swing phase, 0..1, at which each foot's sideways movement ends, (L,); it begins at phase `go`."""
     status: tuple[str, ...]
     """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     duration: float
@@ -138,8 +138,8 @@ def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float
 def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
     """Return the swept ground (n, 13) and the height of the level part (n,) of the swings of n legs, m, map.
 
-    Swept ground: lowest admissible height of the foot centre in 13 pieces of the way, NaN = unknown. `feet`, `feet_to`:
-    foot centres at lift-off and at landing, (L, 3) m, map.
+    Swept ground: lowest admissible height of the foot centre in 13 sections of the path, NaN = unknown. `feet`,
+    `feet_to`: foot centres at lift-off and at landing, (L, 3) m, map.
     """
     swept = np.full((len(legs), swing.SAMPLES), np.nan)
     if frame.ground is not None:

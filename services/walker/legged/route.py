@@ -66,7 +66,7 @@ def advance(
 ) -> Advance:
     """Return the movement of the trunk in the next step, heading axes of `pose`.
 
-    Cross-track and heading errors of a walk are taken out by `steer_gain` within limits; zero if the command is done.
+    Cross-track and heading errors of a walk are corrected by `steer_gain` within limits; zero if the command is done.
 
     Args:
         route: the command and where it began.

@@ -101,7 +101,7 @@ def clears(
         top: height of the level part, m.
         go: phase in which the sideways movement begins.
         arrive: phase in which it ends.
-        ground: lowest admissible foot-centre heights at equal steps of the way, first at lift-off, (k,) m, NaN =
+        ground: lowest admissible foot-centre heights at equal steps of the path, first at lift-off, (k,) m, NaN =
             unknown.
         margin: wanted clearance away from the two ends, m; it grows from 0 over the first and last eighth.
     """
@@ -141,7 +141,7 @@ def _swept(
     """Write the highest cell, m, per section of the path from p0 to p1 into `out` (13,), NaN where all are unknown.
 
     A cell counts one cell's width around its centre, so no height slips by. z (ny, nx) m: heights of foot centres,
-    cells of edge `cell` m, the first one's centre at x0, y0 m; p0, p1 (3,) m, map; `halfwidth` of the way, m.
+    cells of edge `cell` m, the first one's centre at x0, y0 m; p0, p1 (3,) m, map; `halfwidth` of the path, m.
     """
     ny, nx = z.shape
     out[:] = -math.inf
@@ -179,7 +179,7 @@ def _swept(
 def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
     """Return the height of a swing's level part, m, map: `clearance`, m, above both ends and the highest ground below.
 
-    p0, p1: foot centres at lift-off and landing, (3,) m; ground: heights of the foot centre along the way, (k,) m.
+    p0, p1: foot centres at lift-off and landing, (3,) m; ground: heights of the foot centre along the path, (k,) m.
     """
     high = float(np.nanmax(ground)) if not np.isnan(ground).all() else -math.inf
     return max(float(p0[2]), float(p1[2]), high) + clearance
@@ -193,7 +193,7 @@ def window(shape: SwingShape, p0: Array, p1: Array, top: float, ground: Array, m
         p0: foot centre at lift-off, (3,) m.
         p1: foot centre at landing, (3,) m.
         top: height of the level part, m.
-        ground: lowest admissible heights of the foot centre at equal steps of the way, (k,) m, NaN = unknown.
+        ground: lowest admissible heights of the foot centre at equal steps of the path, (k,) m, NaN = unknown.
         margin: clearance over them, m.
     """
     for go, arrive in WINDOWS:
@@ -225,7 +225,7 @@ def targets(
         landed: feet on the ground, (L,).
         v: swing phase.
         present: foot centres of the last tick, (L, 3) m.
-        reach: longest way per axis of a standing or landed foot towards its foothold in this tick, m.
+        reach: largest movement per axis of a standing or landed foot towards its foothold in this tick, m.
         support: shares of the last tick, (L,).
         rate: growth of a share in this tick; that of a foot in the air shrinks by it.
     """
