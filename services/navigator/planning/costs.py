@@ -206,7 +206,7 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
 
 @row_kernel
 def root(parent: Ints32, i: int) -> int:
-    """Return the label that represents all labels joined with label i, and compress its path, in place.
+    """Return the label that represents all labels joined with label i, and shorten the chain to it, in place.
 
     `parent`: of each label, the label it was joined to, itself if none, (labels,).
     """
@@ -252,7 +252,7 @@ def regions(weight: Bytes) -> Ints32:
 
 @row_kernel
 def nearest_free(free: Flags, row: float, col: float) -> tuple[int, int, float]:
-    """Return row and column of the free cell nearest to a given cell.
+    """Return row, column and distance, in cells, of the free cell nearest to a place.
 
     Args:
         free: True where a cell may be taken, (rows, cols).
