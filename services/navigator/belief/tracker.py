@@ -24,7 +24,7 @@ STATES = 4
 USED_S = 30.0
 """Time constant with which previous uses of a landmark stop lowering its weight in the filter, s."""
 ALL = 50.0
-"""Growth of a log variance, nats, from which on nothing of the earlier information counts as left."""
+"""Largest growth of a log variance that is counted, nats: it leaves nothing of the earlier information."""
 
 
 @dataclass(frozen=True)
